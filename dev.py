@@ -1,0 +1,129 @@
+#!/usr/bin/env python3
+"""One entry for a fresh machine: makes .venv, installs the project, runs it. Needs only Python 3.11+.
+
+    python3 dev.py demo            the whole story on the simulated rig
+    python3 dev.py test            every check this project has
+    python3 dev.py test tests/rig  some of the tests only
+    python3 dev.py rig ...         any `rig` command
+    python3 dev.py install         set up only
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+VENV = ROOT / ".venv"
+BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
+PACKAGES = ["rig", "drivers", "protocols", "simulators"]
+
+
+def program(name: str) -> str:
+    """Path of a program inside the project's own environment."""
+    return str(BIN / (name + (".exe" if os.name == "nt" else "")))
+
+
+def run(*command: str, cwd: Path = ROOT) -> int:
+    """Run a command with its output shown; return its exit code."""
+    return subprocess.call(command, cwd=cwd)
+
+
+def install() -> None:
+    """Make .venv and install the project into it, once per change of pyproject.toml."""
+    wanted = hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest()
+    stamp = VENV / "installed"
+    if stamp.exists() and stamp.read_text() == wanted:
+        return
+    if not (VENV / "pyvenv.cfg").exists():
+        print("dev.py: making .venv", flush=True)
+        venv.create(VENV, with_pip=True)
+    print("dev.py: installing (about a minute the first time)", flush=True)
+    code = run(program("python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-e", ".[test]")
+    if code != 0:
+        sys.exit(f"dev.py: installation failed (pip exit {code}); its message is above")
+    stamp.write_text(wanted)
+
+
+def wheel_smoke_test() -> int:
+    """Build the wheel, install it in a fresh environment elsewhere, run it from there."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        build = run(
+            program("python"), "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-deps",
+            "--wheel-dir", str(place), str(ROOT),
+        )
+        if build != 0:
+            return build
+        (wheel,) = place.glob("*.whl")
+        target = place / "site"
+        if code := run(program("python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check",
+                       "--no-deps", "--target", str(target), str(wheel)):
+            return code
+        script = (
+            f"import sys; sys.path.insert(0, {str(target)!r}); import rig, drivers, protocols, simulators\n"
+            "from pathlib import Path\n"
+            f"assert all(Path(m.__file__).is_relative_to({str(target)!r}) for m in (rig, drivers, protocols, simulators))\n"
+            "assert all((Path(m.__file__).parent / 'py.typed').exists() for m in (rig, drivers, protocols, simulators))\n"
+            "import protocols.ecu, rig.cli.main, simulators.__main__\n"
+        )
+        return run(program("python"), "-P", "-c", script, cwd=place)
+
+
+def checks(arguments: list[str]) -> int:
+    """Run all checks, or only the named tests; the first failing check decides the exit code."""
+    steps: list[tuple[str, list[str]]] = [
+        ("pytest", [program("python"), "-m", "pytest", *arguments]),
+    ]
+    if not arguments:
+        steps = [
+            ("ruff", [program("ruff"), "check", "."]),
+            ("mypy", [program("mypy")]),
+            ("import-linter", [program("lint-imports"), "--no-cache"]),
+            ("codespell", [program("codespell"), *PACKAGES, "tests", "docs", "examples", "README.md", "CHANGELOG.md"]),
+            *steps,
+        ]
+    for name, command in steps:
+        started = time.perf_counter()
+        print(f"dev.py: {name}", flush=True)
+        if code := run(*command):
+            print(f"dev.py: {name} FAILED (exit {code})", flush=True)
+            return code
+        print(f"dev.py: {name} ok, {time.perf_counter() - started:.0f} s", flush=True)
+    if not arguments:
+        print("dev.py: wheel smoke test", flush=True)
+        if code := wheel_smoke_test():
+            print(f"dev.py: wheel smoke test FAILED (exit {code})", flush=True)
+            return code
+        print("dev.py: all checks passed", flush=True)
+    return 0
+
+
+def main(arguments: list[str]) -> int:
+    """Dispatch the command named first."""
+    if sys.version_info < (3, 11):  # noqa: UP036 - this file is what tells an older Python so
+        sys.exit(f"dev.py: needs Python 3.11 or newer, this is {sys.version.split()[0]}")
+    command, rest = (arguments[0], arguments[1:]) if arguments else ("help", [])
+    if command == "clean":
+        shutil.rmtree(VENV, ignore_errors=True)
+        return 0
+    if command not in {"demo", "test", "rig", "install"}:
+        print(__doc__)
+        return 0 if command in {"help", "-h", "--help"} else 2
+    install()
+    if command == "demo":
+        return run(program("rig"), "demo", *rest)
+    if command == "rig":
+        return run(program("rig"), *rest)
+    return checks(rest) if command == "test" else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
