@@ -1,0 +1,142 @@
+"""What the caller of a campaign gives and gets: options, a display, the result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
+from rig.matrix.plan import Plan
+
+
+@dataclass(frozen=True)
+class CampaignOptions:
+    """One campaign as asked for on the command line.
+
+    Attributes:
+        matrix_path: the matrix file.
+        out: the folder in which the campaign's directory is made.
+        bench_path: the bench file of the rig to use; None together with `simulate`.
+        simulate: start a simulated rig and use the bench file it prints.
+        speed: simulated seconds per wall second, passed to the simulated rig.
+        seed: seed of the simulated rig.
+        simulator_args: further arguments for `python -m simulators`, as given.
+    """
+
+    matrix_path: Path
+    out: Path
+    bench_path: Path | None = None
+    simulate: bool = False
+    speed: float = 1.0
+    seed: int = 0
+    simulator_args: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class PointResult:
+    """How one test point ended; the fields are the keys of `rig run --json`."""
+
+    id: str
+    file: Path | None
+    verdict: str
+    reasons: tuple[str, ...]
+    waveform: str
+    amplitude_m: float
+    frequency_Hz: float
+    current_A: float
+    lost_samples: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of one entry of `points` in `rig run --json`; `file` absolute or null."""
+        return {
+            "id": self.id,
+            "file": None if self.file is None else str(self.file.resolve()),
+            "verdict": self.verdict,
+            "reasons": list(self.reasons),
+            "waveform": self.waveform,
+            "amplitude_m": self.amplitude_m,
+            "frequency_Hz": self.frequency_Hz,
+            "current_A": self.current_A,
+            "lost_samples": self.lost_samples,
+        }
+
+
+@dataclass(frozen=True)
+class CampaignResult:
+    """How a campaign ended.
+
+    Attributes:
+        campaign: the campaign's directory.
+        points: every point of the matrix in planned order, the ones never begun included (verdict `not run`).
+        valid: how many points are valid.
+        total: how many points the matrix has.
+        rig_state: `safe` (standstill and 0 A proved) or `unknown` (go and look).
+        stopped_by: slug of the first cause when the campaign was stopped, else None.
+        detail: the first cause in words, empty when the campaign ran to its end.
+        refused: True when the rig refused before anything moved.
+        wall_s: wall seconds from the first point's start to the last point's end (0 when none ran).
+        motion_s: planned seconds of motion of the points that ran, on the rig's clock.
+    """
+
+    campaign: Path
+    points: tuple[PointResult, ...]
+    valid: int
+    total: int
+    rig_state: str
+    stopped_by: str | None
+    detail: str
+    refused: bool
+    wall_s: float
+    motion_s: float
+
+    @property
+    def exit_code(self) -> int:
+        """The command's exit code before identification: the first that applies of 7, 3, 4, 5, 0."""
+        if self.rig_state == "unknown":
+            return EXIT_UNKNOWN_STATE
+        if self.refused:
+            return EXIT_REFUSED
+        if self.stopped_by is not None:
+            return EXIT_STOPPED
+        return EXIT_DONE if self.valid == self.total else EXIT_NOT_ALL_VALID
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of `rig run --json` that the campaign knows; `fit` and `report` are the caller's."""
+        return {
+            "campaign": str(self.campaign.resolve()),
+            "points": [point.to_json() for point in self.points],
+            "valid": self.valid,
+            "total": self.total,
+            "rig_state": self.rig_state,
+            "stopped_by": self.stopped_by,
+            "wall_s": self.wall_s,
+            "motion_s": self.motion_s,
+        }
+
+
+class Display(Protocol):
+    """What the operator sees while a campaign runs; every method returns quickly and raises nothing."""
+
+    def planned(self, plan: Plan) -> None:
+        """The plan was accepted; the rig is about to be connected."""
+
+    def phase(self, text: str) -> None:
+        """The campaign entered another phase, in words."""
+
+    def progress(self, point_id: str, cycles_done: int, time_left_s: float, live: Mapping[str, float]) -> None:
+        """Live numbers, about 10 times a wall second.
+
+        Args:
+            point_id: the point that is prepared or runs; empty between points.
+            cycles_done: whole cycles done of its program, ramps included.
+            time_left_s: estimated wall seconds to the end of the campaign.
+            live: last values by name: `position_m`, `force_N`, `current_A`, `coil_temperature_degC` (those that are known).
+        """
+
+    def point_done(self, result: PointResult) -> None:
+        """A point's file was written and judged (or the point was lost)."""
+
+    def message(self, level: str, text: str) -> None:
+        """Something the operator should read; `level` is `info`, `warning` or `error`."""
