@@ -1,0 +1,164 @@
+"""Physical quantities as a user writes them: "50 mm" -> 0.05. No dependency, one table."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_QUANTITY = re.compile(rf"\s*({NUMBER})\s*(\S.*?)?\s*", re.ASCII)
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+")
+
+
+class UnitProblem(ValueError):
+    """A text is not the quantity that is wanted; the message says what would fit."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """SI value = number * scale + offset."""
+
+    dimension: str
+    scale: float
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """What a quantity is, its SI unit and an example to show."""
+
+    name: str
+    article: str
+    si: str
+    example: str
+
+
+DIMENSIONS = {
+    d.name: d
+    for d in (
+        Dimension("length", "a", "m", "50 mm"),
+        Dimension("speed", "a", "m/s", "0.8 m/s"),
+        Dimension("acceleration", "an", "m/s^2", "60 m/s^2"),
+        Dimension("force", "a", "N", "5 kN"),
+        Dimension("frequency", "a", "Hz", "1.5 Hz"),
+        Dimension("time", "a", "s", "10 ms"),
+        Dimension("pressure", "a", "Pa", "210 bar"),
+        Dimension("temperature", "a", "degC", "120 degC"),
+        Dimension("current", "a", "A", "0.5 A"),
+        Dimension("voltage", "a", "V", "13.5 V"),
+        Dimension("resistance", "a", "ohm", "1.5 ohm"),
+        Dimension("mass", "a", "kg", "2 kg"),
+    )
+}
+
+UNITS = {
+    "m": Unit("length", 1.0), "mm": Unit("length", 1e-3), "cm": Unit("length", 1e-2), "um": Unit("length", 1e-6),
+    "m/s": Unit("speed", 1.0), "mm/s": Unit("speed", 1e-3), "cm/s": Unit("speed", 1e-2),
+    "m/s^2": Unit("acceleration", 1.0), "mm/s^2": Unit("acceleration", 1e-3),
+    "N": Unit("force", 1.0), "kN": Unit("force", 1e3), "mN": Unit("force", 1e-3),
+    "Hz": Unit("frequency", 1.0), "kHz": Unit("frequency", 1e3), "mHz": Unit("frequency", 1e-3),
+    "s": Unit("time", 1.0), "ms": Unit("time", 1e-3), "us": Unit("time", 1e-6), "min": Unit("time", 60.0),
+    "h": Unit("time", 3600.0),
+    "Pa": Unit("pressure", 1.0), "kPa": Unit("pressure", 1e3), "MPa": Unit("pressure", 1e6),
+    "bar": Unit("pressure", 1e5),
+    "degC": Unit("temperature", 1.0), "K": Unit("temperature", 1.0, -273.15),
+    "A": Unit("current", 1.0), "mA": Unit("current", 1e-3),
+    "V": Unit("voltage", 1.0), "mV": Unit("voltage", 1e-3),
+    "ohm": Unit("resistance", 1.0), "mohm": Unit("resistance", 1e-3), "kohm": Unit("resistance", 1e3),
+    "kg": Unit("mass", 1.0), "g": Unit("mass", 1e-3),
+}  # fmt: skip
+
+# Other spellings of the same units.
+ALIASES = {
+    "°C": "degC", "µm": "um", "μm": "um", "µs": "us", "μs": "us", "Ω": "ohm", "mΩ": "mohm", "kΩ": "kohm",
+    "m/s2": "m/s^2", "m/s²": "m/s^2", "mm/s2": "mm/s^2", "mm/s²": "mm/s^2",
+}  # fmt: skip
+
+
+def parse(text: object, dimension: str) -> float:
+    """Turn a quantity with its unit into SI.
+
+    Args:
+        text: for example "50 mm"; anything but a text is refused.
+        dimension: a key of `DIMENSIONS`.
+
+    Returns:
+        The value in the dimension's SI unit (temperature: degC).
+
+    Raises:
+        UnitProblem: no unit, an unknown unit, a unit of another dimension, or not a finite number.
+    """
+    wanted = DIMENSIONS[dimension]
+    fit = f'{wanted.article} {wanted.name} is written like "{wanted.example}"'
+    if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+        raise UnitProblem(f"{fit}, not {_kind(text)}")
+    if not isinstance(text, str):
+        raise UnitProblem(f"the number {text:.10g} has no unit; {fit}")
+    if _DECIMAL_COMMA.match(text):
+        raise UnitProblem(f"decimals are written with a point; {fit}")
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise UnitProblem(f"not a number with a unit; {fit}")
+    number, name = float(match[1]), match[2]
+    if name is None:
+        raise UnitProblem(f"{text.strip()} has no unit; {fit}")
+    unit = UNITS.get(ALIASES.get(name, name))
+    if unit is None:
+        raise UnitProblem(_unknown_unit(name, dimension, fit))
+    if unit.dimension != dimension:
+        other = DIMENSIONS[unit.dimension]
+        raise UnitProblem(f"{text.strip()} is {other.article} {other.name}; {fit}")
+    value = number * unit.scale + unit.offset
+    if not math.isfinite(value):
+        raise UnitProblem(f"the number is too large; {fit}")
+    return value
+
+
+def split(text: str) -> tuple[float, str]:
+    """Split a quantity of any dimension into its SI value and the name of its dimension.
+
+    Raises:
+        UnitProblem: no unit or an unknown one.
+    """
+    match = _QUANTITY.fullmatch(text)
+    unit = UNITS.get(ALIASES.get(match[2] or "", match[2] or "")) if match else None
+    if unit is None:
+        raise UnitProblem(f'"{text}" is not a number with a known unit')
+    return parse(text, unit.dimension), unit.dimension
+
+
+def units_of(dimension: str) -> tuple[str, ...]:
+    """Names of the units of one dimension, SI first, other spellings last."""
+    own = tuple(name for name, unit in UNITS.items() if unit.dimension == dimension)
+    return own + tuple(alias for alias, name in ALIASES.items() if name in own)
+
+
+def key_suffixes(dimension: str) -> dict[str, str]:
+    """Endings a key may carry instead of a unit in its value: {"m_s": "m/s", ...} as in `speed_m_s = 0.8`."""
+    own = (name for name, unit in UNITS.items() if unit.dimension == dimension)
+    return {name.replace("/", "_").replace("^", ""): name for name in own}
+
+
+def pattern(dimension: str) -> str:
+    """Regular expression (JSON schema dialect) that a quantity of this dimension matches."""
+    names = "|".join(re.escape(name).replace(r"\-", "-") for name in units_of(dimension))
+    return rf"^\s*{NUMBER}\s*({names})\s*$"
+
+
+def show(value: float, unit: str, digits: int = 4) -> str:
+    """Write an SI value in a unit: `show(0.05, "mm")` is "50 mm"."""
+    known = UNITS[unit]
+    return f"{(value - known.offset) / known.scale:.{digits}g} {unit}"
+
+
+def _unknown_unit(name: str, dimension: str, fit: str) -> str:
+    folded = {unit.casefold(): unit for unit in units_of(dimension)}
+    likely = folded.get(name.casefold())
+    hint = f'did you mean "{likely}"?' if likely else f"known units: {', '.join(units_of(dimension))}"
+    return f'unknown unit "{name}" ({hint}); {fit}'
+
+
+def _kind(value: object) -> str:
+    names = {bool: "true or false", list: "a list", tuple: "a list", dict: "a table", type(None): "nothing"}
+    return names.get(type(value), f"a {type(value).__name__}")
