@@ -1,0 +1,215 @@
+"""Compiled force kernels: one plant step for every model, and whole recordings for the models with internal states.
+
+The motion inside a step is the cubic of velocity that meets speed and acceleration at both ends, so the internal states
+are integrated (classical Runge-Kutta, substeps by the state's own rate) much finer than the recording is sampled.
+Parameters come as vectors in the order of `DamperModel.parameters`;
+eta is carried but belongs to the coil (`lag_step`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rig.dampers.kinds import (
+    KIND_ASYMMETRIC,
+    KIND_ASYMMETRIC_PRINTED,
+    KIND_BINGHAM,
+    KIND_BOUC_WEN,
+    KIND_KWOK,
+    KIND_MODIFIED_BOUC_WEN,
+    KIND_NORMALIZED_BOUC_WEN,
+    KIND_SYMMETRIC,
+    KIND_VISCOELASTIC_PLASTIC,
+)
+
+FloatArray = NDArray[np.float64]
+
+SUBSTEP_RATE = 0.5  # rate x substep: RK4 is then within 3e-4 of a relaxing state
+MAXIMUM_SUBSTEPS = 2000
+
+
+@njit(cache=True)
+def _sign(x: float) -> float:
+    if x > 0.0:
+        return 1.0
+    return -1.0 if x < 0.0 else 0.0
+
+
+@njit(cache=True)
+def lag_step(current: float, commanded: float, eta: float, dt: float) -> float:
+    """Coil current (A) after `dt` (s) under a constant command (A): exact solution of equation (9), eta in 1/s."""
+    return commanded + (current - commanded) * math.exp(-eta * dt)
+
+
+@njit(cache=True)
+def _algebraic_force(kind: int, p: FloatArray, u: float, v: float, a: float, current: float) -> float:
+    if kind == KIND_BINGHAM:
+        return (p[0] + p[1] * current) * _sign(v) + (p[2] + p[3] * current) * v + p[4]
+    if kind == KIND_KWOK:
+        z = math.tanh(p[6] * v + p[7] * _sign(u))
+        return (p[0] + p[1] * current) * v + (p[2] + p[3] * current) * u + (p[4] + p[5] * current) * z + p[8]
+    if kind in (KIND_ASYMMETRIC, KIND_SYMMETRIC):
+        y = p[2] * v + p[3] * _sign(u)
+    else:
+        y = p[2] * (v + p[3] * _sign(u))
+    if kind in (KIND_ASYMMETRIC, KIND_ASYMMETRIC_PRINTED):
+        viscous = p[6] + p[8] * current if v >= 0.0 else p[7] + p[9] * current
+        stiffness = p[10] + p[11] * current
+    else:
+        viscous = p[6] + p[7] * current
+        stiffness = p[8] + p[9] * current
+    return p[0] * a + p[1] + (p[4] + p[5] * current) * math.tanh(y) + viscous * v + stiffness * u
+
+
+@njit(cache=True)
+def _hysteretic_force(kind: int, p: FloatArray, s0: float, s1: float, u: float, v: float, current: float) -> float:
+    if kind == KIND_BOUC_WEN:
+        return (p[0] + p[1] * current) * v + p[2] * (u - p[3]) + (p[4] + p[5] * current) * s0
+    if kind == KIND_NORMALIZED_BOUC_WEN:
+        return p[0] * u + (p[1] + p[2] * current) * v + (p[3] + p[4] * current) * s0 + p[5]
+    if kind == KIND_MODIFIED_BOUC_WEN:
+        alpha, c0, c1 = p[0] + p[1] * current, p[2] + p[3] * current, p[4] + p[5] * current
+        y_rate = (alpha * s1 + c0 * v + p[6] * (u - s0)) / (c0 + c1)
+        return c1 * y_rate + p[7] * (u - p[8])
+    return p[2] * (u - s1) + p[7]
+
+
+@njit(cache=True)
+def _bouc_wen_rate(z: float, v: float, gamma: float, beta: float, A: float, n: float) -> float:
+    power = abs(z) ** (n - 1.0) if z != 0.0 else 0.0
+    return -gamma * abs(v) * z * power - beta * v * abs(z) * power + A * v
+
+
+@njit(cache=True)
+def _rates(kind: int, p: FloatArray, s0: float, s1: float, u: float, v: float, current: float) -> tuple[float, float]:
+    if kind == KIND_BOUC_WEN:
+        return _bouc_wen_rate(s0, v, p[6], p[7], p[8], p[9]), 0.0
+    if kind == KIND_NORMALIZED_BOUC_WEN:
+        rho, sigma = p[6], p[7]
+        return _bouc_wen_rate(s0, v, rho * sigma, rho * (1.0 - sigma), rho, p[8]), 0.0
+    if kind == KIND_MODIFIED_BOUC_WEN:
+        alpha, c0, c1 = p[0] + p[1] * current, p[2] + p[3] * current, p[4] + p[5] * current
+        y_rate = (alpha * s1 + c0 * v + p[6] * (u - s0)) / (c0 + c1)
+        return y_rate, _bouc_wen_rate(s1, v - y_rate, p[9], p[10], p[11], p[12])
+    spring = p[2] * (u - s1)
+    coulomb = p[4] + p[5] * current
+    slip = (spring - coulomb * _sign(spring)) / (p[3] + p[6] * current) if abs(spring) > coulomb else 0.0
+    return slip, slip + (spring - p[0] * (s1 - s0)) / p[1]
+
+
+@njit(cache=True)
+def _fastest_rate(kind: int, p: FloatArray, v: float, current: float) -> float:
+    """Upper estimate (1/s) of how fast the internal state relaxes at speed `v`."""
+    if kind == KIND_BOUC_WEN:
+        total = p[6] + p[7]
+        if total <= 0.0 or p[8] <= 0.0:
+            return abs(p[8])
+        return p[8] * p[9] * abs(v) / (p[8] / total) ** (1.0 / p[9])
+    if kind == KIND_NORMALIZED_BOUC_WEN:
+        return p[6] * p[8] * abs(v) * max(1.0, abs(2.0 * p[7] - 1.0))
+    if kind == KIND_MODIFIED_BOUC_WEN:
+        alpha, c0, c1 = p[0] + p[1] * current, p[2] + p[3] * current, p[4] + p[5] * current
+        relax = (abs(alpha * p[11]) + abs(p[6])) / (c0 + c1)
+        total = p[9] + p[10]
+        if total <= 0.0 or p[11] <= 0.0:
+            return relax
+        return relax + p[11] * p[12] * abs(v) / (p[11] / total) ** (1.0 / p[12])
+    return p[2] * (1.0 / p[1] + 1.0 / (p[3] + p[6] * current)) + p[0] / p[1]
+
+
+@njit(cache=True)
+def _integrate(
+    kind: int,
+    p: FloatArray,
+    state: FloatArray,
+    motion: tuple[float, float, float, float, float],
+    v_end: float,
+    current: float,
+    dt: float,
+) -> None:
+    """Advance `state` over one step; `motion` is u0, v0 and the coefficients of v(t) = v0 + c1 t + c2 t^2 + c3 t^3."""
+    u0, v0, c1, c2, c3 = motion
+    rate = _fastest_rate(kind, p, max(abs(v0), abs(v_end)), current)
+    substeps = int(min(float(MAXIMUM_SUBSTEPS), max(1.0, math.ceil(rate * dt / SUBSTEP_RATE))))
+    h = dt / substeps
+    s0 = state[0]
+    s1 = state[1] if state.size > 1 else 0.0
+    for k in range(substeps):
+        t = k * h
+        u_a = u0 + t * (v0 + t * (c1 / 2.0 + t * (c2 / 3.0 + t * c3 / 4.0)))
+        v_a = v0 + t * (c1 + t * (c2 + t * c3))
+        t += 0.5 * h
+        u_b = u0 + t * (v0 + t * (c1 / 2.0 + t * (c2 / 3.0 + t * c3 / 4.0)))
+        v_b = v0 + t * (c1 + t * (c2 + t * c3))
+        t += 0.5 * h
+        u_c = u0 + t * (v0 + t * (c1 / 2.0 + t * (c2 / 3.0 + t * c3 / 4.0)))
+        v_c = v0 + t * (c1 + t * (c2 + t * c3))
+        a0, a1 = _rates(kind, p, s0, s1, u_a, v_a, current)
+        b0, b1 = _rates(kind, p, s0 + 0.5 * h * a0, s1 + 0.5 * h * a1, u_b, v_b, current)
+        d0, d1 = _rates(kind, p, s0 + 0.5 * h * b0, s1 + 0.5 * h * b1, u_b, v_b, current)
+        e0, e1 = _rates(kind, p, s0 + h * d0, s1 + h * d1, u_c, v_c, current)
+        s0 += h / 6.0 * (a0 + 2.0 * b0 + 2.0 * d0 + e0)
+        s1 += h / 6.0 * (a1 + 2.0 * b1 + 2.0 * d1 + e1)
+    state[0] = s0
+    if state.size > 1:
+        state[1] = s1
+
+
+@njit(cache=True)
+def advance(
+    kind: int, p: FloatArray, state: FloatArray, u: float, v: float, a: float, current: float, dt: float
+) -> float:
+    """Force (N) at the end of one step of `dt` (s); `state` is moved along in place.
+
+    Args:
+        kind: `DamperModel.kind`.
+        p: `DamperModel.vector(values)`.
+        state: `DamperModel.initial_state()`, kept by the caller between steps.
+        u: extension about mid-stroke (m) at the end of the step.
+        v: velocity (m/s) at the end of the step.
+        a: acceleration (m/s^2), taken as constant over the step.
+        current: coil current after its lag (A).
+        dt: step (s); 0 returns the force without moving the state.
+    """
+    if kind < KIND_VISCOELASTIC_PLASTIC:
+        return _algebraic_force(kind, p, u, v, a, current)
+    if dt > 0.0:
+        v0 = v - a * dt
+        _integrate(kind, p, state, (u - v * dt + 0.5 * a * dt * dt, v0, a, 0.0, 0.0), v, current, dt)
+    return _hysteretic_force(kind, p, state[0], state[1] if state.size > 1 else 0.0, u, v, current)
+
+
+@njit(cache=True, nogil=True)
+def force_series(
+    kind: int,
+    p: FloatArray,
+    state: FloatArray,
+    u: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+    current: FloatArray,
+    dt: float,
+) -> FloatArray:
+    """Force (N), shape (n,), along a motion sampled every `dt` (s); arrays as in `advance`, `state` moved in place.
+
+    The state given belongs to the first sample.
+    """
+    n = u.size
+    force = np.empty(n)
+    for k in range(n):
+        if kind < KIND_VISCOELASTIC_PLASTIC:
+            force[k] = _algebraic_force(kind, p, u[k], v[k], a[k], current[k])
+            continue
+        if k > 0:
+            slope = (v[k] - v[k - 1]) / dt
+            c2 = (3.0 * slope - 2.0 * a[k - 1] - a[k]) / dt
+            c3 = (a[k - 1] + a[k] - 2.0 * slope) / (dt * dt)
+            _integrate(
+                kind, p, state, (u[k - 1], v[k - 1], a[k - 1], c2, c3), v[k], 0.5 * (current[k - 1] + current[k]), dt
+            )
+        force[k] = _hysteretic_force(kind, p, state[0], state[1] if state.size > 1 else 0.0, u[k], v[k], current[k])
+    return force

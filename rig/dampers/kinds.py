@@ -1,0 +1,14 @@
+"""Integers that select a model in the compiled kernels."""
+
+from __future__ import annotations
+
+KIND_ASYMMETRIC = 0
+KIND_ASYMMETRIC_PRINTED = 1
+KIND_SYMMETRIC = 2
+KIND_SYMMETRIC_PRINTED = 3
+KIND_KWOK = 4
+KIND_BINGHAM = 5
+KIND_VISCOELASTIC_PLASTIC = 6
+KIND_BOUC_WEN = 7
+KIND_MODIFIED_BOUC_WEN = 8
+KIND_NORMALIZED_BOUC_WEN = 9
