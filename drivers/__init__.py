@@ -1,5 +1,7 @@
-"""One device each: the driver owns its port, its time-outs and its retries, and every reading has its age.
+"""Drivers: one device each, over its real transport.
 
-What lives here: actuator, ECU, load cell, LVDT, the serial port they share, the slcan bus, and the ring that carries
-their samples to other processes. What may not: numpy, test matrices, limits, decisions about safety.
+What lives here: the actuator controller, the current ECU, load cell and LVDT, the serial port and CAN bus under them,
+and the ring in which the station leaves what they read. Each driver owns its port, time-outs and bounded retries, and
+gives every reading its age. What may not: numpy, test sequences, limits of the rig, anything that knows of another
+device.
 """

@@ -1,0 +1,43 @@
+"""What can go wrong between a driver and its device."""
+
+# ruff: noqa: N818 - errors are named after the condition, which reads better in `except` and in the journal
+
+from __future__ import annotations
+
+
+class DriverError(Exception):
+    """Base of every driver error; the message names device, port, what was expected and what came.
+
+    Attributes:
+        device: name of the device as in the bench file, e.g. "load_cell".
+        port: URL or channel of its port.
+    """
+
+    def __init__(self, device: str, port: str, message: str) -> None:
+        super().__init__(f"{device} at {port}: {message}")
+        self.device = device
+        self.port = port
+
+
+class PortClosed(DriverError):
+    """The port cannot be opened, or went away: no such device, connection refused, end of file, input/output error."""
+
+
+class NoAnswer(DriverError):
+    """The device did not answer within its time-out; whether it acted is unknown."""
+
+
+class LinkLost(DriverError):
+    """The connection broke in the middle of a request; whether the device acted is unknown."""
+
+
+class WrongIdentity(DriverError):
+    """The device is not the one expected: signature registers, serial number or layout differ."""
+
+
+class RequestRefused(DriverError):
+    """The device answered and said no: Modbus exception, or a command result other than done."""
+
+
+class WrongAnswer(DriverError):
+    """The device answered something its protocol forbids: wrong length, wrong unit, an echo that differs."""

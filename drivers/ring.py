@@ -1,0 +1,311 @@
+"""The ring: fixed-size records in a memory-mapped file, one writer, any number of readers.
+
+    offset  size  header (4096 bytes, little-endian)
+       0      8   magic "MRRING01"
+       8      4   record size u32 (32)
+      12      4   capacity u32, records
+      16      8   write index u64: records published since the start
+      24      8   recorder cursor u64: records the recorder has taken; the only place a reader writes
+      32      8   writer heartbeat i64, ns, monotonic
+      40      4   station process id u32
+      48      8   reserved index u64: records published or just being written
+
+    record "<qqdIHH":  host_ns | device_us | value | sequence | channel | flags
+
+Record number n lies in slot n modulo capacity. The writer raises the reserved index, writes the records, then raises
+the write index. A reader takes records up to the write index, then looks at the reserved index again: records older
+than `reserved - capacity` may have been overwritten while it copied, and count as lost.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+import threading
+from collections.abc import Sequence
+from enum import IntEnum
+from itertools import chain
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+MAGIC = b"MRRING01"
+HEADER_SIZE = 4096
+RECORD = struct.Struct("<qqdIHH")
+RECORD_SIZE = RECORD.size
+DEFAULT_CAPACITY = 1 << 19
+
+OFFSET_RECORD_SIZE = 8
+OFFSET_CAPACITY = 12
+OFFSET_WRITE_INDEX = 16
+OFFSET_RECORDER_CURSOR = 24
+OFFSET_HEARTBEAT = 32
+OFFSET_PID = 40
+OFFSET_RESERVED_INDEX = 48
+
+NO_DEVICE_TIME = -1
+"""`device_us` of a record whose device has no clock."""
+
+Record = tuple[int, int, float, int, int, int]
+"""(host_ns, device_us, value, sequence, channel, flags); sequence modulo 2^32."""
+
+_SEQUENCE_MASK = 0xFFFFFFFF
+_LARGEST_BATCH_STRUCT = 128
+
+
+class Channel(IntEnum):
+    """What a record is about. 3..9 are the auxiliary channels, 42..48 their edges."""
+
+    FORCE = 1
+    DISPLACEMENT = 2
+    AUXILIARY_1 = 3
+    AUXILIARY_2 = 4
+    AUXILIARY_3 = 5
+    AUXILIARY_4 = 6
+    AUXILIARY_5 = 7
+    AUXILIARY_6 = 8
+    AUXILIARY_7 = 9
+    COIL_CURRENT = 10
+    COIL_TEMPERATURE = 11
+    ECU_TEMPERATURE = 12
+    ECU_SUPPLY = 13
+    ECU_STATE = 14
+    ECU_FAULTS = 15
+    COMMANDED_CURRENT = 16
+    POSITION = 20
+    VELOCITY = 21
+    SETPOINT = 22
+    STATE = 23
+    CYCLES_DONE = 24
+    FAULT_BITS = 25
+    SUPPLY_PRESSURE = 26
+    ACCUMULATOR_PRESSURE = 27
+    PULSE = 28
+    PHASE = 29
+    INPUTS = 30
+    SERVO_ERROR = 31
+    CONTROLLER_FORCE = 32
+    FORCE_EDGE = 40
+    DISPLACEMENT_EDGE = 41
+    AUXILIARY_1_EDGE = 42
+    AUXILIARY_2_EDGE = 43
+    AUXILIARY_3_EDGE = 44
+    AUXILIARY_4_EDGE = 45
+    AUXILIARY_5_EDGE = 46
+    AUXILIARY_6_EDGE = 47
+    AUXILIARY_7_EDGE = 48
+    TRIP = 50
+    LOOP_LATE = 51
+
+
+def edge_channel(channel: int) -> Channel:
+    """The channel that carries the sync edges of a sensor channel 1..9.
+
+    Raises:
+        ValueError: not a sensor channel.
+    """
+    if not Channel.FORCE <= channel <= Channel.AUXILIARY_7:
+        raise ValueError(f"channel {channel} is not a sensor channel 1..9")
+    return Channel(channel + Channel.FORCE_EDGE - Channel.FORCE)
+
+
+class RingFormatError(Exception):
+    """The file is not a ring of this layout."""
+
+
+class _Mapped:
+    """A mapped ring file and aligned views of its header."""
+
+    def __init__(self, path: Path, mapped: mmap.mmap, capacity: int) -> None:
+        self.path = path
+        self.capacity = capacity
+        self._map = mapped
+        self._view = memoryview(mapped)
+        # Aligned 8-byte items: one store or load each, never torn.
+        self._u64 = self._view[:HEADER_SIZE].cast("Q")
+        self._i64 = self._view[:HEADER_SIZE].cast("q")
+        self._u32 = self._view[:HEADER_SIZE].cast("I")
+
+    @property
+    def write_index(self) -> int:
+        """Records published since the start."""
+        return self._u64[OFFSET_WRITE_INDEX // 8]
+
+    @property
+    def recorder_cursor(self) -> int:
+        """Records the recorder has taken."""
+        return self._u64[OFFSET_RECORDER_CURSOR // 8]
+
+    @property
+    def heartbeat_ns(self) -> int:
+        """Monotonic time of the writer's last sign of life, ns."""
+        return self._i64[OFFSET_HEARTBEAT // 8]
+
+    @property
+    def pid(self) -> int:
+        """Process id of the writer."""
+        return self._u32[OFFSET_PID // 4]
+
+    def close(self) -> None:
+        """Unmap the file; closing twice is harmless."""
+        for view in (self._u64, self._i64, self._u32, self._view):
+            view.release()
+        self._map.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class RingWriter(_Mapped):
+    """Creates the ring file and appends to it; safe to share among the station's threads.
+
+    Args:
+        path: file to create; an existing one is replaced.
+        capacity: records the ring holds before it overwrites the oldest.
+
+    Attributes:
+        overruns: records overwritten before the recorder had taken them (0 while no recorder moves its cursor).
+    """
+
+    def __init__(self, path: Path | str, capacity: int = DEFAULT_CAPACITY) -> None:
+        if not 1 <= capacity <= 0xFFFFFFFF:
+            raise ValueError(f"ring capacity {capacity} is outside 1..2^32-1 records")
+        target = Path(path)
+        size = HEADER_SIZE + capacity * RECORD_SIZE
+        # A new file each time: readers of an older ring keep theirs.
+        fresh = target.with_name(target.name + ".new")
+        with fresh.open("w+b") as file:
+            # Real blocks, not a sparse file: a full disk shows here, not as SIGBUS in the middle of a test.
+            os.posix_fallocate(file.fileno(), 0, size)
+            mapped = mmap.mmap(file.fileno(), size)
+        struct.pack_into("<8sII", mapped, 0, MAGIC, RECORD_SIZE, capacity)
+        super().__init__(target, mapped, capacity)
+        self._u32[OFFSET_PID // 4] = os.getpid()
+        fresh.replace(target)
+        self._lock = threading.Lock()
+        self._count = 0
+        self._batches = [struct.Struct("<" + "qqdIHH" * n) for n in range(_LARGEST_BATCH_STRUCT + 1)]
+        self.overruns = 0
+
+    def append(self, batch: Sequence[Record]) -> None:
+        """Publish records, in order, all at once.
+
+        Args:
+            batch: records; `sequence` is stored modulo 2^32. Nothing happens for an empty batch.
+
+        Raises:
+            struct.error: a field does not fit its record; that record and those behind it are not published.
+        """
+        with self._lock:
+            for start in range(0, len(batch), _LARGEST_BATCH_STRUCT):
+                self._publish(batch[start : start + _LARGEST_BATCH_STRUCT])
+
+    def beat(self, now_ns: int) -> None:
+        """Show that the writer lives.
+
+        Args:
+            now_ns: monotonic time.
+        """
+        self._i64[OFFSET_HEARTBEAT // 8] = now_ns
+
+    def _publish(self, batch: Sequence[Record]) -> None:
+        """Write up to one batch struct of records, split where the ring wraps."""
+        first, after = self._count, self._count + len(batch)
+        self._u64[OFFSET_RESERVED_INDEX // 8] = after
+        slot = first % self.capacity
+        room = self.capacity - slot
+        while batch:
+            part, batch = batch[:room], batch[room:]
+            self._batches[len(part)].pack_into(self._map, HEADER_SIZE + slot * RECORD_SIZE, *chain.from_iterable(part))
+            slot, room = 0, self.capacity
+        self._u64[OFFSET_WRITE_INDEX // 8] = after
+        self._count = after
+        cursor = self.recorder_cursor
+        if cursor and after - cursor > self.capacity:
+            self.overruns += min(after - first, after - cursor - self.capacity)
+
+
+class RingReader(_Mapped):
+    """Reads a ring in plain Python; every reader has its own place and loses nothing by others being slow.
+
+    Args:
+        path: ring file of a living or finished writer.
+        from_start: begin with the oldest record still held, rather than with the next one written.
+
+    Attributes:
+        lost: records overwritten before this reader took them.
+
+    Raises:
+        RingFormatError: the file is not a ring of this layout.
+    """
+
+    def __init__(self, path: Path | str, *, from_start: bool = False) -> None:
+        source = Path(path)
+        with source.open("r+b") as file:
+            head = file.read(16)
+            size = file.seek(0, os.SEEK_END)
+            capacity = _check_header(source, head, size)
+            mapped = mmap.mmap(file.fileno(), size)
+        super().__init__(source, mapped, capacity)
+        self.lost = 0
+        self._at = max(0, self.write_index - capacity) if from_start else self.write_index
+
+    def read(self, maximum: int | None = None) -> list[Record]:
+        """Records published since the last call, oldest first.
+
+        Args:
+            maximum: take at most so many; all without it.
+
+        Returns:
+            Records; those overwritten before they could be read are missing here and counted in `lost`.
+        """
+        end = self.write_index
+        self._skip_to(end - self.capacity)
+        if maximum is not None:
+            end = min(end, self._at + maximum)
+        records: list[Record] = []
+        at = self._at
+        while at < end:
+            slot = at % self.capacity
+            run = min(end - at, self.capacity - slot)
+            offset = HEADER_SIZE + slot * RECORD_SIZE
+            records += RECORD.iter_unpack(self._view[offset : offset + run * RECORD_SIZE])
+            at += run
+        begin = self._at
+        self._skip_to(min(end, self._u64[OFFSET_RESERVED_INDEX // 8] - self.capacity))
+        del records[: self._at - begin]
+        self._at = end
+        return records
+
+    def store_cursor(self) -> None:
+        """Tell the writer how far this reader is; for the recorder alone."""
+        self._u64[OFFSET_RECORDER_CURSOR // 8] = self._at
+
+    def _skip_to(self, oldest: int) -> None:
+        """Give up what is older than `oldest`, and count it."""
+        if oldest > self._at:
+            self.lost += oldest - self._at
+            self._at = oldest
+
+
+def _check_header(source: Path, head: bytes, size: int) -> int:
+    """Capacity of a ring file whose header fits its size.
+
+    Raises:
+        RingFormatError: magic, record size or file size differ.
+    """
+    if len(head) < 16 or head[:8] != MAGIC:
+        raise RingFormatError(f"{source}: expected the magic {MAGIC!r}, got {head[:8]!r}")
+    record_size, capacity = struct.unpack_from("<II", head, 8)
+    if record_size != RECORD_SIZE or capacity == 0 or size != HEADER_SIZE + capacity * RECORD_SIZE:
+        raise RingFormatError(
+            f"{source}: {size} bytes with record size {record_size} and capacity {capacity}; expected records of "
+            f"{RECORD_SIZE} bytes behind a header of {HEADER_SIZE}"
+        )
+    return int(capacity)
