@@ -1,0 +1,322 @@
+"""The bench file as values: `Bench.load("bench.toml")`. Every number is SI; the ranges are the envelope of any rig."""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from rig import units
+from rig.bench.problems import load_section
+from rig.bench.quantity import Quantity, Section
+
+# A limit outside these is a slip of the pen, not a damper test rig (fault row `config-absurd`).
+Position = Annotated[float, Quantity("length", "-1 m", "1 m")]
+Speed = Annotated[float, Quantity("speed", "0 m/s", "5 m/s", above=True)]
+Acceleration = Annotated[float, Quantity("acceleration", "0 m/s^2", "500 m/s^2", above=True)]
+Force = Annotated[float, Quantity("force", "0 N", "200 kN", above=True)]
+Current = Annotated[float, Quantity("current", "0 A", "20 A", above=True)]
+Temperature = Annotated[float, Quantity("temperature", "20 degC", "250 degC")]
+Period = Annotated[float, Quantity("time", "1 ms", "1 s")]
+Timeout = Annotated[float, Quantity("time", "5 ms", "5 s")]
+
+RESERVED_NAMES = frozenset({"time", "force", "displacement", "velocity", "current", "coil_temperature"})
+
+Problem = tuple[tuple[str | int, ...], str]
+
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f]+$")]
+ChannelName = Annotated[str, Field(max_length=32, pattern=r"^[a-z][a-z0-9_]*$")]
+SerialUrl = Annotated[str, Field(min_length=1, max_length=256, examples=["/dev/ttyUSB0", "socket://192.168.0.7:4001"])]
+ModbusUrl = Annotated[str, Field(max_length=256, pattern=r"^modbus-tcp://.+:\d{1,5}$")]
+
+
+class Limits(Section):
+    """What the machine may do; plan, station and controller hold every motion inside them."""
+
+    position_m: tuple[Position, Position] = Field(alias="position")
+    speed_m_s: Speed = Field(alias="speed")
+    acceleration_m_s2: Acceleration = Field(alias="acceleration")
+    force_N: Force = Field(alias="force")
+    current_A: Current = Field(alias="current")
+    coil_temperature_degC: Temperature = Field(alias="coil_temperature")
+
+    @field_validator("position_m")
+    @classmethod
+    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if not value[0] < value[1]:
+            raise ValueError("the first must be below the second")
+        return value
+
+
+class Actuator(Section):
+    """The servo-hydraulic controller, over Modbus TCP."""
+
+    url: ModbusUrl = Field(examples=["modbus-tcp://192.168.0.10:502"])
+    device_id: int = Field(default=1, ge=0, le=247)
+    register_map: Literal["demo"] = "demo"
+    poll_s: Annotated[float, Quantity("time", "2 ms", "100 ms")] = Field(default=0.010, alias="poll")
+    timeout_s: Timeout = Field(default=0.040, alias="timeout")
+    stale_after_s: Timeout = Field(default=0.150, alias="stale_after")
+    watchdog_s: Annotated[float, Quantity("time", "50 ms", "10 s")] = Field(default=0.500, alias="watchdog")
+    fade_out_cycles: float = Field(default=1.0, ge=1.0, le=10.0)
+    halt_deceleration_m_s2: Acceleration = Field(default=20.0, alias="halt_deceleration")
+    serial_number: Name | None = None
+
+
+class Ecu(Section):
+    """The current controller of the coil, over CAN by any python-can interface."""
+
+    interface: Name
+    channel: Name
+    bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
+    dbc: Literal["demo"] = "demo"
+    command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = Field(default=0.010, alias="command_period")
+    stale_after_s: Timeout = Field(default=0.030, alias="stale_after")
+    serial_number: int | None = Field(default=None, ge=0, le=0xFFFF_FFFF)
+
+
+class Calibration(Section):
+    """How the value on the wire becomes SI: `sensitivity * wire - offset`; and who says so."""
+
+    sensitivity: float = Field(default=1.0, gt=0, description="SI units per unit on the wire")
+    offset: str | None = Field(default=None, description="what the sensor shows at zero, with its unit")
+    serial_number: Name
+    certificate: str = Field(default="", max_length=128)
+    due: date | None = None
+
+
+class Sensor(Section):
+    """What load cell, LVDT and auxiliary channels have in common."""
+
+    url: SerialUrl
+    baudrate: int = Field(default=921_600, ge=300, le=12_000_000)
+    format: Name = "frame16"
+    rate_Hz: Annotated[float, Quantity("frequency", "1 Hz", "50 kHz")] = Field(alias="rate")
+    stale_after_s: Timeout = Field(default=0.020, alias="stale_after")
+    delay_s: Annotated[float, Quantity("time", "0 s", "100 ms")] = Field(default=0.0, alias="delay")
+    calibration: Calibration
+
+    @field_validator("format")
+    @classmethod
+    def _known_format(cls, value: str) -> str:
+        if value == "frame16":
+            return value
+        from protocols.line_format import PRESETS  # noqa: PLC0415 - only a bench with other formats needs it
+
+        known = ["frame16", *PRESETS]
+        if value not in known:
+            raise ValueError(f"unknown format; this version knows {', '.join(known)}")
+        return value
+
+    @property
+    def dimension(self) -> str:
+        """Dimension of the value, a key of `rig.units.DIMENSIONS`."""
+        raise NotImplementedError
+
+    @property
+    def offset(self) -> float:
+        """The calibration's offset in the SI unit of this sensor."""
+        text = self.calibration.offset
+        return 0.0 if text is None else units.parse(text, self.dimension)
+
+    @model_validator(mode="after")
+    def _offset_fits(self) -> Self:
+        try:
+            _ = self.offset
+        except units.UnitProblem as problem:
+            raise _located([(("calibration", "offset"), str(problem))]) from problem
+        return self
+
+
+class LoadCell(Sensor):
+    """The force sensor."""
+
+    range_N: Force = Field(alias="range")
+
+    @property
+    def dimension(self) -> str:
+        """Force."""
+        return "force"
+
+
+class Lvdt(Sensor):
+    """The displacement sensor."""
+
+    range_m: Annotated[float, Quantity("length", "0 m", "1 m", above=True)] = Field(alias="range")
+
+    @property
+    def dimension(self) -> str:
+        """Length."""
+        return "length"
+
+
+class Auxiliary(Sensor):
+    """One further channel: recorded beside the others, never used for control."""
+
+    name: ChannelName
+    unit: str
+    range: str
+
+    @property
+    def dimension(self) -> str:
+        """The dimension of `unit`."""
+        return units.UNITS[units.ALIASES.get(self.unit, self.unit)].dimension
+
+    @property
+    def range_SI(self) -> float:
+        """Full scale in the SI unit of `unit`."""
+        return units.parse(self.range, self.dimension)
+
+    @field_validator("unit")
+    @classmethod
+    def _known_unit(cls, value: str) -> str:
+        if units.ALIASES.get(value, value) not in units.UNITS:
+            raise ValueError(f"unknown unit; known: {', '.join(units.UNITS)}")
+        return value
+
+    @field_validator("name")
+    @classmethod
+    def _not_reserved(cls, value: str) -> str:
+        if value in RESERVED_NAMES:
+            raise ValueError(f"is the name of a channel every run has ({', '.join(sorted(RESERVED_NAMES))})")
+        return value
+
+    @model_validator(mode="after")
+    def _range_fits(self) -> Self:
+        try:
+            if not self.range_SI > 0:
+                raise units.UnitProblem("must be more than 0")
+        except units.UnitProblem as problem:
+            raise _located([(("range",), str(problem))]) from problem
+        return self
+
+
+class Fixture(Section):
+    """What sits between load cell and damper."""
+
+    moving_mass_kg: Annotated[float, Quantity("mass", "0 kg", "500 kg")] = Field(default=0.0, alias="moving_mass")
+
+
+class Clock(Section):
+    """At what rate device clocks run against the wall: 1 on hardware, the speed of a simulated rig."""
+
+    device_rate: float = Field(default=1.0, ge=0.01, le=1000.0)
+
+
+class Station(Section):
+    """The I/O process."""
+
+    heartbeat_timeout_s: Annotated[float, Quantity("time", "100 ms", "10 s")] = Field(
+        default=0.500, alias="heartbeat_timeout"
+    )
+    real_time: bool = True
+
+
+class Bench(Section):
+    """One rig: its devices, calibration and limits."""
+
+    format: Literal[1]
+    name: Name
+    limits: Limits
+    actuator: Actuator
+    ecu: Ecu
+    load_cell: LoadCell
+    lvdt: Lvdt
+    auxiliary: tuple[Auxiliary, ...] = Field(default=(), max_length=7)
+    fixture: Fixture = Field(default_factory=Fixture)
+    clock: Clock = Field(default_factory=Clock)
+    station: Station = Field(default_factory=Station)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Bench:
+        """Read and check a bench file.
+
+        Raises:
+            FileProblem: with every wrong entry of the file.
+        """
+        return load_section(Path(path), cls)[0]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) of physics, limits, calibration and identities; addresses do not count."""
+        addresses = {"url", "channel", "interface", "device_id"}
+        excluded = {
+            "actuator": addresses & Actuator.model_fields.keys(),
+            "ecu": addresses & Ecu.model_fields.keys(),
+            "load_cell": {"url"},
+            "lvdt": {"url"},
+            "auxiliary": {"__all__": {"url"}},
+        }
+        return hashlib.sha256(self.model_dump_json(exclude=excluded).encode()).hexdigest()
+
+    def overdue(self, today: date) -> tuple[str, ...]:
+        """Names of the sensors whose calibration is past its due date."""
+        sensors = {"load_cell": self.load_cell, "lvdt": self.lvdt, **{item.name: item for item in self.auxiliary}}
+        return tuple(
+            name for name, item in sensors.items() if item.calibration.due is not None and item.calibration.due < today
+        )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        problems = [*self._shared_ports(), *self._shared_names(), *self._ranges(), *self._periods()]
+        if problems:
+            raise _located(problems)
+        return self
+
+    def _sensors(self) -> dict[tuple[str | int, ...], Sensor]:
+        listed = {("auxiliary", index): item for index, item in enumerate(self.auxiliary)}
+        return {("load_cell",): self.load_cell, ("lvdt",): self.lvdt, **listed}
+
+    def _shared_ports(self) -> list[Problem]:
+        problems: list[Problem] = []
+        owners: dict[str, str] = {}
+        for place, sensor in self._sensors().items():
+            if (owner := owners.get(sensor.url)) is not None:
+                problems.append(((*place, "url"), f"is already the port of {owner}; every sensor has its own"))
+            owners.setdefault(sensor.url, str(place[0]))
+        return problems
+
+    def _shared_names(self) -> list[Problem]:
+        names = [item.name for item in self.auxiliary]
+        return [
+            (("auxiliary", index, "name"), "is the name of another auxiliary channel; names are unique")
+            for index, name in enumerate(names)
+            if name in names[:index]
+        ]
+
+    def _ranges(self) -> list[Problem]:
+        problems: list[Problem] = []
+        if self.limits.force_N > self.load_cell.range_N:
+            cell = units.show(self.load_cell.range_N, "kN")
+            problems.append((("limits", "force"), f"is beyond the load cell's range; allowed: at most {cell}"))
+        if max(map(abs, self.limits.position_m)) > self.lvdt.range_m:
+            lvdt = units.show(self.lvdt.range_m, "mm")
+            problems.append((("limits", "position"), f"is beyond the LVDT's range; allowed: within +-{lvdt}"))
+        return problems
+
+    def _periods(self) -> list[Problem]:
+        problems: list[Problem] = []
+        for place, sensor in self._sensors().items():
+            shortest = 2.0 / (sensor.rate_Hz * self.clock.device_rate)
+            if sensor.stale_after_s < shortest:
+                problems.append(
+                    ((*place, "stale_after"), f"is less than two samples; allowed: at least {units.show(shortest, 'ms')}")
+                )
+        shortest = 3.0 * max(self.actuator.poll_s, self.actuator.timeout_s)
+        if self.actuator.watchdog_s < shortest:
+            message = f"is less than three polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
+            problems.append((("actuator", "watchdog"), message))
+        if self.ecu.stale_after_s < 2.0 * self.ecu.command_period_s:
+            shortest = 2.0 * self.ecu.command_period_s
+            message = f"is less than two status frames; allowed: at least {units.show(shortest, 'ms')}"
+            problems.append((("ecu", "stale_after"), message))
+        return problems
+
+
+def _located(problems: list[Problem]) -> PydanticCustomError:
+    """An error of a whole section that names the places inside it."""
+    return PydanticCustomError("inconsistent", "entries contradict each other", {"problems": problems})

@@ -1,0 +1,225 @@
+"""The matrix file as values: `load_matrix("table1.toml").points()`. Every number is SI."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from rig.bench.problems import load_section
+from rig.bench.quantity import Quantity, Section
+from rig.matrix.point import TestPoint
+
+POINT_LIMIT = 10_000
+
+Waveform = Literal["sine", "triangle"]
+Amplitude = Annotated[float, Quantity("length", "0 mm", "1 m", above=True)]
+Frequency = Annotated[float, Quantity("frequency", "0.001 Hz", "100 Hz")]
+CoilCurrent = Annotated[float, Quantity("current", "0 A", "20 A")]
+Cycles = Annotated[int, Field(ge=3, le=10_000, description="at full amplitude; first and last are dropped")]
+RampCycles = Annotated[float, Field(ge=0.5, le=20.0)]
+Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
+
+METHODS = (
+    "separable", "hybrid", "zhu_three_step", "c_foa", "foa", "ga", "de", "pso", "i_abc", "ga_standard", "ga_kwok",
+    "ga_novel",
+)  # fmt: skip
+
+
+class Specimen(Section):
+    """The damper under test."""
+
+    serial_number: Identifier
+    stroke_m: Annotated[float, Quantity("length", "0 mm", "2 m", above=True)] = Field(alias="stroke")
+    mid_stroke_m: Annotated[float, Quantity("length", "-1 m", "1 m")] = Field(default=0.0, alias="mid_stroke")
+    prior: str | None = None
+    max_force_N: Annotated[float, Quantity("force", "0 N", "200 kN", above=True)] | None = Field(
+        default=None, alias="max_force"
+    )
+    max_current_A: Annotated[float, Quantity("current", "0 A", "20 A", above=True)] | None = Field(
+        default=None, alias="max_current"
+    )
+    coil_resistance_ohm: Annotated[float, Quantity("resistance", "0 ohm", "1 kohm", above=True)] | None = Field(
+        default=None, alias="coil_resistance"
+    )
+
+    @field_validator("prior")
+    @classmethod
+    def _known_prior(cls, value: str | None) -> str | None:
+        from rig.dampers.parameter_sets import PARAMETER_SETS  # noqa: PLC0415 - loads numpy, and most files name no prior
+
+        if value is not None and value not in PARAMETER_SETS:
+            raise ValueError(f"unknown parameter set; known: {', '.join(sorted(PARAMETER_SETS))}")
+        return value
+
+    @model_validator(mode="after")
+    def _one_prediction(self) -> Self:
+        if self.prior is not None and self.max_force_N is not None:
+            raise PydanticCustomError("two_priors", "give prior or max_force, not both")
+        return self
+
+
+class Sweep(Section):
+    """The product of waveforms, currents, amplitudes and frequencies, and how each point is run."""
+
+    waveform: tuple[Waveform, ...] = Field(default=("sine",), min_length=1)
+    amplitude_m: tuple[Amplitude, ...] = Field(default=(), alias="amplitude")
+    frequency_Hz: tuple[Frequency, ...] = Field(default=(), alias="frequency")
+    current_A: tuple[CoilCurrent, ...] = Field(default=(), alias="current")
+    cycles: Cycles = 10
+    ramp_in_cycles: RampCycles = 1.0
+    ramp_out_cycles: RampCycles = 1.0
+    order: Literal["as written", "random"] = "as written"
+    seed: int | None = Field(default=None, ge=0)
+    repeats: int = Field(default=1, ge=1, le=1000)
+    rest_s: Annotated[float, Quantity("time", "0 s", "24 h")] = Field(default=0.0, alias="rest")
+
+    @field_validator("waveform", "amplitude_m", "frequency_Hz", "current_A")
+    @classmethod
+    def _no_value_twice(cls, values: tuple[object, ...]) -> tuple[object, ...]:
+        if len(set(values)) < len(values):
+            raise ValueError("a value stands there twice; use repeats to run points again")
+        return values
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        given = {"amplitude": self.amplitude_m, "frequency": self.frequency_Hz, "current": self.current_A}
+        missing = [key for key, values in given.items() if not values]
+        if missing and len(missing) < len(given):
+            raise PydanticCustomError("incomplete", "needs amplitude, frequency and current, or none of them")
+        if self.order == "random" and self.seed is None:
+            raise PydanticCustomError("no_seed", 'order = "random" needs a seed, so that it can be repeated')
+        return self
+
+
+class ExtraPoint(Section):
+    """One explicit point beside the sweep; what it does not say is as in `[matrix]`."""
+
+    id: Identifier | None = None
+    waveform: Waveform = "sine"
+    amplitude_m: Amplitude = Field(alias="amplitude")
+    frequency_Hz: Frequency = Field(alias="frequency")
+    current_A: CoilCurrent = Field(alias="current")
+    cycles: Cycles | None = None
+
+
+class Identify(Section):
+    """What is fitted when the last point is recorded."""
+
+    enabled: bool = True
+    model: str = Field(default="asymmetric", pattern=r"^[a-z_]+$")
+    method: Literal[METHODS] = "separable"  # type: ignore[valid-type]  # one list serves the schema and the message
+    holdout: str | None = Field(default=None, examples=["waveform=triangle", "frequency_Hz=2"])
+
+    @field_validator("model")
+    @classmethod
+    def _known_model(cls, value: str) -> str:
+        from rig.dampers.catalogue import MODELS  # noqa: PLC0415 - loads numpy; the default needs no look
+
+        known = ["all", *MODELS]
+        if value not in known:
+            raise ValueError(f"unknown model; known: {', '.join(known)}")
+        return value
+
+
+class Campaign(Section):
+    """How a campaign treats its points."""
+
+    retries: int = Field(default=0, ge=0, le=2)
+    current_settled_A: Annotated[float, Quantity("current", "1 mA", "500 mA")] = Field(
+        default=0.020, alias="current_settled"
+    )
+
+
+class Matrix(Section):
+    """A whole matrix file."""
+
+    format: Literal[1]
+    specimen: Specimen
+    sweep: Sweep = Field(default_factory=Sweep, alias="matrix")
+    extra: tuple[ExtraPoint, ...] = Field(default=(), alias="point")
+    identify: Identify = Field(default_factory=Identify)
+    campaign: Campaign = Field(default_factory=Campaign)
+
+    def points(self) -> tuple[TestPoint, ...]:
+        """Every point in the order in which it is run.
+
+        Identifiers count in written order, so that a point keeps its name whatever the order. As written: waveform
+        varies slowest, then current, amplitude, frequency; the extra points follow; repeats come round after that.
+        """
+        written = self._written()
+        if self.sweep.order == "random":
+            random.Random(self.sweep.seed).shuffle(written)  # noqa: S311 - an order, not a secret
+        return tuple(written)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) of specimen and points; what is identified afterwards does not count."""
+        text = self.model_dump_json(exclude={"identify"})
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def _written(self) -> list[TestPoint]:
+        sweep = self.sweep
+        rows = [
+            (None, waveform, amplitude, frequency, current, sweep.cycles)
+            for waveform, current, amplitude, frequency in product(
+                sweep.waveform, sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz
+            )
+        ]
+        rows += [
+            (item.id, item.waveform, item.amplitude_m, item.frequency_Hz, item.current_A, item.cycles or sweep.cycles)
+            for item in self.extra
+        ]
+        points = []
+        for repeat in range(1, sweep.repeats + 1):
+            for name, waveform, amplitude, frequency, current, cycles in rows:
+                own = None if name is None else name if repeat == 1 else f"{name}-{repeat}"
+                points.append(
+                    TestPoint(
+                        id=own or f"p{len(points) + 1:03d}",
+                        waveform=waveform,
+                        amplitude_m=amplitude,
+                        frequency_Hz=frequency,
+                        current_A=current,
+                        cycles=cycles,
+                        ramp_in_cycles=sweep.ramp_in_cycles,
+                        ramp_out_cycles=sweep.ramp_out_cycles,
+                        centre_m=self.specimen.mid_stroke_m,
+                        repeat=repeat,
+                        rest_s=sweep.rest_s,
+                    )
+                )
+        return points
+
+    @model_validator(mode="after")
+    def _has_points(self) -> Self:
+        sweep = self.sweep
+        combinations = len(sweep.waveform) * len(sweep.amplitude_m) * len(sweep.frequency_Hz) * len(sweep.current_A)
+        count = (combinations + len(self.extra)) * sweep.repeats
+        if count == 0:
+            raise PydanticCustomError("no_points", "no test point: fill [matrix] or add [[point]]")
+        if count > POINT_LIMIT:
+            raise PydanticCustomError("too_many", f"{count} test points; allowed: at most {POINT_LIMIT}")
+        return self
+
+    @model_validator(mode="after")
+    def _unique_ids(self) -> Self:
+        identifiers = [point.id.casefold() for point in self._written()]
+        twice = sorted({name for name in identifiers if identifiers.count(name) > 1})
+        if twice:
+            raise PydanticCustomError("duplicate_id", f"two points are called {', '.join(twice)}; ids are unique")
+        return self
+
+
+def load_matrix(path: str | Path) -> Matrix:
+    """Read and check a matrix file.
+
+    Raises:
+        FileProblem: with every wrong entry of the file.
+    """
+    return load_section(Path(path), Matrix)[0]
