@@ -1,0 +1,180 @@
+"""Interlocks on samples: pure judges that see every sample once and answer with findings; no clock, no I/O.
+
+A judge is fed the batches a reader thread got from its driver (ring-record tuples) and keeps only what it needs of the
+past. The common case (nothing unusual) costs a minimum and a maximum over the batch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from protocols.quality import Quality
+
+Record = tuple[int, int, float, int, int, int]
+"""host_ns, device_us (-1 none), value (SI), sequence, channel, flags: the ring's record."""
+
+CONSECUTIVE = 3
+SPEED_WINDOW_S = 0.010
+STILL_TOLERANCE_M = 0.0003
+BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something a detector saw: `slug` names the row of `fault_table`, `t_ns` the host arrival of what showed it."""
+
+    slug: str
+    detail: str
+    t_ns: int
+    value: float = math.nan
+    limit: float = math.nan
+
+
+class ChannelJudge:
+    """Judges one sensor channel: limits, saturation, spikes, sensor faults, gaps.
+
+    A value beyond a limit trips at once, unless it is a jump that physics cannot make: then it is flagged as a spike and
+    trips when `CONSECUTIVE` samples stay there.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        slug: str,
+        *,
+        low: float,
+        high: float,
+        span: float,
+        spike_jump: float = math.inf,
+        unit: str = "",
+    ) -> None:
+        self.name = name
+        self.slug = slug
+        self.low = low
+        self.high = high
+        self.span = span
+        self.spike_jump = spike_jump
+        self.unit = unit
+        self.last_value = math.nan
+        self._jumps = 0
+        self._saturated = 0
+        self._faulty = 0
+
+    def judge(self, records: list[Record]) -> tuple[list[Record], list[Finding]]:
+        """Judge one batch of one channel's samples.
+
+        Args:
+            records: the new samples, oldest first.
+
+        Returns:
+            The records as they go into the ring (spikes flagged), and what was found.
+        """
+        if not records:
+            return records, []
+        values = [record[2] for record in records]
+        plain = not any([record[5] for record in records])
+        if plain and self._quiet(min(values), max(values)):
+            self.last_value = values[-1]
+            return records, []
+        findings: list[Finding] = []
+        return [self._one(record, findings) for record in records], findings
+
+    def _quiet(self, lowest: float, highest: float) -> bool:
+        if self._jumps or self._saturated or self._faulty:
+            return False
+        if lowest < self.low or highest > self.high or max(highest, -lowest) >= self.span:
+            return False
+        if math.isnan(self.last_value):
+            return highest - lowest <= self.spike_jump
+        return max(highest, self.last_value) - min(lowest, self.last_value) <= self.spike_jump
+
+    def _one(self, record: Record, findings: list[Finding]) -> Record:
+        host_ns, device_us, value, sequence, channel, flags = record
+        if flags & Quality.GAP_BEFORE:
+            findings.append(Finding("sample-gap", f"{self.name}: samples lost before sequence {sequence}", host_ns))
+        if flags & Quality.NOT_A_NUMBER or math.isnan(value):
+            findings.append(Finding("sensor-nan", f"{self.name}: sample {sequence} is not a number", host_ns))
+            return record
+        self._faulty = self._faulty + 1 if flags & Quality.SENSOR_FAULT else 0
+        if self._faulty == CONSECUTIVE:
+            findings.append(Finding("sensor-fault", f"{self.name}: the sensor reports a fault", host_ns, value))
+        self._saturated = self._saturated + 1 if flags & Quality.OVERLOAD or abs(value) >= self.span else 0
+        if self._saturated == CONSECUTIVE:
+            findings.append(Finding("sensor-saturated", f"{self.name}: at its end", host_ns, value, self.span))
+        if abs(value - self.last_value) > self.spike_jump:
+            self._jumps += 1
+            if self._jumps < CONSECUTIVE:
+                return (host_ns, device_us, value, sequence, channel, flags | int(Quality.SPIKE))
+            detail = f"{self.name}: jumped from {self.last_value:g} to {value:g} {self.unit} and stayed"
+            findings.append(Finding("sensor-spike", detail, host_ns, value, self.spike_jump))
+        self._jumps = 0
+        self.last_value = value
+        self._check_limits(host_ns, value, findings)
+        return record
+
+    def _check_limits(self, host_ns: int, value: float, findings: list[Finding]) -> None:
+        if self.low <= value <= self.high:
+            return
+        limit = self.low if value < self.low else self.high
+        detail = f"{self.name} {value:.6g} {self.unit}, allowed {self.low:.6g} to {self.high:.6g} {self.unit}"
+        findings.append(Finding(self.slug, detail, host_ns, value, limit))
+
+
+class MotionJudge:
+    """Speed and standstill from LVDT samples, on the sensor's own clock.
+
+    The speed is the slew over `SPEED_WINDOW_S` of device time (at least 3 samples), which divides the sensor's noise by
+    the window; it trips when `CONSECUTIVE` windows in a row exceed the limit, so that one spike (which spoils two
+    windows that are not neighbours) does not.
+    """
+
+    def __init__(self, speed_limit_m_s: float, rate_Hz: float) -> None:
+        self.speed_limit_m_s = speed_limit_m_s
+        self._period_s = 1.0 / rate_Hz
+        self._span = max(CONSECUTIVE, round(SPEED_WINDOW_S * rate_Hz))
+        self._recent: deque[tuple[float, float]] = deque(maxlen=self._span)
+        self._over = 0
+        self._anchor_m = math.nan
+        self._anchor_s = math.nan
+        self._latest_s = math.nan
+        self.speed_m_s = math.nan
+
+    @property
+    def still_s(self) -> float:
+        """For how many seconds of the sensor's clock the rod has stayed within `STILL_TOLERANCE_M` (0: it moves)."""
+        elapsed_s = self._latest_s - self._anchor_s
+        return 0.0 if math.isnan(elapsed_s) else max(0.0, elapsed_s)
+
+    def restart_still(self) -> None:
+        """Begin the proof of standstill anew, from the next sample on."""
+        self._anchor_m = math.nan
+        self._anchor_s = math.nan
+
+    def judge(self, records: list[Record]) -> list[Finding]:
+        """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
+        findings: list[Finding] = []
+        for host_ns, device_us, value, sequence, _, flags in records:
+            if flags & (BAD | Quality.SPIKE):
+                continue
+            t_s = device_us * 1e-6 if device_us >= 0 else sequence * self._period_s
+            if self._recent and t_s <= self._recent[-1][0]:
+                self._recent.clear()
+                self.restart_still()
+            if len(self._recent) == self._span:
+                before_s, before_m = self._recent[0]
+                self.speed_m_s = (value - before_m) / (t_s - before_s)
+                self._judge_speed(host_ns, findings)
+            self._recent.append((t_s, value))
+            self._latest_s = t_s
+            if not abs(value - self._anchor_m) <= STILL_TOLERANCE_M:
+                self._anchor_m, self._anchor_s = value, t_s
+        return findings
+
+    def _judge_speed(self, host_ns: int, findings: list[Finding]) -> None:
+        speed_m_s = abs(self.speed_m_s)
+        self._over = self._over + 1 if speed_m_s > self.speed_limit_m_s else 0
+        if self._over == CONSECUTIVE:
+            detail = f"LVDT speed {speed_m_s:.4g} m/s, allowed {self.speed_limit_m_s:.4g} m/s"
+            findings.append(Finding("speed-limit", detail, host_ns, speed_m_s, self.speed_limit_m_s))

@@ -1,0 +1,233 @@
+"""The safe stop as a pure step machine: `advance(stop, view) -> (stop, actions)`; no clock, no I/O.
+
+Order: (1) at once and independently: coil current to 0 A and the controller's fade-out (its halt ramp on a hard limit or
+when the position is not trusted); (2) prove standstill, by the LVDT while it is fresh, else by the controller; (3) hold
+where it stopped; (4) for S1 hydraulics low, then off; (5) prove the current. A step that misses its deadline escalates:
+S2 -> S1 -> hydraulics off at once. What cannot be proved ends in UNKNOWN, never in SAFE.
+
+Deadlines are wall time, except the fade-out and standstill, which the controller's and the sensor's clocks measure: the
+fade may take its cycles on the device clock plus `STOP_MARGIN_S` of wall time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+
+from rig.station.fault_table import Stop
+
+STOP_MARGIN_S = 0.2
+HALT_LIMIT_S = 0.3
+CURRENT_LIMIT_S = 0.25
+HYDRAULICS_LIMIT_S = 1.0
+LOST_LIMIT_S = 2.0
+ZERO_CURRENT_A = 0.05
+STILL_S = 0.1
+REPEAT_S = 0.1
+
+
+class Step(Enum):
+    """Where a stop is."""
+
+    STOPPING = auto()
+    LOWERING = auto()
+    OFF = auto()
+    SAFE = auto()
+    UNKNOWN = auto()
+
+
+class Action(Enum):
+    """What the supervisor does on the machine's behalf."""
+
+    ZERO_CURRENT = auto()
+    FADE = auto()
+    HALT = auto()
+    HYDRAULICS_LOW = auto()
+    HYDRAULICS_OFF = auto()
+    STOP_IGNORED = auto()
+    CURRENT_STUCK = auto()
+
+
+@dataclass(frozen=True)
+class View:
+    """What is known at one moment; None where the value is stale.
+
+    Attributes:
+        now_ns: host time.
+        still_s: seconds of device time for which the LVDT has shown standstill; None without fresh LVDT.
+        controller_moving: the controller says it moves (its state and speed); None without a fresh status.
+        controller_clock_s: the controller's unwrapped clock; None without a fresh status.
+        hydraulics_low: pressure is low or off; None without a fresh status.
+        hydraulics_off: hydraulics are off; None without a fresh status.
+        current_A: measured coil current; None without a fresh ECU status.
+        period_s: device seconds of one cycle of the program that ran (0: none), for standstill without the controller.
+    """
+
+    now_ns: int
+    still_s: float | None
+    controller_moving: bool | None
+    controller_clock_s: float | None
+    hydraulics_low: bool | None
+    hydraulics_off: bool | None
+    current_A: float | None
+    period_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class SafeStop:
+    """A stop under way.
+
+    Attributes:
+        kind: S2, SO or S1.
+        halt: the halt ramp is used, not the fade-out.
+        fade_s: device seconds the fade-out may take.
+        device_rate: device clock against the wall.
+        started_ns: host time of the trip.
+        step_ns: host time at which the present step began.
+        clock_start_s: the controller's clock at the first fresh status after the trip; None until seen.
+        repeated_ns: host time of the last (re)sent stop command.
+        standstill: proved.
+        current_zero: True proved, False not (yet).
+        current_judged: the current's deadline has been judged.
+    """
+
+    kind: Stop
+    halt: bool
+    fade_s: float
+    device_rate: float
+    started_ns: int
+    step: Step = Step.STOPPING
+    step_ns: int = 0
+    clock_start_s: float | None = None
+    repeated_ns: int = 0
+    standstill: bool = False
+    current_zero: bool = False
+    current_judged: bool = False
+
+    @property
+    def finished(self) -> bool:
+        """Nothing is left to do: safe, or known to be unknown."""
+        return self.step in {Step.SAFE, Step.UNKNOWN}
+
+
+def begin(
+    kind: Stop, now_ns: int, *, halt: bool, fade_s: float, device_rate: float
+) -> tuple[SafeStop, tuple[Action, ...]]:
+    """Start a stop; its actions are to be carried out at once and independently of each other."""
+    halt = halt or kind is Stop.SO
+    stop = SafeStop(kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns)
+    return stop, (Action.ZERO_CURRENT, stop_command(stop))
+
+
+def stop_command(stop: SafeStop) -> Action:
+    """The controller command that stops this one's motion."""
+    return Action.HALT if stop.halt else Action.FADE
+
+
+def escalate(stop: SafeStop, kind: Stop, now_ns: int, *, halt: bool = False) -> tuple[SafeStop, tuple[Action, ...]]:
+    """Turn a stop under way into a stronger one; a weaker kind changes nothing.
+
+    A stop that has already ended is taken up again where the stronger kind goes further.
+    """
+    halt = halt or kind is Stop.SO
+    actions: list[Action] = []
+    if halt and not stop.halt and not stop.standstill:
+        stop = replace(stop, halt=True, step=Step.STOPPING, step_ns=now_ns, clock_start_s=None)
+        actions.append(Action.HALT)
+    if kind.severity > stop.kind.severity:
+        stop = replace(stop, kind=kind)
+        if stop.finished:
+            stop = replace(stop, step=Step.STOPPING, step_ns=now_ns, clock_start_s=None)
+    return stop, tuple(actions)
+
+
+def advance(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
+    """One step: judge what is proved and what is late.
+
+    Returns:
+        The stop as it now stands and what to do; call again on every tick until `finished`.
+    """
+    if stop.finished:
+        return stop, ()
+    stop, actions = _judge_current(stop, view)
+    if stop.step is Step.STOPPING:
+        stop, more = _stopping(stop, view)
+    else:
+        stop, more = _hydraulics(stop, view)
+    return stop, (*actions, *more)
+
+
+def _elapsed_s(since_ns: int, view: View) -> float:
+    return (view.now_ns - since_ns) / 1e9
+
+
+def _judge_current(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
+    if view.current_A is not None and abs(view.current_A) < ZERO_CURRENT_A:
+        return replace(stop, current_zero=True, current_judged=True), ()
+    stop = replace(stop, current_zero=False)
+    allowed_s = CURRENT_LIMIT_S / min(1.0, stop.device_rate)
+    if stop.current_judged or _elapsed_s(stop.started_ns, view) <= allowed_s:
+        return stop, ()
+    stop = replace(stop, current_judged=True)
+    return (stop, ()) if view.current_A is None else (stop, (Action.CURRENT_STUCK,))
+
+
+def _standstill(stop: SafeStop, view: View) -> bool:
+    """Standstill is proved: by the LVDT and a controller that agrees, or by the only one of them that is left."""
+    if view.still_s is None:
+        return view.controller_moving is False
+    if view.controller_moving is None:
+        return view.still_s >= max(STILL_S, view.period_s)
+    return view.still_s >= STILL_S and not view.controller_moving
+
+
+def _late(stop: SafeStop, view: View) -> bool:
+    """The motion outlasts its deadline, measured on the controller's clock while there is one."""
+    allowed_s = HALT_LIMIT_S if stop.halt else stop.fade_s + STOP_MARGIN_S
+    margin_s = STILL_S + STOP_MARGIN_S * max(0.0, stop.device_rate - 1.0)
+    wall_s = _elapsed_s(stop.step_ns, view)
+    if view.controller_clock_s is None or stop.clock_start_s is None:
+        return wall_s > (allowed_s + max(STILL_S, view.period_s)) / stop.device_rate + LOST_LIMIT_S
+    return wall_s > STOP_MARGIN_S and view.controller_clock_s - stop.clock_start_s > allowed_s + margin_s
+
+
+def _stopping(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
+    if stop.clock_start_s is None and view.controller_clock_s is not None:
+        stop = replace(stop, clock_start_s=view.controller_clock_s)
+    if _standstill(stop, view):
+        stop = replace(stop, standstill=True)
+        if stop.kind is Stop.S1:
+            return replace(stop, step=Step.LOWERING, step_ns=view.now_ns), (Action.HYDRAULICS_LOW,)
+        return _conclude(stop, view)
+    if _late(stop, view):
+        if view.controller_moving is None and view.still_s is None:
+            return replace(stop, step=Step.UNKNOWN), (Action.HYDRAULICS_OFF,)
+        stop = replace(stop, kind=Stop.S1, step=Step.OFF, step_ns=view.now_ns)
+        return stop, (Action.STOP_IGNORED, Action.HYDRAULICS_OFF)
+    if _elapsed_s(stop.repeated_ns, view) > REPEAT_S and view.controller_moving is None:
+        return replace(stop, repeated_ns=view.now_ns), (stop_command(stop),)
+    return stop, ()
+
+
+def _hydraulics(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
+    late = _elapsed_s(stop.step_ns, view) > HYDRAULICS_LIMIT_S
+    if stop.step is Step.LOWERING:
+        if view.hydraulics_low or late:
+            return replace(stop, step=Step.OFF, step_ns=view.now_ns), (Action.HYDRAULICS_OFF,)
+        return stop, ()
+    if view.hydraulics_off:
+        if stop.standstill or _standstill(stop, view):
+            return _conclude(replace(stop, standstill=True), view)
+        if _elapsed_s(stop.step_ns, view) > HYDRAULICS_LIMIT_S + LOST_LIMIT_S:
+            return replace(stop, step=Step.UNKNOWN), ()
+        return stop, ()
+    if late:
+        return replace(stop, step=Step.UNKNOWN), (Action.HYDRAULICS_OFF,)
+    return stop, ()
+
+
+def _conclude(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
+    """Motion is over: safe once the current is proved, or its deadline has passed and been judged."""
+    if stop.current_zero or stop.current_judged:
+        return replace(stop, step=Step.SAFE, step_ns=view.now_ns), ()
+    return stop, ()

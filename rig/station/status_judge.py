@@ -1,0 +1,179 @@
+"""Interlocks on what the devices say about themselves: controller status, ECU status; pure, no clock, no I/O."""
+
+from __future__ import annotations
+
+import math
+
+from protocols.actuator import ActuatorStatus, FaultBit, Input, State
+from protocols.ecu import CoilStatus, CoilTemperature, EcuFault
+from rig.station.interlocks import CONSECUTIVE, STILL_TOLERANCE_M, Finding
+
+MOVING_STATES = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
+FROZEN_TRAVEL_M = 0.002
+CLOCK_MODULUS = 1 << 32
+
+_FAULT_SLUGS = (
+    (FaultBit.E_STOP, "estop"),
+    (FaultBit.SUPPLY_PRESSURE, "supply-pressure"),
+    (FaultBit.WATCHDOG, "host-silent"),
+)
+_ECU_SLUGS = (
+    (EcuFault.OPEN | EcuFault.SHORT, "coil-open-short"),
+    (EcuFault.OVER_TEMPERATURE | EcuFault.UNDERVOLTAGE, "ecu-overtemp"),
+    (EcuFault.RESTARTED, "ecu-restart"),
+    (EcuFault.COMMAND_TIMEOUT | EcuFault.COMMAND_CHECK, "ecu-command"),
+)
+
+
+class ControllerJudge:
+    """Follows the controller's status answers.
+
+    Args (construction):
+        owner_id: our lease.
+        frozen_after_ns: wall time after which an unchanged heartbeat is a fault.
+        disagreement_m: how far controller position and LVDT may be apart at rest; the allowance grows with speed.
+        lag_s: device time by which the two readings may differ in age.
+    """
+
+    def __init__(self, owner_id: int, *, frozen_after_ns: int, disagreement_m: float, lag_s: float) -> None:
+        self.owner_id = owner_id
+        self.frozen_after_ns = frozen_after_ns
+        self.disagreement_m = disagreement_m
+        self.lag_s = lag_s
+        self.status: ActuatorStatus | None = None
+        self.clock_s = 0.0
+        self._beat_ns = 0
+        self._held_m = math.nan
+        self._lvdt_low_m = math.inf
+        self._lvdt_high_m = -math.inf
+        self._apart = 0
+        self._anchor_m = math.nan
+        self._anchor_s = 0.0
+
+    def judge(self, status: ActuatorStatus, lvdt_m: float | None, lvdt_speed_m_s: float) -> list[Finding]:
+        """Take one status answer.
+
+        Args:
+            status: the answer.
+            lvdt_m: the latest fresh LVDT value, None without one.
+            lvdt_speed_m_s: the LVDT's speed (m/s), NaN while unknown.
+
+        Returns:
+            What was found; the caller decides whether it matters now.
+        """
+        findings: list[Finding] = []
+        self._follow_clock(status, findings)
+        self._follow_bits(status, findings)
+        if lvdt_m is not None:
+            self._compare(status, lvdt_m, lvdt_speed_m_s, findings)
+        if not abs(status.position_m - self._anchor_m) <= STILL_TOLERANCE_M:
+            self._anchor_m, self._anchor_s = status.position_m, self.clock_s
+        self.status = status
+        return findings
+
+    def restart(self) -> None:
+        """Forget the past: after a reconnection nothing is compared with the status before it."""
+        self.status = None
+        self._held_m = self._anchor_m = math.nan
+        self._apart = 0
+
+    @property
+    def still_s(self) -> float:
+        """Seconds of the controller's clock for which its own position has stood still."""
+        return 0.0 if math.isnan(self._anchor_m) else self.clock_s - self._anchor_s
+
+    def moving(self, still_s: float) -> bool:
+        """The controller moves, by its state or because its position has not stood still for `still_s`."""
+        return self.status is None or self.status.state in MOVING_STATES or self.still_s < still_s
+
+    def _follow_clock(self, status: ActuatorStatus, findings: list[Finding]) -> None:
+        before = self.status
+        if before is None:
+            self._beat_ns = status.received_ns
+            return
+        forward_us = (status.clock_us - before.clock_us) % CLOCK_MODULUS
+        if forward_us >= CLOCK_MODULUS // 2:
+            detail = f"controller clock fell back from {before.clock_us} to {status.clock_us} us"
+            findings.append(Finding("actuator-reboot", detail, status.received_ns))
+            self._anchor_m = math.nan
+        else:
+            self.clock_s += forward_us * 1e-6
+        if status.heartbeat != before.heartbeat:
+            self._beat_ns = status.received_ns
+        elif status.received_ns - self._beat_ns > self.frozen_after_ns:
+            age_ms = (status.received_ns - self._beat_ns) / 1e6
+            detail = f"controller heartbeat has stood at {status.heartbeat} for {age_ms:.0f} ms"
+            findings.append(Finding("actuator-frozen", detail, status.received_ns, age_ms, self.frozen_after_ns / 1e6))
+
+    def _follow_bits(self, status: ActuatorStatus, findings: list[Finding]) -> None:
+        t_ns = status.received_ns
+        rest = FaultBit(status.fault_bits)
+        for bits, slug in _FAULT_SLUGS:
+            if rest & bits:
+                findings.append(Finding(slug, f"controller fault bit {bits.name}", t_ns, float(status.fault_bits)))
+                rest &= ~bits
+        if not status.inputs & Input.E_STOP_CLOSED and not status.fault_bits & FaultBit.E_STOP:
+            findings.append(Finding("estop", "e-stop chain open", t_ns))
+        if rest or (status.state == State.TRIPPED and status.fault_bits == 0):
+            names = ", ".join(bit.name or "?" for bit in FaultBit if bit & rest) or "no bit named"
+            findings.append(Finding("controller-trip", f"controller tripped: {names}", t_ns, float(status.fault_bits)))
+        if status.owner not in {0, self.owner_id}:
+            detail = f"controller's lease is held by {status.owner}, ours is {self.owner_id}"
+            findings.append(Finding("second-master", detail, t_ns, status.owner, self.owner_id))
+        elif status.owner == 0:
+            findings.append(Finding("actuator-reboot", "controller no longer knows our lease", t_ns))
+
+    def _compare(self, status: ActuatorStatus, lvdt_m: float, speed_m_s: float, findings: list[Finding]) -> None:
+        t_ns = status.received_ns
+        if status.position_m == self._held_m:
+            self._lvdt_low_m = min(self._lvdt_low_m, lvdt_m)
+            self._lvdt_high_m = max(self._lvdt_high_m, lvdt_m)
+            travel_m = self._lvdt_high_m - self._lvdt_low_m
+            if travel_m > FROZEN_TRAVEL_M:
+                detail = (
+                    f"controller position stands at {status.position_m:.6g} m while the LVDT moved {travel_m:.4g} m"
+                )
+                findings.append(Finding("actuator-frozen", detail, t_ns, travel_m, FROZEN_TRAVEL_M))
+        else:
+            self._held_m, self._lvdt_low_m, self._lvdt_high_m = status.position_m, lvdt_m, lvdt_m
+        speeds = [abs(status.velocity_m_s), 0.0 if math.isnan(speed_m_s) else abs(speed_m_s)]
+        allowed_m = self.disagreement_m + max(speeds) * self.lag_s
+        apart_m = abs(status.position_m - lvdt_m)
+        self._apart = self._apart + 1 if apart_m > allowed_m else 0
+        if self._apart == 2 * CONSECUTIVE:
+            detail = f"controller at {status.position_m:.6g} m, LVDT at {lvdt_m:.6g} m, allowed {allowed_m:.4g} m apart"
+            findings.append(Finding("position-disagreement", detail, t_ns, apart_m, allowed_m))
+
+
+class EcuJudge:
+    """Follows the ECU's status and temperature frames."""
+
+    def __init__(self, current_limit_A: float, coil_temperature_limit_degC: float) -> None:
+        self.current_limit_A = current_limit_A
+        self.coil_temperature_limit_degC = coil_temperature_limit_degC
+        self._boot_count: int | None = None
+
+    def judge_status(self, status: CoilStatus, t_ns: int) -> list[Finding]:
+        """Take one CoilStatus that arrived at `t_ns` (host monotonic)."""
+        findings = [
+            Finding(slug, f"ECU fault bits {EcuFault(status.faults & int(bits))!r}", t_ns, float(status.faults))
+            for bits, slug in _ECU_SLUGS
+            if status.faults & int(bits)
+        ]
+        if abs(status.current_A) > self.current_limit_A:
+            detail = f"coil current {status.current_A:.3f} A, allowed {self.current_limit_A:.3f} A"
+            findings.append(Finding("overcurrent", detail, t_ns, status.current_A, self.current_limit_A))
+        return findings
+
+    def judge_temperature(self, temperature: CoilTemperature, t_ns: int) -> list[Finding]:
+        """Take one CoilTemperature that arrived at `t_ns` (host monotonic)."""
+        findings: list[Finding] = []
+        limit = self.coil_temperature_limit_degC
+        if temperature.coil_degC > limit:
+            detail = f"coil at {temperature.coil_degC:.1f} degC, allowed {limit:.1f} degC"
+            findings.append(Finding("coil-temperature", detail, t_ns, temperature.coil_degC, limit))
+        if self._boot_count is not None and temperature.boot_count != self._boot_count:
+            detail = f"ECU boot count went from {self._boot_count} to {temperature.boot_count}"
+            findings.append(Finding("ecu-restart", detail, t_ns, temperature.boot_count, self._boot_count))
+        self._boot_count = temperature.boot_count
+        return findings
