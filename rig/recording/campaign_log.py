@@ -1,0 +1,67 @@
+"""The campaign's own journal, `journal.jsonl`: one line an event, appended, readable by people and by `jq`."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from rig.clock import monotonic_ns, utc_now
+
+
+class CampaignLog:
+    """Appends events to `journal.jsonl`; each line is one unbuffered write, so a kill never leaves half of an old one.
+
+    Args:
+        folder: the campaign's directory.
+
+    Raises:
+        OSError: the file cannot be opened for appending.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "journal.jsonl"
+        self._handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+
+    def write(self, event: str, **fields: object) -> None:
+        """Append one event with its wall time (UTC), host time (monotonic ns) and fields that JSON can carry.
+
+        Raises:
+            OSError: the line could not be written.
+        """
+        stamp = {"utc": utc_now().isoformat(timespec="milliseconds"), "host_ns": monotonic_ns()}
+        line = {**stamp, "event": event, **fields}
+        os.write(self._handle, json.dumps(line, default=str).encode() + b"\n")
+
+    def flush(self) -> None:
+        """Make what was appended survive a power cut.
+
+        Raises:
+            OSError: the disk refused.
+        """
+        os.fdatasync(self._handle)
+
+    def close(self) -> None:
+        """Flush and close.
+
+        Raises:
+            OSError: the disk refused the last lines.
+        """
+        try:
+            self.flush()
+        finally:
+            os.close(self._handle)
+
+
+def read_log(folder: Path) -> list[dict[str, Any]]:
+    """The events of a campaign's journal, oldest first; a line cut off by a crash is left out."""
+    events = []
+    for line in (folder / "journal.jsonl").read_text(encoding="utf-8", errors="replace").splitlines():
+        try:
+            event = json.loads(line)
+        except ValueError:
+            continue
+        if isinstance(event, dict):
+            events.append(event)
+    return events

@@ -1,0 +1,72 @@
+"""What a point's journal says about itself in its header: everything the finaliser needs besides the samples."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class SensorContext:
+    """One sensor channel as the bench file declares it (SI units).
+
+    `delay_s` is the declared group delay of its conditioner; `range_SI` the full scale (None: unknown);
+    `sensitivity` is SI per unit on the wire, `offset` in SI; dates are ISO 8601 text.
+    """
+
+    sensor: str
+    rate_Hz: float
+    delay_s: float = 0.0
+    range_SI: float | None = None
+    unit: str = ""
+    long_name: str = ""
+    sensitivity: float = 1.0
+    offset: float = 0.0
+    serial_number: str = ""
+    certificate: str = ""
+    due: str = ""
+
+
+@dataclass(frozen=True)
+class PointContext:
+    """The header of a point's journal.
+
+    Attributes:
+        point: the fields of `rig.matrix.point.TestPoint` (`dataclasses.asdict`): `id`, `waveform`, `amplitude_m`,
+            `frequency_Hz`, `current_A`, `cycles`, `ramp_in_cycles`, `ramp_out_cycles`, `centre_m`, `repeat`, `rest_s`.
+        sensors: sensor by channel name: `force`, `displacement`, `auxiliary_1` ... as in `rig.recording.channel`.
+        device_rate: seconds of device clock per second of wall time (bench `[clock] device_rate`).
+        mid_stroke_m: the specimen's mid-stroke in the displacement sensor's coordinate; None when unknown.
+        current_tolerance_A: largest deviation of measured from wanted current in a valid point.
+        simulated: True when no real damper was tested.
+        provenance: flat text attributes: software version, bench and matrix names and hashes, device identities,
+            start time (UTC, ISO 8601), operator.
+    """
+
+    point: Mapping[str, Any]
+    sensors: Mapping[str, SensorContext]
+    device_rate: float = 1.0
+    mid_stroke_m: float | None = None
+    current_tolerance_A: float = 0.02
+    simulated: bool = False
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        """One line of JSON that `from_json` turns back into an equal context."""
+        return json.dumps(asdict(self), allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> PointContext:
+        """Read `to_json`'s line again.
+
+        Raises:
+            ValueError: the text is not JSON of this shape; the message says what is wrong.
+        """
+        try:
+            raw = json.loads(text)
+            sensors = {name: SensorContext(**entry) for name, entry in raw.pop("sensors").items()}
+            return cls(sensors=sensors, **raw)
+        except (AttributeError, KeyError, TypeError) as error:
+            raise ValueError(f"journal header is not a point's context: {error}") from error

@@ -1,0 +1,239 @@
+"""The running point's journal: append-only, one unbuffered write a block, every block with its own check.
+
+```
+header: "MRJOURN1" | length u32 | crc32 u32 of the text | context, JSON
+block : "MRBK" | kind u16 | 0 u16 | index u32 | length u32 | crc32 u32 of kind..length and data | data
+kinds : 1 records (RECORD_DTYPE)   2 event, JSON   3 end, JSON
+```
+All little-endian. Room is reserved beforehand, so the file may end in zeros. Reading never trusts a block whose check,
+index or length does not fit: whatever was cut or flipped is missing, and said to be missing, never a false sample.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import struct
+import threading
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.recording.layout import RECORD_DTYPE, Event
+
+HEADER = struct.Struct("<8sII")
+HEADER_MAGIC = b"MRJOURN1"
+BLOCK = struct.Struct("<4sHHIII")
+BLOCK_MAGIC = b"MRBK"
+CHECKED = struct.Struct("<HHII")
+RECORDS, EVENT, END = 1, 2, 3
+
+FLUSH_PERIOD_S = 0.05
+LARGEST_BLOCK_BYTES = 1 << 26
+
+
+class JournalProblem(ValueError):
+    """The file is not a journal, or its header is damaged: nothing in it can be attributed to a point."""
+
+
+class JournalWriter:
+    """Writes one point's journal. Not thread-safe: one caller; the flush to disk runs on a thread of its own.
+
+    Args:
+        path: a file that does not exist yet.
+        context_json: the header (`PointContext.to_json`).
+        reserve_bytes: room to take on the disk now, so that a full disk is seen before anything moves.
+
+    Raises:
+        OSError: the file exists, the folder cannot be written, or there is no room.
+    """
+
+    def __init__(self, path: Path, context_json: str, *, reserve_bytes: int = 0) -> None:
+        self.path = path
+        self.records = 0
+        self._blocks = 0
+        self._length = 0
+        self._flush_error: OSError | None = None
+        self._closing = threading.Event()
+        self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        try:
+            self._reserve(reserve_bytes)
+            text = context_json.encode()
+            self._write(HEADER.pack(HEADER_MAGIC, len(text), zlib.crc32(text)) + text)
+        except OSError:
+            os.close(self._handle)
+            path.unlink(missing_ok=True)
+            raise
+        self._flusher = threading.Thread(target=self._flush_regularly, name=f"flush {path.name}", daemon=True)
+        self._flusher.start()
+
+    def _reserve(self, size: int) -> None:
+        if size <= 0 or not hasattr(os, "posix_fallocate"):
+            return
+        try:
+            os.posix_fallocate(self._handle, 0, size)
+        except OSError as error:
+            if error.errno not in {errno.EOPNOTSUPP, errno.EINVAL}:
+                raise
+
+    def append(self, records: NDArray[Any]) -> None:
+        """Add samples (n,) of `RECORD_DTYPE` as one block.
+
+        Raises:
+            OSError: they could not be written, or an earlier flush failed; the journal must be abandoned.
+        """
+        self._block(RECORDS, records.tobytes())
+        self.records += len(records)
+
+    def event(self, time_ns: int, code: str, text: str) -> None:
+        """Add an event: host time (monotonic ns), slug, one line for people.
+
+        Raises:
+            OSError: it could not be written, or an earlier flush failed.
+        """
+        self._block(EVENT, json.dumps({"time_ns": time_ns, "code": code, "text": text}).encode())
+
+    def close(self, *, stopped_by: str | None, lost_records: int) -> None:
+        """Write how the point ended, give back unused room, flush, close.
+
+        Raises:
+            OSError: something of this journal did not reach the disk.
+        """
+        try:
+            self._block(END, json.dumps({"stopped_by": stopped_by, "lost_records": lost_records}).encode())
+            os.ftruncate(self._handle, self._length)
+        finally:
+            self._closing.set()
+            self._flusher.join()
+            os.close(self._handle)
+        self._raise_flush_error()
+
+    def _block(self, kind: int, data: bytes) -> None:
+        self._raise_flush_error()
+        check = zlib.crc32(data, zlib.crc32(CHECKED.pack(kind, 0, self._blocks, len(data))))
+        self._write(BLOCK.pack(BLOCK_MAGIC, kind, 0, self._blocks, len(data), check) + data)
+        self._blocks += 1
+
+    def _write(self, data: bytes) -> None:
+        view = memoryview(data)
+        while view:
+            written = os.pwrite(self._handle, view, self._length)
+            self._length += written
+            view = view[written:]
+
+    def _raise_flush_error(self) -> None:
+        if self._flush_error is not None:
+            raise self._flush_error
+
+    def _flush_regularly(self) -> None:
+        flushed = 0
+        while True:
+            last = self._closing.wait(FLUSH_PERIOD_S)
+            if self._length > flushed:
+                flushed = self._length
+                try:
+                    os.fdatasync(self._handle)
+                except OSError as error:
+                    self._flush_error = error
+                    return
+            if last:
+                return
+
+
+@dataclass(frozen=True)
+class JournalContent:
+    """What a journal still holds.
+
+    Attributes:
+        context_json: the header.
+        records: samples (n,) of `RECORD_DTYPE` in the order of arrival.
+        events: what was noted.
+        end: how the point ended; None when the journal was cut off.
+        missing_blocks: blocks known to be missing between others.
+        damaged_bytes: bytes that belong to no block with a right check.
+    """
+
+    context_json: str
+    records: NDArray[Any]
+    events: tuple[Event, ...] = ()
+    end: dict[str, Any] | None = None
+    missing_blocks: int = 0
+    damaged_bytes: int = 0
+
+
+@dataclass
+class _Found:
+    records: list[NDArray[Any]] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    end: dict[str, Any] | None = None
+    next_index: int = 0
+    missing: int = 0
+    damaged: int = 0
+
+
+def read_journal(path: Path) -> JournalContent:
+    """Read whatever of a journal is provably right.
+
+    Raises:
+        JournalProblem: it is no journal or its header is damaged.
+        OSError: the file cannot be read.
+    """
+    return parse_journal(path.read_bytes(), str(path))
+
+
+def parse_journal(data: bytes, name: str = "journal") -> JournalContent:
+    """The same for bytes already read.
+
+    Raises:
+        JournalProblem: it is no journal or its header is damaged.
+    """
+    context, position = _header(data, name)
+    found = _Found()
+    while position < len(data):
+        size = _take_block(data, position, found)
+        if size == 0:
+            following = data.find(BLOCK_MAGIC, position + 1)
+            skipped = data[position:following] if following > 0 else data[position:]
+            found.damaged += len(skipped.rstrip(b"\0")) if following < 0 else len(skipped)
+            size = len(skipped)
+        position += size
+    records = np.concatenate(found.records) if found.records else np.zeros(0, RECORD_DTYPE)
+    return JournalContent(context, records, tuple(found.events), found.end, found.missing, found.damaged)
+
+
+def _header(data: bytes, name: str) -> tuple[str, int]:
+    if len(data) < HEADER.size:
+        raise JournalProblem(f"{name}: {len(data)} bytes, too short for a journal's header")
+    magic, length, check = HEADER.unpack_from(data)
+    text = data[HEADER.size:HEADER.size + length]
+    if magic != HEADER_MAGIC:
+        raise JournalProblem(f"{name}: not a journal: begins with {magic!r}, expected {HEADER_MAGIC!r}")
+    if len(text) != length or zlib.crc32(text) != check:
+        raise JournalProblem(f"{name}: the header is damaged or cut off")
+    return text.decode(), HEADER.size + length
+
+
+def _take_block(data: bytes, position: int, found: _Found) -> int:
+    """Take the block at `position` if every check fits; return its size, 0 when there is no right block here."""
+    if position + BLOCK.size > len(data):
+        return 0
+    magic, kind, zero, index, length, check = BLOCK.unpack_from(data, position)
+    body = data[position + BLOCK.size:position + BLOCK.size + length]
+    if magic != BLOCK_MAGIC or length > LARGEST_BLOCK_BYTES or len(body) != length or index < found.next_index:
+        return 0
+    if zlib.crc32(body, zlib.crc32(CHECKED.pack(kind, zero, index, length))) != check:
+        return 0
+    found.missing += index - found.next_index
+    found.next_index = index + 1
+    if kind == RECORDS:
+        found.records.append(np.frombuffer(body, RECORD_DTYPE))
+    elif kind == EVENT:
+        found.events.append(Event(**json.loads(body)))
+    elif kind == END:
+        found.end = json.loads(body)
+    return int(BLOCK.size + length)

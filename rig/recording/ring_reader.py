@@ -1,0 +1,133 @@
+"""Reading the station's ring with numpy: new records since the last look, and how many were lost.
+
+```
+header (4096 bytes): magic "MRRING01" | record size u32 @8 | capacity u32 @12 | write index u64 @16
+                     recorder cursor u64 @24 | writer heartbeat ns i64 @32 | station pid u32 @40
+records            : RECORD_DTYPE x capacity, record i at slot i modulo capacity
+```
+The writer fills the slots first and publishes the index afterwards; a reader copies first and looks at the index again.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.recording.layout import RECORD_DTYPE
+
+MAGIC = b"MRRING01"
+HEADER_SIZE = 4096
+WRITE_INDEX_AT = 16
+CURSOR_AT = 24
+HEARTBEAT_AT = 32
+PID_AT = 40
+
+
+class RingProblem(OSError):
+    """The ring's file is missing, too short, or not one of ours."""
+
+
+class RingReader:
+    """One reader's view of the ring, from the newest record on; `lost` counts what was overwritten unread.
+
+    Args:
+        path: the ring's file.
+        recorder: True for the one reader that publishes its cursor, which the station watches.
+
+    Raises:
+        RingProblem: the file is not a ring; the message says what was found.
+    """
+
+    def __init__(self, path: Path, *, recorder: bool = False) -> None:
+        self.path = path
+        self.lost = 0
+        self._recorder = recorder
+        try:
+            with path.open("r+b" if recorder else "rb") as file:
+                access = mmap.ACCESS_WRITE if recorder else mmap.ACCESS_READ
+                self._map = mmap.mmap(file.fileno(), 0, access=access)
+        except (OSError, ValueError) as error:
+            raise RingProblem(f"{path}: cannot map the ring: {error}") from error
+        self.capacity = self._check_header()
+        self._records: NDArray[Any] = np.frombuffer(self._map, RECORD_DTYPE, self.capacity, HEADER_SIZE)
+        self.cursor = self.write_index
+
+    def _check_header(self) -> int:
+        header = self._map[:HEADER_SIZE]
+        if len(header) < HEADER_SIZE or header[:8] != MAGIC:
+            raise RingProblem(f"{self.path}: not a ring: expected magic {MAGIC!r}, got {header[:8]!r}")
+        size, capacity = struct.unpack_from("<II", header, 8)
+        expected = HEADER_SIZE + capacity * RECORD_DTYPE.itemsize
+        if size != RECORD_DTYPE.itemsize or capacity == 0 or len(self._map) < expected:
+            raise RingProblem(
+                f"{self.path}: expected records of {RECORD_DTYPE.itemsize} bytes and {expected} bytes in all, "
+                f"got records of {size} and {len(self._map)} bytes",
+            )
+        return int(capacity)
+
+    @property
+    def write_index(self) -> int:
+        """Number of records ever written."""
+        return int(struct.unpack_from("<Q", self._map, WRITE_INDEX_AT)[0])
+
+    @property
+    def writer_heartbeat_ns(self) -> int:
+        """Host time of the writer's last sign of life (monotonic ns)."""
+        return int(struct.unpack_from("<q", self._map, HEARTBEAT_AT)[0])
+
+    @property
+    def writer_pid(self) -> int:
+        """Process id of the station."""
+        return int(struct.unpack_from("<I", self._map, PID_AT)[0])
+
+    @property
+    def unread(self) -> int:
+        """Records written and not yet read."""
+        return self.write_index - self.cursor
+
+    def read(self, limit: int | None = None) -> NDArray[Any]:
+        """Copy of the records since the last read, oldest first, (n,) of `RECORD_DTYPE`; empty when there are none.
+
+        Args:
+            limit: at most this many records; None for all.
+        """
+        end = self.write_index
+        start = max(self.cursor, end - self.capacity)
+        if limit is not None:
+            end = min(end, start + limit)
+        first, last = start % self.capacity, end % self.capacity
+        if start == end:
+            records = self._records[:0].copy()
+        elif first < last:
+            records = self._records[first:last].copy()
+        else:
+            records = np.concatenate((self._records[first:], self._records[:last]))
+        overwritten = min(max(0, self.write_index - self.capacity - start), len(records))
+        self.lost += start + overwritten - self.cursor
+        self.cursor = end
+        if self._recorder:
+            struct.pack_into("<Q", self._map, CURSOR_AT, end)
+        return records[overwritten:]
+
+    def skip_to_newest(self) -> None:
+        """Forget what was not read; it is not counted as lost."""
+        self.cursor = self.write_index
+
+    def close(self) -> None:
+        """Release the mapping."""
+        self._records = np.zeros(0, RECORD_DTYPE)
+        self._map.close()
+
+    def __enter__(self) -> RingReader:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,288 @@
+"""A finished campaign, read back: `Run.open(folder)` and its points.
+
+Arrays are read from the file when first asked for; a file from outside is checked by `rig.recording.guard` before
+anything in it is believed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import FileProblem
+from rig.recording.layout import FloatArray
+from rig.recording.selection import Selection
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Attribute of `RecordedPoint` -> dataset under `/entry/data`.
+CHANNELS = {
+    "time_s": "time",
+    "displacement_m": "displacement",
+    "velocity_m_s": "velocity",
+    "force_N": "force",
+    "current_measured_A": "current",
+    "coil_temperature_degC": "coil_temperature",
+}
+
+
+@dataclass(frozen=True)
+class ForceSamples:
+    """Force as measured, at its own sample times on the point's time base: `time_s`, `force_N` (m,), `flags` (m,)."""
+
+    time_s: FloatArray
+    force_N: FloatArray
+    flags: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class RecordedPoint:
+    """One recorded test point. Lengths in m, force in N, times in s; arrays (n,) float64 with NaN where nothing is.
+
+    The wanted values are those of `rig.matrix.point.TestPoint`. `verdict` is `valid`, `suspect` or `invalid`, with
+    `reasons`. `skew_s` is by how much force lagged displacement when paired by arrival; it is corrected in the arrays,
+    and `skew_std_s` is what remains uncertain (one standard deviation). `mid_stroke_m` None: use the measured mean.
+    """
+
+    id: str
+    waveform: str
+    amplitude_m: float
+    frequency_Hz: float
+    current_A: float
+    cycles: float = 0.0
+    ramp_in_cycles: float = 0.0
+    ramp_out_cycles: float = 0.0
+    centre_m: float = 0.0
+    repeat: int = 1
+    rest_s: float = 0.0
+    mid_stroke_m: float | None = None
+    verdict: str = "valid"
+    reasons: tuple[str, ...] = ()
+    lost_samples: int = 0
+    skew_s: float = 0.0
+    skew_std_s: float = 0.0
+    sample_rate_Hz: float = 0.0
+    imported: bool = False
+    path: Path | None = None
+    test: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    quality: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    provenance: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    arrays: Mapping[str, NDArray[Any]] | None = field(default=None, repr=False)
+
+    @classmethod
+    def open(cls, path: Path) -> RecordedPoint:
+        """Read a point's description from its file; the arrays follow when they are asked for.
+
+        Raises:
+            FileProblem: the file is missing, is no HDF5, is not in this layout, or carries what a recording never does.
+        """
+        from rig.recording.reading import read_description
+
+        return cls(path=path, **read_description(path))
+
+    @classmethod
+    def from_arrays(
+        cls, *, time_s: FloatArray, displacement_m: FloatArray, force_N: FloatArray,
+        current_measured_A: FloatArray | None = None, velocity_m_s: FloatArray | None = None,
+        **description: Any,  # noqa: ANN401 - the other attributes, each of its own type
+    ) -> RecordedPoint:
+        """A point made in memory: arrays (n,) in SI; `description` holds the other attributes (`id`, `waveform` ...).
+
+        Without `current_measured_A` the wanted current is used; without `velocity_m_s` central differences are.
+        """
+        current = np.full(len(time_s), float(description["current_A"]))
+        velocity = np.gradient(displacement_m, time_s) if velocity_m_s is None else velocity_m_s
+        arrays = {
+            "time": time_s, "displacement": displacement_m, "velocity": velocity, "force": force_N,
+            "current": current if current_measured_A is None else current_measured_A,
+        }
+        return cls(arrays=arrays, **description)
+
+    def channel(self, name: str) -> FloatArray:
+        """Any aligned channel by its name in the file, (n,) float64; NaN everywhere when the file lacks it.
+
+        Raises:
+            FileProblem: the file changed or was damaged since it was opened.
+        """
+        if self.arrays is not None:
+            found = self.arrays.get(name)
+        else:
+            from rig.recording.reading import read_channel
+
+            found = read_channel(self._file, name)
+        return np.full(self.samples, np.nan) if found is None else np.asarray(found, np.float64)
+
+    @property
+    def _file(self) -> Path:
+        if self.path is None:
+            raise FileProblem(self.id, ["this point was made in memory without a file and without this data"])
+        return self.path
+
+    @property
+    def samples(self) -> int:
+        """Number of samples n."""
+        return len(self.time_s)
+
+    @cached_property
+    def time_s(self) -> FloatArray:
+        """Time of each sample, s, 0 at the first.
+
+        Raises:
+            FileProblem: the file has no time.
+        """
+        if self.arrays is not None:
+            return np.asarray(self.arrays["time"], np.float64)
+        from rig.recording.reading import read_channel
+
+        found = read_channel(self._file, "time")
+        if found is None:
+            raise FileProblem(str(self.path), ["/entry/data/time is missing"])
+        return np.asarray(found, np.float64)
+
+    @cached_property
+    def displacement_m(self) -> FloatArray:
+        """Damper extension in the displacement sensor's coordinate, m."""
+        return self.channel("displacement")
+
+    @cached_property
+    def velocity_m_s(self) -> FloatArray:
+        """Velocity differentiated from measured displacement without phase, m/s."""
+        return self.channel("velocity")
+
+    @cached_property
+    def force_N(self) -> FloatArray:
+        """Measured force brought to the displacement's sample times, N."""
+        return self.channel("force")
+
+    @cached_property
+    def current_measured_A(self) -> FloatArray:
+        """Coil current measured by the ECU at the displacement's sample times, A; the wanted one in imported tests."""
+        return self.channel("current")
+
+    @cached_property
+    def force_samples(self) -> ForceSamples:
+        """The measured force at its own sample times, not interpolated: best input for a fit.
+
+        Made from the aligned channel where a file has no raw force (imported tests, points made in memory).
+        """
+        if self.arrays is None:
+            from rig.recording.reading import read_raw
+
+            raw = read_raw(self._file, "force")
+            if raw is not None and "time" in raw:
+                flags = np.asarray(raw["flags"], np.int64)
+                return ForceSamples(np.asarray(raw["time"], np.float64), np.asarray(raw["value"], np.float64), flags)
+        return ForceSamples(self.time_s, self.force_N, np.zeros(self.samples, np.int64))
+
+    def raw(self, name: str) -> dict[str, NDArray[Any]] | None:
+        """A channel as received: `value`, `sequence`, `device_us`, `host_ns`, `flags` and, if aligned, `time`.
+
+        None when the file holds no such channel.
+        """
+        from rig.recording.reading import read_raw
+
+        return None if self.path is None else read_raw(self.path, name)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The aligned channels as a table indexed by time in s, one column a channel in SI units."""
+        import pandas as pd
+
+        from rig.recording.reading import channel_names
+
+        names = channel_names(self.path) if self.path is not None else list(self.arrays or {})
+        columns = {name: self.channel(name) for name in names if name != "time"}
+        return pd.DataFrame(columns, index=pd.Index(self.time_s, name="time_s"))
+
+
+@dataclass(frozen=True)
+class Run:
+    """A campaign's directory and its points in the order of their names."""
+
+    path: Path
+    points: tuple[RecordedPoint, ...]
+    campaign: Mapping[str, Any] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def open(cls, path: Path | str) -> Run:
+        """Open a campaign's directory, or a single point's file as a run of one.
+
+        Raises:
+            FileProblem: the path is no run; every damaged file is listed with its place.
+        """
+        place = Path(path)
+        if place.is_file():
+            return cls(place.parent, (RecordedPoint.open(place),), read_campaign(place.parent.parent))
+        files = sorted((place / "points").glob("*.h5"))
+        if not files:
+            raise FileProblem(str(place), [_why_no_run(place)])
+        points, problems = [], []
+        for file in files:
+            try:
+                points.append(RecordedPoint.open(file))
+            except FileProblem as error:
+                problems += [f"points/{file.name}: {problem}" for problem in error.problems]
+        if problems:
+            raise FileProblem(str(place), problems)
+        return cls(place, tuple(points), read_campaign(place))
+
+    @property
+    def valid(self) -> tuple[RecordedPoint, ...]:
+        """The points a fit may use: all but the invalid ones."""
+        return tuple(point for point in self.points if point.verdict != "invalid")
+
+    def select(self, filter_text: str) -> tuple[RecordedPoint, ...]:
+        """Points that meet every condition of a filter such as `waveform=triangle,current_A=1`.
+
+        Raises:
+            FileProblem: the filter names no attribute of a point, or cannot be read.
+        """
+        wanted = Selection.parse(filter_text)
+        return tuple(point for point in self.points if wanted.holds(point))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row a point: wanted values, verdict, reasons, losses and skew."""
+        import pandas as pd
+
+        fields = (
+            "id", "waveform", "amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "verdict", "reasons",
+            "lost_samples", "skew_s", "skew_std_s", "path",
+        )
+        return pd.DataFrame([{name: getattr(point, name) for name in fields} for point in self.points])
+
+
+def read_campaign(folder: Path) -> dict[str, Any]:
+    """The campaign's description, `campaign.json`; empty when there is none.
+
+    Raises:
+        FileProblem: the file is there but is not a JSON object.
+    """
+    file = folder / "campaign.json"
+    if not file.is_file():
+        return {}
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise FileProblem(str(file), [f"not JSON: {error}"]) from error
+    if not isinstance(found, dict):
+        raise FileProblem(str(file), [f"expected a JSON object, got {type(found).__name__}"])
+    return found
+
+
+def _why_no_run(place: Path) -> str:
+    if not place.exists():
+        return "no such directory; give the directory of a campaign, as printed by `rig run` or listed by `rig runs`"
+    leftovers = sorted((place / "points").glob("*.journal"))
+    if leftovers:
+        return f"holds no finished point, but {len(leftovers)} journal(s): run `rig recover` on it first"
+    inside = sorted(place.glob("*/points"))
+    if inside:
+        return f"holds campaigns, it is not one; did you mean {inside[-1].parent}?"
+    return "not a run: it has no points/*.h5"
