@@ -186,7 +186,7 @@ def _fill_events(group: h5py.Group, events: Sequence[Event]) -> None:
     _set_attributes(_dataset(group, "time_ns", times), {"units": "ns"})
     for name in ("code", "text"):
         texts, kind = _texts([getattr(event, name) for event in events] or [" "])
-        group.create_dataset(name, data=texts[: len(events)], dtype=kind)
+        group.create_dataset(name, data=texts[:len(events)], dtype=kind)
 
 
 def _dataset(group: h5py.Group, name: str, values: NDArray[Any]) -> h5py.Dataset:
@@ -217,5 +217,6 @@ def _texts(values: Sequence[str]) -> tuple[NDArray[Any], Any]:
     """Fixed-length UTF-8 text as HDF5 keeps it; an empty text becomes one blank."""
     import h5py
 
-    encoded = np.array([value.encode() or b" " for value in values], np.bytes_)
-    return encoded, h5py.string_dtype("utf-8", encoded.dtype.itemsize)
+    encoded = [value.encode() or b" " for value in values]
+    kind = h5py.string_dtype("utf-8", max(map(len, encoded)))
+    return np.array(encoded, kind), kind

@@ -1,11 +1,7 @@
 """Reading the station's ring with numpy: new records since the last look, and how many were lost.
 
-```
-header (4096 bytes): magic "MRRING01" | record size u32 @8 | capacity u32 @12 | write index u64 @16
-                     recorder cursor u64 @24 | writer heartbeat ns i64 @32 | station pid u32 @40
-records            : RECORD_DTYPE x capacity, record i at slot i modulo capacity
-```
-The writer fills the slots first and publishes the index afterwards; a reader copies first and looks at the index again.
+The layout is drawn in `drivers.ring`. The writer raises the reserved index, fills the slots, publishes the write index;
+a reader copies first and looks at the reserved index afterwards: what may have been overwritten meanwhile is lost.
 """
 
 from __future__ import annotations
@@ -19,14 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.ring import (
+    HEADER_SIZE, MAGIC, OFFSET_HEARTBEAT, OFFSET_PID, OFFSET_RECORD_SIZE, OFFSET_RECORDER_CURSOR,
+    OFFSET_RESERVED_INDEX, OFFSET_WRITE_INDEX,
+)
 from rig.recording.layout import RECORD_DTYPE
-
-MAGIC = b"MRRING01"
-HEADER_SIZE = 4096
-WRITE_INDEX_AT = 16
-CURSOR_AT = 24
-HEARTBEAT_AT = 32
-PID_AT = 40
 
 
 class RingProblem(OSError):
@@ -62,7 +55,7 @@ class RingReader:
         header = self._map[:HEADER_SIZE]
         if len(header) < HEADER_SIZE or header[:8] != MAGIC:
             raise RingProblem(f"{self.path}: not a ring: expected magic {MAGIC!r}, got {header[:8]!r}")
-        size, capacity = struct.unpack_from("<II", header, 8)
+        size, capacity = struct.unpack_from("<II", header, OFFSET_RECORD_SIZE)
         expected = HEADER_SIZE + capacity * RECORD_DTYPE.itemsize
         if size != RECORD_DTYPE.itemsize or capacity == 0 or len(self._map) < expected:
             raise RingProblem(
@@ -74,17 +67,20 @@ class RingReader:
     @property
     def write_index(self) -> int:
         """Number of records ever written."""
-        return int(struct.unpack_from("<Q", self._map, WRITE_INDEX_AT)[0])
+        return self._unsigned(OFFSET_WRITE_INDEX)
+
+    def _unsigned(self, offset: int) -> int:
+        return int(struct.unpack_from("<Q", self._map, offset)[0])
 
     @property
     def writer_heartbeat_ns(self) -> int:
         """Host time of the writer's last sign of life (monotonic ns)."""
-        return int(struct.unpack_from("<q", self._map, HEARTBEAT_AT)[0])
+        return int(struct.unpack_from("<q", self._map, OFFSET_HEARTBEAT)[0])
 
     @property
     def writer_pid(self) -> int:
         """Process id of the station."""
-        return int(struct.unpack_from("<I", self._map, PID_AT)[0])
+        return int(struct.unpack_from("<I", self._map, OFFSET_PID)[0])
 
     @property
     def unread(self) -> int:
@@ -108,11 +104,12 @@ class RingReader:
             records = self._records[first:last].copy()
         else:
             records = np.concatenate((self._records[first:], self._records[:last]))
-        overwritten = min(max(0, self.write_index - self.capacity - start), len(records))
+        reserved = max(self.write_index, self._unsigned(OFFSET_RESERVED_INDEX))
+        overwritten = min(max(0, reserved - self.capacity - start), len(records))
         self.lost += start + overwritten - self.cursor
         self.cursor = end
         if self._recorder:
-            struct.pack_into("<Q", self._map, CURSOR_AT, end)
+            struct.pack_into("<Q", self._map, OFFSET_RECORDER_CURSOR, end)
         return records[overwritten:]
 
     def skip_to_newest(self) -> None:
