@@ -105,7 +105,7 @@ class Sensor(Section):
     def _known_format(cls, value: str) -> str:
         if value == "frame16":
             return value
-        from protocols.line_format import PRESETS  # noqa: PLC0415 - only a bench with other formats needs it
+        from protocols.line_format import PRESETS
 
         known = ["frame16", *PRESETS]
         if value not in known:
@@ -303,9 +303,8 @@ class Bench(Section):
         for place, sensor in self._sensors().items():
             shortest = 2.0 / (sensor.rate_Hz * self.clock.device_rate)
             if sensor.stale_after_s < shortest:
-                problems.append(
-                    ((*place, "stale_after"), f"is less than two samples; allowed: at least {units.show(shortest, 'ms')}")
-                )
+                message = f"is less than two samples; allowed: at least {units.show(shortest, 'ms')}"
+                problems.append(((*place, "stale_after"), message))
         shortest = 3.0 * max(self.actuator.poll_s, self.actuator.timeout_s)
         if self.actuator.watchdog_s < shortest:
             message = f"is less than three polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"

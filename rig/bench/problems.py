@@ -157,10 +157,10 @@ def _as_written(place: Place, section: type[Section], source: TomlSource) -> Pla
 
 def _value_at(data: object, place: Place) -> object:
     for part in place:
-        if isinstance(data, dict) and part in data:
-            data = data[part]
-        elif isinstance(data, (tuple, list)) and isinstance(part, int) and part < len(data):
-            data = data[part]
-        else:
+        inside = data.get(part) if isinstance(data, dict) else None
+        if isinstance(data, (tuple, list)) and isinstance(part, int) and part < len(data):
+            inside = data[part]
+        if inside is None:
             return None
+        data = inside
     return data

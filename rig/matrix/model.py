@@ -51,7 +51,7 @@ class Specimen(Section):
     @field_validator("prior")
     @classmethod
     def _known_prior(cls, value: str | None) -> str | None:
-        from rig.dampers.parameter_sets import PARAMETER_SETS  # noqa: PLC0415 - loads numpy, and most files name no prior
+        from rig.dampers.parameter_sets import PARAMETER_SETS
 
         if value is not None and value not in PARAMETER_SETS:
             raise ValueError(f"unknown parameter set; known: {', '.join(sorted(PARAMETER_SETS))}")
@@ -119,7 +119,7 @@ class Identify(Section):
     @field_validator("model")
     @classmethod
     def _known_model(cls, value: str) -> str:
-        from rig.dampers.catalogue import MODELS  # noqa: PLC0415 - loads numpy; the default needs no look
+        from rig.dampers.catalogue import MODELS
 
         known = ["all", *MODELS]
         if value not in known:
@@ -154,7 +154,7 @@ class Matrix(Section):
         """
         written = self._written()
         if self.sweep.order == "random":
-            random.Random(self.sweep.seed).shuffle(written)  # noqa: S311 - an order, not a secret
+            random.Random(self.sweep.seed).shuffle(written)
         return tuple(written)
 
     @property

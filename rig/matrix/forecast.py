@@ -1,0 +1,67 @@
+"""Force and heat of a point before it is run: from a named parameter set, from a stated bound, or unknown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from rig.matrix.model import Specimen
+from rig.matrix.point import TestPoint
+
+Forecast = Callable[[TestPoint], tuple[float | None, float | None]]
+"""Largest force (N) and energy turned to heat over the whole program (J); None where unknown."""
+
+STEPS_A_CYCLE = 400
+
+
+def forecaster(specimen: Specimen) -> Forecast:
+    """The best forecast the specimen's section allows."""
+    if specimen.prior is not None:
+        return _from_prior(specimen, specimen.prior)
+    bound_N = specimen.max_force_N
+    if bound_N is None:
+        return lambda _point: (None, None)
+
+    def bounded(point: TestPoint) -> tuple[float | None, float | None]:
+        rectangle_J = 4.0 * point.amplitude_m * bound_N * _full_cycles(point)
+        return bound_N, rectangle_J + _coil_J(point, specimen)
+
+    return bounded
+
+
+def _full_cycles(point: TestPoint) -> float:
+    """Cycles of full amplitude that dissipate as much as the program: a linear ramp counts a third (work ~ A^2)."""
+    return point.cycles + (point.ramp_in_cycles + point.ramp_out_cycles) / 3.0
+
+
+def _coil_J(point: TestPoint, specimen: Specimen) -> float:
+    """Heat of the coil over the program, I^2 R t (J); nothing when the resistance is not given."""
+    return point.current_A**2 * (specimen.coil_resistance_ohm or 0.0) * point.motion_s
+
+
+def _from_prior(specimen: Specimen, name: str) -> Forecast:
+    import numpy as np
+
+    from rig.dampers import model, parameter_set
+
+    prior = parameter_set(name)
+    damper = model(prior.model, "printed" if prior.hysteresis == "printed" else "kwok")
+
+    def predicted(point: TestPoint) -> tuple[float | None, float | None]:
+        # Two cycles; the second counts, because models with memory start at rest.
+        omega = math.tau * point.frequency_Hz
+        dt_s = 1.0 / (point.frequency_Hz * STEPS_A_CYCLE)
+        phase = math.tau * (np.arange(2 * STEPS_A_CYCLE) + 0.5) / STEPS_A_CYCLE
+        if point.waveform == "triangle":
+            u = point.amplitude_m * (2.0 / math.pi) * np.arcsin(np.sin(phase))
+            v = point.peak_speed_m_s * np.sign(np.cos(phase))
+            a = np.zeros_like(phase)
+        else:
+            u = point.amplitude_m * np.sin(phase)
+            v = omega * point.amplitude_m * np.cos(phase)
+            a = -omega * omega * u
+        force_N = damper.force(prior.values, u, v, a, point.current_A, dt_s)[STEPS_A_CYCLE:]
+        cycle_J = float(np.sum(force_N * v[STEPS_A_CYCLE:]) * dt_s)
+        return float(np.max(np.abs(force_N))), cycle_J * _full_cycles(point) + _coil_J(point, specimen)
+
+    return predicted

@@ -1,0 +1,199 @@
+"""The plan: every point judged before anything moves (PHYSICS section 1; fault row `matrix-infeasible`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rig.bench.model import Bench
+from rig.matrix.forecast import Forecast, forecaster
+from rig.matrix.model import Matrix
+from rig.matrix.point import TestPoint
+from rig.units import show
+
+SETTLING_S = 0.5
+"""Allowed for each point beside its motion: current settles, rod returns to centre, file closes."""
+
+SAMPLES_A_CYCLE = 25
+"""Fewer force samples in a cycle draw no loop."""
+
+AMPLITUDE_STEP_M = 1e-5
+"""Amplitudes that would fit are rounded down to this."""
+
+
+@dataclass(frozen=True)
+class PlannedPoint:
+    """A point and its verdict.
+
+    `predicted_force_N` and `energy_J` (dissipated over the whole program, coil included) are None when unknown;
+    `would_fit_m` is the largest amplitude that mends an infeasible point, None when no amplitude does.
+    """
+
+    point: TestPoint
+    predicted_force_N: float | None
+    energy_J: float | None
+    duration_s: float
+    reasons: tuple[str, ...]
+    would_fit_m: float | None
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the machine and the specimen can do it."""
+        return not self.reasons
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of one entry of `points` in `rig plan --json`."""
+        point = self.point
+        return {
+            "id": point.id,
+            "waveform": point.waveform,
+            "amplitude_m": point.amplitude_m,
+            "frequency_Hz": point.frequency_Hz,
+            "current_A": point.current_A,
+            "peak_speed_m_s": point.peak_speed_m_s,
+            "peak_acceleration_m_s2": point.peak_acceleration_m_s2,
+            "predicted_force_N": self.predicted_force_N,
+            "energy_J": self.energy_J,
+            "duration_s": self.duration_s,
+            "verdict": "feasible" if self.feasible else "infeasible",
+            "reason": "; ".join(self.reasons) or None,
+            "would_fit": None if self.would_fit_m is None else {"amplitude_m": self.would_fit_m},
+        }
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All points in the order in which they run."""
+
+    points: tuple[PlannedPoint, ...]
+    bench_name: str
+    specimen: str
+    prediction: str
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every point is."""
+        return all(item.feasible for item in self.points)
+
+    @property
+    def duration_s(self) -> float:
+        """Expected duration of the campaign at speed 1 (s): motion, ramps, settling, rest."""
+        return math.fsum(item.duration_s for item in self.points)
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of `rig plan --json`."""
+        return {
+            "points": [item.to_json() for item in self.points],
+            "feasible": self.feasible,
+            "duration_s": self.duration_s,
+            "bench": self.bench_name,
+            "specimen": self.specimen,
+            "prediction": self.prediction,
+        }
+
+
+def plan(matrix: Matrix, bench: Bench) -> Plan:
+    """Judge every point of a matrix on a bench.
+
+    Force is predicted from the specimen's `prior`, or bounded by its `max_force`; without either it is unknown, and
+    the force interlock is what protects the rig.
+    """
+    specimen = matrix.specimen
+    predict = forecaster(specimen)
+    prediction = "unknown"
+    if specimen.prior is not None:
+        prediction = f"from the parameter set {specimen.prior}"
+    elif specimen.max_force_N is not None:
+        prediction = f"at most {show(specimen.max_force_N, 'N')}"
+    points = tuple(_judge(point, matrix, bench, predict) for point in matrix.points())
+    return Plan(points, bench.name, specimen.serial_number, prediction)
+
+
+def _judge(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> PlannedPoint:
+    force_N, energy_J = predict(point)
+    reasons = tuple(_reasons(point, force_N, matrix, bench))
+    return PlannedPoint(
+        point=point,
+        predicted_force_N=force_N,
+        energy_J=energy_J,
+        duration_s=point.motion_s + SETTLING_S + point.rest_s,
+        reasons=reasons,
+        would_fit_m=_would_fit(point, matrix, bench, predict) if reasons else None,
+    )
+
+
+def _reasons(point: TestPoint, force_N: float | None, matrix: Matrix, bench: Bench) -> Iterator[str]:
+    limits, specimen = bench.limits, matrix.specimen
+    if _beyond(point.peak_speed_m_s, limits.speed_m_s):
+        yield f"speed {point.peak_speed_m_s:.3g} m/s is above the bench's {limits.speed_m_s:.3g} m/s"
+    if _beyond(point.peak_acceleration_m_s2, limits.acceleration_m_s2):
+        reached, limit = point.peak_acceleration_m_s2, limits.acceleration_m_s2
+        yield f"acceleration {reached:.3g} m/s^2 is above the bench's {limit:.3g} m/s^2"
+    low, high = limits.position_m
+    if _beyond(point.amplitude_m, high - point.centre_m) or _beyond(point.amplitude_m, point.centre_m - low):
+        yield f"{_span(point)} leaves the bench's {show(low, 'mm')} to {show(high, 'mm')}"
+    if _beyond(point.amplitude_m, specimen.stroke_m / 2.0):
+        travel_m, stroke_m = 2.0 * point.amplitude_m, specimen.stroke_m
+        yield f"{show(travel_m, 'mm')} of travel exceed the specimen's stroke {show(stroke_m, 'mm')}"
+    if force_N is not None and _beyond(force_N, limits.force_N):
+        yield f"predicted force {force_N:.4g} N is above the bench's {limits.force_N:.4g} N"
+    yield from _independent_of_amplitude(point, matrix, bench)
+
+
+def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[str]:
+    if _beyond(point.current_A, bench.limits.current_A):
+        yield f"current {point.current_A:.3g} A is above the bench's {bench.limits.current_A:.3g} A"
+    own = matrix.specimen.max_current_A
+    if own is not None and _beyond(point.current_A, own):
+        yield f"current {point.current_A:.3g} A is above the specimen's {own:.3g} A"
+    rate_Hz = min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
+    if _beyond(SAMPLES_A_CYCLE * point.frequency_Hz, rate_Hz):
+        yield (
+            f"{rate_Hz / point.frequency_Hz:.3g} samples a cycle at {rate_Hz:.4g} Hz; a loop needs {SAMPLES_A_CYCLE}"
+        )
+
+
+def _span(point: TestPoint) -> str:
+    return f"{show(point.centre_m - point.amplitude_m, 'mm')} to {show(point.centre_m + point.amplitude_m, 'mm')}"
+
+
+def _beyond(value: float, limit: float) -> bool:
+    """Above the limit by more than rounding."""
+    return value > limit + 1e-9 * max(1.0, abs(limit))
+
+
+def _would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> float | None:
+    """The largest amplitude, rounded down, with which the point becomes feasible; None when none does."""
+    if any(True for _ in _independent_of_amplitude(point, matrix, bench)):
+        return None
+    one_metre = replace(point, amplitude_m=1.0)
+    low, high = bench.limits.position_m
+    amplitude_m = min(
+        point.amplitude_m,
+        bench.limits.speed_m_s / one_metre.peak_speed_m_s,
+        bench.limits.acceleration_m_s2 / one_metre.peak_acceleration_m_s2,
+        high - point.centre_m,
+        point.centre_m - low,
+        matrix.specimen.stroke_m / 2.0,
+    )
+    steps = math.floor(amplitude_m / AMPLITUDE_STEP_M + 1e-6)
+    steps = _largest_within_force(point, steps, bench.limits.force_N, predict)
+    return None if steps <= 0 else round(steps * AMPLITUDE_STEP_M, 6)
+
+
+def _largest_within_force(point: TestPoint, steps: int, limit_N: float, predict: Forecast) -> int:
+    """Bisect for the largest number of amplitude steps whose predicted force is inside the limit; 0 when none is."""
+
+    def fits(count: int) -> bool:
+        force_N, _ = predict(replace(point, amplitude_m=count * AMPLITUDE_STEP_M))
+        return force_N is None or not _beyond(force_N, limit_N)
+
+    if steps <= 0 or fits(steps):
+        return steps
+    low, high = 0, steps
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return low
