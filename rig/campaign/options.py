@@ -132,7 +132,7 @@ class Display(Protocol):
             point_id: the point that is prepared or runs; empty between points.
             cycles_done: whole cycles done of its program, ramps included.
             time_left_s: estimated wall seconds to the end of the campaign.
-            live: last values by name: `position_m`, `force_N`, `current_A`, `coil_temperature_degC` (those that are known).
+            live: last values by name: `position_m`, `force_N`, `current_A`, `coil_temperature_degC` (those known).
         """
 
     def point_done(self, result: PointResult) -> None:

@@ -1,0 +1,138 @@
+"""What the sequencer wants done: frozen values, carried out by the runner in the order given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from rig.campaign.cause import Cause, StopKind
+from rig.matrix.point import TestPoint
+
+
+class Request(StrEnum):
+    """What the station can be asked for."""
+
+    CONNECT = "connect"
+    ARM = "arm"
+    STARVE_WATCHDOG = "starve_watchdog"
+    HYDRAULICS_LOW = "hydraulics_low"
+    HYDRAULICS_ON = "hydraulics_on"
+    MOVE = "move"
+    SET_CURRENT = "set_current"
+    START = "start"
+    STOP = "stop"
+    RESET = "reset"
+    DISARM = "disarm"
+
+
+@dataclass(frozen=True)
+class Ask:
+    """Ask the station for something that takes no values."""
+
+    request: Request
+
+
+@dataclass(frozen=True)
+class Move:
+    """Move slowly to `target_m` (m, LVDT coordinate) and report `Centred` when the actuator holds there."""
+
+    target_m: float
+
+
+@dataclass(frozen=True)
+class SetCurrent:
+    """Command `current_A` (A) and report `CurrentSettled` when the measured current is there."""
+
+    current_A: float
+
+
+@dataclass(frozen=True)
+class Start:
+    """Start the point's motion program and report `ProgramEnded` when it has ended."""
+
+    point: TestPoint
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Stop the rig now; goes before every other request."""
+
+    stop: StopKind
+    cause: Cause
+
+
+@dataclass(frozen=True)
+class WatchZeros:
+    """Watch the resting rig for a moment and report `ZerosJudged`."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Report `RestOver` after `rest_s` seconds of the rig's clock."""
+
+    rest_s: float
+
+
+@dataclass(frozen=True)
+class BeginRecording:
+    """Open the point's journal; every sample from now on belongs to it. `attempt` counts from 1."""
+
+    point: TestPoint
+    attempt: int
+
+
+@dataclass(frozen=True)
+class EndRecording:
+    """Close the point's journal and have its file written; a `fault` makes the point invalid."""
+
+    point: TestPoint
+    attempt: int
+    fault: Cause | None
+
+
+@dataclass(frozen=True)
+class GiveUpPoint:
+    """The point could not be begun: it is invalid and has no file."""
+
+    point: TestPoint
+    cause: Cause
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """Report `TimedOut(phase)` when the phase lasts longer than `device_s` seconds of the rig's clock; None: never."""
+
+    phase: str
+    device_s: float | None
+
+
+@dataclass(frozen=True)
+class Note:
+    """A line for the campaign's journal and the operator; `level` is `info`, `warning` or `error`."""
+
+    level: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Finish:
+    """The campaign has ended; nothing follows."""
+
+
+Action = (
+    Ask
+    | Move
+    | SetCurrent
+    | Start
+    | Stop
+    | WatchZeros
+    | Rest
+    | BeginRecording
+    | EndRecording
+    | GiveUpPoint
+    | Deadline
+    | Note
+    | Finish
+)
+
+MOTION_ACTIONS = (Move, Start)

@@ -1,0 +1,53 @@
+"""Why and how something stops: slugs of the fault matrix, kinds of stop, and which stops a retry may follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class StopKind(StrEnum):
+    """How a stop goes; analogues of IEC 60204-1, as in the fault matrix."""
+
+    S2 = "S2"
+    S1 = "S1"
+    SO = "SO"
+    HW = "HW"
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why something was stopped, refused or invalidated: the fault matrix's slug, and what was seen."""
+
+    slug: str
+    detail: str = ""
+
+
+# Rows of the fault matrix whose resume is "a": the point may restart by itself from zero amplitude, where the matrix
+# file's `[campaign] retries` allows it.
+RESTARTS_BY_ITSELF = frozenset(
+    {
+        "modbus-busy",
+        "modbus-wrong-tid",
+        "rtu-stale",
+        "rtu-crc",
+        "modbus-mismatch",
+        "ecu-silent",
+        "ecu-late",
+        "ecu-crc",
+        "can-malformed",
+        "ecu-overtemp",
+        "current-tracking",
+        "serial-garbage",
+        "sensor-spike",
+        "sensor-nan",
+        "sample-gap",
+        "slow-consumer",
+    }
+)
+MOST_RETRIES = 2
+
+
+def may_restart(stop: StopKind, cause: Cause) -> bool:
+    """Whether a point stopped like this may be repeated without the operator; never after S1, SO or HW."""
+    return stop is StopKind.S2 and cause.slug in RESTARTS_BY_ITSELF

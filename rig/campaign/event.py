@@ -1,0 +1,158 @@
+"""What the sequencer is told: frozen values made by the runner from answers, ring records, signals and verdicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rig.campaign.action import Request
+from rig.campaign.cause import Cause, StopKind
+
+
+@dataclass(frozen=True)
+class Begin:
+    """The operator started the campaign; the plan is accepted."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """The station proved that a request was carried out."""
+
+    request: Request
+
+
+@dataclass(frozen=True)
+class Declined:
+    """The station refused a request, or could not prove that it was carried out."""
+
+    request: Request
+    cause: Cause
+
+
+@dataclass(frozen=True)
+class ZerosJudged:
+    """The rest window is over; `cause` is None when the sensors show a rig at rest."""
+
+    cause: Cause | None
+
+
+@dataclass(frozen=True)
+class Centred:
+    """The actuator holds at the commanded target."""
+
+
+@dataclass(frozen=True)
+class CurrentSettled:
+    """The measured current is at the commanded one."""
+
+
+@dataclass(frozen=True)
+class ProgramEnded:
+    """The motion program has ended and the actuator holds.
+
+    `at_centre` says whether the measured position is the program's centre.
+    """
+
+    at_centre: bool
+
+
+@dataclass(frozen=True)
+class RestOver:
+    """The rest after a point has passed on the rig's clock."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A point's file was written and judged."""
+
+    point_id: str
+    valid: bool
+
+
+@dataclass(frozen=True)
+class TimedOut:
+    """The deadline set on entering `phase` has passed."""
+
+    phase: str
+
+
+@dataclass(frozen=True)
+class Spoiled:
+    """Something that invalidates the running point without stopping it (reaction P)."""
+
+    cause: Cause
+
+
+@dataclass(frozen=True)
+class Fault:
+    """The application found a fault that must stop the rig; the station does not know of it yet."""
+
+    stop: StopKind
+    cause: Cause
+
+
+@dataclass(frozen=True)
+class Tripped:
+    """The station's interlocks tripped; its stop is already under way."""
+
+    stop: StopKind
+    cause: Cause
+
+
+@dataclass(frozen=True)
+class Safe:
+    """The station proved standstill and 0 A after a stop."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """The station cannot prove standstill or 0 A."""
+
+    detail: str
+
+
+@dataclass(frozen=True)
+class StationGone:
+    """The station process is gone or does not answer."""
+
+    detail: str
+
+
+@dataclass(frozen=True)
+class Abort:
+    """The operator wants it stopped now."""
+
+    stop: StopKind
+    cause: Cause
+
+
+@dataclass(frozen=True)
+class PauseAsked:
+    """The operator wants a pause at the next point boundary."""
+
+
+@dataclass(frozen=True)
+class ResumeAsked:
+    """The operator ends the pause, or takes back the wish for one."""
+
+
+Event = (
+    Begin
+    | Done
+    | Declined
+    | ZerosJudged
+    | Centred
+    | CurrentSettled
+    | ProgramEnded
+    | RestOver
+    | Judged
+    | TimedOut
+    | Spoiled
+    | Fault
+    | Tripped
+    | Safe
+    | Unknown
+    | StationGone
+    | Abort
+    | PauseAsked
+    | ResumeAsked
+)

@@ -1,0 +1,128 @@
+"""Where a campaign stands: one frozen value, and the phases it goes through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from rig.campaign.cause import MOST_RETRIES, Cause, StopKind
+from rig.matrix.point import TestPoint
+
+
+class Phase(StrEnum):
+    """What the campaign waits for."""
+
+    NEW = "new"
+    CONNECTING = "connecting"
+    ARMING = "arming"
+    PROVING_WATCHDOG = "proving the watchdog"
+    CHECKING_ZEROS = "checking zeros"
+    PRESSURE_LOW = "hydraulics to low pressure"
+    PRESSURE_ON = "hydraulics to full pressure"
+    CENTRING = "centring"
+    SETTLING = "settling the current"
+    RUNNING = "running"
+    CLEARING = "back to 0 A"
+    RESTING = "resting"
+    PAUSED = "paused"
+    JUDGING = "waiting for verdicts"
+    STOPPING = "stopping"
+    RESETTING = "resetting after a stop"
+    FINISHING = "hydraulics off"
+    ENDED = "ended"
+
+
+class RigState(StrEnum):
+    """What is known about the rig when a campaign has ended."""
+
+    SAFE = "safe"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Latch:
+    """The first cause of a stop; later causes never replace it."""
+
+    stop: StopKind
+    cause: Cause
+
+
+@dataclass(frozen=True)
+class State:
+    """A campaign's state; made by `start_state`, changed only by `rig.campaign.sequencer.step`.
+
+    Attributes:
+        queue: the points still to be done; the first one is the current one.
+        retries: how often a point may be repeated without the operator (0..2).
+        phase: what the campaign waits for.
+        attempts: point ids, one entry for each attempt begun.
+        unjudged: ids whose file is being written and judged; only kept when a bad verdict could lead to a repeat.
+        given_back: points kept for a repeat while their verdict is awaited.
+        held_at_m: the centre at which the actuator is known to hold, None when not known.
+        rest_s: rest still to be taken after the point that just ran (s, rig's clock).
+        recording: the current point's journal is open.
+        armed: the station was asked to arm; only a proved disarm undoes it.
+        proved: watchdog and zeros were proved since the last arming.
+        powered: the hydraulics are at full pressure.
+        moved: something was moved in this campaign.
+        pause_asked: stop at the next point boundary.
+        spoiled: why the running point cannot be valid, though it was not stopped.
+        latch: the stop under way or done; None while nothing is wrong.
+        refused: why the campaign was refused before anything moved.
+        rig_state: what is known about the rig.
+    """
+
+    queue: tuple[TestPoint, ...]
+    retries: int
+    phase: Phase = Phase.NEW
+    attempts: tuple[str, ...] = ()
+    unjudged: tuple[str, ...] = ()
+    given_back: tuple[TestPoint, ...] = ()
+    held_at_m: float | None = None
+    rest_s: float = 0.0
+    recording: bool = False
+    armed: bool = False
+    proved: bool = False
+    powered: bool = False
+    moved: bool = False
+    pause_asked: bool = False
+    spoiled: Cause | None = None
+    latch: Latch | None = None
+    refused: Cause | None = None
+    rig_state: RigState = RigState.SAFE
+
+    @property
+    def point(self) -> TestPoint:
+        """The current point."""
+        return self.queue[0]
+
+    @property
+    def attempt(self) -> int:
+        """Attempts of the current point begun so far."""
+        return self.attempts.count(self.point.id)
+
+    def may_repeat(self, point_id: str) -> bool:
+        """Whether another attempt of a point is allowed."""
+        return self.attempts.count(point_id) <= self.retries
+
+    def unlatched(self) -> State:
+        """The state after an explicit reset: nothing is proved any more, the position is not known."""
+        return replace(self, latch=None, proved=False, powered=False, held_at_m=None, rest_s=0.0)
+
+
+def start_state(points: tuple[TestPoint, ...], retries: int) -> State:
+    """The state before anything has happened.
+
+    Args:
+        points: the planned points in order.
+        retries: automatic repeats of a point, 0..2.
+
+    Raises:
+        ValueError: no points, two points with one id, or `retries` out of range.
+    """
+    ids = [point.id for point in points]
+    if not points or len(set(ids)) != len(ids):
+        raise ValueError(f"expected at least one point and no id twice, got {ids}")
+    if not 0 <= retries <= MOST_RETRIES:
+        raise ValueError(f"retries: expected 0..{MOST_RETRIES}, got {retries}")
+    return State(queue=points, retries=retries)

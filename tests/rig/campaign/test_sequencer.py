@@ -1,0 +1,350 @@
+"""The sequencer explored exhaustively: every reachable state with every event, and what must hold in each."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import pytest
+
+from rig.campaign import action as act
+from rig.campaign import event as ev
+from rig.campaign.action import Action, Request
+from rig.campaign.cause import Cause, StopKind
+from rig.campaign.sequencer import step
+from rig.campaign.state import Phase, RigState, State, start_state
+from rig.matrix.point import TestPoint
+
+POINTS = (
+    TestPoint("p001", "sine", 0.02, 2.0, 0.5, cycles=3, rest_s=1.0),
+    TestPoint("p002", "triangle", 0.01, 1.0, 0.0, cycles=3, centre_m=0.005),
+)
+RESTARTABLE = Cause("ecu-silent", "no status")
+FINAL = Cause("estop", "chain open")
+
+EVENTS: tuple[ev.Event, ...] = (
+    ev.Begin(),
+    *(ev.Done(request) for request in Request),
+    *(ev.Declined(request, Cause("modbus-reject", "refused")) for request in Request),
+    ev.ZerosJudged(None),
+    ev.ZerosJudged(Cause("not-tared", "900 N at rest")),
+    ev.Centred(),
+    ev.CurrentSettled(),
+    ev.ProgramEnded(at_centre=True),
+    ev.ProgramEnded(at_centre=False),
+    ev.RestOver(),
+    *(ev.Judged(point.id, valid) for point in POINTS for valid in (True, False)),
+    *(ev.TimedOut(phase) for phase in Phase),
+    ev.Spoiled(Cause("sample-gap", "12 lost")),
+    ev.Fault(StopKind.S2, Cause("disk-full", "journal")),
+    ev.Tripped(StopKind.S2, RESTARTABLE),
+    ev.Tripped(StopKind.S1, FINAL),
+    ev.Safe(),
+    ev.Unknown("links lost"),
+    ev.StationGone("exit code -9"),
+    ev.Abort(StopKind.S2, Cause("sigint")),
+    ev.Abort(StopKind.S1, Cause("sigterm")),
+    ev.PauseAsked(),
+    ev.ResumeAsked(),
+)
+
+
+@dataclass(frozen=True)
+class Edge:
+    before: State
+    event: ev.Event
+    after: State
+    actions: tuple[Action, ...]
+
+
+# With retries the histories multiply; the events left out there are explored without retries.
+PAUSES_AND_TWINS = (ev.PauseAsked, ev.ResumeAsked, ev.Abort, ev.StationGone)
+
+
+def explore(retries: int) -> list[Edge]:
+    events = [event for event in EVENTS if retries == 0 or not isinstance(event, PAUSES_AND_TWINS)]
+    first = start_state(POINTS, retries)
+    seen, waiting, edges = {first}, deque([first]), []
+    while waiting:
+        state = waiting.popleft()
+        for event in events:
+            after, actions = step(state, event)
+            edges.append(Edge(state, event, after, actions))
+            if after not in seen:
+                seen.add(after)
+                waiting.append(after)
+    return edges
+
+
+@pytest.fixture(scope="module", params=[0, 1], ids=["no-retries", "one-retry"])
+def edges(request: pytest.FixtureRequest) -> list[Edge]:
+    return explore(request.param)
+
+
+def moving(edge: Edge) -> bool:
+    return any(isinstance(action, act.MOTION_ACTIONS) for action in edge.actions)
+
+
+def test_exploration_reaches_every_phase(edges: list[Edge]) -> None:
+    states = {edge.before for edge in edges}
+    print(f"{len(states)} states, {len(edges)} transitions")  # noqa: T201 - the size of what was explored, with -s
+    without = {Phase.JUDGING, Phase.RESETTING} if edges[0].before.retries == 0 else {Phase.PAUSED}
+    assert {state.phase for state in states} == set(Phase) - without
+
+
+def test_nothing_moves_unless_armed_proved_powered_and_unlatched(edges: list[Edge]) -> None:
+    motions = [edge for edge in edges if moving(edge)]
+    assert motions
+    for edge in motions:
+        state = edge.after
+        assert (state.armed, state.proved, state.powered, state.latch, state.refused) == (True, True, True, None, None)
+
+
+def test_no_motion_follows_a_latch_until_an_explicit_reset_is_proved(edges: list[Edge]) -> None:
+    for edge in edges:
+        if edge.before.latch is not None:
+            assert not moving(edge)
+            reset = edge.event == ev.Done(Request.RESET) and edge.before.phase is Phase.RESETTING
+            assert edge.after.latch is not None or reset
+
+
+def test_the_first_cause_is_never_replaced(edges: list[Edge]) -> None:
+    for edge in edges:
+        if edge.before.latch is not None and edge.after.latch is not None:
+            assert edge.after.latch == edge.before.latch
+
+
+def test_a_reset_demands_every_proof_again(edges: list[Edge]) -> None:
+    cleared = [edge for edge in edges if edge.before.latch is not None and edge.after.latch is None]
+    for edge in cleared:
+        assert edge.after.phase is Phase.ARMING
+        assert not edge.after.proved
+        assert not edge.after.powered
+        assert edge.after.held_at_m is None
+    assert bool(cleared) == (edges[0].before.retries > 0)
+
+
+def test_every_fault_or_abort_of_an_armed_rig_latches_or_ends(edges: list[Edge]) -> None:
+    for edge in edges:
+        if isinstance(edge.event, ev.Fault | ev.Abort | ev.Tripped) and edge.before.armed:
+            stopping = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
+            assert edge.after.phase in stopping
+            assert edge.after.latch is not None or edge.before.phase is Phase.ENDED
+
+
+def test_the_station_is_asked_to_stop_at_once_when_the_application_sees_the_fault(edges: list[Edge]) -> None:
+    for edge in edges:
+        if not isinstance(edge.event, ev.Fault | ev.Abort) or not edge.before.armed or edge.before.latch is not None:
+            continue
+        if edge.before.phase in {Phase.FINISHING, Phase.ENDED}:
+            continue
+        orders = [action for action in edge.actions if not isinstance(action, act.Deadline | act.Note)]
+        assert orders == [act.Stop(edge.event.stop, edge.event.cause)]
+
+
+def test_a_valid_recording_never_contains_a_fault(edges: list[Edge]) -> None:
+    ended = [(edge, action) for edge in edges for action in edge.actions if isinstance(action, act.EndRecording)]
+    assert ended
+    for edge, action in ended:
+        if action.fault is None:
+            assert isinstance(edge.event, ev.ProgramEnded)
+            assert edge.before.latch is None
+            assert edge.before.spoiled is None
+
+
+def test_recordings_begin_and_end_in_turn(edges: list[Edge]) -> None:
+    for edge in edges:
+        opened = edge.before.recording
+        for action in edge.actions:
+            if isinstance(action, act.BeginRecording):
+                assert not opened
+                opened = True
+            elif isinstance(action, act.EndRecording):
+                assert opened
+                opened = False
+        assert opened == edge.after.recording
+        assert not (edge.after.phase is Phase.ENDED and edge.after.recording)
+
+
+def test_an_attempt_never_writes_over_another(edges: list[Edge]) -> None:
+    for edge in edges:
+        for action in edge.actions:
+            if isinstance(action, act.BeginRecording):
+                assert action.attempt == edge.before.attempts.count(action.point.id) + 1
+                assert action.attempt <= edge.before.retries + 1
+
+
+def test_current_flows_only_where_the_rig_may_move(edges: list[Edge]) -> None:
+    for edge in edges:
+        for action in edge.actions:
+            if isinstance(action, act.SetCurrent) and action.current_A != 0.0:
+                assert edge.after.proved
+                assert edge.after.powered
+                assert edge.after.latch is None
+
+
+def test_the_end_is_said_once_and_absorbs_everything(edges: list[Edge]) -> None:
+    for edge in edges:
+        if edge.before.phase is Phase.ENDED:
+            assert (edge.after, edge.actions) == (edge.before, ())
+        assert (edge.after.phase is Phase.ENDED and edge.before.phase is not Phase.ENDED) == (
+            act.Finish() in edge.actions
+        )
+
+
+def test_an_armed_rig_is_disarmed_or_its_state_is_unknown_at_the_end(edges: list[Edge]) -> None:
+    for edge in edges:
+        if edge.after.phase is Phase.ENDED:
+            assert not edge.after.armed or edge.after.rig_state is RigState.UNKNOWN
+
+
+def test_every_state_can_still_reach_the_end(edges: list[Edge]) -> None:
+    sources: dict[State, set[State]] = {}
+    for edge in edges:
+        sources.setdefault(edge.after, set()).add(edge.before)
+    reaching = {edge.before for edge in edges if edge.before.phase is Phase.ENDED}
+    waiting = deque(reaching)
+    while waiting:
+        for state in sources.get(waiting.popleft(), ()):
+            if state not in reaching:
+                reaching.add(state)
+                waiting.append(state)
+    assert reaching == {edge.before for edge in edges}
+
+
+def test_a_refusal_before_motion_names_its_cause_and_stops_nothing_that_never_moved(edges: list[Edge]) -> None:
+    refused = [edge for edge in edges if edge.before.refused is None and edge.after.refused is not None]
+    assert refused
+    for edge in refused:
+        assert not edge.before.moved
+        assert edge.after.phase in {Phase.FINISHING, Phase.ENDED}
+
+
+def answers(state: State) -> Iterator[ev.Event]:
+    """What a healthy rig reports, phase by phase."""
+    request = {
+        Phase.CONNECTING: Request.CONNECT,
+        Phase.ARMING: Request.ARM,
+        Phase.PROVING_WATCHDOG: Request.STARVE_WATCHDOG,
+        Phase.PRESSURE_LOW: Request.HYDRAULICS_LOW,
+        Phase.PRESSURE_ON: Request.HYDRAULICS_ON,
+        Phase.RESETTING: Request.RESET,
+        Phase.FINISHING: Request.DISARM,
+    }
+    reports: dict[Phase, ev.Event] = {
+        Phase.NEW: ev.Begin(),
+        Phase.CHECKING_ZEROS: ev.ZerosJudged(None),
+        Phase.CENTRING: ev.Centred(),
+        Phase.SETTLING: ev.CurrentSettled(),
+        Phase.RUNNING: ev.ProgramEnded(at_centre=True),
+        Phase.CLEARING: ev.CurrentSettled(),
+        Phase.RESTING: ev.RestOver(),
+        Phase.STOPPING: ev.Safe(),
+        Phase.PAUSED: ev.ResumeAsked(),
+    }
+    if state.phase in request:
+        yield ev.Done(request[state.phase])
+    elif state.phase is Phase.JUDGING:
+        yield ev.Judged(state.unjudged[0], valid=True)
+    else:
+        yield reports[state.phase]
+
+
+def play(state: State, until: Phase = Phase.ENDED) -> tuple[State, list[Action]]:
+    done: list[Action] = []
+    while state.phase is not until:
+        for event in answers(state):
+            state, actions = step(state, event)
+            done += actions
+    return state, done
+
+
+def test_a_healthy_campaign_runs_every_point_once_and_ends_safe() -> None:
+    state, actions = play(start_state(POINTS, 0))
+    ended = [action for action in actions if isinstance(action, act.EndRecording)]
+    assert [(action.point.id, action.attempt, action.fault) for action in ended] == [
+        ("p001", 1, None),
+        ("p002", 1, None),
+    ]
+    assert [action.target_m for action in actions if isinstance(action, act.Move)] == [0.0, 0.005]
+    assert [action.current_A for action in actions if isinstance(action, act.SetCurrent)] == [0.5, 0.0, 0.0, 0.0]
+    assert [action.rest_s for action in actions if isinstance(action, act.Rest)] == [1.0]
+    assert (state.rig_state, state.latch, state.queue) == (RigState.SAFE, None, ())
+
+
+def test_a_held_centre_is_not_approached_again() -> None:
+    points = (POINTS[0], replace(POINTS[1], centre_m=0.0))
+    _, actions = play(start_state(points, 0))
+    assert len([action for action in actions if isinstance(action, act.Move)]) == 1
+
+
+def test_a_restartable_trip_repeats_the_point_as_another_attempt_and_keeps_the_broken_one_invalid() -> None:
+    state, _ = play(start_state(POINTS, 1), until=Phase.RUNNING)
+    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, actions = play(state)
+    ended = [action for action in actions if isinstance(action, act.EndRecording)]
+    assert [(action.point.id, action.attempt, action.fault) for action in ended] == [
+        ("p001", 1, RESTARTABLE),
+        ("p001", 2, None),
+        ("p002", 1, None),
+    ]
+    assert state.latch is None
+
+
+@pytest.mark.parametrize(
+    ("stop", "cause"), [(StopKind.S1, RESTARTABLE), (StopKind.SO, RESTARTABLE), (StopKind.S2, FINAL)]
+)
+def test_nothing_restarts_by_itself_after_a_harder_stop_or_another_cause(stop: StopKind, cause: Cause) -> None:
+    state, _ = play(start_state(POINTS, 2), until=Phase.RUNNING)
+    state, _ = step(state, ev.Tripped(stop, cause))
+    state, actions = play(state)
+    assert act.Ask(Request.RESET) not in actions
+    assert state.latch is not None
+    assert state.latch.cause == cause
+
+
+def test_a_bad_verdict_repeats_the_point_at_the_end_of_the_queue() -> None:
+    state, _ = play(start_state(POINTS, 1), until=Phase.RESTING)
+    state, _ = step(state, ev.Judged("p001", valid=False))
+    _, actions = play(state)
+    assert [action.point.id for action in actions if isinstance(action, act.BeginRecording)] == ["p002", "p001"]
+
+
+def test_a_current_that_never_settles_costs_the_point_and_not_the_campaign() -> None:
+    state, _ = play(start_state(POINTS, 0), until=Phase.SETTLING)
+    state, actions = step(state, ev.TimedOut(Phase.SETTLING))
+    assert [action.cause.slug for action in actions if isinstance(action, act.GiveUpPoint)] == ["current-tracking"]
+    state, actions = play(state)
+    assert [action.point.id for action in actions if isinstance(action, act.BeginRecording)] == ["p002"]
+
+
+def test_a_pause_waits_for_the_running_point() -> None:
+    state, _ = play(start_state(POINTS, 0), until=Phase.RUNNING)
+    state, actions = step(state, ev.PauseAsked())
+    assert (state.phase, actions) == (Phase.RUNNING, ())
+    state, actions = play(state, until=Phase.PAUSED)
+    assert not any(isinstance(action, act.BeginRecording) for action in actions)
+    state, actions = play(state)
+    assert [action.point.id for action in actions if isinstance(action, act.BeginRecording)] == ["p002"]
+
+
+@pytest.mark.parametrize(
+    ("points", "retries"), [((), 0), ((POINTS[0], POINTS[0]), 0), (POINTS, 3), (POINTS, -1)], ids=str
+)
+def test_nonsense_is_not_a_campaign(points: tuple[TestPoint, ...], retries: int) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        start_state(points, retries)
+
+
+@pytest.mark.parametrize(
+    "event", [ev.Abort(StopKind.S2, Cause("sigint")), ev.Fault(StopKind.S2, Cause("disk-full"))], ids=str
+)
+def test_an_operator_or_a_fault_ends_a_restart_under_way(event: ev.Event) -> None:
+    state, _ = play(start_state(POINTS, 1), until=Phase.RUNNING)
+    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, _ = play(state, until=Phase.RESETTING)
+    state, _ = step(state, event)
+    state, actions = play(state)
+    assert not any(isinstance(action, act.BeginRecording) for action in actions)
+    assert state.latch is not None
