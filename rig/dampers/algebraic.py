@@ -99,7 +99,8 @@ class AlgebraicModel(DamperModel):
         self.vector(parameters)
         arrays = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (u, v, a, current)))
         linear = np.array([float(parameters[name]) for name in self.linear_names])
-        return self.columns(parameters, *arrays) @ linear
+        force: FloatArray = self.columns(parameters, *arrays) @ linear
+        return force
 
     def _sliding_force(self, parameters: Mapping[str, float], v_m_s: float, current_A: float) -> float:
         sides = np.array([-1e-12, 1e-12])

@@ -49,12 +49,10 @@ class HystereticModel(DamperModel):
         """
         from rig.dampers.kernels import force_series
 
-        arrays = [
-            np.ascontiguousarray(x)
-            for x in np.broadcast_arrays(*(np.asarray(y, dtype=float) for y in (u, v, a, current)))
-        ]
-        state = self.initial_state(float(arrays[0][0]))
-        force: FloatArray = force_series(self.kind, self.vector(parameters), state, *arrays, dt_s)
+        motion = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (u, v, a, current)))
+        u_m, v_m_s, a_m_s2, current_A = (np.ascontiguousarray(x) for x in motion)
+        state = self.initial_state(float(u_m[0]))
+        force: FloatArray = force_series(self.kind, self.vector(parameters), state, u_m, v_m_s, a_m_s2, current_A, dt_s)
         return force
 
 

@@ -48,34 +48,32 @@ def lag_step(current: float, commanded: float, eta: float, dt: float) -> float:
 @njit(cache=True)
 def _algebraic_force(kind: int, p: FloatArray, u: float, v: float, a: float, current: float) -> float:
     if kind == KIND_BINGHAM:
-        return (p[0] + p[1] * current) * _sign(v) + (p[2] + p[3] * current) * v + p[4]
+        return float((p[0] + p[1] * current) * _sign(v) + (p[2] + p[3] * current) * v + p[4])
     if kind == KIND_KWOK:
         z = math.tanh(p[6] * v + p[7] * _sign(u))
-        return (p[0] + p[1] * current) * v + (p[2] + p[3] * current) * u + (p[4] + p[5] * current) * z + p[8]
-    if kind in (KIND_ASYMMETRIC, KIND_SYMMETRIC):
-        y = p[2] * v + p[3] * _sign(u)
-    else:
-        y = p[2] * (v + p[3] * _sign(u))
+        return float((p[0] + p[1] * current) * v + (p[2] + p[3] * current) * u + (p[4] + p[5] * current) * z + p[8])
+    loop = p[3] if kind in (KIND_ASYMMETRIC, KIND_SYMMETRIC) else p[2] * p[3]
+    y = p[2] * v + loop * _sign(u)
     if kind in (KIND_ASYMMETRIC, KIND_ASYMMETRIC_PRINTED):
         viscous = p[6] + p[8] * current if v >= 0.0 else p[7] + p[9] * current
         stiffness = p[10] + p[11] * current
     else:
         viscous = p[6] + p[7] * current
         stiffness = p[8] + p[9] * current
-    return p[0] * a + p[1] + (p[4] + p[5] * current) * math.tanh(y) + viscous * v + stiffness * u
+    return float(p[0] * a + p[1] + (p[4] + p[5] * current) * math.tanh(y) + viscous * v + stiffness * u)
 
 
 @njit(cache=True)
 def _hysteretic_force(kind: int, p: FloatArray, s0: float, s1: float, u: float, v: float, current: float) -> float:
     if kind == KIND_BOUC_WEN:
-        return (p[0] + p[1] * current) * v + p[2] * (u - p[3]) + (p[4] + p[5] * current) * s0
+        return float((p[0] + p[1] * current) * v + p[2] * (u - p[3]) + (p[4] + p[5] * current) * s0)
     if kind == KIND_NORMALIZED_BOUC_WEN:
-        return p[0] * u + (p[1] + p[2] * current) * v + (p[3] + p[4] * current) * s0 + p[5]
+        return float(p[0] * u + (p[1] + p[2] * current) * v + (p[3] + p[4] * current) * s0 + p[5])
     if kind == KIND_MODIFIED_BOUC_WEN:
         alpha, c0, c1 = p[0] + p[1] * current, p[2] + p[3] * current, p[4] + p[5] * current
         y_rate = (alpha * s1 + c0 * v + p[6] * (u - s0)) / (c0 + c1)
-        return c1 * y_rate + p[7] * (u - p[8])
-    return p[2] * (u - s1) + p[7]
+        return float(c1 * y_rate + p[7] * (u - p[8]))
+    return float(p[2] * (u - s1) + p[7])
 
 
 @njit(cache=True)
@@ -107,18 +105,18 @@ def _fastest_rate(kind: int, p: FloatArray, v: float, current: float) -> float:
     if kind == KIND_BOUC_WEN:
         total = p[6] + p[7]
         if total <= 0.0 or p[8] <= 0.0:
-            return abs(p[8])
-        return p[8] * p[9] * abs(v) / (p[8] / total) ** (1.0 / p[9])
+            return float(abs(p[8]))
+        return float(p[8] * p[9] * abs(v) / (p[8] / total) ** (1.0 / p[9]))
     if kind == KIND_NORMALIZED_BOUC_WEN:
-        return p[6] * p[8] * abs(v) * max(1.0, abs(2.0 * p[7] - 1.0))
+        return float(p[6] * p[8] * abs(v) * max(1.0, abs(2.0 * p[7] - 1.0)))
     if kind == KIND_MODIFIED_BOUC_WEN:
         alpha, c0, c1 = p[0] + p[1] * current, p[2] + p[3] * current, p[4] + p[5] * current
         relax = (abs(alpha * p[11]) + abs(p[6])) / (c0 + c1)
         total = p[9] + p[10]
         if total <= 0.0 or p[11] <= 0.0:
-            return relax
-        return relax + p[11] * p[12] * abs(v) / (p[11] / total) ** (1.0 / p[12])
-    return p[2] * (1.0 / p[1] + 1.0 / (p[3] + p[6] * current)) + p[0] / p[1]
+            return float(relax)
+        return float(relax + p[11] * p[12] * abs(v) / (p[11] / total) ** (1.0 / p[12]))
+    return float(p[2] * (1.0 / p[1] + 1.0 / (p[3] + p[6] * current)) + p[0] / p[1])
 
 
 @njit(cache=True)

@@ -1,0 +1,65 @@
+"""A test ready for fitting: whole cycles of motion, force and current on one time base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Whole cycles of one test, motion about mid-stroke; all arrays have shape (n,).
+
+    Attributes:
+        id: the test point's id.
+        file: where it was recorded; empty for synthetic data.
+        u_m: extension about mid-stroke (m).
+        v_m_s: velocity (m/s).
+        a_m_s2: acceleration (m/s^2).
+        force_N: measured force (N), not filtered.
+        current_A: measured coil current (A); the commanded one where none was measured.
+        dt_s: sampling interval (s).
+        waveform: name of the waveform.
+        amplitude_m: nominal amplitude (m).
+        frequency_Hz: nominal frequency (Hz).
+        nominal_current_A: commanded current (A).
+        samples_per_cycle: samples in the first whole cycle; it also warms up models with internal states.
+        commanded_A: commanded current (A) where it differs from a constant; None otherwise.
+        skew_std_s: standard uncertainty of the force-to-displacement skew left after correction (s).
+        noise_N: standard deviation of the force from cycle to cycle (N); nan when it cannot be told.
+        warnings: what the preparation found.
+    """
+
+    id: str
+    u_m: FloatArray
+    v_m_s: FloatArray
+    a_m_s2: FloatArray
+    force_N: FloatArray
+    current_A: FloatArray
+    dt_s: float
+    file: str = ""
+    waveform: str = "sine"
+    amplitude_m: float = float("nan")
+    frequency_Hz: float = float("nan")
+    nominal_current_A: float = float("nan")
+    samples_per_cycle: int = 0
+    commanded_A: FloatArray | None = None
+    skew_std_s: float = 0.0
+    noise_N: float = float("nan")
+    warnings: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        n = self.u_m.shape[0]
+        for name in ("v_m_s", "a_m_s2", "force_N", "current_A"):
+            shape = getattr(self, name).shape
+            if shape != (n,):
+                raise ValueError(f"{self.id}: {name} has shape {shape}, expected ({n},) as u_m")
+
+    @property
+    def peak_force_N(self) -> float:
+        """Greatest deviation of the force from its mean (N), the reference of the relative error."""
+        return float(np.max(np.abs(self.force_N - np.mean(self.force_N))))

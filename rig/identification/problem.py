@@ -1,0 +1,193 @@
+"""The fitting problem: measurements, a model and a weight, seen by any optimiser as a function of a vector."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers import model as damper_model
+from rig.dampers.algebraic import Hysteresis
+from rig.dampers.kinds import KIND_VISCOELASTIC_PLASTIC
+from rig.dampers.model import DamperModel
+from rig.identification.measurement import Measurement
+
+FloatArray = NDArray[np.float64]
+Weight = Literal["v", "1"]
+
+GENERAL_ORDER = ("m", "F0", "beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "Ka", "Kb")
+TO_GENERAL: dict[str, dict[str, tuple[str, ...]]] = {
+    "asymmetric": {**{name: (name,) for name in GENERAL_ORDER}, "lambda": ("delta",)},
+    "symmetric": {name: (name,) for name in ("m", "F0", "beta", "delta", "Fya", "Fyb", "Ka", "Kb")}
+    | {"lambda": ("delta",), "Ca": ("Ca_plus", "Ca_minus"), "Cb": ("Cb_plus", "Cb_minus")},
+    "kwok": {
+        "c": ("Ca_plus", "Ca_minus"),
+        "c_b": ("Cb_plus", "Cb_minus"),
+        "k": ("Ka",),
+        "k_b": ("Kb",),
+        "alpha": ("Fya",),
+        "alpha_b": ("Fyb",),
+        "beta": ("beta",),
+        "delta": ("delta",),
+        "f0": ("F0",),
+    },
+    "bingham": {
+        "fc": ("Fya",),
+        "fc_b": ("Fyb",),
+        "c0": ("Ca_plus", "Ca_minus"),
+        "c0_b": ("Cb_plus", "Cb_minus"),
+        "f0": ("F0",),
+    },
+}
+SIGN_SLOPE_S_M = 1e12  # tanh of so steep an argument is the sign function of the Bingham model
+
+
+class Problem:
+    """Equation (12): f(s) = sum(((Fexp - F(s)) w)^2) over all samples of all measurements, w = v or 1.
+
+    Attributes:
+        measurements: the tests.
+        model: the damper model.
+        weight: "v" as in the paper, or "1".
+        lag: whether eta is one of the unknowns; the coil current then follows the commanded one by equation (9).
+        names: names of the unknowns, in the vector's order (SI).
+    """
+
+    def __init__(
+        self,
+        measurements: Sequence[Measurement],
+        model: str | DamperModel = "asymmetric",
+        weight: Weight = "v",
+        hysteresis: Hysteresis = "kwok",
+        *,
+        lag: bool = False,
+    ) -> None:
+        if not measurements:
+            raise ValueError("no measurements: a problem needs at least one test")
+        if weight not in {"v", "1"}:
+            raise ValueError(f"weight {weight!r}: expected 'v' or '1'")
+        self.measurements = tuple(measurements)
+        self.model = model if isinstance(model, DamperModel) else damper_model(model, hysteresis)
+        self.weight = weight
+        self.lag = lag
+        self.names = tuple(name for name in self.model.names if lag or name != "eta")
+        self._joined = self._join() if self.model.kind < KIND_VISCOELASTIC_PLASTIC else None
+        self._weights = [self._weight_squared(each) for each in self.measurements]
+
+    @property
+    def n_parameters(self) -> int:
+        """Length of the vector."""
+        return len(self.names)
+
+    @property
+    def n_samples(self) -> int:
+        """Samples over all measurements."""
+        return sum(each.u_m.size for each in self.measurements)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Admissible range of each unknown, shape (p, 2)."""
+        return np.array([(self.model.parameter(name).low, self.model.parameter(name).high) for name in self.names])
+
+    @property
+    def start(self) -> FloatArray:
+        """A sensible first guess, shape (p,)."""
+        return np.array([self.model.parameter(name).start for name in self.names])
+
+    def values(self, vector: FloatArray | Sequence[float]) -> dict[str, float]:
+        """A vector by parameter name.
+
+        Raises:
+            ValueError: the vector's length is not `n_parameters`.
+        """
+        return {name: float(value) for name, value in zip(self.names, vector, strict=True)}
+
+    def vector(self, values: Mapping[str, float]) -> FloatArray:
+        """Values by name as a vector, shape (p,).
+
+        Raises:
+            KeyError: a name is missing.
+        """
+        return np.array([float(values[name]) for name in self.names])
+
+    def objective(self, vector: FloatArray | Sequence[float]) -> float:
+        """f(s) of one candidate, shape (p,); infinity where the model's force is not finite.
+
+        Raises:
+            ValueError: the vector's length is not `n_parameters`.
+        """
+        return float(self.batch(np.asarray(vector, dtype=float)[None, :])[0])
+
+    __call__ = objective
+
+    def batch(self, population: FloatArray) -> FloatArray:
+        """f(s) of candidates of shape (N, p), shape (N,).
+
+        Raises:
+            ValueError: the second dimension is not `n_parameters`.
+        """
+        candidates = np.ascontiguousarray(population, dtype=float)
+        if candidates.ndim != 2 or candidates.shape[1] != self.n_parameters:
+            raise ValueError(
+                f"population of shape {candidates.shape}, expected (N, {self.n_parameters}): {', '.join(self.names)}"
+            )
+        if self._joined is None:
+            return self._hysteretic_batch(candidates)
+        if self.lag:
+            return np.array([self._lagged(candidate) for candidate in candidates])
+        return self._algebraic_batch(self._general(candidates), *self._joined)
+
+    def _algebraic_batch(self, general: FloatArray, *data: FloatArray) -> FloatArray:
+        from rig.identification.objective_kernels import tanh_objective
+
+        total: FloatArray = tanh_objective(general, *data)
+        return np.where(np.isfinite(total), total, np.inf)
+
+    def _lagged(self, candidate: FloatArray) -> float:
+        from rig.identification.objective_kernels import lagged_current
+
+        eta = candidate[self.names.index("eta")]
+        general = self._general(candidate[None, :])
+        total = 0.0
+        for each, weight in zip(self.measurements, self._weights, strict=True):
+            commanded = each.current_A if each.commanded_A is None else each.commanded_A
+            current = lagged_current(commanded, float(each.current_A[0]), eta, each.dt_s)
+            data = (each.u_m, each.v_m_s, each.a_m_s2, current, each.force_N, weight)
+            total += float(self._algebraic_batch(general, *data)[0])
+        return total
+
+    def _hysteretic_batch(self, candidates: FloatArray) -> FloatArray:
+        from rig.identification.objective_kernels import hysteretic_objective
+
+        full = np.ones((candidates.shape[0], len(self.model.parameters)))
+        full[:, [self.model.names.index(name) for name in self.names]] = candidates
+        total = np.zeros(candidates.shape[0])
+        for each, weight in zip(self.measurements, self._weights, strict=True):
+            state = self.model.initial_state(float(each.u_m[0]))
+            data = (each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.force_N, weight)
+            total += hysteretic_objective(self.model.kind, full, state, *data, each.dt_s, each.samples_per_cycle)
+        return total
+
+    def _general(self, candidates: FloatArray) -> FloatArray:
+        """Candidates in the 12 coefficients shared by the algebraic models, shape (N, 12)."""
+        general = np.zeros((candidates.shape[0], len(GENERAL_ORDER)))
+        mapping = TO_GENERAL[self.model.name]
+        for column, name in enumerate(self.names):
+            for target in mapping.get(name, ()):
+                general[:, GENERAL_ORDER.index(target)] = candidates[:, column]
+        if "lambda" in self.names:
+            general[:, 3] *= general[:, 2]
+        if self.model.name == "bingham":
+            general[:, 2] = SIGN_SLOPE_S_M
+        return general
+
+    def _weight_squared(self, each: Measurement) -> FloatArray:
+        return each.v_m_s**2 if self.weight == "v" else np.ones_like(each.v_m_s)
+
+    def _join(self) -> tuple[FloatArray, ...]:
+        """Motion, current, force and squared weight of all measurements end to end."""
+        columns = ("u_m", "v_m_s", "a_m_s2", "current_A", "force_N")
+        joined = [np.concatenate([getattr(each, name) for each in self.measurements]) for name in columns]
+        return (*joined, np.concatenate([self._weight_squared(each) for each in self.measurements]))
