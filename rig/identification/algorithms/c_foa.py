@@ -1,0 +1,178 @@
+"""Contrast-based fruit fly optimisation (c-FOA paper, section 3 and Fig. 6), as printed and as intended.
+
+A fly has two coordinates for each parameter; the parameter is the signed inverse of its distance from the origin:
+
+    X_ij = X_0j (1 + M (2 rand - 1))      Y_ij likewise          (13)
+    D_ij = sqrt(X_ij^2 + Y_ij^2)                                 (14)
+    s_ij = sign(X_ij) sign(Y_ij) / D_ij                          (15)
+
+`rand` is `randi(1..N_res) / N_res`: taken literally, an integer from 1 to N_res would only ever shrink parameters.
+With M < 1 the factor in (13) is positive, so no sign ever changes and a zero can never be left.
+
+As printed:
+    the swarm keeps the start's signs, so from all ones it never reaches a negative parameter (its preload F0 is -270
+    N); it decides once t > kappa, comparing the swarm's best value with the attraction point's value kappa steps
+    back: two floats that are never equal, so "visual contrast" never happens, and "casting" returns to where it
+        already is.
+
+As intended (default):
+    the first swarm draws signs, so that its best fly settles them;
+    it decides every kappa steps, comparing the attraction point's value with its own at the previous decision: a
+    stagnation is seen as equality (18), and a contrast jump that did not pay within kappa steps is undone by the
+    memory (19).
+Either way the true best is archived apart by the search. What keeps both from the optimum: signs are settled before
+magnitudes, and M only ever contracts.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rig.identification.algorithms.search import Array, Search, SearchError, require
+
+
+@dataclass(frozen=True)
+class ContrastFruitFly:
+    """Settings of c-FOA, with the paper's values.
+
+    A search starts from `start`, or from all ones.
+
+    Attributes:
+        variant: `intended` or `printed`.
+        kappa: Delay before a decision, generations.
+        M: First search radius, a share of the attraction point's coordinates, below 1.
+        resolution: N_res, steps of the discrete distribution in (13).
+        c: Contraction of the radius when surging, (17).
+    """
+
+    variant: str = "intended"
+    kappa: int = 5
+    M: float = 0.95
+    resolution: int = 100
+    c: float = 0.9
+
+    def __post_init__(self) -> None:
+        if self.variant not in {"intended", "printed"}:
+            raise SearchError(f"c_foa: variant = {self.variant!r} is neither 'intended' nor 'printed'")
+        require("c_foa", "kappa", self.kappa, 1, 1000)
+        require("c_foa", "M", self.M, 1e-12, 1 - 1e-12)
+        require("c_foa", "resolution", self.resolution, 2, 10**9)
+        require("c_foa", "c", self.c, 1e-12, 1.0)
+
+    def run(self, search: Search) -> str:
+        """Search until the budget is spent (the paper's only stop).
+
+        Args:
+            search: Evaluates, counts and archives.
+
+        Returns:
+            Never: the search ends by its budget.
+
+        Raises:
+            SearchError: The start has a zero, which absorbs.
+            SearchEndedError: The budget is spent or the callback said stop.
+        """
+        attraction = coordinates(np.ones(search.n_parameters) if search.start is None else search.start)
+        smell = float(search.evaluate(search.inside(parameters(attraction))[None, :])[0])
+        radius, age = self.M, 0
+        trail = deque([(attraction, smell)], maxlen=self.kappa + 1)
+        memory = trail[0]
+        while True:
+            flies = self._fly(search, attraction, radius, first=search.generations == 0)
+            smells = search.evaluate(search.inside(parameters(flies)))
+            best, worst = int(np.argmin(smells)), int(np.argmax(smells))
+            if self.variant == "printed":
+                memory = trail[0]
+            if smells[best] < smell:
+                attraction, smell = flies[:, best], float(smells[best])
+            age += 1
+            if age >= self.kappa + (self.variant == "printed"):
+                compared = float(smells[best]) if self.variant == "printed" else smell
+                decision = decide(compared, memory[1])
+                held = (attraction, smell)
+                if decision == "surge":
+                    radius, memory = self.c * radius, held
+                elif decision == "contrast":
+                    attraction, smell, memory = flies[:, worst], float(smells[worst]), held
+                else:
+                    attraction, smell = memory
+                age = 0
+            trail.append((attraction, smell))
+            search.generation_done()
+
+    def _fly(self, search: Search, attraction: Array, radius: float, *, first: bool) -> Array:
+        shape = (2, search.population, search.n_parameters)
+        flies = swarm(
+            attraction, radius, search.rng.integers(1, self.resolution, shape, endpoint=True), self.resolution
+        )
+        if first and self.variant == "intended":
+            flies[0] *= search.rng.choice([-1.0, 1.0], shape[1:])
+        return flies
+
+
+def coordinates(point: Array) -> Array:
+    """Coordinates of a design vector: (14) and (15) inverted with |X| = |Y|, the sign on X.
+
+    Args:
+        point: Shape (p,), without zeros.
+
+    Returns:
+        Shape (2, p): X and Y.
+
+    Raises:
+        SearchError: A parameter is zero: every fly near it is zero, too.
+    """
+    zeros = np.flatnonzero(point == 0.0)
+    if zeros.size:
+        raise SearchError(
+            f"c_foa: start[{zeros[0]}] = 0 can never be left; give it a small value with the sign it should have"
+        )
+    inverse = 1.0 / (np.sqrt(2.0) * np.abs(point))
+    return np.stack([np.sign(point) * inverse, inverse])
+
+
+def swarm(attraction: Array, radius: float, draws: npt.NDArray[np.int64], resolution: int) -> Array:
+    """Flies near the attraction point, equation (13).
+
+    Args:
+        attraction: Shape (2, p): X_0, Y_0.
+        radius: M.
+        draws: Shape (2, N, p): integers from 1 to `resolution`.
+        resolution: N_res.
+
+    Returns:
+        Shape (2, N, p).
+    """
+    return attraction[:, None, :] * (1.0 + radius * (2.0 * draws / resolution - 1.0))
+
+
+def parameters(position: Array) -> Array:
+    """Design vectors of positions, equations (14) and (15).
+
+    Args:
+        position: Shape (2, ..., p).
+
+    Returns:
+        Shape (..., p).
+    """
+    X, Y = position
+    return np.sign(X) * np.sign(Y) / np.hypot(X, Y)
+
+
+def decide(value: float, value_back: float) -> str:
+    """What the swarm does after its delay, Fig. 6 lines 16-22 and (17)-(19).
+
+    Args:
+        value: Value compared (see the module's docstring for whose).
+        value_back: The attraction point's value kappa steps back.
+
+    Returns:
+        `surge`, `contrast` or `cast`.
+    """
+    if value < value_back:
+        return "surge"
+    return "contrast" if value == value_back else "cast"
