@@ -93,7 +93,8 @@ class Block:
             raise LocalProtocolError(f"block {self.name!r} has no registers")
         if self.word_order not in {"big", "little"}:
             raise LocalProtocolError(f"block {self.name!r}: word_order {self.word_order!r} is not 'big' or 'little'")
-        layout, order, at = ">", [], self.address
+        layout, at = ">", self.address
+        order: list[int] = []
         for register in self.registers:
             if register.address < at:
                 raise LocalProtocolError(
