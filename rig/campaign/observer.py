@@ -1,0 +1,154 @@
+"""From ring records to facts: what the sequencer waits for is found here, on the rig's own clocks.
+
+The observer keeps the last value of every channel and at most one thing that is waited for. It reads no clock: the
+controller's clock comes with its status (`device_us` of the channel STATE), arrival times with the records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.ring import Channel
+from protocols.actuator import State as ControllerState
+from rig.campaign import event as ev
+from rig.campaign.preflight import RestLimits, judge_rest
+
+SETTLED_SAMPLES = 3
+AT_CENTRE_M = 0.5e-3
+REST_WINDOW_S = 0.2
+
+LIVE = {
+    "position_m": Channel.DISPLACEMENT,
+    "force_N": Channel.FORCE,
+    "current_A": Channel.COIL_CURRENT,
+    "coil_temperature_degC": Channel.COIL_TEMPERATURE,
+}
+
+Wait = Callable[[NDArray[Any]], ev.Event | None]
+
+
+class Observer:
+    """Turns records into at most one awaited fact at a time."""
+
+    def __init__(self) -> None:
+        self._last: dict[int, float] = {}
+        self._last_host_ns: dict[int, int] = {}
+        self._wait: Wait | None = None
+        self.device_s = 0.0
+        """The controller's clock at its last status (s); 0 before the first one."""
+
+    def observe(self, records: NDArray[Any]) -> ev.Event | None:
+        """Take new records of the ring.
+
+        Args:
+            records: (n,) of the ring's record type, oldest first.
+
+        Returns:
+            The awaited fact when these records establish it; it is reported once.
+        """
+        if len(records) == 0:
+            return None
+        channels = records["channel"]
+        for channel in np.unique(channels).tolist():
+            newest = records[np.flatnonzero(channels == channel)[-1]]
+            self._last[channel] = float(newest["value"])
+            self._last_host_ns[channel] = int(newest["host_ns"])
+            if channel == Channel.STATE:
+                self.device_s = 1e-6 * int(newest["device_us"])
+        fact = None if self._wait is None else self._wait(records)
+        if fact is not None:
+            self._wait = None
+        return fact
+
+    def value(self, channel: Channel, default: float = float("nan")) -> float:
+        """Last value of a channel, SI; `default` before its first record."""
+        return self._last.get(channel, default)
+
+    def last_host_ns(self, channel: Channel) -> int | None:
+        """When the last record of a channel arrived (monotonic ns); None before the first."""
+        return self._last_host_ns.get(channel)
+
+    def live(self) -> dict[str, float]:
+        """Last values for the display, by name, those known."""
+        return {name: self._last[channel] for name, channel in LIVE.items() if channel in self._last}
+
+    def await_nothing(self) -> None:
+        """Forget what was waited for."""
+        self._wait = None
+
+    def await_centre(self, target_m: float, since_ns: int) -> None:
+        """Wait for `Centred`: HOLD at `target_m` (m) in a status that arrived after `since_ns`."""
+
+        def wait(records: NDArray[Any]) -> ev.Event | None:
+            return ev.Centred() if self._holds(since_ns) and self._near(target_m) else None
+
+        self._wait = wait
+
+    def await_program(self, centre_m: float, since_ns: int) -> None:
+        """Wait for `ProgramEnded`: after `since_ns` the controller was seen running, and holds again.
+
+        A program too short to be seen running is known by its cycle pulses.
+        """
+        pulses = self.value(Channel.PULSE, 0.0)
+        ran = False
+
+        def wait(records: NDArray[Any]) -> ev.Event | None:
+            nonlocal ran
+            states = records["value"][(records["channel"] == Channel.STATE) & (records["host_ns"] > since_ns)]
+            ran = ran or bool(np.any(states == ControllerState.RUNNING)) or self.value(Channel.PULSE, 0.0) != pulses
+            if ran and self._holds(since_ns):
+                return ev.ProgramEnded(at_centre=self._near(centre_m))
+            return None
+
+        self._wait = wait
+
+    def await_current(self, target_A: float, tolerance_A: float, since_ns: int) -> None:
+        """Wait for `CurrentSettled`: the newest three measured currents after `since_ns` are within `tolerance_A`."""
+        newest = np.empty(0)
+
+        def wait(records: NDArray[Any]) -> ev.Event | None:
+            nonlocal newest
+            chosen = (records["channel"] == Channel.COIL_CURRENT) & (records["host_ns"] > since_ns)
+            newest = np.concatenate((newest, records["value"][chosen]))[-SETTLED_SAMPLES:]
+            settled = len(newest) == SETTLED_SAMPLES and bool(np.all(np.abs(newest - target_A) <= tolerance_A))
+            return ev.CurrentSettled() if settled else None
+
+        self._wait = wait
+
+    def await_rest(self, rest_s: float) -> None:
+        """Wait for `RestOver`: `rest_s` seconds of the controller's clock from its last status on."""
+        until_s = self.device_s + rest_s
+
+        def wait(records: NDArray[Any]) -> ev.Event | None:
+            return ev.RestOver() if self.device_s >= until_s else None
+
+        self._wait = wait
+
+    def await_zeros(self, limits: RestLimits) -> None:
+        """Wait for `ZerosJudged`: the samples of the next 0.2 s of the controller's clock, judged."""
+        until_s = self.device_s + REST_WINDOW_S
+        parts: list[NDArray[Any]] = []
+
+        def wait(records: NDArray[Any]) -> ev.Event | None:
+            parts.append(records)
+            if self.device_s < until_s:
+                return None
+            window = np.concatenate(parts)
+            force, displacement, position = (
+                window["value"][window["channel"] == channel].astype(np.float64)
+                for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION)
+            )
+            return ev.ZerosJudged(judge_rest(force, displacement, position, limits))
+
+        self._wait = wait
+
+    def _holds(self, since_ns: int) -> bool:
+        newer = self._last_host_ns.get(Channel.STATE, 0) > since_ns
+        return newer and self._last.get(Channel.STATE) == ControllerState.HOLD
+
+    def _near(self, target_m: float) -> bool:
+        return abs(self.value(Channel.POSITION) - target_m) <= AT_CENTRE_M
