@@ -160,7 +160,7 @@ def parameters(position: Array) -> Array:
         Shape (..., p).
     """
     X, Y = position
-    return np.sign(X) * np.sign(Y) / np.hypot(X, Y)
+    return np.asarray(np.sign(X) * np.sign(Y) / np.hypot(X, Y))
 
 
 def decide(value: float, value_back: float) -> str:

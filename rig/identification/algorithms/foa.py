@@ -79,4 +79,4 @@ def parameters(position: Array) -> Array:
         Shape (..., p), always positive.
     """
     X, Y = position
-    return 1.0 / np.hypot(X, Y)
+    return np.asarray(1.0 / np.hypot(X, Y))

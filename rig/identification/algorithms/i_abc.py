@@ -20,6 +20,8 @@ import numpy.typing as npt
 
 from rig.identification.algorithms.search import Array, Search, require
 
+Indices = npt.NDArray[np.int64]
+
 
 @dataclass(frozen=True)
 class ImprovedBeeColony:
@@ -60,7 +62,9 @@ class ImprovedBeeColony:
         while True:
             for onlookers in (False, True):
                 share = fitness(values) / np.sum(fitness(values))
-                chosen = rng.choice(rows, size=rows, p=share) if onlookers else np.arange(rows)
+                chosen: Indices = np.arange(rows)
+                if onlookers:
+                    chosen = np.asarray(rng.choice(rows, size=rows, p=share))
                 weight = 1.0 / (1.0 + np.exp(-fitness(values)[chosen] / scale))
                 draws = Draws.draw(rng, chosen, rows, size)
                 best_pull = weight if onlookers else np.ones(rows)
@@ -86,13 +90,13 @@ class Draws:
         psi: Uniform in [0, 1).
     """
 
-    component: npt.NDArray[np.int64]
-    other: npt.NDArray[np.int64]
+    component: Indices
+    other: Indices
     phi: Array
     psi: Array
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, chosen: npt.NDArray[np.int64], rows: int, size: int) -> Draws:
+    def draw(cls, rng: np.random.Generator, chosen: Indices, rows: int, size: int) -> Draws:
         """Fresh draws for bees at the sources `chosen` of `rows` sources with `size` components.
 
         Args:
@@ -121,9 +125,7 @@ def fitness(values: Array) -> Array:
     return np.where(values >= 0.0, 1.0 / (1.0 + np.maximum(values, 0.0)), 1.0 - np.minimum(values, 0.0))
 
 
-def neighbours(
-    sources: Array, chosen: npt.NDArray[np.int64], best: Array, weight: Array, best_pull: Array, draws: Draws
-) -> Array:
+def neighbours(sources: Array, chosen: Indices, best: Array, weight: Array, best_pull: Array, draws: Draws) -> Array:
     """Candidate sources: one component of each chosen source moved as in the module's first equation.
 
     Args:
@@ -149,8 +151,8 @@ def neighbours(
 def _greedy(
     sources: Array,
     values: Array,
-    failures: npt.NDArray[np.int64],
-    chosen: npt.NDArray[np.int64],
+    failures: Indices,
+    chosen: Indices,
     tried: Array,
     tried_values: Array,
 ) -> None:

@@ -7,8 +7,9 @@
 p_g is the best of N_h particles drawn afresh each generation, the particle itself among them;
 N_min = max(2, floor(0.25 N)).
 
-Equation (21) has no condition, MATLAB's page applies it only after an improvement. Read so (`inertia_rule="when better"`),
-w stays at its first 1.1 while nothing improves, the swarm flies apart and seldom improves again; the default is the paper's.
+Equation (21) has no condition, MATLAB's page applies it only after an improvement. Read so (`inertia_rule="when
+better"`), w stays at its first 1.1 while nothing improves, the swarm flies apart and seldom improves again; the
+default is the paper's.
 """
 
 from __future__ import annotations
@@ -116,7 +117,7 @@ class ParticleSwarm:
         """
         pull_own = self.self_weight * draws[0] * (own - places)
         pull_leader = self.social_weight * draws[1] * (leader - places)
-        return inertia * speeds + pull_own + pull_leader
+        return np.asarray(inertia * speeds + pull_own + pull_leader)
 
     def _stalled(self, marks: list[float]) -> bool:
         back = self.stall_generations

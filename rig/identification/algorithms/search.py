@@ -209,8 +209,10 @@ class Search:
         Raises:
             SearchEndedError: The callback said stop.
         """
+        if not len(points):
+            return
         self.evaluations += len(points)
-        if len(points) and (self.evaluations == len(points) or values.min() < self.value):
+        if self.evaluations == len(points) or values.min() < self.value:
             winner = int(np.argmin(values))
             self.best, self.value = points[winner].copy(), float(values[winner])
         self.history.append((self.evaluations, self.value))
