@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 from drivers.errors import DriverError
 from drivers.ring import Channel
@@ -23,8 +24,9 @@ class SerialSensor:
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
         line_format: "frame16", the name of a line format preset, or a `LineFormat`.
+        wire_unit: unit a line format preset writes behind the number, where it writes one.
         sensitivity: SI unit per unit on the wire.
-        offset: added after scaling, SI unit.
+        offset: what the sensor shows at zero, SI unit; subtracted after scaling.
         rate_Hz: nominal samples a second of the device's clock; None when not known.
         device_rate: device seconds a second of the host's clock.
 
@@ -40,6 +42,7 @@ class SerialSensor:
         name: str,
         channel: Channel,
         line_format: str | LineFormat = FRAME16,
+        wire_unit: str = "N",
         sensitivity: float = 1.0,
         offset: float = 0.0,
         rate_Hz: float | None = None,
@@ -52,7 +55,7 @@ class SerialSensor:
         if isinstance(line_format, LineFormat):
             self._format = line_format
         elif line_format != FRAME16:
-            self._format = preset(line_format)
+            self._format = replace(preset(line_format), unit=wire_unit)
         self._decoder: Decoder = FrameDecoder() if self._format is None else LineDecoder(self._format)
         if rate_Hz is None and self._format is not None:
             rate_Hz = self._format.nominal_rate_Hz
