@@ -16,8 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.ring import (
-    HEADER_SIZE, MAGIC, OFFSET_HEARTBEAT, OFFSET_PID, OFFSET_RECORD_SIZE, OFFSET_RECORDER_CURSOR,
-    OFFSET_RESERVED_INDEX, OFFSET_WRITE_INDEX,
+    HEADER_SIZE,
+    MAGIC,
+    OFFSET_HEARTBEAT,
+    OFFSET_PID,
+    OFFSET_RECORD_SIZE,
+    OFFSET_RECORDER_CURSOR,
+    OFFSET_RESERVED_INDEX,
+    OFFSET_WRITE_INDEX,
 )
 from rig.recording.layout import RECORD_DTYPE
 
@@ -48,6 +54,8 @@ class RingReader:
         except (OSError, ValueError) as error:
             raise RingProblem(f"{path}: cannot map the ring: {error}") from error
         self.capacity = self._check_header()
+        # Aligned 8-byte items: one load or store each, never torn.
+        self._header: NDArray[np.uint64] = np.frombuffer(self._map, np.uint64, HEADER_SIZE // 8)
         self._records: NDArray[Any] = np.frombuffer(self._map, RECORD_DTYPE, self.capacity, HEADER_SIZE)
         self.cursor = self.write_index
 
@@ -70,12 +78,12 @@ class RingReader:
         return self._unsigned(OFFSET_WRITE_INDEX)
 
     def _unsigned(self, offset: int) -> int:
-        return int(struct.unpack_from("<Q", self._map, offset)[0])
+        return int(self._header[offset // 8])
 
     @property
     def writer_heartbeat_ns(self) -> int:
         """Host time of the writer's last sign of life (monotonic ns)."""
-        return int(struct.unpack_from("<q", self._map, OFFSET_HEARTBEAT)[0])
+        return self._unsigned(OFFSET_HEARTBEAT)
 
     @property
     def writer_pid(self) -> int:
@@ -109,7 +117,7 @@ class RingReader:
         self.lost += start + overwritten - self.cursor
         self.cursor = end
         if self._recorder:
-            struct.pack_into("<Q", self._map, OFFSET_RECORDER_CURSOR, end)
+            self._header[OFFSET_RECORDER_CURSOR // 8] = end
         return records[overwritten:]
 
     def skip_to_newest(self) -> None:
@@ -119,6 +127,7 @@ class RingReader:
     def close(self) -> None:
         """Release the mapping."""
         self._records = np.zeros(0, RECORD_DTYPE)
+        self._header = np.zeros(0, np.uint64)
         self._map.close()
 
     def __enter__(self) -> RingReader:

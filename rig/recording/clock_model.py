@@ -1,0 +1,168 @@
+"""Clock models: from a device's own clock (or its sample count) to the controller's clock, with what is uncertain.
+
+Methods, best first:
+- `edges`: the controller's cycle pulse, latched in both clocks; straight line through the pairs.
+- `device clock`: lower envelope of arrival minus device time, since no sample arrives before it was taken.
+- `nominal rate`: the same with sample count / nominal rate in place of a device clock.
+- `arrival`: the arrival itself, for slow channels that carry neither.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.recording.layout import FloatArray
+
+LARGEST_DRIFT = 1e-3
+"""Relative rate error beyond which a fitted drift is not believed (crystals: 1e-4)."""
+EDGE_PRIOR_S = 5e-6
+"""Latching scatter assumed before any is measured; weighs like `EDGE_PRIOR_COUNT` pairs."""
+EDGE_PRIOR_COUNT = 2
+UNKNOWN_LATENCY_S = 1e-3
+"""One standard deviation of the least latency of a link that offers no edge: adapters, drivers, the host's wake-up."""
+ENVELOPE_BLOCKS = 40
+
+
+@dataclass(frozen=True)
+class ClockModel:
+    """`controller time = offset_s + rate (local - origin_s)`, all s; `std_s`: one standard deviation at mid-test."""
+
+    origin_s: float
+    offset_s: float
+    rate: float
+    std_s: float
+    method: str
+
+    def time_s(self, local_s: FloatArray) -> FloatArray:
+        """Controller time (n,) in s of local times (n,) in s."""
+        return np.asarray(self.offset_s + self.rate * (local_s - self.origin_s))
+
+
+IDENTITY = ClockModel(0.0, 0.0, 1.0, 0.0, "controller clock")
+
+
+@dataclass(frozen=True)
+class HostMap:
+    """Controller time at a host instant, from the status polls: piecewise straight, `host_s` and `clock_s` (m,).
+
+    `lag_s` is the least round trip, by which a poll's clock is older than its arrival (controller seconds).
+    """
+
+    host_s: FloatArray
+    clock_s: FloatArray
+    lag_s: float
+
+    def time_s(self, host_ns: NDArray[Any]) -> FloatArray:
+        """Controller time (n,) in s at host times (n,) in ns; beyond the polls it continues straight."""
+        host_s = np.asarray(host_ns, np.float64) * 1e-9
+        if len(self.host_s) == 1:
+            return np.asarray(host_s - self.host_s[0] + self.clock_s[0])
+        inside = np.interp(host_s, self.host_s, self.clock_s)
+        slope = (self.clock_s[-1] - self.clock_s[0]) / (self.host_s[-1] - self.host_s[0])
+        before, after = host_s < self.host_s[0], host_s > self.host_s[-1]
+        inside[before] = self.clock_s[0] + slope * (host_s[before] - self.host_s[0])
+        inside[after] = self.clock_s[-1] + slope * (host_s[after] - self.host_s[-1])
+        return np.asarray(inside)
+
+
+def host_map(host_ns: NDArray[Any], device_us: NDArray[Any], device_rate: float) -> HostMap:
+    """The map from host time to controller time.
+
+    At speed 1 the two clocks drift but never jump, so the map is one straight envelope. A simulated rig may fall
+    behind: then the polls are followed one by one.
+
+    Args:
+        host_ns: arrival of each status (m,), ns, monotonic.
+        device_us: the controller's clock in it (m,), us.
+        device_rate: seconds of device clock per second of wall time.
+    """
+    if len(host_ns) == 0:
+        return HostMap(np.zeros(1), np.zeros(1), 0.0)
+    host_s, clock_s = host_ns * 1e-9, device_us * 1e-6
+    keep = np.concatenate(([True], np.diff(host_s) > 0))
+    host_s, clock_s = host_s[keep], clock_s[keep]
+    if device_rate == 1.0 and len(host_s) > 2:
+        line = by_envelope(clock_s, host_s)
+        return HostMap(line.time_s(clock_s[[0, -1]]), clock_s[[0, -1]], line.std_s)
+    return HostMap(host_s, clock_s, UNKNOWN_LATENCY_S * device_rate)
+
+
+def by_edges(local_s: FloatArray, reference_s: FloatArray) -> ClockModel:
+    """Straight line through latched pairs (k,), s.
+
+    The scatter is pooled with a prior (`EDGE_PRIOR_S`), so that two pairs, which always fit, claim no perfection. A
+    single pair fixes the offset only. Pairs more than 6 robust deviations off are left out.
+
+    Raises:
+        ValueError: there is no pair.
+    """
+    if len(local_s) == 0:
+        raise ValueError("no pair of edges to fit a clock to")
+    difference = reference_s - local_s
+    slope_known = len(local_s) >= 3
+    keep = np.ones(len(local_s), bool)
+    for _ in range(2):
+        line = _line(local_s[keep], difference[keep], slope_known)
+        residual = difference - (line[0] + line[1] * (local_s - line[2]))
+        scale = max(1.4826 * float(np.median(np.abs(residual[keep]))), EDGE_PRIOR_S)
+        keep = np.abs(residual) <= 6.0 * scale
+    count = int(keep.sum())
+    freedom = max(count - 2, 0)
+    squares = float(np.sum(residual[keep] ** 2)) if freedom else 0.0
+    scatter = np.sqrt((squares + EDGE_PRIOR_COUNT * EDGE_PRIOR_S**2) / (freedom + EDGE_PRIOR_COUNT))
+    offset, slope, origin = line
+    return ClockModel(origin, origin + offset, 1.0 + slope, float(scatter / np.sqrt(count)), "edges")
+
+
+def _line(x: FloatArray, y: FloatArray, with_slope: bool) -> tuple[float, float, float]:
+    origin = float(np.mean(x))
+    centred = x - origin
+    spread = float(np.sum(centred**2))
+    slope = float(np.sum(centred * y)) / spread if with_slope and spread > 0 else 0.0
+    return float(np.mean(y)), slope if abs(slope) <= LARGEST_DRIFT else 0.0, origin
+
+
+def by_envelope(local_s: FloatArray, arrival_s: FloatArray, *, device_rate: float = 1.0) -> ClockModel:
+    """Lower envelope of arrival over local time: the straight line nearest below all points.
+
+    Its uncertainty is the scatter of the block minima about the line together with a least latency nobody can see
+    from arrivals alone (`UNKNOWN_LATENCY_S`, in device seconds).
+
+    Args:
+        local_s: sample times in the device's clock (n,), s.
+        arrival_s: the same samples' arrival, s, in the clock to go to.
+        device_rate: device seconds per wall second; above 1 the drift is not fitted.
+    """
+    difference = arrival_s - local_s
+    blocks = min(ENVELOPE_BLOCKS, max(1, len(local_s) // 8))
+    lowest = np.array([part[np.argmin(difference[part])] for part in np.array_split(np.arange(len(local_s)), blocks)])
+    x, y = local_s[lowest], difference[lowest]
+    origin = float(np.mean(local_s))
+    slope = _hull_slope(x - origin, y) if len(x) > 2 and device_rate == 1.0 else 0.0
+    offset = float(np.min(y - slope * (x - origin)))
+    scatter = float(np.median(y - slope * (x - origin) - offset))
+    std = float(np.hypot(scatter, UNKNOWN_LATENCY_S * device_rate))
+    return ClockModel(origin, origin + offset, 1.0 + slope, std, "device clock")
+
+
+def _hull_slope(x: FloatArray, y: FloatArray) -> float:
+    """Slope of the lower convex hull's edge over x = 0; 0 when it cannot be a drift."""
+    hull: list[int] = []
+    for i in range(len(x)):
+        while len(hull) > 1 and _turns_down(x, y, hull[-2], hull[-1], i):
+            hull.pop()
+        hull.append(i)
+    for left, right in itertools.pairwise(hull):
+        if x[left] <= 0.0 <= x[right]:
+            slope = float((y[right] - y[left]) / (x[right] - x[left]))
+            return slope if abs(slope) <= LARGEST_DRIFT else 0.0
+    return 0.0
+
+
+def _turns_down(x: FloatArray, y: FloatArray, a: int, b: int, c: int) -> bool:
+    return bool((x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a]) <= 0.0)

@@ -1,0 +1,168 @@
+"""The finaliser: one process a campaign that turns journals into files, so that compression never delays a sample.
+
+    python -m rig.recording.finaliser
+
+reads one JSON object a line, `{"journal": path}`, and answers one line each with the fields of `FinishedPoint`. It
+ends when its input does, after the last journal it was given; so it also finishes what a killed application left.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+from dataclasses import asdict
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, cast
+
+from rig.clock import monotonic_ns
+
+if TYPE_CHECKING:
+    from rig.recording.conversion import FinishedPoint
+    from rig.recording.recorder import PointJournal
+
+NICENESS = 5
+
+
+class Finaliser:
+    """The application's end of the finaliser process. Make it with `start`."""
+
+    def __init__(self, process: subprocess.Popen[str], to_it: IO[str], from_it: IO[str]) -> None:
+        self._process = process
+        self._input, self._output = to_it, from_it
+        self._answers: queue.Queue[FinishedPoint] = queue.Queue()
+        self._kept: dict[str, FinishedPoint] = {}
+        self._pending: list[str] = []
+        self._reader = threading.Thread(target=self._listen, name="finaliser answers", daemon=True)
+        self._reader.start()
+
+    @classmethod
+    def start(cls, folder: Path) -> Finaliser:
+        """Start the process; it warms up while the rig connects.
+
+        Args:
+            folder: the campaign's directory; what the process has to say beyond its answers goes to `finaliser.log`.
+        """
+        with (folder / "finaliser.log").open("ab") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "rig.recording.finaliser"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=log, text=True, start_new_session=True,
+            )
+        return cls(process, cast("IO[str]", process.stdin), cast("IO[str]", process.stdout))
+
+    @property
+    def alive(self) -> bool:
+        """False once the process has ended."""
+        return self._process.poll() is None
+
+    @property
+    def pending(self) -> tuple[str, ...]:
+        """Ids of the points handed in and not yet answered."""
+        return tuple(self._pending)
+
+    def submit(self, journal: PointJournal) -> None:
+        """Hand in a point's journal. Should the process be gone, the answer says so and the journal stays."""
+        from rig.recording.conversion import FinishedPoint
+
+        self._pending.append(journal.id)
+        try:
+            self._input.write(json.dumps({"journal": str(journal.path)}) + "\n")
+            self._input.flush()
+        except (OSError, ValueError) as error:
+            self._answers.put(FinishedPoint(journal.id, error=f"the finaliser process is gone: {error}"))
+
+    def results(self) -> list[FinishedPoint]:
+        """Points finished since the last call; returns at once."""
+        found = list(self._kept.values())
+        self._kept.clear()
+        while True:
+            try:
+                found.append(self._taken(self._answers.get_nowait()))
+            except queue.Empty:
+                return found
+
+    def wait(self, point_id: str, timeout_s: float) -> FinishedPoint:
+        """Wait for one point; others that finish meanwhile are kept for `results`.
+
+        Raises:
+            TimeoutError: it was not finished in time; it still may be later.
+        """
+        if point_id in self._kept:
+            return self._kept.pop(point_id)
+        deadline_ns = monotonic_ns() + round(timeout_s * 1e9)
+        while True:
+            left_s = (deadline_ns - monotonic_ns()) * 1e-9
+            try:
+                answer = self._taken(self._answers.get(timeout=max(left_s, 0.001)))
+            except queue.Empty:
+                raise TimeoutError(f"point {point_id} was not finished within {timeout_s:g} s") from None
+            if answer.id == point_id:
+                return answer
+            self._kept[answer.id] = answer
+
+    def close(self, timeout_s: float = 60.0) -> None:
+        """Let it finish what it has, then end it; `results` still gives the last answers.
+
+        Raises:
+            subprocess.TimeoutExpired: it did not end in time; it goes on by itself and journals are safe.
+        """
+        with contextlib.suppress(BrokenPipeError):
+            self._input.close()
+        self._process.wait(timeout_s)
+        self._reader.join(timeout_s)
+
+    def _taken(self, answer: FinishedPoint) -> FinishedPoint:
+        if answer.id in self._pending:
+            self._pending.remove(answer.id)
+        return answer
+
+    def _listen(self) -> None:
+        from rig.recording.conversion import FinishedPoint
+
+        with self._output:
+            for line in self._output:
+                answer = json.loads(line)
+                answer["reasons"] = tuple(answer["reasons"])
+                self._answers.put(FinishedPoint(**answer))
+        for point_id in list(self._pending):
+            gone = "the finaliser process ended before it was finished; `rig recover` will"
+            self._answers.put(FinishedPoint(point_id, error=gone))
+
+
+def warm_up() -> None:
+    """Load what the first point would wait for, and write one small file."""
+    import numpy as np
+
+    from rig.recording.conversion import prove
+    from rig.recording.layout import AlignedChannel, PointFile, write_file
+
+    time_s = np.arange(16) / 250.0
+    point = PointFile(
+        time_s, 250.0, [AlignedChannel("force", time_s, "N", "Force")],
+        test={"id": "p000", "waveform": "sine", "amplitude_m": 0.0, "frequency_Hz": 0.0, "current_A": 0.0},
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        write_file(Path(folder) / "p000.h5", point)
+        prove(Path(folder) / "p000.h5", point)
+
+
+def main() -> int:
+    """Serve standard input until it ends."""
+    from rig.recording.conversion import finish_point
+
+    os.nice(NICENESS)
+    warm_up()
+    for line in sys.stdin:
+        finished = finish_point(Path(json.loads(line)["journal"]))
+        sys.stdout.write(json.dumps(asdict(finished)) + "\n")
+        sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

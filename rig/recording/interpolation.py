@@ -1,0 +1,73 @@
+"""Bringing one channel to another's sample times without inventing what was not measured."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.recording.layout import FloatArray
+
+LARGEST_STEP_PERIODS = 1.5
+"""Neighbours further apart than this many sample periods have a gap between them."""
+
+
+def cubic_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
+    """Cubic through the two neighbours on each side, by Lagrange's formula on the true sample times.
+
+    Args:
+        wanted_s: where to evaluate (m,), s.
+        time_s: sample times (n,), s, increasing.
+        values: samples (n,), any unit.
+        period_s: nominal sample period, s.
+
+    Returns:
+        (m,) values; NaN where one of the four neighbours does not exist, is NaN, or lies beyond a gap.
+    """
+    result = np.full(len(wanted_s), np.nan)
+    if len(time_s) < 4:
+        return result
+    right = np.searchsorted(time_s, wanted_s, side="right")
+    inside = (right >= 2) & (right <= len(time_s) - 2)
+    near = right[inside]
+    x = wanted_s[inside]
+    nodes = [time_s[near + k] for k in (-2, -1, 0, 1)]
+    step = LARGEST_STEP_PERIODS * period_s
+    whole = np.all([later - earlier <= step for earlier, later in itertools.pairwise(nodes)], axis=0)
+    total = np.zeros(len(x))
+    for j, node in enumerate(nodes):
+        weight = np.ones(len(x))
+        for k, other in enumerate(nodes):
+            if k != j:
+                weight *= (x - other) / (node - other)
+        total += weight * values[near + j - 2]
+    result[inside] = np.where(whole, total, np.nan)
+    return result
+
+
+def linear_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
+    """Straight line between the two neighbours; arguments and result as `cubic_at`."""
+    result = np.full(len(wanted_s), np.nan)
+    if len(time_s) < 2:
+        return result
+    right = np.searchsorted(time_s, wanted_s, side="right")
+    inside = (right >= 1) & (right <= len(time_s) - 1)
+    near = right[inside]
+    step = time_s[near] - time_s[near - 1]
+    part = (wanted_s[inside] - time_s[near - 1]) / step
+    line = values[near - 1] + part * (values[near] - values[near - 1])
+    result[inside] = np.where(step <= LARGEST_STEP_PERIODS * period_s, line, np.nan)
+    return result
+
+
+def flags_at(wanted_s: FloatArray, time_s: FloatArray, flags: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Flags (m,) of the two neighbours of each wanted time, joined; 0 beyond the ends."""
+    result = np.zeros(len(wanted_s), np.int8)
+    if len(time_s) < 2:
+        return result
+    right = np.searchsorted(time_s, wanted_s, side="right")
+    inside = (right >= 1) & (right <= len(time_s) - 1)
+    near = right[inside]
+    result[inside] = flags[near] | flags[near - 1]
+    return result
