@@ -1,0 +1,111 @@
+r"""CAN frames as ASCII lines (Lawicel "slcan"), each ended by CR.
+
+::
+
+    t iii l dd..        standard frame: 3 hex digits identifier, 1 digit length, 2 hex digits a byte
+    T iiiiiiii l dd..   extended frame: 8 hex digits identifier
+    r iii l             remote request, standard          R iiiiiiii l   remote request, extended
+    [tttt]              4 hex digits of time stamp may follow where the adapter adds them
+    S6 / O / C          host -> adapter: 500 kbit/s, open, close
+    z, Z, V.., N.., F.. adapter -> host: answers; a lone BEL (0x07) means an error
+"""
+
+from __future__ import annotations
+
+import re
+
+from protocols.errors import LocalProtocolError
+
+Frame = tuple[int, bytes, bool, bool, int]
+"""(identifier, data, extended, remote, stated length)."""
+
+BITRATES = {
+    10_000: "S0", 20_000: "S1", 50_000: "S2", 100_000: "S3", 125_000: "S4",
+    250_000: "S5", 500_000: "S6", 750_000: "S7", 1_000_000: "S8",
+}
+OPEN = b"O\r"
+CLOSE = b"C\r"
+LONGEST_LINE = 32
+
+_HEX = re.compile(rb"[0-9A-Fa-f]+")
+_IDENTIFIER_DIGITS = {b"t": 3, b"r": 3, b"T": 8, b"R": 8}
+_ANSWERS = frozenset(b"zZVNF")
+
+
+def encode_bitrate(bitrate: int) -> bytes:
+    """Command that sets the bit rate.
+
+    Raises:
+        LocalProtocolError: slcan has no code for it.
+    """
+    if bitrate not in BITRATES:
+        raise LocalProtocolError(f"slcan: no code for {bitrate} bit/s; there are {', '.join(map(str, BITRATES))}")
+    return BITRATES[bitrate].encode() + b"\r"
+
+
+def encode_frame(identifier: int, data: bytes) -> bytes:
+    """Line of a standard data frame.
+
+    Raises:
+        LocalProtocolError: identifier above 0x7FF or more than 8 bytes.
+    """
+    if not 0 <= identifier <= 0x7FF or len(data) > 8:
+        raise LocalProtocolError(f"slcan: identifier 0x{identifier:X} with {len(data)} bytes is no standard frame")
+    return f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode("ascii")
+
+
+class SlcanDecoder:
+    """Splits a byte stream into CAN frames; a chunk may begin and end anywhere.
+
+    Attributes:
+        malformed: lines that are neither a frame nor an answer.
+        errors: BEL bytes, by which the adapter reports an error.
+    """
+
+    def __init__(self) -> None:
+        self.malformed = 0
+        self.errors = 0
+        self._rest = b""
+
+    def feed(self, chunk: bytes) -> list[Frame]:
+        """Take bytes as they arrived; return every frame they complete, in order."""
+        *lines, rest = (self._rest + chunk).split(b"\r")
+        if len(rest) > LONGEST_LINE:
+            self.malformed += 1
+            rest = b""
+        self._rest = rest
+        frames: list[Frame] = []
+        for line in lines:
+            if b"\a" in line:
+                self.errors += line.count(b"\a")
+                line = line.replace(b"\a", b"")
+            if not line or line[0] in _ANSWERS:
+                continue
+            frame = self._frame(line)
+            if frame is None:
+                self.malformed += 1
+            else:
+                frames.append(frame)
+        return frames
+
+    def clear(self) -> None:
+        """Forget the unfinished line."""
+        self._rest = b""
+
+    @staticmethod
+    def _frame(line: bytes) -> Frame | None:
+        """The frame a line describes; None when it describes none."""
+        kind = line[:1]
+        digits = _IDENTIFIER_DIGITS.get(kind)
+        if digits is None or _HEX.fullmatch(line, 1) is None or len(line) < digits + 2:
+            return None
+        identifier = int(line[1 : digits + 1], 16)
+        length = line[digits + 1] - 0x30
+        extended, remote = digits == 8, kind in b"rR"
+        carried = 0 if remote else 2 * length
+        begin = digits + 2
+        if not 0 <= length <= 8 or len(line) - begin - carried not in {0, 4}:
+            return None
+        if identifier > (0x1FFFFFFF if extended else 0x7FF):
+            return None
+        return identifier, bytes.fromhex(line[begin : begin + carried].decode("ascii")), extended, remote, length
