@@ -243,15 +243,16 @@ class Bench(Section):
     @property
     def digest(self) -> str:
         """SHA-256 (hex) of physics, limits, calibration and identities; addresses do not count."""
-        addresses = {"url", "channel", "interface", "device_id"}
-        excluded = {
-            "actuator": addresses & Actuator.model_fields.keys(),
-            "ecu": addresses & Ecu.model_fields.keys(),
-            "load_cell": {"url"},
-            "lvdt": {"url"},
-            "auxiliary": {"__all__": {"url"}},
-        }
-        return hashlib.sha256(self.model_dump_json(exclude=excluded).encode()).hexdigest()
+        text = self.model_dump_json(
+            exclude={
+                "actuator": {"url", "device_id"},
+                "ecu": {"interface", "channel"},
+                "load_cell": {"url"},
+                "lvdt": {"url"},
+                "auxiliary": {"__all__": {"url"}},
+            }
+        )
+        return hashlib.sha256(text.encode()).hexdigest()
 
     def overdue(self, today: date) -> tuple[str, ...]:
         """Names of the sensors whose calibration is past its due date."""
@@ -268,8 +269,10 @@ class Bench(Section):
         return self
 
     def _sensors(self) -> dict[tuple[str | int, ...], Sensor]:
-        listed = {("auxiliary", index): item for index, item in enumerate(self.auxiliary)}
-        return {("load_cell",): self.load_cell, ("lvdt",): self.lvdt, **listed}
+        sensors: dict[tuple[str | int, ...], Sensor] = {("load_cell",): self.load_cell, ("lvdt",): self.lvdt}
+        for index, item in enumerate(self.auxiliary):
+            sensors["auxiliary", index] = item
+        return sensors
 
     def _shared_ports(self) -> list[Problem]:
         problems: list[Problem] = []

@@ -46,7 +46,7 @@ def load_section(path: Path, model: type[M]) -> tuple[M, TomlSource]:
     try:
         return model.model_validate(source.data), source
     except ValidationError as error:
-        details = error.errors(include_url=False)
+        details = _without_echoes(error.errors(include_url=False))
         raise FileProblem(str(path), [line for item in details for line in _lines(item, model, source)]) from error
 
 
@@ -83,6 +83,16 @@ def close_match(name: str, known: list[str]) -> str | None:
     return matches[0] if matches else None
 
 
+def _without_echoes(details: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Leave out "too short" of lists whose items were refused: the items are what is wrong."""
+    return [
+        item
+        for item in details
+        if item["type"] != "too_short"
+        or not any(other["loc"][:-1] == item["loc"] and other is not item for other in details)
+    ]
+
+
 def _lines(detail: ErrorDetails, model: type[Section], source: TomlSource) -> list[str]:
     context: dict[str, Any] = detail.get("ctx") or {}
     if "problems" in context:
@@ -110,6 +120,10 @@ def _message(detail: ErrorDetails, section: type[Section], quantity: Quantity | 
         value = str(detail["input"])
         match = close_match(value, [item.strip("'") for item in str(context["expected"]).split(", ")])
         return f"must be {context['expected']}" + (f"; did you mean {match}?" if match else "")
+    if kind == "too_short":
+        return "must not be empty"
+    if kind == "too_long":
+        return f"at most {context['max_length']} entries are allowed"
     if kind == "value_error":
         allowed = f" ({quantity.allowed})" if quantity and quantity.allowed else ""
         return f"{context['error']}{allowed}"

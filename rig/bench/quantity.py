@@ -108,7 +108,7 @@ class Section(BaseModel):
     @classmethod
     def suffixed_keys(cls) -> dict[str, tuple[str, str]]:
         """Keys with a unit suffix: {"speed_m_s": ("speed", "m/s"), ...}."""
-        keys = {}
+        keys: dict[str, tuple[str, str]] = {}
         for name, field in cls.model_fields.items():
             quantity = quantity_of(field)
             if quantity is not None:
@@ -137,7 +137,7 @@ class Section(BaseModel):
         if suffixed:
             number = {"type": "number"}
             either: Mapping[str, object] = {"anyOf": [number, {"type": "array", "items": number}]}
-            result["patternProperties"] = {f"^{key}$": either for key in suffixed}
+            result["patternProperties"] = {f"^({'|'.join(suffixed)})$": either}
             bare = {key for key, _ in suffixed.values()}
             result["required"] = [key for key in result.get("required", []) if key not in bare]
         return result

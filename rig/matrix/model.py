@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import random
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -166,35 +167,35 @@ class Matrix(Section):
     def _written(self) -> list[TestPoint]:
         sweep = self.sweep
         rows = [
-            (None, waveform, amplitude, frequency, current, sweep.cycles)
-            for waveform, current, amplitude, frequency in product(
+            self._point(waveform, amplitude_m, frequency_Hz, current_A)
+            for waveform, current_A, amplitude_m, frequency_Hz in product(
                 sweep.waveform, sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz
             )
         ]
-        rows += [
-            (item.id, item.waveform, item.amplitude_m, item.frequency_Hz, item.current_A, item.cycles or sweep.cycles)
-            for item in self.extra
-        ]
-        points = []
+        for item in self.extra:
+            row = self._point(item.waveform, item.amplitude_m, item.frequency_Hz, item.current_A)
+            rows.append(replace(row, id=item.id or "", cycles=item.cycles or sweep.cycles))
+        points: list[TestPoint] = []
         for repeat in range(1, sweep.repeats + 1):
-            for name, waveform, amplitude, frequency, current, cycles in rows:
-                own = None if name is None else name if repeat == 1 else f"{name}-{repeat}"
-                points.append(
-                    TestPoint(
-                        id=own or f"p{len(points) + 1:03d}",
-                        waveform=waveform,
-                        amplitude_m=amplitude,
-                        frequency_Hz=frequency,
-                        current_A=current,
-                        cycles=cycles,
-                        ramp_in_cycles=sweep.ramp_in_cycles,
-                        ramp_out_cycles=sweep.ramp_out_cycles,
-                        centre_m=self.specimen.mid_stroke_m,
-                        repeat=repeat,
-                        rest_s=sweep.rest_s,
-                    )
-                )
+            for row in rows:
+                name = f"p{len(points) + 1:03d}" if not row.id else row.id if repeat == 1 else f"{row.id}-{repeat}"
+                points.append(replace(row, id=name, repeat=repeat))
         return points
+
+    def _point(self, waveform: str, amplitude_m: float, frequency_Hz: float, current_A: float) -> TestPoint:
+        """A point of this matrix that has no name yet."""
+        return TestPoint(
+            id="",
+            waveform=waveform,
+            amplitude_m=amplitude_m,
+            frequency_Hz=frequency_Hz,
+            current_A=current_A,
+            cycles=self.sweep.cycles,
+            ramp_in_cycles=self.sweep.ramp_in_cycles,
+            ramp_out_cycles=self.sweep.ramp_out_cycles,
+            centre_m=self.specimen.mid_stroke_m,
+            rest_s=self.sweep.rest_s,
+        )
 
     @model_validator(mode="after")
     def _has_points(self) -> Self:

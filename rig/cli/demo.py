@@ -1,0 +1,74 @@
+"""`rig demo`: plan, run, identify and report on the simulated rig, and the fit beside the truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rig.cli.output import Command, console, json_option, out_option, write_json
+from rig.errors import EXIT_DONE
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+MATRIX = Path(__file__).with_name("demo.toml")
+
+
+@click.command(name="demo", cls=Command, examples=("rig demo", "rig demo --speed 10 --seed 7 --out /tmp/runs"))
+@click.option(
+    "--speed", type=click.FloatRange(0.1, 100.0), default=25.0, show_default=True, help="Simulated seconds per second."
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the simulated rig.")
+@out_option
+@json_option
+def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
+    """The whole story in under a minute on the simulated rig: plan, run, identify, report.
+
+    Real processes on real sockets, only the devices are simulated. At the end the fit stands beside the simulated
+    damper's true parameters.
+    """
+    from rig.campaign.options import CampaignOptions
+    from rig.cli.job import run_job
+    from rig.cli.run import show_paths, show_result
+    from rig.matrix.model import load_matrix
+
+    shown = console(as_json=as_json)
+    shown.print(f"A simulated rig {speed:g} times faster than a real one runs {MATRIX.name}:", markup=False)
+    options = CampaignOptions(matrix_path=MATRIX, out=out, simulate=True, speed=speed, seed=seed)
+    result = run_job(options, load_matrix(MATRIX).identify, shown)
+    if result.exit_code == EXIT_DONE and result.fit is not None:
+        fit = json.loads(result.fit.read_text(encoding="utf-8"))
+        _show_beside_truth(fit, result.campaign.campaign / "truth.h5", shown)
+        show_paths(result, shown)
+    else:
+        show_result(result, shown)
+    if as_json:
+        write_json(result.to_json())
+    return result.exit_code
+
+
+def _show_beside_truth(fit: dict[str, Any], truth_path: Path, shown: Console) -> None:
+    """The fit's simultaneous 95 % intervals beside the parameters the simulated damper really had."""
+    from rich.text import Text
+
+    from rig.cli.tables import fit_tables, inside
+
+    truth = _true_parameters(truth_path)
+    for part in fit_tables(fit, truth):
+        shown.print(part)
+    judged = [inside(entry, truth.get(name)) for name, entry in fit["parameters"].items()]
+    held, counted = judged.count(True), sum(item is not None for item in judged)
+    text = f"{held} of {counted} identifiable parameters have the truth inside their simultaneous 95 % interval"
+    shown.print(Text(text, style="green" if held == counted else "yellow"))
+
+
+def _true_parameters(path: Path) -> dict[str, float]:
+    """What the simulated damper's parameters were, from the truth file."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        values: dict[str, float] = json.loads(file["entry/provenance"].attrs["damper_parameters"])
+    return values

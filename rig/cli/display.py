@@ -1,0 +1,147 @@
+"""What the operator sees while a campaign runs: live on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.text import Text
+
+from rig.cli.tables import COLOURS, duration, plan_table
+
+if TYPE_CHECKING:
+    from rig.campaign.options import PointResult
+    from rig.matrix.plan import Plan
+    from rig.matrix.point import TestPoint
+
+# Live value -> (label, factor, unit, decimals).
+LIVE = {
+    "position_m": ("position", 1e3, "mm", 1),
+    "force_N": ("force", 1.0, "N", 0),
+    "current_A": ("current", 1.0, "A", 2),
+    "coil_temperature_degC": ("coil", 1.0, "°C", 1),
+}
+MARKS = {"valid": "✓", "suspect": "?", "invalid": "✗"}
+LEVELS = {"info": "", "warning": "yellow", "error": "red"}
+
+
+def describe(waveform: str, amplitude_m: float, frequency_Hz: float, current_A: float) -> str:
+    """A point in one phrase: "sine 50 mm 1.5 Hz 1 A"."""
+    return f"{waveform} {amplitude_m * 1e3:.4g} mm {frequency_Hz:.4g} Hz {current_A:.3g} A"
+
+
+class PlainDisplay:
+    """One line an event; for files, pipes and continuous integration. Implements `rig.campaign.options.Display`."""
+
+    def __init__(self, console: Console) -> None:
+        self.console = console
+        self.total = 0
+        self.done = 0
+        self.time_left_s = 0.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+    def planned(self, plan: Plan) -> None:
+        """Print the plan."""
+        self.total = len(plan.points)
+        for part in plan_table(plan):
+            self.console.print(part)
+
+    def phase(self, text: str) -> None:
+        """Print the phase, but not those that every point goes through."""
+        if self.done == 0 or self.done == self.total:
+            self.console.print(Text(f"  {text}", style="dim"))
+
+    def progress(self, point_id: str, cycles_done: int, time_left_s: float, live: Mapping[str, float]) -> None:
+        """Remember the time left for the next point's line."""
+        del point_id, cycles_done, live
+        self.time_left_s = time_left_s
+
+    def point_done(self, result: PointResult) -> None:
+        """Print a point's verdict, its reasons and the time left."""
+        self.done += 1
+        line = Text(f"{MARKS.get(result.verdict, '-')} {result.id}  ", style=COLOURS.get(result.verdict, ""))
+        line.append(
+            describe(result.waveform, result.amplitude_m, result.frequency_Hz, result.current_A).ljust(32), style="none"
+        )
+        line.append("; ".join((result.verdict, *result.reasons)))
+        line.append(f"   {self.done}/{self.total}, {duration(self.time_left_s)} left", style="dim")
+        self.console.print(line)
+
+    def message(self, level: str, text: str) -> None:
+        """Print what the operator should read."""
+        prefix = "" if level == "info" else f"{level}: "
+        self.console.print(Text(prefix + text, style=LEVELS.get(level, "")))
+
+
+class LiveDisplay(PlainDisplay):
+    """The same lines, with bars and live numbers under them that are redrawn in place."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__(console)
+        self._points: Mapping[str, TestPoint] = {}
+        self._bars = Progress(
+            TextColumn("{task.description}"), BarColumn(40), MofNCompleteColumn(), TextColumn("{task.fields[note]}"),
+            console=console,
+        )  # fmt: skip
+        self._campaign = self._bars.add_task("campaign", total=None, note="")
+        self._point = self._bars.add_task("", total=None, note="", visible=False)
+        self._numbers = Text()
+        self._phase = Text(style="dim")
+        self._live = Live(
+            Group(self._phase, self._bars, self._numbers), console=console, refresh_per_second=8, transient=True
+        )
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._live.stop()
+
+    def planned(self, plan: Plan) -> None:
+        """Print the plan and give the bars their lengths."""
+        super().planned(plan)
+        self._points = {item.point.id: item.point for item in plan.points}
+        self._bars.update(self._campaign, total=self.total)
+
+    def phase(self, text: str) -> None:
+        """Show the phase."""
+        self._phase.plain = text
+
+    def progress(self, point_id: str, cycles_done: int, time_left_s: float, live: Mapping[str, float]) -> None:
+        """Redraw bars and numbers."""
+        super().progress(point_id, cycles_done, time_left_s, live)
+        self._bars.update(self._campaign, completed=self.done, note=f"points, {duration(time_left_s)} left")
+        point = self._points.get(point_id)
+        if point is not None:
+            total = round(point.ramp_in_cycles + point.cycles + point.ramp_out_cycles)
+            text = describe(point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A)
+            self._bars.update(
+                self._point, description=point.id, total=total, completed=cycles_done, note=f"cycles, {text}",
+                visible=True,
+            )  # fmt: skip
+        else:
+            self._bars.update(self._point, visible=False)
+        self._numbers.plain = "   ".join(
+            f"{label} {live[name] * factor:.{decimals}f} {unit}"
+            for name, (label, factor, unit, decimals) in LIVE.items()
+            if name in live
+        )
+
+
+def display_for(console: Console) -> PlainDisplay:
+    """Live on a terminal, plain elsewhere."""
+    return LiveDisplay(console) if console.is_terminal else PlainDisplay(console)

@@ -1,0 +1,108 @@
+"""A whole job, as `rig run` and `rig demo` do it: campaign, then identification and report in their own process."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rig.campaign.options import CampaignOptions, CampaignResult
+    from rig.matrix.model import Identify
+
+
+@dataclass(frozen=True)
+class JobResult:
+    """A campaign's result and what was made of it; `fit` and `report` are None when there is none."""
+
+    campaign: CampaignResult
+    fit: Path | None
+    report: Path | None
+    error: str | None
+
+    @property
+    def exit_code(self) -> int:
+        """The campaign's own code first (7, 3, 4, 5), then 6 when a fit was wanted and there is none."""
+        if self.campaign.exit_code != EXIT_DONE:
+            return self.campaign.exit_code
+        return EXIT_DONE if self.error is None else EXIT_IDENTIFICATION
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of `rig run --json`."""
+        return {
+            **self.campaign.to_json(),
+            "fit": None if self.fit is None else str(self.fit),
+            "report": None if self.report is None else str(self.report),
+            "identification_error": self.error,
+        }
+
+
+class Analyst:
+    """The application's end of `rig.cli.analyst`; started early so that its imports happen during the motion."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "rig.cli.analyst"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            self._process.kill()
+        self._process.communicate()
+
+    def analyse(self, run: Path, identify: Identify | None) -> dict[str, Any]:
+        """Identify and report a run; blocks until done.
+
+        Returns:
+            The keys of `rig.cli.analyst`'s answer; `error` is set when the process died.
+        """
+        wanted = None if identify is None else identify.model_dump(include={"model", "method", "holdout"})
+        try:
+            print(json.dumps({"run": str(run), "identify": wanted}), file=self._process.stdin, flush=True)
+            line = self._process.stdout.readline() if self._process.stdout else ""
+            answer: dict[str, Any] = json.loads(line)
+        except (OSError, ValueError):
+            code = self._process.wait()
+            return {"fit": None, "report": None, "error": f"the identifying process ended (exit {code})"}
+        return answer
+
+
+def run_job(options: CampaignOptions, identify: Identify | None, console: Console) -> JobResult:
+    """Run a campaign with its display, then identify what it recorded (unless it was stopped) and report it.
+
+    Raises:
+        RigError: refused before a campaign directory exists.
+    """
+    from rig.campaign.runner import run_campaign
+    from rig.cli.display import display_for
+
+    with Analyst() as analyst:
+        with display_for(console) as display:
+            result = run_campaign(options, display)
+        recorded = [point for point in result.points if point.file is not None]
+        if not recorded:
+            return JobResult(result, None, None, None)
+        usable = result.exit_code in {EXIT_DONE, 5} and any(point.verdict != "invalid" for point in recorded)
+        with console.status("identifying and writing the report") if console.is_terminal else _Quiet():
+            answer = analyst.analyse(result.campaign, identify if usable else None)
+    if answer.get("report_error"):
+        console.print(f"warning: no report: {answer['report_error']}", style="yellow", markup=False)
+    paths = {key: None if answer[key] is None else Path(answer[key]) for key in ("fit", "report")}
+    return JobResult(result, paths["fit"], paths["report"], answer["error"])

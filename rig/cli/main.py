@@ -1,0 +1,112 @@
+"""The entry of the `rig` command: finds the command, runs it, turns errors into messages and exit codes."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+
+import click
+
+from rig import __version__
+from rig.cli.output import write_json
+from rig.cli.packages import foreign_packages
+from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, Refused, RigError, Stopped
+
+# Command -> module that holds it as `command`, and its line in the help (so that the help loads no module).
+COMMANDS = {
+    "demo": ("rig.cli.demo", "The whole story in under a minute on the simulated rig."),
+    "plan": ("rig.cli.plan", "Judge every point of a matrix before anything moves."),
+    "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
+    "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
+    "import": ("rig.cli.importing", "Bring foreign test files into the run format."),
+    "report": ("rig.cli.report", "Write the report of a run."),
+    "runs": ("rig.cli.runs", "List recorded runs."),
+    "recover": ("rig.cli.recover", "Finish what a broken campaign left behind."),
+    "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
+    "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
+}
+
+EPILOG = """Exit codes: 0 done; 2 bad usage or file; 3 refused before motion; 4 stopped by a fault or the operator, rig
+safe; 5 finished, but some points are not valid; 6 identification failed; 7 rig state unknown: go and look."""
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command when it is called, and knows the others by their line of help only."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order of a user's work."""
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command's module."""
+        del ctx
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = importlib.import_module(COMMANDS[cmd_name][0]).command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of commands, from the table alone."""
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+
+
+@click.group(cls=LazyGroup, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="rig", message="%(prog)s %(version)s")
+def cli() -> None:
+    """Controller for an MR-damper test rig: plan, run, record, identify.
+
+    \b
+    Try:  rig demo
+          rig plan examples/table1.toml --bench examples/demo-bench.toml
+          rig run examples/table1.toml --simulate --speed 50
+    """
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run one command; return its exit code.
+
+    Errors a user can mend are one clear message on standard error; with `--json` also one object on standard output.
+    """
+    as_json = "--json" in (arguments[: arguments.index("--")] if "--" in arguments else arguments)
+    try:
+        return int(cli.main(args=list(arguments), prog_name="rig", standalone_mode=False) or EXIT_DONE)
+    except click.ClickException as error:
+        error.show()
+        if as_json:
+            write_json({"error": error.format_message(), "exit_code": EXIT_USAGE})
+        return EXIT_USAGE
+    except RigError as error:
+        click.echo(f"rig: {error}" if not isinstance(error, FileProblem) else str(error), err=True)
+        if as_json:
+            write_json(_described(error))
+        return error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("rig: stopped by the operator", err=True)
+        if as_json:
+            write_json({"error": "stopped by the operator", "exit_code": EXIT_STOPPED})
+        return EXIT_STOPPED
+
+
+def _described(error: RigError) -> dict[str, object]:
+    described: dict[str, object] = {"error": str(error), "exit_code": error.exit_code}
+    if isinstance(error, FileProblem):
+        described |= {"file": error.file, "problems": error.problems}
+    if isinstance(error, (Refused, Stopped)):
+        described["slug"] = error.slug
+    return described
+
+
+def run() -> None:
+    """Console entry: `rig ...`."""
+    if problem := foreign_packages():
+        click.echo(f"rig: {problem}", err=True)
+        sys.exit(EXIT_USAGE)
+    sys.exit(main(sys.argv[1:]))
+
+
+if __name__ == "__main__":
+    run()

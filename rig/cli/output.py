@@ -1,0 +1,68 @@
+"""What every command shares: `--json`, examples in the help, one object on standard output, a place for progress."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+PLAIN_WIDTH = 132
+
+
+class Command(click.Command):
+    """A command whose help ends with examples, printed as they are typed."""
+
+    def __init__(self, *args: Any, examples: tuple[str, ...] = (), **kwargs: Any) -> None:  # noqa: ANN401 - click's own
+        super().__init__(*args, **kwargs)
+        self.examples = examples
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The examples, one a line."""
+        del ctx
+        with formatter.section("Example" if len(self.examples) == 1 else "Examples"):
+            for line in self.examples:
+                formatter.write(f"{'':>{formatter.current_indent}}{line}\n")
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output.")
+out_option = click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("logs"),
+    show_default=True,
+    help="Folder in which the run's directory is made.",
+)
+
+
+def write_json(value: object) -> None:
+    """Print one JSON object on standard output; inf and nan, which JSON lacks, become null."""
+    click.echo(json.dumps(_plain(value), indent=2, allow_nan=False))
+
+
+def console(*, as_json: bool = False) -> Console:
+    """Where text for people goes: standard output, or standard error when that is kept for JSON."""
+    from rich.console import Console
+
+    shown = Console(stderr=as_json, highlight=False)
+    if not shown.is_terminal:
+        shown = Console(stderr=as_json, highlight=False, width=PLAIN_WIDTH)
+    return shown
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value

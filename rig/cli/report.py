@@ -1,0 +1,25 @@
+"""`rig report`: the report of a run, written again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rig.cli.output import Command, json_option, write_json
+from rig.errors import EXIT_DONE
+
+
+@click.command(name="report", cls=Command, examples=("rig report logs/20260102T030405Z-MR-001-ab12cd",))
+@click.argument("run", type=click.Path(path_type=Path))
+@json_option
+def command(run: Path, as_json: bool) -> int:
+    """Write report.html of RUN (a campaign's directory): one file to read anywhere, no network needed."""
+    from rig.report import write_report
+
+    path = write_report(run).resolve()
+    if as_json:
+        write_json({"campaign": str(run.resolve()), "report": str(path)})
+    else:
+        click.echo(path)
+    return EXIT_DONE

@@ -1,0 +1,127 @@
+"""`rig run`: a matrix on a rig, real or simulated, recorded and identified."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rig.cli.output import Command, console, json_option, out_option, write_json
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rig.cli.job import JobResult
+
+
+@click.command(
+    name="run",
+    cls=Command,
+    examples=(
+        "rig run examples/table1.toml --bench my-bench.toml",
+        "rig run examples/table1.toml --simulate --speed 50",
+        "rig run examples/quick.toml --simulate -- --fault coil-open-short@3",
+    ),
+)
+@click.argument("matrix", type=click.Path(path_type=Path))
+@click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
+@click.option("--bench", type=click.Path(path_type=Path), help="Bench file of the rig.")
+@click.option("--simulate", is_flag=True, help="Start a simulated rig and run on that.")
+@click.option(
+    "--speed", type=click.FloatRange(0.01, 1000.0), help="Simulated seconds per second (with --simulate; default 1)."
+)
+@click.option("--seed", type=click.IntRange(0), help="Seed of the simulated rig (with --simulate; default 0).")
+@click.option("--no-identify", is_flag=True, help="Record only, whatever the matrix file says.")
+@out_option
+@json_option
+def command(
+    matrix: Path,
+    simulator_args: tuple[str, ...],
+    bench: Path | None,
+    simulate: bool,
+    speed: float | None,
+    seed: int | None,
+    no_identify: bool,
+    out: Path,
+    as_json: bool,
+) -> int:
+    """Run MATRIX: judge it, run it, record every point, fit the damper, write the report.
+
+    Ctrl-C stops the rig safely: current to 0 A, motion faded out by the controller; finished points are kept.
+    """
+    _check_usage(simulator_args, bench, speed, seed, simulate=simulate)
+    from rig.campaign.options import CampaignOptions
+    from rig.cli.job import run_job
+    from rig.matrix.model import load_matrix
+
+    identify = load_matrix(matrix).identify
+    options = CampaignOptions(
+        matrix_path=matrix,
+        out=out,
+        bench_path=bench,
+        simulate=simulate,
+        speed=1.0 if speed is None else speed,
+        seed=0 if seed is None else seed,
+        simulator_args=simulator_args,
+    )
+    shown = console(as_json=as_json)
+    result = run_job(options, identify if identify.enabled and not no_identify else None, shown)
+    if as_json:
+        write_json(result.to_json())
+    else:
+        show_result(result, shown)
+    return result.exit_code
+
+
+def _check_usage(
+    simulator_args: tuple[str, ...], bench: Path | None, speed: float | None, seed: int | None, *, simulate: bool
+) -> None:
+    """Refuse contradictions before anything is read.
+
+    Raises:
+        UsageError: with what to write instead.
+    """
+    if simulate == (bench is not None):
+        raise click.UsageError("give either --bench FILE or --simulate")
+    if simulator_args and not simulator_args[0].startswith("-"):
+        raise click.UsageError(f"one matrix at a time; what is {simulator_args[0]}?")
+    given = {"--speed": speed is not None, "--seed": seed is not None, "arguments after --": bool(simulator_args)}
+    for name, present in given.items():
+        if present and not simulate:
+            raise click.UsageError(f"{name} belong to the simulated rig; with --bench give them to `rig simulate`")
+
+
+def show_result(result: JobResult, shown: Console) -> None:
+    """Say how the job ended: points, stop, fit, paths."""
+    import json
+
+    from rich.text import Text
+
+    from rig.cli.tables import duration, fit_tables
+
+    campaign = result.campaign
+    colour = "green" if campaign.valid == campaign.total else "yellow"
+    line = Text(f"{campaign.valid} of {campaign.total} points valid", style=colour)
+    line.append(f"; {duration(campaign.wall_s)} for {duration(campaign.motion_s)} of motion", style="none")
+    shown.print(line)
+    if campaign.stopped_by is not None or campaign.refused:
+        cause = f"{campaign.stopped_by}: {campaign.detail}" if campaign.stopped_by else campaign.detail
+        shown.print(Text(f"{'refused' if campaign.refused else 'stopped'} by {cause}", style="red"))
+    if campaign.rig_state == "unknown":
+        shown.print(Text("THE RIG'S STATE IS UNKNOWN: standstill or 0 A could not be proved. Go and look.", style="red"))
+    if result.fit is not None:
+        for part in fit_tables(json.loads(result.fit.read_text(encoding="utf-8"))):
+            shown.print(part)
+    if result.error is not None:
+        shown.print(Text(f"not identified: {result.error}", style="red"))
+    show_paths(result, shown)
+
+
+def show_paths(result: JobResult, shown: Console) -> None:
+    """Say where everything is."""
+    from rich.text import Text
+
+    for name, path in (("campaign", result.campaign.campaign), ("fit", result.fit), ("report", result.report)):
+        if path is not None:
+            shown.print(Text(f"{name:<9} {path}"), soft_wrap=True)

@@ -1,0 +1,69 @@
+"""`rig runs`: which runs there are, how they ended, how well they were fitted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rig.cli.output import Command, console, json_option, write_json
+from rig.errors import EXIT_DONE, FileProblem
+
+
+@click.command(name="runs", cls=Command, examples=("rig runs", "rig runs --in /data/dampers --json"))
+@click.option(
+    "--in", "folder", type=click.Path(path_type=Path), default=Path("logs"), show_default=True, help="Folder of runs."
+)
+@json_option
+def command(folder: Path, as_json: bool) -> int:
+    """List the runs in a folder, oldest first."""
+    if not folder.is_dir():
+        raise FileProblem(str(folder), ["there is no such folder; runs are made in logs/ or where --out said"])
+    runs = [_summary(place) for place in sorted(folder.iterdir()) if (place / "points").is_dir()]
+    if as_json:
+        write_json({"runs": runs})
+        return EXIT_DONE
+    _show(runs, folder)
+    return EXIT_DONE
+
+
+def _show(runs: list[dict[str, Any]], folder: Path) -> None:
+    from rich.table import Table
+
+    shown = console()
+    if not runs:
+        shown.print(f"no runs in {folder}", markup=False)
+        return
+    table = Table()
+    for name in ("run", "specimen", "points", "valid", "to recover", "fit: error % of peak", "remark"):
+        table.add_column(name, justify="left" if name in {"run", "specimen", "remark"} else "right", overflow="fold")
+    for run in runs:
+        error = run["nrmse_percent_of_peak"]
+        table.add_row(
+            run["id"], run["specimen"], str(run["points"]), str(run["valid"]), str(run["unfinished"]),
+            "-" if error is None else f"{error:.3g}", run["remark"],
+        )  # fmt: skip
+    shown.print(table)
+
+
+def _summary(place: Path) -> dict[str, Any]:
+    """One run in a few numbers; what cannot be read is said in `remark`, so that one bad run hides no others."""
+    from rig.recording.run import Run, read_campaign
+
+    unfinished = len(list((place / "points").glob("*.journal")))
+    summary: dict[str, Any] = {
+        "id": place.name, "path": str(place.resolve()), "specimen": "", "points": 0, "valid": 0,
+        "unfinished": unfinished, "nrmse_percent_of_peak": None, "remark": "",
+    }  # fmt: skip
+    try:
+        summary["specimen"] = str(read_campaign(place).get("specimen", ""))
+        run = Run.open(place)
+        summary |= {"points": len(run.points), "valid": sum(point.verdict == "valid" for point in run.points)}
+        fit = place / "fit.json"
+        if fit.is_file():
+            summary["nrmse_percent_of_peak"] = json.loads(fit.read_text(encoding="utf-8"))["error"]["nrmse_percent_of_peak"]
+    except (FileProblem, ValueError, KeyError) as error:
+        summary["remark"] = error.problems[0] if isinstance(error, FileProblem) else f"fit.json: {error}"
+    return summary

@@ -1,0 +1,22 @@
+"""`rig schema`: JSON schemas of the files a user writes."""
+
+from __future__ import annotations
+
+import click
+
+from rig.cli.output import Command, json_option, write_json
+from rig.errors import EXIT_DONE
+
+
+@click.command(name="schema", cls=Command, examples=("rig schema matrix > matrix.schema.json",))
+@click.argument("file", type=click.Choice(["bench", "matrix"]))
+@json_option
+def command(file: str, as_json: bool) -> int:
+    """Print the JSON schema of the bench or matrix FILE, for editors that check while you type."""
+    del as_json  # a schema is JSON anyway
+    from rig.bench.model import Bench
+    from rig.matrix.model import Matrix
+
+    schema = (Bench if file == "bench" else Matrix).model_json_schema(by_alias=True)
+    write_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": f"{file} file"})
+    return EXIT_DONE

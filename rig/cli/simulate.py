@@ -1,0 +1,26 @@
+"""`rig simulate`: the simulated rig alone, in the place of this process."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import NoReturn
+
+import click
+
+from rig.cli.output import Command
+
+
+@click.command(
+    name="simulate",
+    cls=Command,
+    context_settings={"ignore_unknown_options": True},
+    examples=("rig simulate --speed 10 --truth truth.h5", "rig simulate -- --help        (its own options)"),
+)
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def command(arguments: tuple[str, ...]) -> NoReturn:
+    """Start `python -m simulators` with ARGUMENTS.
+
+    Its first line is the path of the bench file to give to `rig run --bench`; Ctrl-C ends it.
+    """
+    os.execv(sys.executable, [sys.executable, "-m", "simulators", *arguments])

@@ -1,0 +1,98 @@
+"""Lines of a TOML file, and files that are none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.bench.toml_source import SIZE_LIMIT_BYTES, read_toml, scan_lines
+from rig.errors import FileProblem
+
+TEXT = '''# a comment = 1
+top = 1
+"quoted.key" = 2
+[table]   # comment
+first = ["a",
+  "b # no comment",   # one
+]
+text = """
+not_a_key = 3
+"""
+second = { inner = 1, other = "]" }
+[table.sub]
+dotted.key = 'it''s'
+[[array]]
+x = 1
+[[array]]
+x = "\\""
+[array.child]
+y = 1
+'''.replace("'it''s'", "'its'")
+
+
+def test_every_table_and_key_is_found_at_its_line() -> None:
+    lines = scan_lines(TEXT)
+    assert lines == {
+        ("top",): 2,
+        ("quoted.key",): 3,
+        ("table",): 4,
+        ("table", "first"): 5,
+        ("table", "text"): 8,
+        ("table", "second"): 11,
+        ("table", "sub"): 12,
+        ("table", "sub", "dotted", "key"): 13,
+        ("array", 0): 14,
+        ("array", 0, "x"): 15,
+        ("array", 1): 16,
+        ("array", 1, "x"): 17,
+        ("array", 1, "child"): 18,
+        ("array", 1, "child", "y"): 19,
+    }
+
+
+def test_what_has_no_line_of_its_own_takes_the_nearest_enclosing_one(tmp_path: Path) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text(TEXT)
+    source = read_toml(path)
+    assert source.line(("table", "second", "inner")) == 11
+    assert source.line(("table", "first", 1)) == 5
+    assert source.line(("table", "missing")) == 4
+    assert source.line(("missing",)) is None
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"a = ", "not valid TOML"),
+        (b"a = 1\na = 2", "not valid TOML"),
+        (b"\xff\xfe", "not UTF-8 text"),
+        (b"a = " + b"[" * 100_000, "not valid TOML"),
+        (b"a = " + b"1" * 5000, "not valid TOML"),
+        (b"#" * (SIZE_LIMIT_BYTES + 1), "larger than 256 KiB"),
+    ],
+)
+def test_what_is_no_file_for_the_rig_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "file.toml"
+    path.write_bytes(content)
+    with pytest.raises(FileProblem, match=message):
+        read_toml(path)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileProblem, match="there is no such file"):
+        read_toml(tmp_path / "none.toml")
+    with pytest.raises(FileProblem, match="cannot be read"):
+        read_toml(tmp_path)
+
+
+@given(text=st.text(max_size=300))
+def test_no_file_crashes_the_reader(text: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.getbasetemp() / "fuzzed.toml"
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    try:
+        read_toml(path)
+    except FileProblem:
+        return

@@ -1,0 +1,158 @@
+"""The matrix file: expansion, order, identity, and refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rig.errors import FileProblem
+from rig.matrix.model import Matrix, load_matrix
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+HEAD = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+"""
+SWEEP = """
+[matrix]
+amplitude = ["50 mm"]
+frequency = ["0.5 Hz", "1 Hz"]
+current = ["0 A", "0.5 A", "1 A"]
+"""
+
+
+def load(tmp_path: Path, text: str) -> Matrix:
+    path = tmp_path / "matrix.toml"
+    path.write_text(text)
+    return load_matrix(path)
+
+
+def problems(tmp_path: Path, text: str) -> list[str]:
+    with pytest.raises(FileProblem) as caught:
+        load(tmp_path, text)
+    return caught.value.problems
+
+
+def test_table_1_is_twenty_sines_with_current_outermost() -> None:
+    points = load_matrix(EXAMPLES / "table1.toml").points()
+    assert [point.id for point in points] == [f"p{number:03d}" for number in range(1, 21)]
+    assert [point.frequency_Hz for point in points[:4]] == [0.5, 1.0, 1.5, 2.0]
+    assert [point.current_A for point in points[::4]] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert {(point.waveform, point.amplitude_m, point.cycles) for point in points} == {("sine", 0.05, 10)}
+
+
+@pytest.mark.parametrize("name", ["table1", "triangle", "quick"])
+def test_every_example_is_a_good_file(name: str) -> None:
+    assert load_matrix(EXAMPLES / f"{name}.toml").points()
+
+
+def test_the_quick_example_has_two_points_and_at_least_eight_seconds_of_motion() -> None:
+    points = load_matrix(EXAMPLES / "quick.toml").points()
+    assert len(points) == 2
+    assert sum(point.motion_s for point in points) >= 8.0
+
+
+def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
+    text = HEAD + "[matrix]\namplitude_mm = [50]\nfrequency_Hz = [0.5, 1]\ncurrent_A = [0, 0.5, 1.0]"
+    assert load(tmp_path, text).points() == load(tmp_path, HEAD + SWEEP).points()
+
+
+def test_a_random_order_is_the_same_for_the_same_seed_and_keeps_the_points_names(tmp_path: Path) -> None:
+    written = load(tmp_path, HEAD + SWEEP).points()
+    first = load(tmp_path, HEAD + SWEEP + 'order = "random"\nseed = 7').points()
+    again = load(tmp_path, HEAD + SWEEP + 'order = "random"\nseed = 7').points()
+    other = load(tmp_path, HEAD + SWEEP + 'order = "random"\nseed = 8').points()
+    assert first == again != other
+    assert first != written
+    assert sorted(first, key=lambda point: point.id) == list(written)
+
+
+def test_extra_points_follow_and_repeats_come_round_again(tmp_path: Path) -> None:
+    extra = """
+repeats = 2
+[[point]]
+id = "slow"
+waveform = "triangle"
+amplitude = "10 mm"
+frequency = "0.1 Hz"
+current = "0 A"
+cycles = 4
+"""
+    points = load(tmp_path, HEAD + SWEEP + extra).points()
+    assert len(points) == 14
+    assert [points[6].id, points[13].id] == ["slow", "slow-2"]
+    assert [points[6].repeat, points[13].repeat] == [1, 2]
+    assert (points[6].waveform, points[6].cycles, points[6].amplitude_m) == ("triangle", 4, 0.01)
+    assert points[7].id == "p008"
+    assert points[7].amplitude_m == points[0].amplitude_m
+
+
+def test_extra_points_alone_are_a_matrix(tmp_path: Path) -> None:
+    (point,) = load(tmp_path, HEAD + '[[point]]\namplitude = "5 mm"\nfrequency = "3 Hz"\ncurrent = "1 A"').points()
+    assert (point.id, point.waveform, point.cycles) == ("p001", "sine", 10)
+
+
+def test_points_are_centred_on_the_specimens_mid_stroke(tmp_path: Path) -> None:
+    text = HEAD + 'mid_stroke = "-12 mm"\n' + SWEEP + 'rest = "3 s"\nramp_in_cycles = 2.0'
+    (point, *_) = load(tmp_path, text).points()
+    assert (point.centre_m, point.rest_s, point.ramp_in_cycles) == (-0.012, 3.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (HEAD, "no test point"),
+        (HEAD + "[matrix]\nwaveform = []", "matrix.waveform = []: must not be empty"),
+        (HEAD + '[matrix]\namplitude = ["50 mm"]', "needs amplitude, frequency and current"),
+        (HEAD + SWEEP + 'waveform = ["sinus"]', 'matrix.waveform[1] = "sinus": must be \'sine\' or \'triangle\''),
+        (HEAD + SWEEP.replace('"0 A"', '"-1 A"'), "too small (allowed: 0 A to 20 A)"),
+        (HEAD + SWEEP.replace('"0 A"', "1"), "the number 1 has no unit"),
+        (HEAD + SWEEP.replace('["50 mm"]', '"50 mm"'), "must be a list in [ ]"),
+        (HEAD + SWEEP.replace("50 mm", "0 mm"), "allowed: more than 0 mm to 1 m"),
+        (HEAD + SWEEP.replace('"0.5 A"', '"0 A"'), "a value stands there twice"),
+        (HEAD + SWEEP + "cycles = 2", "must be greater than or equal to 3"),
+        (HEAD + SWEEP + "cycles = 10.0", "must be a whole number"),
+        (HEAD + SWEEP + 'order = "random"', "needs a seed"),
+        (HEAD + SWEEP + 'order = "by heat"', "matrix.order"),
+        (HEAD + SWEEP + "repeats = 1000\n" + 'rest = "-1 s"', "matrix.rest"),
+        (HEAD + SWEEP + "amplitud = 3", "unknown key; did you mean amplitude?"),
+        (HEAD + 'prior = "demon"\n' + SWEEP, "unknown parameter set; known: "),
+        (HEAD + 'prior = "demo"\nmax_force = "2 kN"\n' + SWEEP, "prior or max_force, not both"),
+        (HEAD.replace("MR-001", "../evil") + SWEEP, "specimen.serial_number"),
+        (HEAD + SWEEP + '[identify]\nmodel = "asymetric"', "unknown model; known: all, asymmetric"),
+        (HEAD + SWEEP + '[identify]\nmethod = "seperable"', "did you mean separable?"),
+        (HEAD + SWEEP + "[campaign]\nretries = 3", "must be less than or equal to 2"),
+        (HEAD + SWEEP + "[identifi]\nmodel = 1", "unknown key; did you mean identify?"),
+    ],
+)
+def test_a_wrong_entry_is_refused_with_its_place_and_what_would_fit(tmp_path: Path, text: str, expected: str) -> None:
+    found = problems(tmp_path, text)
+    assert any(expected in problem for problem in found), found
+
+
+def test_two_points_of_one_name_are_refused(tmp_path: Path) -> None:
+    extra = '[[point]]\nid = "P003"\namplitude = "5 mm"\nfrequency = "3 Hz"\ncurrent = "1 A"\n'
+    (found,) = problems(tmp_path, HEAD + SWEEP + extra)
+    assert "two points are called p003" in found
+
+
+def test_a_list_entry_is_named_by_its_number(tmp_path: Path) -> None:
+    extra = '[[point]]\namplitude = "5 mm"\nfrequency = "3 Hz"\ncurrent = "1 A"\n'
+    (found,) = problems(tmp_path, HEAD + extra + extra.replace("3 Hz", "3 N"))
+    assert found.startswith('line 12: point[2].frequency = "3 N": 3 N is a force')
+
+
+def test_absurdly_many_points_are_refused_before_they_are_made(tmp_path: Path) -> None:
+    many = ", ".join(f'"{number / 1000} A"' for number in range(1000))
+    (found,) = problems(tmp_path, HEAD + SWEEP.replace('"0 A", "0.5 A", "1 A"', many) + "repeats = 1000")
+    assert "2000000 test points; allowed: at most 10000" in found
+
+
+def test_the_digest_follows_the_points_and_the_specimen_only(tmp_path: Path) -> None:
+    reference = load(tmp_path, HEAD + SWEEP).digest
+    assert load(tmp_path, "# comment\n" + HEAD + SWEEP + '[identify]\nmodel = "kwok"').digest == reference
+    assert load(tmp_path, HEAD + SWEEP.replace("50 mm", "49 mm")).digest != reference
+    assert load(tmp_path, HEAD.replace("170", "160") + SWEEP).digest != reference

@@ -1,0 +1,161 @@
+"""The plan refuses what the machine cannot do, and says what it could."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rig.bench.model import Bench
+from rig.dampers import model, parameter_set
+from rig.matrix.model import Matrix, load_matrix
+from rig.matrix.plan import Plan, plan
+from rig.matrix.point import TestPoint
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+DEMO = Bench.load(EXAMPLES / "demo-bench.toml")
+PAPER = Bench.load(EXAMPLES / "paper-bench.toml")
+
+
+def matrix(point: str, specimen: str = "", tail: str = "") -> Matrix:
+    import tomllib
+
+    from rig.bench.toml_source import _frozen
+
+    text = f'format = 1\n[specimen]\nserial_number = "A"\nstroke = "170 mm"\n{specimen}\n[[point]]\n{point}\n{tail}'
+    return Matrix.model_validate(_frozen(tomllib.loads(text)))
+
+
+def one(amplitude: str, frequency: str, *, waveform: str = "sine", current: str = "0 A", specimen: str = "") -> Matrix:
+    return matrix(
+        f'waveform = "{waveform}"\namplitude = "{amplitude}"\nfrequency = "{frequency}"\ncurrent = "{current}"', specimen
+    )
+
+
+def only(result: Plan) -> tuple[bool, str, float | None]:
+    (item,) = result.points
+    return item.feasible, "; ".join(item.reasons), item.would_fit_m
+
+
+def test_table_1_needs_the_speeds_of_the_paper() -> None:
+    speeds = [item.point.peak_speed_m_s for item in plan(load_matrix(EXAMPLES / "table1.toml"), DEMO).points[:4]]
+    assert speeds == pytest.approx([0.157, 0.314, 0.471, 0.628], abs=5e-4)
+
+
+def test_table_1_is_refused_on_the_papers_machine_with_the_amplitudes_that_fit() -> None:
+    result = plan(load_matrix(EXAMPLES / "table1.toml"), PAPER)
+    assert not result.feasible
+    fits_mm = [1e3 * (item.would_fit_m or 0.0) for item in result.points[:4]]
+    assert fits_mm == pytest.approx([47.74, 23.87, 15.91, 11.93], abs=1e-9)
+    for item in result.points:
+        assert not item.feasible
+        again = replace(item.point, amplitude_m=item.would_fit_m or 0.0)
+        assert again.peak_speed_m_s <= 0.15
+
+
+def test_table_1_is_feasible_on_the_demo_bench() -> None:
+    result = plan(load_matrix(EXAMPLES / "table1.toml"), DEMO)
+    assert result.feasible
+    motion_s = 5 * 12 * (1 / 0.5 + 1 + 1 / 1.5 + 1 / 2)
+    assert motion_s < result.duration_s < 1.1 * motion_s
+
+
+@pytest.mark.parametrize(
+    ("given", "reason", "fits_m"),
+    [
+        (one("100 mm", "0.1 Hz"), "-100 mm to 100 mm leaves the bench's -85 mm to 85 mm", 0.085),
+        (one("20 mm", "9.9 Hz"), "acceleration 77.4 m/s^2 is above the bench's 60 m/s^2", 0.01286),
+        (one("50 mm", "3 Hz", waveform="triangle"), "acceleration 72 m/s^2 is above the bench's 60 m/s^2", 0.04166),
+        (one("30 mm", "1 Hz", current="5 A"), "current 5 A is above the bench's 3 A", None),
+        (one("30 mm", "1 Hz", current="2.5 A", specimen='max_current = "2 A"'), "above the specimen's 2 A", None),
+        (one("30 mm", "1 Hz", specimen='max_force = "6 kN"'), "predicted force 6000 N is above the bench's 5000 N", None),
+        (one("1 mm", "12 Hz"), "20.8 samples a cycle at 250 Hz; a loop needs 25", None),
+        (one("60 mm", "0.1 Hz", specimen='mid_stroke = "40 mm"'), "-20 mm to 100 mm leaves", 0.045),
+    ],
+)
+def test_each_limit_refuses_with_its_reason_and_what_would_fit(given: Matrix, reason: str, fits_m: float | None) -> None:
+    feasible, reasons, would_fit_m = only(plan(given, DEMO))
+    assert not feasible
+    assert reason in reasons
+    assert would_fit_m == (None if fits_m is None else pytest.approx(fits_m, abs=1e-9))
+
+
+def test_the_specimens_stroke_limits_the_travel() -> None:
+    short = matrix('amplitude = "50 mm"\nfrequency = "0.2 Hz"\ncurrent = "0 A"', "")
+    short = short.model_copy(update={"specimen": short.specimen.model_copy(update={"stroke_m": 0.08})})
+    assert only(plan(short, DEMO)) == (False, "100 mm of travel exceed the specimen's stroke 80 mm", 0.04)
+
+
+def test_a_predicted_force_beyond_the_limit_names_an_amplitude_whose_force_fits() -> None:
+    weak = DEMO.model_copy(update={"limits": DEMO.limits.model_copy(update={"force_N": 600.0})})
+    given = one("50 mm", "2 Hz", current="0.5 A", specimen='prior = "demo"')
+    feasible, reasons, would_fit_m = only(plan(given, weak))
+    assert not feasible
+    assert "predicted force" in reasons
+    assert would_fit_m is not None
+    fitted = one(f"{would_fit_m * 1e3} mm", "2 Hz", current="0.5 A", specimen='prior = "demo"')
+    assert only(plan(fitted, weak))[0]
+    beyond = one(f"{would_fit_m * 1e3 + 0.1} mm", "2 Hz", current="0.5 A", specimen='prior = "demo"')
+    assert not only(plan(beyond, weak))[0]
+
+
+def test_force_and_heat_from_a_prior_agree_with_its_model_integrated_here() -> None:
+    (item,) = plan(one("40 mm", "1.5 Hz", current="1 A", specimen='prior = "demo"'), DEMO).points
+    prior = parameter_set("demo")
+    time_s = np.linspace(0.0, 1 / 1.5, 20_001)
+    omega = 2 * math.pi * 1.5
+    u, v = 0.04 * np.sin(omega * time_s), 0.04 * omega * np.cos(omega * time_s)
+    force_N = model(prior.model).force(prior.values, u, v, -(omega**2) * u, 1.0, time_s[1])
+    assert item.predicted_force_N == pytest.approx(np.max(np.abs(force_N)), rel=1e-3)
+    cycle_J = np.trapezoid(force_N * v, time_s)
+    ramps = 2 * sum((phase / 2000) ** 2 for phase in range(2000)) / 2000
+    assert item.energy_J == pytest.approx(cycle_J * (10 + ramps), rel=5e-3)
+
+
+def test_without_prior_or_bound_force_and_heat_are_unknown_and_the_plan_says_so() -> None:
+    result = plan(one("30 mm", "1 Hz"), DEMO)
+    (entry,) = result.to_json()["points"]
+    assert entry["predicted_force_N"] is None
+    assert entry["energy_J"] is None
+    assert result.prediction == "unknown"
+
+
+def test_a_force_bound_bounds_the_heat_and_the_coil_adds_its_own() -> None:
+    (item,) = plan(one("30 mm", "1 Hz", specimen='max_force = "2 kN"'), DEMO).points
+    assert item.predicted_force_N == 2000.0
+    assert item.energy_J == pytest.approx(4 * 0.03 * 2000 * (10 + 2 / 3))
+    coil = one("30 mm", "1 Hz", current="2 A", specimen='max_force = "2 kN"\ncoil_resistance = "1.5 ohm"')
+    (warm,) = plan(coil, DEMO).points
+    assert warm.energy_J == pytest.approx((item.energy_J or 0.0) + 2.0**2 * 1.5 * 12.0)
+
+
+@given(
+    amplitude_m=st.floats(1e-4, 0.5),
+    frequency_Hz=st.floats(0.01, 9.0),
+    waveform=st.sampled_from(["sine", "triangle"]),
+    centre_m=st.floats(-0.08, 0.08),
+)
+@settings(max_examples=200, deadline=None)
+def test_what_would_fit_always_fits(amplitude_m: float, frequency_Hz: float, waveform: str, centre_m: float) -> None:
+    specimen = f"mid_stroke_m = {centre_m}"
+    _, _, would_fit_m = only(
+        plan(one(f"{amplitude_m} m", f"{frequency_Hz} Hz", waveform=waveform, specimen=specimen), PAPER)
+    )
+    if would_fit_m is not None:
+        assert would_fit_m <= amplitude_m
+        mended = one(f"{would_fit_m} m", f"{frequency_Hz} Hz", waveform=waveform, specimen=specimen)
+        assert only(plan(mended, PAPER))[0]
+
+
+def test_a_triangle_is_slower_than_the_sine_of_the_same_amplitude_and_rounds_its_corners_in_a_twentieth() -> None:
+    sine = TestPoint("p001", "sine", 0.05, 1.0, 0.0)
+    triangle = replace(sine, waveform="triangle")
+    assert triangle.peak_speed_m_s == pytest.approx(0.2)
+    assert sine.peak_speed_m_s == pytest.approx(0.1 * math.pi)
+    corner_s = 2 * triangle.peak_speed_m_s / triangle.peak_acceleration_m_s2
+    assert corner_s == pytest.approx(0.05)
