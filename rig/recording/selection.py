@@ -11,6 +11,8 @@ from rig.errors import FileProblem
 TEXTS = ("id", "waveform", "verdict")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "centre_m")
 RELATIVE_TOLERANCE = 1e-6
+IMPORTED_TOLERANCE = 0.05
+"""Amplitude and frequency of an imported test are estimates of what somebody asked for."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,11 @@ class Selection:
 
     def holds(self, point: object) -> bool:
         """True when the point meets every condition."""
-        return all(any(_equal(getattr(point, name), value) for value in values) for name, values in self.conditions)
+        tolerance = IMPORTED_TOLERANCE if getattr(point, "imported", False) else RELATIVE_TOLERANCE
+        return all(
+            any(_equal(getattr(point, name), value, tolerance) for value in values)
+            for name, values in self.conditions
+        )
 
 
 def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
@@ -57,7 +63,7 @@ def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
         raise ValueError(f"{name} = {value!r} is not a number, in the unit its name says") from error
 
 
-def _equal(found: object, wanted: str | float) -> bool:
+def _equal(found: object, wanted: str | float, tolerance: float) -> bool:
     if isinstance(wanted, str):
         return str(found) == wanted
-    return isinstance(found, (int, float)) and math.isclose(found, wanted, rel_tol=RELATIVE_TOLERANCE, abs_tol=1e-9)
+    return isinstance(found, (int, float)) and math.isclose(found, wanted, rel_tol=tolerance, abs_tol=1e-9)

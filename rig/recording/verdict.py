@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 LARGEST_LOSS_SHARE = 0.001
 LARGEST_NAN_SHARE = 0.001
 SATURATED_SAMPLES = 3
+TOLERATED_CYCLES = 1
+"""A cycle beside a ramp may still settle; the fit drops the first and the last anyway."""
 AMPLITUDE_SUSPECT, AMPLITUDE_INVALID = 0.05, 0.10
 FREQUENCY_SUSPECT = 0.03
 SKEW_SUSPECT_PERIODS = 0.003
@@ -121,7 +123,7 @@ def _share(slug: str, name: str, count: int, total: int, what: str, limit: float
 def _motion(found: Findings) -> list[Reason]:
     if found.wanted_cycles <= 0:
         return []
-    if found.measured_cycles is None or found.measured_cycles < found.wanted_cycles:
+    if found.measured_cycles is None or found.measured_cycles < found.wanted_cycles - TOLERATED_CYCLES:
         counted = "none" if found.measured_cycles is None else f"{found.measured_cycles:g}"
         return [("invalid", f"too-few-cycles: {counted} full cycles measured, {found.wanted_cycles:g} wanted")]
     reasons = []

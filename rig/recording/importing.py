@@ -1,0 +1,236 @@
+"""Foreign tests as a run of ours: CSV files with named columns and units become points in the same format.
+
+Nothing is filtered or resampled; ramps and rests at both ends stay. What is not in the files is said to be unknown.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import rig
+from protocols.quality import Quality
+from rig.clock import utc_now
+from rig.errors import FileProblem
+from rig.recording.achieved import Achieved, achieved_motion
+from rig.recording.columns import ColumnChoice, parse_columns, read_table
+from rig.recording.durable import write_text_durably
+from rig.recording.interpolation import LARGEST_STEP_PERIODS
+from rig.recording.layout import AlignedChannel, Attribute, FloatArray, PointFile, write_file
+from rig.recording.velocity import velocity_of
+from rig.recording.verdict import Findings, SensorCounts, Verdict, judge
+
+FEWEST_CYCLES = 3
+NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
+
+
+@dataclass(frozen=True)
+class ImportedTest:
+    """One foreign test in SI on its own time: arrays (n,), NaN where the file has no number."""
+
+    source: Path
+    sha256: str
+    time_s: FloatArray
+    displacement_m: FloatArray
+    force_N: FloatArray
+    current_A: FloatArray
+    nominal_current_A: float
+    current_measured: bool
+
+
+def import_tests(
+    files: Sequence[Path], *, columns: Mapping[str, str], out: Path, current_A: float | None = None,
+    current_from_name: str | None = None, waveform: str = "sine", specimen: str = "imported",
+    mid_stroke_m: float | None = None,
+) -> Path:
+    """Make a run from CSV files, one point a file, all or none.
+
+    Args:
+        files: the tests.
+        columns: `time`, `displacement`, `force` and, if measured, `current` -> column with its unit, as a suffix
+            (`x_mm`) or after a colon (`x:mm`).
+        out: folder in which the run's directory is made.
+        current_A: coil current of all tests, where the files have no column of it.
+        current_from_name: regular expression with a group `current` (in A) to be found in each file's name.
+        waveform: `sine` or `triangle`.
+        specimen: serial number of the damper; becomes part of the directory's name.
+        mid_stroke_m: mid-stroke in the coordinate of the displacement column; None: unknown.
+
+    Returns:
+        The run's directory.
+
+    Raises:
+        FileProblem: one line for each thing that does not fit: file, line, column, value. Nothing is written then.
+    """
+    choices = parse_columns(columns)
+    pattern = _current_pattern(current_from_name)
+    tests, problems = [], []
+    for file in files:
+        try:
+            tests.append(_read_test(Path(file), choices, current_A, pattern))
+        except FileProblem as error:
+            problems += [f"{error.file}: {problem}" for problem in error.problems]
+    if not files:
+        problems.append("no files given")
+    if problems:
+        raise FileProblem("import", problems)
+    folder = out / f"{utc_now():%Y%m%dT%H%M%SZ}-{NOT_IN_A_NAME.sub('-', specimen)}-{secrets.token_hex(2)}"
+    (folder / "points").mkdir(parents=True)
+    entries = []
+    for name, test in zip(_names(tests), tests, strict=True):
+        write_file(folder / "points" / f"{name}.h5", _point_file(name, test, choices, waveform, mid_stroke_m))
+        entries.append({"id": name, "source": test.source.name, "sha256": test.sha256})
+    description = {
+        "id": folder.name, "imported": True, "specimen": specimen, "created": utc_now().isoformat(timespec="seconds"),
+        "software": f"rig {rig.__version__}", "columns": {key: choice.text for key, choice in choices.items()},
+        "points": entries,
+    }
+    write_text_durably(folder / "campaign.json", json.dumps(description, indent=1) + "\n")
+    return folder
+
+
+def _current_pattern(text: str | None) -> re.Pattern[str] | None:
+    if text is None:
+        return None
+    try:
+        pattern = re.compile(text)
+    except re.error as error:
+        raise FileProblem("--current-from-name", [f"{text!r} is not a regular expression: {error}"]) from error
+    if "current" not in pattern.groupindex:
+        raise FileProblem("--current-from-name", [f"{text!r} has no group (?P<current>...)"])
+    return pattern
+
+
+def _read_test(
+    file: Path, choices: Mapping[str, ColumnChoice], current_A: float | None, pattern: re.Pattern[str] | None,
+) -> ImportedTest:
+    table, sha256 = read_table(file, choices)
+    time_s = table["time"]
+    _check_time(file, time_s)
+    measured = "current" in table
+    nominal_A = float(np.nanmedian(table["current"])) if measured else _nominal_current(file, current_A, pattern)
+    if not np.isfinite(nominal_A):
+        raise FileProblem(str(file), [f"column {choices['current'].column!r} has no number in it"])
+    current = table["current"] if measured else np.full(len(time_s), nominal_A)
+    return ImportedTest(
+        file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, measured,
+    )
+
+
+def _nominal_current(file: Path, current_A: float | None, pattern: re.Pattern[str] | None) -> float:
+    if pattern is None and current_A is None:
+        raise FileProblem(str(file), [
+            "the coil current is not known: name a column (--column current=i_A), a value (--current '0.5 A') or where "
+            "the file's name says it (--current-from-name '_(?P<current>[0-9.]+)A')",
+        ])
+    if pattern is None:
+        return float(current_A or 0.0)
+    found = pattern.search(file.name)
+    if found is None:
+        raise FileProblem(str(file), [f"the name does not match {pattern.pattern!r}: no current in it"])
+    try:
+        return float(found["current"])
+    except ValueError as error:
+        raise FileProblem(str(file), [f"current {found['current']!r} in the name is not a number (A)"]) from error
+
+
+def _check_time(file: Path, time_s: FloatArray) -> None:
+    if len(time_s) < 16:
+        raise FileProblem(str(file), [f"{len(time_s)} rows; a test needs at least 16"])
+    steps = np.diff(time_s)
+    wrong = np.flatnonzero(~(steps > 0.0))
+    if len(wrong):
+        first = int(wrong[0])
+        raise FileProblem(str(file), [
+            f"line {first + 3}: time {time_s[first + 1]!r} s does not come after {time_s[first]!r} s "
+            f"({len(wrong)} such line(s)); times must increase",
+        ])
+
+
+def _names(tests: Sequence[ImportedTest]) -> list[str]:
+    names: list[str] = []
+    for test in tests:
+        stem = NOT_IN_A_NAME.sub("-", test.source.stem)
+        name, count = stem, 2
+        while name in names:
+            name, count = f"{stem}-{count}", count + 1
+        names.append(name)
+    return names
+
+
+def _point_file(
+    name: str, test: ImportedTest, choices: Mapping[str, ColumnChoice], waveform: str, mid_stroke_m: float | None,
+) -> PointFile:
+    period_s = float(np.median(np.diff(test.time_s)))
+    flags, lost = _flags(test, period_s)
+    motion = achieved_motion(test.time_s, test.displacement_m)
+    verdict = _judge(test, motion, lost)
+    velocity, method = velocity_of(test.time_s, test.displacement_m)
+    channels = [
+        AlignedChannel("displacement", test.displacement_m, "m", "Damper extension", choices["displacement"].column),
+        AlignedChannel("force", test.force_N, "N", "Force", choices["force"].column),
+        AlignedChannel("current", test.current_A, "A", _current_name(test), "current" if test.current_measured else ""),
+        AlignedChannel(
+            "velocity", velocity, "m/s", "Velocity from measured displacement", attributes={"method": method},
+        ),
+    ]
+    measured: dict[str, Attribute] = {} if motion is None else {
+        "measured_amplitude_m": motion.amplitude_m, "measured_frequency_Hz": motion.frequency_Hz,
+        "measured_mean_m": motion.mean_m, "cycles_start_s": motion.start_s, "cycles_end_s": motion.end_s,
+    }
+    return PointFile(
+        time_s=test.time_s, sample_rate_hz=1.0 / period_s, channels=channels, flags=flags,
+        test={
+            "id": name, "waveform": waveform, "amplitude_m": 0.0 if motion is None else two_digits(motion.amplitude_m),
+            "frequency_Hz": 0.0 if motion is None else two_digits(motion.frequency_Hz),
+            "current_A": test.nominal_current_A, "cycles": 0 if motion is None else motion.cycles,
+            "mid_stroke_m": mid_stroke_m, "imported": True,
+        },
+        quality={
+            "verdict": verdict.verdict, "reasons": verdict.reasons, "lost_samples": lost, "skew_s": 0.0,
+            "skew_std_s": 0.0, "skew_method": "as imported: one time base, not checked",
+            "measured_cycles": 0 if motion is None else motion.cycles, **measured,
+        },
+        provenance={
+            "software": f"rig {rig.__version__}", "source_file": test.source.name, "source_sha256": test.sha256,
+            "imported_utc": utc_now().isoformat(timespec="seconds"),
+            "current": "measured" if test.current_measured else "as given, not measured",
+        },
+        title=f"Imported test {name}",
+    )
+
+
+def _current_name(test: ImportedTest) -> str:
+    return "Coil current" if test.current_measured else "Coil current as given, not measured"
+
+
+def _flags(test: ImportedTest, period_s: float) -> tuple[NDArray[np.int8], int]:
+    """Flags of each row and the number of rows missing between them."""
+    flags = np.zeros(len(test.time_s), np.int8)
+    steps = np.diff(test.time_s) / period_s
+    after_gap = np.flatnonzero(steps > LARGEST_STEP_PERIODS) + 1
+    flags[after_gap] |= np.int8(Quality.GAP_BEFORE)
+    flags[~(np.isfinite(test.force_N) & np.isfinite(test.displacement_m))] |= np.int8(Quality.NOT_A_NUMBER)
+    return flags, int(np.sum(np.round(steps[after_gap - 1]) - 1))
+
+
+def _judge(test: ImportedTest, motion: Achieved | None, lost: int) -> Verdict:
+    missing = {name: int(np.count_nonzero(~np.isfinite(values)))
+               for name, values in (("force", test.force_N), ("displacement", test.displacement_m))}
+    return judge(Findings(
+        sensors={name: SensorCounts(len(test.time_s), lost, count) for name, count in missing.items()},
+        wanted_cycles=FEWEST_CYCLES, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
+        measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
+    ))
+
+
+def two_digits(value: float) -> float:
+    """A value rounded to two significant digits: the nominal amplitude or frequency somebody probably asked for."""
+    return float(f"{value:.2g}")
