@@ -4,3 +4,8 @@ Here live the sequencer (pure: state and event in, state and actions out), the r
 reports and carries out its actions, the set-up of a campaign's directory, and the start of a simulated rig. Ports, wire
 formats and file formats may not live here: the station owns the first two, `rig.recording` the last.
 """
+
+from rig.campaign.conduct import run_campaign
+from rig.campaign.options import CampaignOptions, CampaignResult, Display, PointResult
+
+__all__ = ["CampaignOptions", "CampaignResult", "Display", "PointResult", "run_campaign"]

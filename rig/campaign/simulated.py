@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
+import os
 import select
 import subprocess
 import sys
@@ -80,12 +80,10 @@ def _first_line(process: subprocess.Popen[bytes], timeout_s: float) -> str:
         left_s = max(0.0, (deadline_ns - monotonic_ns()) * 1e-9)
         if not select.select([descriptor], [], [], left_s)[0]:
             break
-        chunk = process.stdout.read1(4096) if hasattr(process.stdout, "read1") else b""
+        chunk = os.read(descriptor, 4096)
         if not chunk:
             break
         line += chunk
         if b"\n" in line:
             return line.split(b"\n", 1)[0].decode("utf-8", "replace").strip()
-    with contextlib.suppress(OSError):
-        process.stdout.close()
     return ""

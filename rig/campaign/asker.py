@@ -1,0 +1,92 @@
+"""Requests to the station without waiting for them: one thread asks, a second one carries stops past it."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+from rig.campaign.action import Request
+from rig.clock import monotonic_ns
+from rig.station.client import StationClient, StationLost, StationRefused
+
+Answer = dict[str, Any]
+
+# Request -> the station's name for it, its fixed arguments, how long to wait for the proof (wall s).
+WAYS: dict[Request, tuple[str, dict[str, Any], float]] = {
+    Request.CONNECT: ("connect", {}, 20.0),
+    Request.ARM: ("arm", {}, 10.0),
+    Request.STARVE_WATCHDOG: ("starve_watchdog", {}, 30.0),
+    Request.HYDRAULICS_LOW: ("hydraulics", {"level": "low"}, 30.0),
+    Request.HYDRAULICS_ON: ("hydraulics", {"level": "on"}, 30.0),
+    Request.MOVE: ("move", {}, 5.0),
+    Request.SET_CURRENT: ("set_current", {}, 5.0),
+    Request.START: ("start", {}, 5.0),
+    Request.STOP: ("stop", {}, 90.0),
+    Request.RESET: ("reset", {}, 10.0),
+    Request.DISARM: ("disarm", {}, 30.0),
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a request ended: `error` is None when the station proved it, `answer` then holds its results."""
+
+    request: Request
+    answered_ns: int
+    answer: Answer = field(default_factory=dict)
+    error: StationRefused | StationLost | None = None
+
+
+class Asker:
+    """Asks the station one thing after the other; a stop overtakes everything and makes what was asked before void."""
+
+    def __init__(self, client: StationClient) -> None:
+        self._client = client
+        self._outcomes: queue.SimpleQueue[tuple[int, Outcome]] = queue.SimpleQueue()
+        self._era = 0
+        self._ordinary = ThreadPoolExecutor(1, thread_name_prefix="ask")
+        self._urgent = ThreadPoolExecutor(1, thread_name_prefix="ask-stop")
+
+    def ask(self, request: Request, **arguments: object) -> None:
+        """Ask for something; its outcome comes through `outcomes`."""
+        self._ordinary.submit(self._carry_out, self._era, request, arguments)
+
+    def stop(self, **arguments: object) -> None:
+        """Ask for a stop at once; outcomes of whatever was asked before are dropped."""
+        self.void()
+        self._urgent.submit(self._carry_out, self._era, Request.STOP, arguments)
+
+    def void(self) -> None:
+        """Drop what was asked and is not answered: not yet sent requests are never sent."""
+        self._era += 1
+
+    def outcomes(self) -> list[Outcome]:
+        """What was answered since the last call, oldest first."""
+        taken: list[Outcome] = []
+        while True:
+            try:
+                era, outcome = self._outcomes.get_nowait()
+            except queue.Empty:
+                return taken
+            if era == self._era:
+                taken.append(outcome)
+
+    def close(self) -> None:
+        """Send nothing more; does not wait for answers still under way."""
+        self.void()
+        self._ordinary.shutdown(wait=False, cancel_futures=True)
+        self._urgent.shutdown(wait=False, cancel_futures=True)
+
+    def _carry_out(self, era: int, request: Request, arguments: dict[str, object]) -> None:
+        if era != self._era:
+            return
+        do, fixed, timeout_s = WAYS[request]
+        send: Callable[..., Answer] = self._client.request
+        try:
+            outcome = Outcome(request, 0, send(do, timeout_s=timeout_s, **fixed, **arguments))
+        except (StationRefused, StationLost) as error:
+            outcome = Outcome(request, 0, error=error)
+        self._outcomes.put((era, Outcome(request, monotonic_ns(), outcome.answer, outcome.error)))

@@ -1,0 +1,172 @@
+"""A whole campaign from two files to a directory of judged points: `run_campaign`."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.bench.model import Bench
+from rig.campaign.crew import Crew
+from rig.campaign.options import CampaignOptions, CampaignResult, Display
+from rig.campaign.runner import Runner
+from rig.campaign.setup import (
+    check_room,
+    copy_into,
+    locked,
+    make_campaign_folder,
+    station_config,
+    write_description,
+)
+from rig.campaign.signals import Signals
+from rig.campaign.simulated import SimulatedRig
+from rig.campaign.state import RigState
+from rig.errors import Refused, RigError
+from rig.matrix.model import Matrix, load_matrix
+from rig.matrix.plan import Plan, plan
+from rig.recording.campaign_log import CampaignLog
+from rig.recording.finaliser import Finaliser
+from rig.station.client import StationClient, StationLost
+
+SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the ring's pages must never wait for a disk; its name is unique
+
+
+def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
+    """Plan a matrix, run it on the bench or on a simulated rig, record and judge every point.
+
+    Args:
+        options: which matrix, which rig, where to.
+        display: what the operator sees meanwhile.
+
+    Returns:
+        How it ended; also when the rig refused at connect or preflight, was stopped, or is in an unknown state.
+
+    Raises:
+        FileProblem: matrix or bench file cannot be used; nothing was connected.
+        Refused: infeasible points, no room on the disk, a locked rig, a simulated rig that does not start.
+        RigError: `options` name neither or both of bench and simulation.
+    """
+    if (options.bench_path is None) != options.simulate:
+        raise RigError("give either a bench file or --simulate, not both and not neither")
+    matrix = load_matrix(options.matrix_path)
+    if options.bench_path is not None:
+        _accepted(matrix, Bench.load(options.bench_path))
+    with Signals() as signals, contextlib.ExitStack() as ends:
+        folder = make_campaign_folder(options.out, matrix.specimen.serial_number)
+        log = CampaignLog(folder)
+        ends.callback(log.close)
+        finaliser = Finaliser.start(folder)
+        ends.callback(finaliser.close)
+        copy_into(options.matrix_path, folder, "matrix.toml")
+        bench_path = ends.enter_context(_rig(folder, options, display))
+        copy_into(bench_path, folder, "bench.toml")
+        bench = Bench.load(bench_path)
+        start = _Start(folder, matrix, bench, _accepted(matrix, bench), options)
+        check_room(folder, start.plan, bench)
+        write_description(folder, bench, matrix, options)
+        display.planned(start.plan)
+        ends.enter_context(locked(bench))
+        return _run(start, log, finaliser, signals, display)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """What is fixed before the station starts."""
+
+    folder: Path
+    matrix: Matrix
+    bench: Bench
+    plan: Plan
+    options: CampaignOptions
+
+
+def _accepted(matrix: Matrix, bench: Bench) -> Plan:
+    """The plan, when every point of it is feasible.
+
+    Raises:
+        Refused: some point is not; each is named with its reason and the amplitude that would fit.
+    """
+    judged = plan(matrix, bench)
+    lines = []
+    for item in judged.points:
+        if not item.feasible:
+            fit = "" if item.would_fit_m is None else f"; an amplitude of {1e3 * item.would_fit_m:g} mm would fit"
+            lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")
+    if lines:
+        raise Refused("matrix-infeasible", "the matrix does not fit the rig, nothing was moved:\n" + "\n".join(lines))
+    return judged
+
+
+@contextmanager
+def _rig(folder: Path, options: CampaignOptions, display: Display) -> Iterator[Path]:
+    """The bench file of the rig to use; a simulated one runs while the block does, and leaves its truth."""
+    if options.bench_path is not None:
+        yield options.bench_path
+        return
+    display.phase("starting the simulated rig")
+    simulated = SimulatedRig.start(folder, options)
+    try:
+        yield simulated.bench_path
+    finally:
+        if not simulated.stop():
+            display.message("warning", f"the simulated rig still runs (process {simulated.process.pid})")
+
+
+@contextmanager
+def _ring_path(folder: Path) -> Iterator[Path]:
+    """Where the station puts its ring: shared memory where there is some, so that no disk can delay it."""
+    place = SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir())
+    path = place / f"mr-damper-rig-{folder.name}.ring"
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _run(start: _Start, log: CampaignLog, finaliser: Finaliser, signals: Signals, display: Display) -> CampaignResult:
+    with _ring_path(start.folder) as ring_path:
+        config = station_config(start.bench, start.matrix, ring_path)
+        display.phase("starting the station")
+        try:
+            client = StationClient.start(config, start.folder)
+        except StationLost as error:
+            raise Refused("task-dies", str(error)) from error
+        crew = Crew(
+            folder=start.folder,
+            bench=start.bench,
+            matrix=start.matrix,
+            plan=start.plan,
+            config=config,
+            client=client,
+            log=log,
+            display=display,
+            simulated=start.options.simulate,
+        )
+        runner = Runner(crew, signals, finaliser)
+        try:
+            runner.run()
+        finally:
+            client.close()
+    result = _result(start.folder, runner)
+    log.write("result", **result.to_json(), detail=result.detail)
+    return result
+
+
+def _result(folder: Path, runner: Runner) -> CampaignResult:
+    state, ledger = runner.state, runner.ledger
+    cause = state.refused or (None if state.latch is None else state.latch.cause)
+    return CampaignResult(
+        campaign=folder,
+        points=ledger.all_results(),
+        valid=ledger.valid,
+        total=len(ledger.points),
+        rig_state=str(RigState(state.rig_state)),
+        stopped_by=None if cause is None else cause.slug,
+        detail="" if cause is None else cause.detail,
+        refused=state.refused is not None,
+        wall_s=ledger.wall_s,
+        motion_s=ledger.motion_s,
+    )

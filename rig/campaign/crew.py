@@ -1,0 +1,132 @@
+"""The hands of a campaign: what the runner carries actions out with, gathered in one value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rig import __version__
+from rig.bench.model import Bench, Sensor
+from rig.campaign.ledger import attempt_name
+from rig.campaign.options import Display
+from rig.campaign.preflight import RestLimits
+from rig.campaign.setup import campaign_hash, limits
+from rig.clock import utc_now
+from rig.matrix.model import Matrix
+from rig.matrix.plan import Plan
+from rig.matrix.point import TestPoint
+from rig.recording.campaign_log import CampaignLog
+from rig.recording.context import PointContext, SensorContext
+from rig.station.client import StationClient
+from rig.station.config import StationConfig
+
+CENTRING_SPEED_M_S = 0.05
+CENTRING_SPEED_SHARE = 0.25
+
+
+@dataclass
+class Crew:
+    """What one campaign works with.
+
+    Attributes:
+        folder: the campaign's directory.
+        bench: the rig.
+        matrix: the test matrix.
+        plan: the accepted plan.
+        config: what the station was told.
+        client: the station.
+        log: the campaign's journal.
+        display: what the operator sees.
+        simulated: no real damper is tested.
+        identities: what the devices said about themselves at connect.
+    """
+
+    folder: Path
+    bench: Bench
+    matrix: Matrix
+    plan: Plan
+    config: StationConfig
+    client: StationClient
+    log: CampaignLog
+    display: Display
+    simulated: bool
+    identities: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def centring_speed_m_s(self) -> float:
+        """Speed of the slow move to a point's centre (m/s)."""
+        return min(CENTRING_SPEED_M_S, CENTRING_SPEED_SHARE * self.bench.limits.speed_m_s)
+
+    @property
+    def rest_limits(self) -> RestLimits:
+        """What a resting rig is compared with."""
+        allowed = limits(self.bench, self.matrix)
+        return RestLimits(
+            force_N=allowed.force_N,
+            position_min_m=self.bench.limits.position_m[0],
+            position_max_m=self.bench.limits.position_m[1],
+            disagreement_m=self.config.disagreement_m,
+        )
+
+    def context(self, point: TestPoint, attempt: int) -> PointContext:
+        """The header of a point's journal."""
+        return PointContext(
+            point={**vars(point), "id": attempt_name(point, attempt)},
+            sensors=sensor_contexts(self.bench),
+            device_rate=self.bench.clock.device_rate,
+            mid_stroke_m=self.matrix.specimen.mid_stroke_m,
+            current_tolerance_A=self.matrix.campaign.current_settled_A,
+            simulated=self.simulated,
+            provenance=self._provenance(point, attempt),
+        )
+
+    def _provenance(self, point: TestPoint, attempt: int) -> dict[str, str]:
+        identities = {f"identity_{name}": _text(value) for name, value in self.identities.items()}
+        return {
+            "software": f"mr-damper-rig {__version__}",
+            "campaign": self.folder.name,
+            "bench": self.bench.name,
+            "bench_hash": self.bench.digest,
+            "matrix_hash": self.matrix.digest,
+            "campaign_hash": campaign_hash(self.bench, self.matrix),
+            "specimen": self.matrix.specimen.serial_number,
+            "point": point.id,
+            "attempt": str(attempt),
+            "started_utc": utc_now().isoformat(timespec="milliseconds"),
+            **identities,
+        }
+
+
+def sensor_contexts(bench: Bench) -> dict[str, SensorContext]:
+    """The sensors as the recording names them: `force`, `displacement`, `auxiliary_1` ..."""
+    contexts = {
+        "force": _sensor("load_cell", bench.load_cell, bench.load_cell.range_N, "N", "Force at the load cell"),
+        "displacement": _sensor("lvdt", bench.lvdt, bench.lvdt.range_m, "m", "Damper extension"),
+    }
+    for number, each in enumerate(bench.auxiliary, start=1):
+        contexts[f"auxiliary_{number}"] = _sensor(each.name, each, each.range_SI, each.unit, each.name)
+    return contexts
+
+
+def _sensor(name: str, sensor: Sensor, range_SI: float, unit: str, long_name: str) -> SensorContext:
+    calibration = sensor.calibration
+    return SensorContext(
+        sensor=name,
+        rate_Hz=sensor.rate_Hz,
+        delay_s=sensor.delay_s,
+        range_SI=range_SI,
+        unit=unit,
+        long_name=long_name,
+        sensitivity=calibration.sensitivity,
+        offset=sensor.offset,
+        serial_number=calibration.serial_number,
+        certificate=calibration.certificate,
+        due="" if calibration.due is None else calibration.due.isoformat(),
+    )
+
+
+def _text(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {entry}" for key, entry in value.items())
+    return str(value)

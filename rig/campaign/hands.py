@@ -1,0 +1,228 @@
+"""What actions do: requests to the station, the recorder, the finaliser, the journal, the display."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rig.campaign import action as act
+from rig.campaign.action import Request
+from rig.campaign.asker import Asker
+from rig.campaign.cause import Cause
+from rig.campaign.crew import Crew
+from rig.campaign.ledger import Ledger, attempt_name
+from rig.campaign.observer import Observer
+from rig.campaign.options import PointResult
+from rig.clock import monotonic_ns
+from rig.matrix.point import TestPoint
+from rig.recording.finaliser import Finaliser
+from rig.recording.recorder import PointRecorder, RecorderFailed
+
+if TYPE_CHECKING:
+    from rig.recording.conversion import FinishedPoint
+
+DEADLINE_WALL_NS = 2_000_000_000
+"""A deadline on the rig's clock also leaves this much wall time: requests take wall time at any speed."""
+FILES_TIMEOUT_S = 120.0
+
+
+class Hands:
+    """Carries out the sequencer's actions; knows nothing of what comes next.
+
+    Args:
+        crew: what the campaign works with.
+        ledger: where results are entered.
+        finaliser: the process that writes the points' files.
+    """
+
+    def __init__(self, crew: Crew, ledger: Ledger, finaliser: Finaliser) -> None:
+        self.crew = crew
+        self.ledger = ledger
+        self.asker = Asker(crew.client)
+        self.observer = Observer()
+        self.trouble: Cause | None = None
+        """Why the campaign's journal can no longer be written; None while it can."""
+        self._finaliser = finaliser
+        self._recorder: PointRecorder | None = None
+        self._deadline: tuple[str, float, int] | None = None
+        self._handed_in: dict[str, TestPoint] = {}
+        self._ways: dict[type[act.Action], Callable[[Any], None]] = {
+            act.Ask: self._ask,
+            act.Move: self._move,
+            act.SetCurrent: self._set_current,
+            act.Start: self._start,
+            act.Stop: self._stop,
+            act.WatchZeros: self._watch_zeros,
+            act.Rest: self._rest,
+            act.BeginRecording: self._begin_recording,
+            act.EndRecording: self._end_recording,
+            act.GiveUpPoint: self._give_up_point,
+            act.Deadline: self._set_deadline,
+            act.Note: self._tell,
+            act.Finish: self._finish,
+        }
+
+    def carry_out(self, action: act.Action) -> None:
+        """Do one thing; returns without waiting for the rig.
+
+        Raises:
+            RecorderFailed: the point cannot be recorded; what follows in the same step must not be done.
+        """
+        self._ways[type(action)](action)
+
+    def open_recorder(self) -> None:
+        """Start recording's thread on the station's ring.
+
+        Raises:
+            RingProblem: the ring cannot be read.
+        """
+        self._recorder = PointRecorder(Path(self.crew.config.ring_path), self.crew.folder / "points")
+
+    @property
+    def recorder_trouble(self) -> str:
+        """Why nothing can be recorded any more; empty while it can, or before it has to."""
+        return "" if self._recorder is None or self._recorder.healthy else self._recorder.error
+
+    def overdue(self) -> str | None:
+        """The phase whose deadline has just passed; said once."""
+        if self._deadline is None:
+            return None
+        phase, device_s, wall_ns = self._deadline
+        if monotonic_ns() < wall_ns or self.observer.device_s < device_s:
+            return None
+        self._deadline = None
+        return phase
+
+    def note(self, event: str, **fields: object) -> None:
+        """A line for the campaign's journal; a disk that refuses it becomes `trouble` and does not stop the loop."""
+        try:
+            self.crew.log.write(event, **fields)
+        except OSError as error:
+            self.trouble = self.trouble or Cause(disk_slug(error), f"{self.crew.log.path}: {error}")
+
+    def enter(self, finished: FinishedPoint) -> PointResult | None:
+        """Enter what the finaliser says about a point; None when it was not handed in here."""
+        point = self._handed_in.pop(finished.id, None)
+        if point is None:
+            return None
+        if finished.error or not finished.file:
+            return self._give_up(point, Cause("not-written", finished.error))
+        file = self.crew.folder / "points" / finished.file
+        result = self.ledger.judged(point, file, finished.verdict, finished.reasons, finished.lost_samples)
+        self._announce(result)
+        return result
+
+    def collect_files(self) -> None:
+        """Wait for the files of the points that were recorded; the rig is at rest by now."""
+        deadline_ns = monotonic_ns() + int(FILES_TIMEOUT_S * 1e9)
+        for name, point in tuple(self._handed_in.items()):
+            try:
+                finished = self._finaliser.wait(name, max(0.0, (deadline_ns - monotonic_ns()) * 1e-9))
+            except TimeoutError as error:
+                self._handed_in.pop(name)
+                self._give_up(point, Cause("not-written", f"{error}; `rig recover` will finish it"))
+            else:
+                self.enter(finished)
+
+    def close(self) -> None:
+        """Let go of the ring and the station; a point still open is closed as interrupted."""
+        self.asker.close()
+        if self._recorder is not None:
+            self._recorder.close()
+
+    def _ask(self, action: act.Ask) -> None:
+        self.asker.ask(action.request)
+
+    def _move(self, action: act.Move) -> None:
+        self.asker.ask(Request.MOVE, target_m=action.target_m, speed_m_s=self.crew.centring_speed_m_s)
+
+    def _set_current(self, action: act.SetCurrent) -> None:
+        tolerance_A = self.crew.matrix.campaign.current_settled_A
+        self.observer.await_current(action.current_A, tolerance_A, monotonic_ns())
+        self.asker.ask(Request.SET_CURRENT, current_A=action.current_A)
+
+    def _start(self, action: act.Start) -> None:
+        point = action.point
+        self.observer.await_program(point.centre_m, monotonic_ns())
+        self.asker.ask(
+            Request.START,
+            waveform=point.waveform,
+            amplitude_m=point.amplitude_m,
+            frequency_Hz=point.frequency_Hz,
+            centre_m=point.centre_m,
+            cycles=point.cycles,
+            ramp_in_cycles=point.ramp_in_cycles,
+            ramp_out_cycles=point.ramp_out_cycles,
+        )
+
+    def _stop(self, action: act.Stop) -> None:
+        self.observer.await_nothing()
+        self.asker.stop(kind=str(action.stop), reason=action.cause.slug, detail=action.cause.detail)
+
+    def _watch_zeros(self, action: act.WatchZeros) -> None:
+        self.observer.await_zeros(self.crew.rest_limits)
+
+    def _rest(self, action: act.Rest) -> None:
+        self.observer.await_rest(action.rest_s)
+
+    def _begin_recording(self, action: act.BeginRecording) -> None:
+        if self._recorder is None:
+            raise RecorderFailed("there is no recorder before the station is connected")
+        point = action.point
+        expected_s = point.motion_s / self.crew.bench.clock.device_rate
+        self._recorder.begin(self.crew.context(point, action.attempt), expected_s=expected_s)
+        self.ledger.begun(monotonic_ns())
+        self.note("point", point=point.id, attempt=action.attempt)
+
+    def _end_recording(self, action: act.EndRecording) -> None:
+        if self._recorder is None:
+            raise RecorderFailed("there is no recorder before the station is connected")
+        self.ledger.ended(action.point, monotonic_ns())
+        try:
+            journal = self._recorder.end(stopped_by=None if action.fault is None else action.fault.slug)
+        except RecorderFailed as error:
+            self._give_up(action.point, Cause(disk_slug(error), str(error)))
+            raise
+        self._handed_in[attempt_name(action.point, action.attempt)] = action.point
+        self._finaliser.submit(journal)
+
+    def _give_up_point(self, action: act.GiveUpPoint) -> None:
+        self._give_up(action.point, action.cause)
+
+    def _give_up(self, point: TestPoint, cause: Cause) -> PointResult:
+        result = self.ledger.given_up(point, cause)
+        self._announce(result)
+        return result
+
+    def _announce(self, result: PointResult) -> None:
+        self.note("judged", **result.to_json())
+        self.crew.display.point_done(result)
+
+    def _set_deadline(self, action: act.Deadline) -> None:
+        if action.device_s is None:
+            self._deadline = None
+        else:
+            device_s = self.observer.device_s + action.device_s
+            self._deadline = (action.phase, device_s, monotonic_ns() + DEADLINE_WALL_NS)
+
+    def _tell(self, action: act.Note) -> None:
+        self.note(action.level, text=action.text)
+        self.crew.display.message(action.level, action.text)
+
+    def _finish(self, action: act.Finish) -> None:
+        self._deadline = None
+
+
+def disk_slug(error: BaseException) -> str:
+    """The fault matrix's slug for an error of the disk: by its error number, also of what caused it."""
+    link: BaseException | None = error
+    while link is not None:
+        number = link.errno if isinstance(link, OSError) else None
+        if number in {errno.ENOSPC, errno.EDQUOT}:
+            return "disk-full"
+        if number in {errno.EROFS, errno.EACCES, errno.EPERM}:
+            return "dir-readonly"
+        link = link.__cause__
+    return "fsync-error"

@@ -1,0 +1,84 @@
+"""The campaign's books: what became of every point, when the first began and the last ended."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rig.campaign.cause import Cause
+from rig.campaign.options import PointResult
+from rig.matrix.point import TestPoint
+
+NOT_RUN = "not run"
+INVALID = "invalid"
+VALID = "valid"
+
+
+def attempt_name(point: TestPoint, attempt: int) -> str:
+    """Name of a point's files: its id, and from the second attempt on which attempt it is."""
+    return point.id if attempt == 1 else f"{point.id}-attempt{attempt}"
+
+
+@dataclass
+class Ledger:
+    """Results by point id; a later attempt replaces an earlier one unless that one was valid."""
+
+    points: tuple[TestPoint, ...]
+    results: dict[str, PointResult] = field(default_factory=dict)
+    began_ns: int | None = None
+    ended_ns: int | None = None
+    motion_s: float = 0.0
+
+    def begun(self, now_ns: int) -> None:
+        """A point's recording began at `now_ns` (monotonic)."""
+        self.began_ns = now_ns if self.began_ns is None else self.began_ns
+
+    def ended(self, point: TestPoint, now_ns: int) -> None:
+        """A point's recording ended at `now_ns` (monotonic)."""
+        self.ended_ns = now_ns
+        self.motion_s += point.motion_s
+
+    def judged(
+        self, point: TestPoint, file: Path | None, verdict: str, reasons: Iterable[str], lost_samples: int
+    ) -> PointResult:
+        """Enter an attempt's verdict; returns what was entered."""
+        result = _result(point, file, verdict, tuple(reasons), lost_samples)
+        known = self.results.get(point.id)
+        if known is None or known.verdict != VALID:
+            self.results[point.id] = result
+        return result
+
+    def given_up(self, point: TestPoint, cause: Cause) -> PointResult:
+        """Enter a point that could not be begun or whose file could not be written."""
+        return self.judged(point, None, INVALID, (f"{cause.slug}: {cause.detail}",), 0)
+
+    def all_results(self) -> tuple[PointResult, ...]:
+        """Every point in planned order; the ones without a result were not run."""
+        return tuple(self.results.get(point.id) or _result(point, None, NOT_RUN, (), 0) for point in self.points)
+
+    @property
+    def valid(self) -> int:
+        """How many points are valid."""
+        return sum(result.verdict == VALID for result in self.results.values())
+
+    @property
+    def wall_s(self) -> float:
+        """Wall seconds from the first point's start to the last point's end; 0 when none ran."""
+        if self.began_ns is None or self.ended_ns is None:
+            return 0.0
+        return 1e-9 * (self.ended_ns - self.began_ns)
+
+
+def _result(point: TestPoint, file: Path | None, verdict: str, reasons: tuple[str, ...], lost: int) -> PointResult:
+    return PointResult(
+        id=point.id,
+        file=file,
+        verdict=verdict,
+        reasons=reasons,
+        waveform=point.waveform,
+        amplitude_m=point.amplitude_m,
+        frequency_Hz=point.frequency_Hz,
+        current_A=point.current_A,
+        lost_samples=lost,
+    )

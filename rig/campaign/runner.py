@@ -1,0 +1,217 @@
+"""The application's loop: what the rig reports becomes events, the sequencer's actions are carried out.
+
+One turn every few milliseconds: beat, collect events, step, act. Nothing in a turn waits for the rig; requests are
+answered on threads of their own (`asker`), samples are recorded on the recorder's thread, files are written by the
+finaliser's process. Events of one turn are taken in this order: signals, station, answers, facts, verdicts, faults,
+deadlines; so a trip is always known before the answer or the fact that came with it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from drivers.ring import Channel
+from rig.campaign import event as ev
+from rig.campaign.action import Request
+from rig.campaign.asker import Outcome
+from rig.campaign.cause import Cause, StopKind
+from rig.campaign.crew import Crew
+from rig.campaign.hands import Hands, disk_slug
+from rig.campaign.ledger import VALID, Ledger
+from rig.campaign.sequencer import step
+from rig.campaign.signals import Signals
+from rig.campaign.state import Phase, State, start_state
+from rig.clock import monotonic_ns
+from rig.recording.finaliser import Finaliser
+from rig.recording.recorder import RecorderFailed
+from rig.recording.ring_reader import RingReader
+from rig.station.client import StationLost
+
+TURN_S = 0.002
+BEAT_NS = 40_000_000
+PROGRESS_NS = 100_000_000
+STALE_NS = 1_000_000_000
+
+log = logging.getLogger(__name__)
+
+
+class Runner:
+    """Runs one campaign to its end. Made once the station process is up.
+
+    Args:
+        crew: what the campaign works with.
+        signals: the operator's signals.
+        finaliser: the process that writes the points' files.
+    """
+
+    def __init__(self, crew: Crew, signals: Signals, finaliser: Finaliser) -> None:
+        points = tuple(item.point for item in crew.plan.points)
+        self.state = start_state(points, crew.matrix.campaign.retries)
+        self.ledger = Ledger(points)
+        self._crew = crew
+        self._signals = signals
+        self._finaliser = finaliser
+        self._hands = Hands(crew, self.ledger, finaliser)
+        self._ring: RingReader | None = None
+        self._waiting: deque[ev.Event] = deque()
+        self._said: set[str] = set()
+        self._beat_ns = self._progress_ns = 0
+
+    def run(self) -> State:
+        """Run until the sequencer has ended and every recorded point is judged; returns the last state.
+
+        A failure of this loop itself stops the rig like any other fault; a second one ends the loop, and the station,
+        which then hears nothing more, stops the rig by itself.
+        """
+        self._waiting.append(ev.Begin())
+        try:
+            while self.state.phase is not Phase.ENDED:
+                self._guarded_turn()
+            self._hands.collect_files()
+        finally:
+            self._hands.close()
+            if self._ring is not None:
+                self._ring.close()
+        return self.state
+
+    def _guarded_turn(self) -> None:
+        try:
+            self._turn()
+        except Exception as error:
+            if "task-dies" in self._said:
+                raise
+            log.exception("the campaign's loop failed; the rig is stopped")
+            self._fault_once(Cause("task-dies", f"{type(error).__name__}: {error}"))
+
+    def _turn(self) -> None:
+        self._beat()
+        self._gather()
+        while self._waiting and self.state.phase is not Phase.ENDED:
+            self._take(self._waiting.popleft())
+        self._show_progress()
+        if self.state.phase is not Phase.ENDED:
+            self._waiting.extend(self._station_events(TURN_S))
+
+    def _gather(self) -> None:
+        """Collect what happened since the last turn, in the order in which it is to be taken."""
+        fact = None if self._ring is None else self._hands.observer.observe(self._ring.read())
+        outcomes = self._hands.asker.outcomes()
+        self._waiting.extend(self._signals.take())
+        self._waiting.extend(self._station_events(0.0))
+        self._waiting.extend(self._answered(outcome) for outcome in outcomes)
+        if fact is not None:
+            self._waiting.append(fact)
+        for finished in self._finaliser.results():
+            result = self._hands.enter(finished)
+            if result is not None:
+                self._waiting.append(ev.Judged(result.id, result.verdict == VALID))
+        self._look_for_faults()
+        phase = self._hands.overdue()
+        if phase is not None:
+            self._waiting.append(ev.TimedOut(phase))
+
+    def _take(self, event: ev.Event) -> None:
+        before = self.state.phase
+        self.state, actions = step(self.state, event)
+        if self.state.phase is not before:
+            self._hands.note("phase", phase=str(self.state.phase), after=type(event).__name__)
+            self._crew.display.phase(str(self.state.phase))
+        for action in actions:
+            try:
+                self._hands.carry_out(action)
+            except RecorderFailed as error:
+                # Nothing of this step may follow: a motion must not start without its recording.
+                self._fault_once(Cause(disk_slug(error), str(error)))
+                break
+
+    def _station_events(self, timeout_s: float) -> list[ev.Event]:
+        events: list[ev.Event] = []
+        for message in self._crew.client.events(timeout_s=timeout_s):
+            self._hands.note("station", **{_KEYS.get(key, key): value for key, value in message.items()})
+            events += self._translated(message)
+        if not self._crew.client.alive and "gone" not in self._said:
+            self._said.add("gone")
+            events.append(
+                ev.StationGone("the station process has ended; station.log in the campaign's directory says why")
+            )
+        return events
+
+    def _translated(self, message: dict[str, Any]) -> list[ev.Event]:
+        name, detail = message.get("event"), str(message.get("detail", ""))
+        if name == "trip":
+            return [ev.Tripped(StopKind(message["stop"]), Cause(str(message["slug"]), detail))]
+        if name == "safe":
+            return [ev.Safe()]
+        if name == "unknown":
+            return [ev.Unknown(str(message.get("reason", "")))]
+        if name in {"warning", "also"}:
+            self._crew.display.message("warning", f"{message.get('slug')}: {detail}")
+        return []
+
+    def _answered(self, outcome: Outcome) -> ev.Event:
+        request, error = outcome.request, outcome.error
+        if isinstance(error, StationLost):
+            return ev.StationGone(str(error))
+        if error is not None:
+            return ev.Declined(request, Cause(error.slug, error.message))
+        if request is Request.CONNECT:
+            self._connected(outcome.answer)
+        elif request is Request.MOVE and self.state.phase is Phase.CENTRING:
+            self._hands.observer.await_centre(self.state.point.centre_m, outcome.answered_ns)
+        return ev.Done(request)
+
+    def _connected(self, identities: dict[str, Any]) -> None:
+        self._crew.identities.update(identities)
+        self._hands.note("connected", **identities)
+        self._ring = RingReader(Path(self._crew.config.ring_path))
+        self._hands.open_recorder()
+
+    def _look_for_faults(self) -> None:
+        """What the application itself can see: a recorder or disk that refuses, data that stand still."""
+        hands = self._hands
+        if hands.recorder_trouble:
+            self._fault_once(Cause("fsync-error", hands.recorder_trouble))
+        if hands.trouble is not None:
+            self._fault_once(hands.trouble)
+        newest_ns = hands.observer.last_host_ns(Channel.STATE)
+        if self.state.armed and newest_ns is not None and monotonic_ns() - newest_ns > STALE_NS:
+            self._fault_once(Cause("data-stale", "no status of the controller for a second"))
+        if self._ring is not None and self._ring.lost > 0 and "lapped" not in self._said:
+            self._said.add("lapped")
+            self._waiting.append(ev.Spoiled(Cause("slow-consumer", f"{self._ring.lost} records overwritten unread")))
+
+    def _fault_once(self, cause: Cause) -> None:
+        if cause.slug not in self._said:
+            self._said.add(cause.slug)
+            self._waiting.append(ev.Fault(StopKind.S2, cause))
+
+    def _beat(self) -> None:
+        now_ns = monotonic_ns()
+        if now_ns - self._beat_ns < BEAT_NS or "gone" in self._said:
+            return
+        self._beat_ns = now_ns
+        try:
+            self._crew.client.beat(not self._hands.recorder_trouble)
+        except StationLost as error:
+            self._said.add("gone")
+            self._waiting.append(ev.StationGone(str(error)))
+
+    def _show_progress(self) -> None:
+        now_ns = monotonic_ns()
+        if now_ns - self._progress_ns < PROGRESS_NS:
+            return
+        self._progress_ns = now_ns
+        state, observer = self.state, self._hands.observer
+        running = state.phase is Phase.RUNNING
+        cycles = int(observer.value(Channel.CYCLES_DONE, 0.0)) if running else 0
+        left_s = sum(point.motion_s + point.rest_s for point in state.queue)
+        left_s -= cycles / state.point.frequency_Hz if running else 0.0
+        point_id = state.point.id if state.queue else ""
+        self._crew.display.progress(point_id, cycles, left_s / self._crew.bench.clock.device_rate, observer.live())
+
+
+_KEYS = {"event": "what"}
+"""The campaign's journal has an `event` of its own; the station's is kept beside it."""
