@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import rig
 from protocols.quality import Quality
 from rig.recording.achieved import Achieved, achieved_motion
-from rig.recording.alignment import Alignment, NothingRecorded, TimedChannel, align, good_values
+from rig.recording.alignment import Alignment, NothingRecorded, TimedChannel, align
 from rig.recording.channel import RING_CHANNELS, Description
 from rig.recording.context import PointContext, SensorContext
 from rig.recording.durable import flush_directory, replace_durably
@@ -22,14 +22,15 @@ from rig.recording.layout import (
     AlignedChannel,
     Attribute,
     Event,
-    FloatArray,
     PointFile,
     RawChannel,
     write_partial,
 )
-from rig.recording.reading import read_channel, read_raw
 from rig.recording.velocity import velocity_of
 from rig.recording.verdict import Findings, SensorCounts, Verdict, judge
+
+if TYPE_CHECKING:
+    import h5py
 
 SATURATION_SHARE = 0.999
 DESCRIPTIONS = {description.name: description for description in RING_CHANNELS.values()}
@@ -251,18 +252,22 @@ def prove(path: Path, point: PointFile) -> None:
     Raises:
         ReadBackDiffers: naming the first dataset that differs.
     """
-    _same(path, "time", read_channel(path, "time"), point.time_s)
-    for channel in point.channels:
-        _same(path, channel.name, read_channel(path, channel.name), channel.values.astype(np.float32))
-    for raw in point.raw:
-        columns = read_raw(path, raw.name) or {}
-        for name in ("value", "sequence", "device_us", "host_ns"):
-            _same(path, f"raw/{raw.name}/{name}", columns.get(name), raw.records[name])
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        data, raw = file["entry/data"], file["entry/raw"]
+        _same(path, data, "time", point.time_s)
+        for channel in point.channels:
+            _same(path, data, channel.name, channel.values.astype(np.float32))
+        for received in point.raw:
+            for name in ("value", "sequence", "device_us", "host_ns"):
+                _same(path, raw[received.name], name, received.records[name])
 
 
-def _same(path: Path, name: str, found: NDArray[Any] | None, wanted: NDArray[Any] | FloatArray) -> None:
+def _same(path: Path, group: h5py.Group, name: str, wanted: NDArray[Any]) -> None:
+    found = group[name][...] if name in group else None
     if found is None or not np.array_equal(found, wanted, equal_nan=wanted.dtype.kind == "f"):
-        raise ReadBackDiffers(f"{path}: {name} read back differs from what was recorded")
+        raise ReadBackDiffers(f"{path}: {group.name}/{name} read back differs from what was recorded")
 
 
 def _made_from(final: Path, journal_check: str) -> bool:
@@ -278,5 +283,3 @@ def _keep_attempt(final: Path) -> None:
         attempt += 1
     final.rename(kept)
 
-
-__all__ = ["FinishedPoint", "ReadBackDiffers", "build", "finish_point", "good_values", "prove"]

@@ -21,12 +21,16 @@ LARGEST_OBJECTS = 2_000
 LARGEST_RATIO = 2_000.0
 SMALL_BYTES = 1 << 20
 DEEPEST = 6
+MOST_REMEMBERED = 10_000
 ALLOWED_FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
 ALLOWED_KINDS = "iufS"
 
+_checked: set[tuple[int, int, int, int]] = set()
+"""Files already walked: device, inode, size and time of change."""
+
 
 def check_file(path: Path) -> h5py.File:
-    """Open a point's file for reading after walking all of it.
+    """Open a point's file for reading after walking all of it, once for as long as it does not change.
 
     Returns:
         The open `h5py.File`; the caller closes it.
@@ -42,14 +46,21 @@ def check_file(path: Path) -> h5py.File:
         file = h5py.File(path, "r")
     except OSError as error:
         raise FileProblem(str(path), [f"cannot be read as HDF5: {error}"]) from error
+    status = path.stat()
+    identity = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
+    if identity in _checked:
+        return file
     problems: list[str] = []
     try:
-        _walk(file, "", path.stat().st_size, problems, [0])
+        _walk(file, "", status.st_size, problems, [0])
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         problems.append(f"damaged: {error}")
     if problems:
         file.close()
         raise FileProblem(str(path), problems)
+    if len(_checked) >= MOST_REMEMBERED:
+        _checked.clear()
+    _checked.add(identity)
     return file
 
 
