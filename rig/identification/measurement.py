@@ -28,6 +28,7 @@ class Measurement:
         frequency_Hz: nominal frequency (Hz).
         nominal_current_A: commanded current (A).
         samples_per_cycle: samples in the first whole cycle; it also warms up models with internal states.
+        usable: which samples carry a measured force, shape (n,); None when all do.
         commanded_A: commanded current (A) where it differs from a constant; None otherwise.
         skew_std_s: standard uncertainty of the force-to-displacement skew left after correction (s).
         noise_N: standard deviation of the force from cycle to cycle (N); nan when it cannot be told.
@@ -47,6 +48,7 @@ class Measurement:
     frequency_Hz: float = float("nan")
     nominal_current_A: float = float("nan")
     samples_per_cycle: int = 0
+    usable: NDArray[np.bool_] | None = None
     commanded_A: FloatArray | None = None
     skew_std_s: float = 0.0
     noise_N: float = float("nan")
@@ -60,6 +62,12 @@ class Measurement:
                 raise ValueError(f"{self.id}: {name} has shape {shape}, expected ({n},) as u_m")
 
     @property
+    def scored(self) -> NDArray[np.bool_]:
+        """The samples that carry a measured force, shape (n,)."""
+        return np.ones(self.u_m.size, dtype=bool) if self.usable is None else self.usable
+
+    @property
     def peak_force_N(self) -> float:
-        """Greatest deviation of the force from its mean (N), the reference of the relative error."""
-        return float(np.max(np.abs(self.force_N - np.mean(self.force_N))))
+        """Greatest deviation of the measured force from its mean (N), the reference of the relative error."""
+        force = self.force_N[self.scored]
+        return float(np.max(np.abs(force - np.mean(force))))

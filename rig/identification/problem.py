@@ -184,7 +184,8 @@ class Problem:
         return general
 
     def _weight_squared(self, each: Measurement) -> FloatArray:
-        return each.v_m_s**2 if self.weight == "v" else np.ones_like(each.v_m_s)
+        squared = each.v_m_s**2 if self.weight == "v" else np.ones_like(each.v_m_s)
+        return np.where(each.scored, squared, 0.0)
 
     def _join(self) -> tuple[FloatArray, ...]:
         """Motion, current, force and squared weight of all measurements end to end."""

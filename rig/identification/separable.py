@@ -1,0 +1,150 @@
+"""Separable identification of the algebraic models: global over their one or two shape parameters, linear in the rest.
+
+Method (no start needed): a grid over steepness and loop width on thinned data, with ranges from the greatest speed;
+Levenberg-Marquardt from the best few on the thinned data; then on all samples. The grid is what makes it global: from a
+single start one fit in six stops in a false minimum, where the tanh has saturated to sgn(u).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.algebraic import AlgebraicModel
+from rig.identification.measurement import Measurement
+from rig.identification.projection import Inner, Projection, Weight
+
+FloatArray = NDArray[np.float64]
+
+THINNED_SAMPLES = 2500
+STEEPNESS = np.geomspace(1.5, 1500.0, 11)  # beta times the greatest speed
+WIDTHS = np.array([0.0, 0.004, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3, 0.55, 0.9])  # loop half width over the greatest speed
+STARTS = 4
+ITERATIONS = 60
+TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A fit of an algebraic model.
+
+    Attributes:
+        values: parameter name to SI value, eta left out.
+        objective: equation (12) at the solution, over the samples that count.
+        evaluations: passes over all samples; those over thinned data count by their share.
+        at_bound: names of parameters held at a bound by a constraint.
+    """
+
+    values: dict[str, float]
+    objective: float
+    evaluations: int
+    at_bound: tuple[str, ...] = ()
+
+
+def solve_separable(
+    measurements: Sequence[Measurement],
+    model: AlgebraicModel,
+    weight: Weight = "1",
+    *,
+    guard_s: float = 0.0,
+    non_negative: frozenset[str] = frozenset({"m"}),
+    extra_weight: Sequence[FloatArray] | None = None,
+    start: FloatArray | None = None,
+) -> Solution:
+    """Fit an algebraic model.
+
+    Args:
+        measurements: the tests.
+        model: an algebraic damper model.
+        weight: "v" (equation 12) or "1".
+        guard_s: time around u = 0 (s) whose samples do not count.
+        non_negative: parameters that must not be negative; one that would be is held at zero.
+        extra_weight: further weights, one array (n,) a measurement (robust losses).
+        start: shape parameters to start from instead of the grid, shape (s,).
+
+    Returns:
+        The best solution found; `values` in SI by name.
+    """
+    settings = {"guard_s": guard_s, "extra_weight": extra_weight}
+    full = Projection(model, measurements, weight, **settings)  # type: ignore[arg-type] - keyword values differ in type
+    thinned_cost = 0.0
+    if model.shape_names:
+        starts = [start] if start is not None else []
+        if start is None:
+            every = max(1, full.samples // THINNED_SAMPLES)
+            thin = Projection(model, measurements, weight, every=every, **settings)  # type: ignore[arg-type] - as above
+            top_speed = max(float(np.max(np.abs(each.v_m_s))) for each in measurements)
+            refined = [_levenberg_marquardt(thin, each) for each in _best_of_grid(thin, top_speed)]
+            starts = [each for each, _ in sorted(refined, key=lambda found: found[1].objective)[:2]]
+            thinned_cost = thin.evaluations / every
+        candidates = [_levenberg_marquardt(full, each) for each in _distinct(starts)]
+        shape, inner = min(candidates, key=lambda found: found[1].objective)
+    else:
+        shape = np.zeros(0)
+        inner = full.solve(shape, slope=False)
+    names = (*model.fixed_names, *model.yield_names)
+    values = {**dict(zip(names, inner.linear, strict=True)), **dict(zip(model.shape_names, shape, strict=True))}
+    bound = tuple(name for name in names if name in non_negative and values[name] < 0.0)
+    evaluations = full.evaluations + int(np.ceil(thinned_cost))
+    if bound:
+        held = Projection(model, measurements, weight, without=frozenset(bound), **settings)  # type: ignore[arg-type] - as above
+        shape, inner = _levenberg_marquardt(held, shape) if shape.size else (shape, held.solve(shape, slope=False))
+        values = {**dict(zip(names, inner.linear, strict=True)), **dict(zip(model.shape_names, shape, strict=True))}
+        evaluations += held.evaluations
+    return Solution({name: float(value) for name, value in values.items()}, inner.objective, evaluations, bound)
+
+
+def _best_of_grid(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
+    """The best local minima of a grid over steepness and loop width."""
+    printed = thin.model.shape_names[1] == "lambda"
+    values = np.empty((STEEPNESS.size, WIDTHS.size))
+    shapes = np.empty((STEEPNESS.size, WIDTHS.size, 2))
+    for i, steepness in enumerate(STEEPNESS):
+        for j, width in enumerate(WIDTHS):
+            shapes[i, j] = steepness / top_speed_m_s, width * (top_speed_m_s if printed else steepness)
+            values[i, j] = thin.objective(shapes[i, j])
+    padded = np.pad(values, 1, constant_values=np.inf)
+    neighbours = np.min(
+        [padded[1 + i : padded.shape[0] - 1 + i, 1 + j : padded.shape[1] - 1 + j] for i, j in AROUND], axis=0
+    )
+    minima = np.argwhere(values <= neighbours)
+    order = np.argsort(values[tuple(minima.T)])[:STARTS]
+    return [shapes[tuple(minima[k])] for k in order]
+
+
+AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+
+
+def _distinct(starts: Sequence[FloatArray]) -> list[FloatArray]:
+    kept: list[FloatArray] = []
+    for each in starts:
+        if not any(np.allclose(each, other, rtol=0.02, atol=1e-3) for other in kept):
+            kept.append(each)
+    return kept
+
+
+def _levenberg_marquardt(projection: Projection, start: FloatArray) -> tuple[FloatArray, Inner]:
+    """Minimise the projected objective from `start`, over the logarithm of the steepness and the loop width itself."""
+    shape, inner = start, projection.solve(start)
+    damping = 1e-3
+    for _ in range(ITERATIONS):
+        chain = np.array([shape[0], 1.0])
+        gradient, curvature = inner.gradient * chain, inner.curvature * np.outer(chain, chain)
+        scale = np.maximum(np.diag(curvature), 1e-300)
+        step = np.linalg.solve(curvature + damping * np.diag(scale) + 1e-300 * np.eye(2), gradient)
+        step[0] = np.clip(step[0], -1.5, 1.5)
+        promised = float(step @ gradient)
+        if not np.all(np.isfinite(step)) or promised <= TOLERANCE * inner.objective:
+            break
+        trial = np.array([shape[0] * np.exp(step[0]), shape[1] + step[1]])
+        found = projection.solve(trial)
+        if found.objective < inner.objective:
+            shape, inner, damping = trial, found, damping * 0.2
+        else:
+            damping *= 6.0
+            if damping > 1e8:
+                break
+    return shape, inner
