@@ -20,23 +20,13 @@ from pathlib import Path
 from typing import Any
 
 from rig.clock import monotonic_ns
-from rig.station.config import StationConfig, StationError
+from rig.station.config import StationConfig
+from rig.station.errors import StationLost, StationRefused
 
 START_TIMEOUT_S = 15.0
 WRITE_TIMEOUT_S = 1.0
 
-
-class StationRefused(StationError):
-    """The station did not do what was asked, or could not prove that it was done; `slug` names why."""
-
-    def __init__(self, slug: str, message: str) -> None:
-        self.slug = slug
-        self.message = message
-        super().__init__(f"{slug}: {message}")
-
-
-class StationLost(StationError):
-    """The station process is gone, does not read, or did not answer in time: the rig's state is not known here."""
+__all__ = ["StationClient", "StationLost", "StationRefused"]
 
 
 class StationClient:

@@ -14,15 +14,9 @@ import typing
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from rig.station.errors import ConfigProblem
+
 T = TypeVar("T")
-
-
-class StationError(Exception):
-    """Base of what this room raises."""
-
-
-class ConfigProblem(StationError):
-    """An entry of the station's configuration is missing, unknown, of the wrong type or out of range."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +102,7 @@ class StationConfig:
     """Everything the station needs.
 
     `device_rate` is how fast the devices' clocks run against the wall (1 on hardware, the simulated rig's speed there).
+    `owner_id` is the lease at the controller, 1..65535; 0 has the station make one from its process id.
     """
 
     actuator: ActuatorConfig
@@ -124,7 +119,7 @@ class StationConfig:
     late_after_s: float = 0.020
     disagreement_m: float = 0.005
     real_time: bool = True
-    owner_id: int = 1
+    owner_id: int = 0
     disabled_detectors: tuple[str, ...] = ()
 
     def to_json(self) -> str:

@@ -35,8 +35,8 @@ class Finding:
 class ChannelJudge:
     """Judges one sensor channel: limits, saturation, spikes, sensor faults, gaps.
 
-    A value beyond a limit trips at once, unless it is a jump that physics cannot make: then it is flagged as a spike and
-    trips when `CONSECUTIVE` samples stay there.
+    A value beyond a limit trips at once, unless it is a jump that physics cannot make: then it is flagged as a spike
+    and trips when `CONSECUTIVE` samples stay there.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class ChannelJudge:
         if not records:
             return records, []
         values = [record[2] for record in records]
-        plain = not any([record[5] for record in records])
+        plain = not any(record[5] for record in records)
         if plain and self._quiet(min(values), max(values)):
             self.last_value = values[-1]
             return records, []

@@ -1,9 +1,9 @@
 """The safe stop as a pure step machine: `advance(stop, view) -> (stop, actions)`; no clock, no I/O.
 
-Order: (1) at once and independently: coil current to 0 A and the controller's fade-out (its halt ramp on a hard limit or
-when the position is not trusted); (2) prove standstill, by the LVDT while it is fresh, else by the controller; (3) hold
-where it stopped; (4) for S1 hydraulics low, then off; (5) prove the current. A step that misses its deadline escalates:
-S2 -> S1 -> hydraulics off at once. What cannot be proved ends in UNKNOWN, never in SAFE.
+Order: (1) at once and independently: coil current to 0 A and the controller's fade-out (its halt ramp on a hard limit
+or when the position is not trusted); (2) prove standstill, by the LVDT while it is fresh, else by the controller;
+(3) hold where it stopped; (4) for S1 hydraulics low, then off; (5) prove the current. A step that misses its deadline
+escalates: S2 -> S1 -> hydraulics off at once. What cannot be proved ends in UNKNOWN, never in SAFE.
 
 Deadlines are wall time, except the fade-out and standstill, which the controller's and the sensor's clocks measure: the
 fade may take its cycles on the device clock plus `STOP_MARGIN_S` of wall time.

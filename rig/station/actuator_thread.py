@@ -1,0 +1,316 @@
+"""The actuator's thread: the only one that talks to the controller; polls, feeds its watchdog, carries out commands.
+
+A stop action is carried out before anything else and wakes the thread out of its wait. Commands of requests run as jobs
+between two polls, so that no request keeps the interlocks waiting for longer than one exchange.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Protocol, TypeVar
+
+from drivers.errors import DriverError, NoAnswer, RequestRefused
+from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from protocols.actuator import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, State
+from protocols.register_map import Value
+from rig.clock import monotonic_ns
+from rig.station.config import ActuatorConfig
+from rig.station.device_thread import DeviceThread
+from rig.station.interlocks import Finding
+from rig.station.safe_stop import STILL_S, Action
+from rig.station.status_judge import ControllerJudge
+from rig.station.supervisor import Supervisor, Travel
+
+T = TypeVar("T")
+
+COUNTER_MODULUS = 1 << 16
+CLOCK_MODULUS = 1 << 32
+COMMANDS = {
+    Action.FADE: Command.FADE_STOP,
+    Action.HALT: Command.HALT,
+    Action.HYDRAULICS_LOW: Command.HYDRAULICS_LOW,
+    Action.HYDRAULICS_OFF: Command.HYDRAULICS_OFF,
+}
+
+
+class ActuatorDriver(Protocol):
+    """What this thread needs of the controller's driver."""
+
+    @property
+    def is_open(self) -> bool:
+        """The connection stands, as far as is known."""
+
+    def open(self) -> None:
+        """Open the connection."""
+
+    def close(self) -> None:
+        """Close the connection."""
+
+    def read_identity(self) -> ActuatorIdentity:
+        """Identity block, signature proved."""
+
+    def read_status(self) -> ActuatorStatus:
+        """Status block."""
+
+    def exchange(self, watchdog_counter: int) -> ActuatorStatus:
+        """Feed the watchdog and read the status block in one trip."""
+
+    def write_limits(self, limits: ActuatorLimits) -> None:
+        """Write the config block."""
+
+    def read_limits(self) -> ActuatorLimits:
+        """Read the config block back."""
+
+    def write_table(self, values_m: list[float]) -> None:
+        """Load the samples of a table waveform (m about the centre)."""
+
+    def send(self, command: Command, **values: Value) -> int:
+        """Send a command; its sequence number."""
+
+
+class ActuatorThread(DeviceThread):
+    """Owns the controller's driver once it is started."""
+
+    def __init__(
+        self,
+        config: ActuatorConfig,
+        driver: ActuatorDriver,
+        judge: ControllerJudge,
+        travel: Travel,
+        supervisor: Supervisor,
+        append: Callable[[list[Record]], None],
+    ) -> None:
+        super().__init__("actuator", "modbus-halfopen")
+        self.config = config
+        self.judge = judge
+        self.identity: ActuatorIdentity | None = None
+        self.polls = 0
+        self.failures = 0
+        self.speed_source: Callable[[], float] = lambda: math.nan
+        self.status_changed = threading.Condition()
+        self._driver = driver
+        self._travel = travel
+        self._supervisor = supervisor
+        self._append = append
+        self._wake = threading.Condition()
+        self._actions: deque[Action] = deque()
+        self._jobs: deque[tuple[Callable[[], object], Future[object]]] = deque()
+        self._counter = 0
+        self._stale_ns = int(config.stale_after_s * 1e9)
+        self._last_ns = monotonic_ns()
+        self._linked = True
+        self._retry: Action | None = None
+        self._pulse_count: int | None = None
+        self._device_us = NO_DEVICE_TIME
+        self._clock_us = 0
+
+    # For other threads
+
+    def open(self) -> None:
+        """Connect and read the identity; before the thread starts.
+
+        Raises:
+            DriverError: nobody answers, or it is another device.
+        """
+        self._driver.open()
+        self.identity = self._driver.read_identity()
+
+    def close(self) -> None:
+        """Disconnect; after the thread has ended."""
+        self._driver.close()
+
+    def counters(self, now_ns: int) -> dict[str, object]:
+        """Age of the last status and what was counted."""
+        return {"age_s": (now_ns - self._last_ns) / 1e9, "polls": self.polls, "failures": self.failures}
+
+    def wait_fed(self, timeout_s: float) -> ActuatorStatus | None:
+        """A status that echoes a counter this thread wrote; None after `timeout_s` wall seconds."""
+        before = self._counter
+        return self.wait_status(lambda status: self._counter != before and status.watchdog_echo != before, timeout_s)
+
+    def act(self, action: Action) -> None:
+        """Carry out a stop action before anything else; returns at once."""
+        with self._wake:
+            self._actions.append(action)
+            self._wake.notify()
+
+    def call(self, job: Callable[[ActuatorDriver], T], timeout_s: float) -> T:
+        """Run `job` with the driver on this thread and return its result.
+
+        Raises:
+            DriverError: whatever the driver raised.
+            TimeoutError: the thread did not come to it in time.
+        """
+        future: Future[object] = Future()
+        with self._wake:
+            self._jobs.append((lambda: job(self._driver), future))
+            self._wake.notify()
+        return future.result(timeout_s)  # type: ignore[return-value]  # the future holds what the job returned
+
+    def wake(self) -> None:
+        """Interrupt the wait for the next poll."""
+        with self._wake:
+            self._wake.notify()
+
+    def wait_status(self, wanted: Callable[[ActuatorStatus], bool], timeout_s: float) -> ActuatorStatus | None:
+        """The first status from now on that is wanted; None after `timeout_s` wall seconds."""
+        with self.status_changed:
+            if not self.status_changed.wait_for(lambda: self._is(wanted), timeout_s):
+                return None
+            return self.judge.status
+
+    def fresh_status(self, now_ns: int) -> ActuatorStatus | None:
+        """The last status, None when it is stale."""
+        return self.judge.status if now_ns - self._last_ns <= self._stale_ns else None
+
+    def fill_view(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
+        """Moving, clock (s), hydraulics low, hydraulics off; each None without a fresh status."""
+        status = self.fresh_status(now_ns)
+        if status is None:
+            return None, None, None, None
+        off = status.state == State.OFF or not status.inputs & (Input.HYDRAULICS_LOW | Input.HYDRAULICS_ON)
+        low = off or not status.inputs & Input.HYDRAULICS_ON
+        return self.judge.moving(STILL_S), self.judge.clock_s, low, off
+
+    @property
+    def state_name(self) -> str | None:
+        """The controller's state by name, None without a fresh status."""
+        status = self.fresh_status(monotonic_ns())
+        if status is None:
+            return None
+        return State(status.state).name if status.state in State.__members__.values() else str(status.state)
+
+    def silent_ns(self, now_ns: int) -> tuple[int, int]:
+        """Age of the last status, and the age at which it is stale (ns)."""
+        return now_ns - self._last_ns, self._stale_ns
+
+    # On the thread
+
+    def work(self) -> None:
+        """Poll until the end."""
+        self._last_ns = next_ns = monotonic_ns()
+        period_ns = int(self.config.poll_s * 1e9)
+        while not self._ending.is_set():
+            self._wait(next_ns)
+            try:
+                self._serve()
+            except DriverError as error:
+                self._failed(error)
+            now_ns = monotonic_ns()
+            next_ns = max(next_ns + period_ns, now_ns) if now_ns >= next_ns else next_ns
+
+    def _wait(self, until_ns: int) -> None:
+        with self._wake:
+            if self._actions or self._jobs:
+                return
+            self._wake.wait(max(0.0, (until_ns - monotonic_ns()) / 1e9))
+
+    def _serve(self) -> None:
+        if not self._linked:
+            self._reopen()
+        while (action := self._next_action()) is not None:
+            self._retry = action
+            self._driver.send(COMMANDS[action])
+            self._retry = None
+        if self._jobs:
+            self._run_job()
+        self._poll()
+
+    def _next_action(self) -> Action | None:
+        with self._wake:
+            if self._retry is not None and not self._actions:
+                return self._retry
+            return self._actions.popleft() if self._actions else None
+
+    def _run_job(self) -> None:
+        with self._wake:
+            job, future = self._jobs.popleft()
+        if not future.set_running_or_notify_cancel():
+            return
+        try:
+            future.set_result(job())
+        except Exception as error:  # noqa: BLE001 - handed to the thread that asked, which raises it
+            future.set_exception(error)
+
+    def _poll(self) -> None:
+        if self._supervisor.may_feed(monotonic_ns()):
+            self._counter = (self._counter + 1) % COUNTER_MODULUS
+            status = self._driver.exchange(self._counter)
+        else:
+            status = self._driver.read_status()
+        self.polls += 1
+        self._last_ns = status.received_ns
+        self._record(status)
+        findings = self.judge.judge(status, self._travel.position_m(status.received_ns), self.speed_source())
+        if findings:
+            self._supervisor.report(findings)
+        with self.status_changed:
+            self.status_changed.notify_all()
+
+    def _is(self, wanted: Callable[[ActuatorStatus], bool]) -> bool:
+        return self.judge.status is not None and wanted(self.judge.status)
+
+    def _failed(self, error: DriverError) -> None:
+        self.failures += 1
+        now_ns = monotonic_ns()
+        self._linked = self._driver.is_open
+        if isinstance(error, RequestRefused):
+            slug = "modbus-busy" if "busy" in str(error) else "modbus-reject"
+            if slug == "modbus-reject" or now_ns - self._last_ns > self._stale_ns:
+                self._supervisor.report([Finding(slug, str(error), now_ns)])
+        elif not isinstance(error, NoAnswer):
+            self._supervisor.report([Finding("modbus-reset", str(error), now_ns)])
+
+    def _reopen(self) -> None:
+        """Connect again, so that a stop reaches the controller; a latched trip stays latched.
+
+        Raises:
+            DriverError: nobody answers.
+        """
+        self._driver.close()
+        self._driver.open()
+        self.judge.restart()
+        self._linked = True
+
+    def _record(self, status: ActuatorStatus) -> None:
+        host_ns = status.received_ns
+        device_us = self._unwrap(status.clock_us)
+        sequence = self.polls
+        records: list[Record] = [
+            (host_ns, device_us, float(value), sequence, channel, 0)
+            for channel, value in (
+                (Channel.POSITION, status.position_m),
+                (Channel.VELOCITY, status.velocity_m_s),
+                (Channel.SETPOINT, status.setpoint_m),
+                (Channel.STATE, status.state),
+                (Channel.CYCLES_DONE, status.cycles_done),
+                (Channel.FAULT_BITS, status.fault_bits),
+                (Channel.SUPPLY_PRESSURE, status.supply_pressure_Pa),
+                (Channel.ACCUMULATOR_PRESSURE, status.accumulator_pressure_Pa),
+                (Channel.PHASE, status.phase),
+                (Channel.INPUTS, status.inputs),
+                (Channel.SERVO_ERROR, status.servo_error_m),
+                (Channel.CONTROLLER_FORCE, status.force_N),
+            )
+        ]
+        if self._pulse_count is None:
+            self._pulse_count = status.pulse_count
+        elif status.pulse_count != self._pulse_count:
+            self._pulse_count = status.pulse_count
+            behind_us = (status.clock_us - status.pulse_clock_us) % CLOCK_MODULUS
+            pulse = (host_ns, device_us - behind_us, float(status.pulse_count), status.pulse_count, Channel.PULSE, 0)
+            records.append(pulse)
+        self._append(records)
+
+    def _unwrap(self, clock_us: int) -> int:
+        if self._device_us == NO_DEVICE_TIME:
+            self._device_us = clock_us
+        else:
+            forward_us = (clock_us - self._clock_us) % CLOCK_MODULUS
+            self._device_us += forward_us - CLOCK_MODULUS if forward_us >= CLOCK_MODULUS // 2 else forward_us
+        self._clock_us = clock_us
+        return self._device_us

@@ -1,0 +1,228 @@
+"""The ECU's thread: reads its frames, judges them, writes them into the ring; the driver itself repeats the command.
+
+0 A is sent by whichever thread trips (`zero_now`), at once; the driver's beat then repeats it. After that no other
+current is taken until `begin` prepares the coil anew.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable
+
+from drivers.ecu import CanEcu, EcuBatch
+from drivers.errors import DriverError
+from drivers.ring import Record
+from protocols.ecu import EcuFault, EcuIdentity, EcuState
+from rig.clock import monotonic_ns
+from rig.station.config import EcuConfig
+from rig.station.device_thread import DeviceThread
+from rig.station.errors import StationRefused
+from rig.station.interlocks import CONSECUTIVE, Finding
+from rig.station.status_judge import EcuJudge
+from rig.station.supervisor import Supervisor
+
+BACKSTOP_NS = 250_000_000
+
+
+class CoilThread(DeviceThread):
+    """Owns the reading side of the ECU's driver; commands may come from any thread."""
+
+    def __init__(
+        self,
+        config: EcuConfig,
+        driver: CanEcu,
+        judge: EcuJudge,
+        supervisor: Supervisor,
+        append: Callable[[list[Record]], None],
+    ) -> None:
+        super().__init__("ecu", "ecu-silent")
+        self.config = config
+        self.judge = judge
+        self.port_lost: str | None = None
+        self._driver = driver
+        self._supervisor = supervisor
+        self._append = append
+        self._stale_ns = int(config.stale_after_s * 1e9)
+        self._timeout_s = min(0.05, config.stale_after_s)
+        self._last_ns = monotonic_ns()
+        self._foreign = 0
+        self._zeroed = True
+        self._command_lock = threading.Lock()
+        self._progress = threading.Condition()
+        self._again = threading.Event()
+
+    def open(self) -> None:
+        """Join the bus; before the thread starts.
+
+        Raises:
+            DriverError: the interface cannot be opened.
+        """
+        self._driver.open()
+
+    def close(self) -> None:
+        """End the command frames and leave the bus; after the thread has ended."""
+        self._driver.close()
+
+    def revive(self) -> None:
+        """Open a lost bus again; only at standstill, as part of a reset.
+
+        Raises:
+            DriverError: the interface cannot be opened.
+        """
+        if self.port_lost is not None or self._driver.send_error is not None:
+            self._driver.close()
+            self._driver.send_error = None
+            self._driver.open()
+            self.port_lost = None
+            self._again.set()
+
+    # Commands, from any thread
+
+    def begin(self) -> None:
+        """Send 0 A, disabled, with the ECU's faults cleared, from now on.
+
+        Raises:
+            DriverError: the bus does not take the frame.
+        """
+        with self._command_lock:
+            self._foreign = self._driver.counters.foreign_commands
+            self._driver.command(0.0, enable=False, clear_faults=True)
+            self._driver.start(self.config.command_period_s)
+            self._zeroed = False
+
+    def wait_clear(self, timeout_s: float) -> bool:
+        """Wait until the ECU reports no fault, then stop asking it to clear them; False after `timeout_s`."""
+        begun_ns = monotonic_ns()
+        with self._progress:
+            clear = self._progress.wait_for(lambda: self._last_ns > begun_ns and self._is_clear(), timeout_s)
+        with self._command_lock:
+            self._driver.command(0.0, enable=False)
+        return clear
+
+    def set_current(self, current_A: float) -> None:
+        """Ask for a current (A), at once and from now on.
+
+        Raises:
+            StationRefused: 0 A is latched by a trip.
+            DriverError: the bus does not take the frame.
+        """
+        with self._command_lock:
+            if self._zeroed and current_A != 0.0:
+                raise StationRefused("tripped", "set_current: 0 A is latched")
+            self._driver.command(current_A, enable=not self._zeroed)
+            self._driver.send_now()
+
+    def zero_now(self) -> None:
+        """Command 0 A, output stage off, and put the frame on the wire at once; never raises."""
+        with self._command_lock:
+            self._zeroed = True
+            self._driver.command(0.0, enable=False)
+            try:
+                self._driver.send_now()
+            except DriverError as error:
+                # The bus is gone: the ECU goes to 0 A by its own time-out; the loss itself is reported by the reader.
+                sys.stderr.write(f"0 A could not be sent: {error}\n")
+
+    # State, for any thread
+
+    @property
+    def fresh_current_A(self) -> float | None:
+        """Measured current (A), None when its status is stale."""
+        status = self._driver.status
+        allowed_ns = self._stale_ns + int(self._timeout_s * 1e9)
+        if status is None or self.port_lost is not None or monotonic_ns() - self._last_ns > allowed_ns:
+            return None
+        return status.current_A
+
+    def wait_identity(self, timeout_s: float) -> EcuIdentity | None:
+        """The ECU's identity once it and a status have come; None after `timeout_s` wall seconds."""
+        driver = self._driver
+        with self._progress:
+            self._progress.wait_for(lambda: driver.identity is not None and driver.status is not None, timeout_s)
+        return driver.identity if driver.status is not None else None
+
+    def describe(self) -> str:
+        """State and faults in words."""
+        status = self._driver.status
+        if status is None:
+            return "sends no status"
+        state = EcuState(status.state).name if status.state in set(EcuState) else str(status.state)
+        return f"in state {state}, faults {EcuFault(status.faults)!r}"
+
+    def silent_ns(self, now_ns: int) -> tuple[int, int]:
+        """Age of the last status, and the age at which the supervisor itself calls it stale (ns)."""
+        return now_ns - self._last_ns, self._stale_ns + BACKSTOP_NS
+
+    def counters(self, now_ns: int) -> dict[str, object]:
+        """Age of the last status and what was counted."""
+        counted = self._driver.counters
+        return {
+            "age_s": (now_ns - self._last_ns) / 1e9,
+            "statuses": counted.statuses,
+            "lost": counted.lost,
+            "bad": counted.bad_checks + self._driver.malformed,
+            "foreign": counted.foreign_commands,
+            "sent": counted.sent,
+            "late_sends": counted.late_sends,
+            "port_lost": self.port_lost,
+        }
+
+    # On the thread
+
+    def wake(self) -> None:
+        """Interrupt the wait for a lost bus."""
+        self._again.set()
+
+    def work(self) -> None:
+        """Read until the end; wait where the bus is gone."""
+        while not self._ending.is_set():
+            self._again.clear()
+            self._last_ns = monotonic_ns()
+            self._read()
+            if not self._ending.is_set():
+                self._again.wait()
+
+    def _read(self) -> None:
+        while not self._ending.is_set():
+            try:
+                batch = self._driver.read_batch(self._timeout_s)
+            except DriverError as error:
+                self.port_lost = str(error)
+                self._supervisor.report([Finding("can-lost", self.port_lost, monotonic_ns())])
+                return
+            findings = self._judge(batch)
+            if findings:
+                self._supervisor.report(findings)
+            if batch.records:
+                self._append(batch.records)
+            if batch.statuses:
+                with self._progress:
+                    self._progress.notify_all()
+
+    def _judge(self, batch: EcuBatch) -> list[Finding]:
+        now_ns = batch.arrival_ns
+        findings: list[Finding] = []
+        for status in batch.statuses:
+            self._last_ns = now_ns
+            findings += self.judge.judge_status(status, now_ns)
+        for temperature in batch.temperatures:
+            findings += self.judge.judge_temperature(temperature, now_ns)
+        counted = self._driver.counters
+        if counted.bad_in_a_row >= CONSECUTIVE:
+            detail = f"{counted.bad_in_a_row} ECU status frames in a row with a wrong counter, CRC or length"
+            findings.append(Finding("ecu-crc", detail, now_ns, counted.bad_in_a_row, CONSECUTIVE))
+        if counted.foreign_commands > self._foreign:
+            detail = f"{counted.foreign_commands - self._foreign} frames of another sender on our command id"
+            findings.append(Finding("can-foreign", detail, now_ns))
+        if self._driver.send_error is not None:
+            findings.append(Finding("can-lost", f"command frames ended: {self._driver.send_error}", now_ns))
+        age_ns = now_ns - self._last_ns
+        if age_ns > self._stale_ns:
+            detail = f"ecu: no status for {age_ns / 1e6:.0f} ms, allowed {self._stale_ns / 1e6:.0f} ms"
+            findings.append(Finding("ecu-silent", detail, now_ns, age_ns / 1e9, self._stale_ns / 1e9))
+        return findings
+
+    def _is_clear(self) -> bool:
+        status = self._driver.status
+        return status is not None and status.faults == 0

@@ -1,0 +1,181 @@
+"""The station's devices: drivers made from the configuration, their judges and threads, opened and proved together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from drivers.actuator import ModbusActuator
+from drivers.ecu import CanEcu
+from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity
+from drivers.ring import Channel, Record
+from drivers.serial_sensor import SerialSensor
+from protocols.errors import ProtocolError
+from protocols.line_format import LineFormat
+from rig.station.actuator_thread import ActuatorThread
+from rig.station.coil_thread import CoilThread
+from rig.station.config import SensorConfig, StationConfig
+from rig.station.errors import StationRefused
+from rig.station.interlocks import ChannelJudge, MotionJudge
+from rig.station.sensor_thread import SensorThread
+from rig.station.status_judge import ControllerJudge, EcuJudge
+from rig.station.supervisor import Supervisor
+
+Append = Callable[[list[Record]], None]
+
+
+class Devices:
+    """All threads of one rig.
+
+    Opening is all or nothing: what fails is reported together, and what was open is closed again.
+    """
+
+    def __init__(self, config: StationConfig, owner_id: int, supervisor: Supervisor, append: Append) -> None:
+        self.config = config
+        self.owner_id = owner_id
+        self._supervisor = supervisor
+        limits, margins = config.limits, config.margins
+        speed_limit_m_s = limits.speed_m_s * (1.0 + margins.speed)
+        force_limit_N = limits.force_N * (1.0 + margins.force)
+        self.load_cell = self._sensor(
+            config.load_cell,
+            "loadcell-pulled",
+            Channel.FORCE,
+            _judge(config.load_cell, "force-limit", -force_limit_N, force_limit_N, "N"),
+            append,
+        )
+        low_m, high_m = limits.position_min_m - margins.position_m, limits.position_max_m + margins.position_m
+        self.lvdt = self._sensor(
+            config.lvdt,
+            "lvdt-pulled",
+            Channel.DISPLACEMENT,
+            _judge(config.lvdt, "stroke-limit", low_m, high_m, "m"),
+            append,
+            MotionJudge(speed_limit_m_s, config.lvdt.rate_Hz),
+        )
+        self.auxiliary = tuple(
+            self._sensor(
+                given,
+                "auxiliary-pulled",
+                Channel(Channel.AUXILIARY_1 + index),
+                _judge(given, "sensor-saturated", -given.span, given.span, ""),
+                append,
+            )
+            for index, given in enumerate(config.auxiliary)
+        )
+        self.coil = CoilThread(
+            config.ecu,
+            CanEcu(
+                config.ecu.interface,
+                config.ecu.channel,
+                bitrate=config.ecu.bitrate,
+            ),
+            EcuJudge(limits.current_A + margins.current_A, limits.coil_temperature_degC),
+            supervisor,
+            append,
+        )
+        judge = ControllerJudge(
+            owner_id,
+            frozen_after_ns=int(config.actuator.stale_after_s * 1e9),
+            disagreement_m=config.disagreement_m,
+            lag_s=(config.actuator.poll_s + config.lvdt.stale_after_s) * max(1.0, config.device_rate),
+        )
+        driver = ModbusActuator(
+            config.actuator.url,
+            device_id=config.actuator.device_id,
+            timeout_s=config.actuator.timeout_s,
+            owner_id=owner_id,
+        )
+        self.actuator = ActuatorThread(config.actuator, driver, judge, self.lvdt, supervisor, append)
+        self.actuator.speed_source = lambda: self.lvdt.speed_m_s
+
+    def _sensor(
+        self,
+        given: SensorConfig,
+        slug: str,
+        channel: Channel,
+        judge: ChannelJudge,
+        append: Append,
+        motion: MotionJudge | None = None,
+    ) -> SensorThread:
+        # The bench states the offset as what the sensor shows at zero; the driver adds its own to the scaled value.
+        driver = SerialSensor(
+            given.url,
+            given.baudrate,
+            name=given.name,
+            channel=channel,
+            line_format=_line_format(given),
+            sensitivity=given.sensitivity,
+            offset=-given.offset,
+            rate_Hz=given.rate_Hz,
+            device_rate=self.config.device_rate,
+        )
+        return SensorThread(given, slug, channel, driver, judge, self._supervisor, append, motion)
+
+    @property
+    def sensors(self) -> tuple[SensorThread, ...]:
+        """Load cell, LVDT and the auxiliary channels."""
+        return (self.load_cell, self.lvdt, *self.auxiliary)
+
+    def __iter__(self) -> Iterator[SensorThread | CoilThread | ActuatorThread]:
+        return iter((*self.sensors, self.coil, self.actuator))
+
+    def open(self) -> None:
+        """Open every port; nothing moves and nothing is written to a device.
+
+        Raises:
+            StationRefused: one line for each device that cannot be reached; all ports are closed again.
+        """
+        problems = []
+        for device in self:
+            try:
+                device.open()
+            except (DriverError, ProtocolError) as error:
+                problems.append(error)
+        if problems:
+            self.close()
+            slug = next((slug_of(error) for error in problems), "unreachable")
+            raise StationRefused(slug, "\n".join(str(error) for error in problems))
+
+    def start(self) -> None:
+        """Start every thread; the supervisor watches them from now on."""
+        for device in self:
+            device.start()
+        self._supervisor.attach(self.coil, self.actuator, self.lvdt, tuple(self))
+
+    def revive(self) -> None:
+        """Open lost ports again, as part of a reset.
+
+        Raises:
+            StationRefused: one of them is still gone.
+        """
+        devices: tuple[SensorThread | CoilThread, ...] = (*self.sensors, self.coil)
+        for device in devices:
+            try:
+                device.revive()
+            except DriverError as error:
+                raise StationRefused(device.slug, f"reset: {error}") from error
+
+    def close(self) -> None:
+        """End every thread and close every port."""
+        for device in self:
+            device.end()
+            device.close()
+
+
+def slug_of(error: Exception) -> str:
+    """The refusal's slug for what a driver raised at connect."""
+    if isinstance(error, WrongIdentity):
+        return "wrong-identity"
+    if isinstance(error, NoAnswer):
+        return "no-answer"
+    if isinstance(error, (WrongAnswer, ProtocolError)):
+        return "register-layout"
+    return "unreachable"
+
+
+def _judge(given: SensorConfig, slug: str, low: float, high: float, unit: str) -> ChannelJudge:
+    return ChannelJudge(given.name, slug, low=low, high=high, span=given.span, spike_jump=given.spike_jump, unit=unit)
+
+
+def _line_format(given: SensorConfig) -> str | LineFormat:
+    return given.format if isinstance(given.format, str) else LineFormat(**given.format)

@@ -1,0 +1,26 @@
+"""What this room raises: each error is named after the condition."""
+
+# ruff: noqa: N818 - errors are named after the condition, as everywhere in this project
+
+from __future__ import annotations
+
+
+class StationError(Exception):
+    """Base of this room's errors."""
+
+
+class ConfigProblem(StationError):
+    """An entry of the station's configuration is missing, unknown, of the wrong type or out of range."""
+
+
+class StationRefused(StationError):
+    """The station did not do what was asked, or could not prove that it was done; `slug` names why."""
+
+    def __init__(self, slug: str, message: str) -> None:
+        self.slug = slug
+        self.message = message
+        super().__init__(f"{slug}: {message}")
+
+
+class StationLost(StationError):
+    """The station process is gone, does not read, or did not answer in time: the rig's state is not known here."""

@@ -1,0 +1,184 @@
+"""The station process: `python -m rig.station CONFIG.json`, spoken to over stdin and stdout.
+
+It lives as long as the application's link, and after its end until the rig is stopped. Exit code 0: ended at rest;
+2: the configuration cannot be used; 7: the rig's state could not be proved at the end.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import sys
+import threading
+import traceback
+from pathlib import Path
+
+from drivers.ring import RingWriter
+from rig.errors import EXIT_DONE, EXIT_UNKNOWN_STATE, EXIT_USAGE
+from rig.station.config import StationConfig, from_json
+from rig.station.devices import Devices
+from rig.station.errors import ConfigProblem, StationRefused
+from rig.station.fault_table import TABLE, Stop
+from rig.station.link import Link
+from rig.station.requests import Requests
+from rig.station.supervisor import Supervisor
+
+REAL_TIME_PRIORITY = 20
+END_TIMEOUT_S = 120.0
+OWNER_MODULUS = (1 << 16) - 1
+MUTATION_VARIABLE = "RIG_STATION_MUTATION"
+AT_ONCE = frozenset({"stop", "status"})
+"""Requests that are taken while another one is under way."""
+
+
+class Station:
+    """Everything of one station process."""
+
+    def __init__(self, config: StationConfig, link: Link) -> None:
+        self.config = config
+        self.link = link
+        owner_id = config.owner_id or os.getpid() % OWNER_MODULUS + 1
+        self.ring = RingWriter(Path(config.ring_path), config.ring_capacity)
+        self.supervisor = Supervisor(config, link.emit, self.ring.append, self.ring.beat)
+        self.devices = Devices(config, owner_id, self.supervisor, self.ring.append)
+        self.requests = Requests(config, self.supervisor, self.devices)
+        self._busy = threading.Lock()
+
+    def start(self, real_time: str | None) -> None:
+        """Start the supervisor and tell the application that requests are taken.
+
+        Args:
+            real_time: why there is no real-time priority; None when there is (or none was asked for).
+        """
+        self.supervisor.start()
+        self.link.emit(
+            {
+                "event": "ready",
+                "pid": os.getpid(),
+                "ring": self.config.ring_path,
+                "real_time": self.config.real_time and real_time is None,
+                "real_time_reason": real_time,
+                "disabled_detectors": list(self.config.disabled_detectors),
+            }
+        )
+
+    def take(self, message: dict[str, object]) -> None:
+        """One message of the application; never blocks."""
+        do = message.get("do")
+        if do == "beat":
+            self.supervisor.beat(message.get("healthy") is True)
+        elif do == "shutdown":
+            self.link.emit({"id": message.get("id"), "ok": True})
+            self.link.leave()
+        else:
+            # The application lives as long as it asks.
+            threading.Thread(target=self._answer, args=(message, str(do)), name=f"request-{do}", daemon=True).start()
+
+    def _answer(self, message: dict[str, object], do: str) -> None:
+        number = message.get("id")
+        arguments = {key: value for key, value in message.items() if key not in {"id", "do"}}
+        waits = do not in AT_ONCE
+        if waits and not self._busy.acquire(blocking=False):
+            self.link.emit({"id": number, "refused": "busy", "message": f"{do}: another request is under way"})
+            return
+        try:
+            answer: dict[str, object] = {"ok": True, **self.requests.handle(do, arguments)}
+        except StationRefused as error:
+            answer = {"refused": error.slug, "message": error.message}
+        except Exception as error:  # noqa: BLE001 - a request's defect must answer and stop the rig, not vanish
+            traceback.print_exc(file=sys.stderr)
+            answer = {"refused": "task-dies", "message": f"{do}: {type(error).__name__}: {error}"}
+            if self.supervisor.armed:
+                self.supervisor.ask_stop(TABLE["task-dies"].stop, "task-dies", f"request {do} failed: {error}")
+        finally:
+            if waits:
+                self._busy.release()
+        self.link.emit({**answer, "id": number})
+
+    def end(self, number: int | None) -> int:
+        """Stop the rig if it is armed, then close everything.
+
+        Args:
+            number: the signal that ended the link, None for the end of its input.
+
+        Returns:
+            The process's exit code.
+        """
+        code = EXIT_DONE
+        if self.supervisor.armed:
+            if number is not None:
+                self.supervisor.ask_stop(Stop.S1, "sigterm", f"station got {signal.Signals(number).name}")
+            self.supervisor.application_gone()
+            code = EXIT_DONE if self._wait_safe() else EXIT_UNKNOWN_STATE
+        self.devices.close()
+        self.supervisor.end()
+        self.link.end()
+        self.ring.close()
+        return code
+
+    def _wait_safe(self) -> bool:
+        supervisor = self.supervisor
+        with supervisor.changed:
+            supervisor.changed.wait_for(lambda: supervisor.ended_for_good, END_TIMEOUT_S)
+        return supervisor.proved_safe
+
+
+def real_time_priority(wanted: bool) -> str | None:
+    """Take SCHED_FIFO for this process and the threads it starts.
+
+    Returns:
+        Why it was not taken, None when it was or was not wanted.
+    """
+    if not wanted:
+        return None
+    if not hasattr(os, "sched_setscheduler"):
+        return "this system has no SCHED_FIFO"
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
+    except OSError as error:
+        return f"SCHED_FIFO not allowed: {error}"
+    return None
+
+
+def load(path: str) -> StationConfig:
+    """The configuration in `path`.
+
+    Raises:
+        ConfigProblem: unreadable, wrong, or it disables detectors outside a mutation check.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigProblem(f"{path}: {error}") from error
+    config = from_json(text)
+    if config.disabled_detectors and os.environ.get(MUTATION_VARIABLE) != "1":
+        raise ConfigProblem(f"disabled_detectors is only for mutation checks ({MUTATION_VARIABLE}=1)")
+    unknown = [slug for slug in config.disabled_detectors if slug not in TABLE]
+    if unknown:
+        raise ConfigProblem(f"disabled_detectors: unknown slug {unknown[0]!r}")
+    return config
+
+
+def main(arguments: list[str]) -> int:
+    """Run a station until its link ends; returns the exit code."""
+    if len(arguments) != 1:
+        sys.stderr.write("usage: python -m rig.station CONFIG.json\n")
+        return EXIT_USAGE
+    try:
+        config = load(arguments[0])
+    except ConfigProblem as error:
+        sys.stderr.write(f"{arguments[0]}: {error}\n")
+        return EXIT_USAGE
+    # Threads inherit the priority, so it comes before the first one.
+    refused = real_time_priority(config.real_time)
+    link = Link(sys.stdin.fileno(), sys.stdout.fileno())
+    link.catch(signal.SIGTERM)
+    link.catch(signal.SIGINT)
+    link.catch(signal.SIGHUP)
+    link.start()
+    station = Station(config, link)
+    gc.collect()
+    gc.freeze()
+    station.start(refused)
+    return station.end(link.run(station.take))

@@ -1,0 +1,223 @@
+"""The thread of one serial sensor: reads, judges every sample, writes them into the ring."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from typing import Protocol
+
+from drivers.errors import DriverError
+from drivers.ring import Channel, Record
+from drivers.sample_stream import Batch
+from rig.clock import monotonic_ns
+from rig.station.config import SensorConfig
+from rig.station.device_thread import DeviceThread
+from rig.station.interlocks import ChannelJudge, Finding, MotionJudge
+from rig.station.supervisor import Supervisor
+
+READ_TIMEOUT_S = 0.05
+BACKSTOP_NS = 250_000_000
+COUNTED = 1000
+
+
+class SensorDriver(Protocol):
+    """What this thread needs of a sensor's driver."""
+
+    @property
+    def bad_frames(self) -> int:
+        """Frames or lines that came damaged."""
+
+    @property
+    def skipped_bytes(self) -> int:
+        """Bytes that belonged to no reading."""
+
+    def open(self) -> None:
+        """Open the port."""
+
+    def close(self) -> None:
+        """Close the port."""
+
+    def read_batch(self, timeout_s: float) -> Batch:
+        """Wait up to `timeout_s` for samples and return those that came."""
+
+
+class SensorThread(DeviceThread):
+    """Owns a sensor's port from the first read on.
+
+    Silence is judged here, right after a read that brought nothing, so that a station that was kept from running does
+    not mistake data waiting in its port for silence. The supervisor's own check of the age is only a backstop.
+    """
+
+    def __init__(
+        self,
+        config: SensorConfig,
+        slug: str,
+        channel: Channel,
+        driver: SensorDriver,
+        judge: ChannelJudge,
+        supervisor: Supervisor,
+        append: Callable[[list[Record]], None],
+        motion: MotionJudge | None = None,
+    ) -> None:
+        super().__init__(config.name, slug)
+        self.config = config
+        self.judge = judge
+        self.motion = motion
+        self.lost = 0
+        self.samples = 0
+        self.port_lost: str | None = None
+        self._channel = int(channel)
+        self._again = threading.Event()
+        self._progress = threading.Condition()
+        self._first: Record | None = None
+        self._latest: Record | None = None
+        self._recent_count = 0
+        self._driver = driver
+        self._supervisor = supervisor
+        self._append = append
+        self._stale_ns = int(config.stale_after_s * 1e9)
+        self._last_ns = monotonic_ns()
+        self._timeout_s = min(READ_TIMEOUT_S, config.stale_after_s)
+
+    def open(self) -> None:
+        """Open the port; before the thread starts.
+
+        Raises:
+            DriverError: the port cannot be opened.
+        """
+        self._driver.open()
+
+    def close(self) -> None:
+        """Close the port; after the thread has ended."""
+        self._driver.close()
+
+    def revive(self) -> None:
+        """Open a lost port again; the thread goes on with it. Only at standstill, as part of a reset.
+
+        Raises:
+            DriverError: the port cannot be opened.
+        """
+        if self.port_lost is not None:
+            self._driver.close()
+            self._driver.open()
+            self.port_lost = None
+            self._again.set()
+
+    @property
+    def garbled(self) -> bool:
+        """Bytes arrive, but they make no valid frames."""
+        return self._driver.bad_frames > 0 or self._driver.skipped_bytes > 0
+
+    @property
+    def speed_m_s(self) -> float:
+        """Speed by the LVDT (m/s); NaN while unknown or for another sensor."""
+        return math.nan if self.motion is None else self.motion.speed_m_s
+
+    def wait_rate(self, samples: int, timeout_s: float) -> float | None:
+        """Wait for `samples` samples and return their rate (Hz of the device's clock, else of the host's).
+
+        Returns:
+            None when they did not come within `timeout_s` wall seconds.
+        """
+        with self._progress:
+            if not self._progress.wait_for(lambda: self._recent_count >= samples, timeout_s):
+                return None
+            first, last, count = self._first, self._latest, self._recent_count
+        if first is None or last is None:
+            return None
+        elapsed_s = (last[1] - first[1]) / 1e6 if first[1] >= 0 else (last[0] - first[0]) / 1e9
+        return (count - 1) / elapsed_s if elapsed_s > 0 else None
+
+    def counters(self, now_ns: int) -> dict[str, object]:
+        """Age of the last sample and what was counted."""
+        return {
+            "age_s": (now_ns - self._last_ns) / 1e9,
+            "samples": self.samples,
+            "lost": self.lost,
+            "bad_frames": self._driver.bad_frames,
+            "port_lost": self.port_lost,
+        }
+
+    def wake(self) -> None:
+        """Interrupt the wait for a lost port."""
+        self._again.set()
+
+    def work(self) -> None:
+        """Read until the end; wait where the port is gone."""
+        while not self._ending.is_set():
+            self._again.clear()
+            self._last_ns = monotonic_ns()
+            self._read()
+            if not self._ending.is_set():
+                self._again.wait()
+
+    def _read(self) -> None:
+        while not self._ending.is_set():
+            try:
+                batch = self._driver.read_batch(self._timeout_s)
+            except DriverError as error:
+                self.port_lost = str(error)
+                self._supervisor.report([Finding(self.slug, self.port_lost, monotonic_ns())])
+                return
+            samples = [record for record in batch.records if record[4] == self._channel]
+            if samples:
+                self._take(samples)
+            else:
+                self._judge_silence()
+            if len(samples) != len(batch.records):
+                self._append([record for record in batch.records if record[4] != self._channel])
+            self.lost += batch.lost
+
+    def _take(self, samples: list[Record]) -> None:
+        records, findings = self.judge.judge(samples)
+        if self.motion is not None:
+            findings += self.motion.judge(records)
+        if findings:
+            self._supervisor.report(findings)
+        self._append(records)
+        self._last_ns = records[-1][0]
+        self.samples += len(records)
+        if self._recent_count < COUNTED:
+            self._count(records)
+
+    def _count(self, records: list[Record]) -> None:
+        """Follow the first samples, for the rate measured at connect."""
+        with self._progress:
+            if self._first is None:
+                self._first = records[0]
+            self._latest = records[-1]
+            self._recent_count += len(records)
+            self._progress.notify_all()
+
+    def _judge_silence(self) -> None:
+        now_ns = monotonic_ns()
+        age_ns = now_ns - self._last_ns
+        if age_ns > self._stale_ns:
+            detail = f"{self.name}: no sample for {age_ns / 1e6:.0f} ms, allowed {self._stale_ns / 1e6:.0f} ms"
+            self._supervisor.report([Finding(self.slug, detail, now_ns, age_ns / 1e9, self._stale_ns / 1e9)])
+
+    def silent_ns(self, now_ns: int) -> tuple[int, int]:
+        """Age of the last sample, and the age at which the supervisor itself calls it stale (ns)."""
+        return now_ns - self._last_ns, self._stale_ns + BACKSTOP_NS
+
+    def fresh(self, now_ns: int) -> bool:
+        """The last sample is younger than the channel's stale-after, or may be waiting in the port."""
+        return self.port_lost is None and now_ns - self._last_ns <= self._stale_ns + int(self._timeout_s * 1e9)
+
+    def value(self, now_ns: int) -> float | None:
+        """Latest good value (SI), None when stale."""
+        return self.judge.last_value if self.fresh(now_ns) and self.samples else None
+
+    def position_m(self, now_ns: int) -> float | None:
+        """Latest position (m), None when stale."""
+        return self.value(now_ns)
+
+    def still_s(self, now_ns: int) -> float | None:
+        """Device seconds of standstill, None when stale or when this is not the LVDT."""
+        return self.motion.still_s if self.motion is not None and self.fresh(now_ns) and self.samples else None
+
+    def restart_still(self) -> None:
+        """Begin the proof of standstill anew."""
+        if self.motion is not None:
+            self.motion.restart_still()

@@ -1,0 +1,434 @@
+"""The supervisor: latches the first cause, stops the rig, proves that it stopped.
+
+Reader threads call `report` with what their judges found; the call that latches a trip also sends 0 A and wakes the
+actuator's thread, so a stop never waits for a polling period. A thread of its own ticks the slow checks: ages, the
+application's beat, the stop machine, its own lateness.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from rig.clock import monotonic_ns
+from rig.station import safe_stop
+from rig.station.config import StationConfig
+from rig.station.fault_table import TABLE, FaultRow, Stop
+from rig.station.interlocks import Finding
+from rig.station.safe_stop import Action, SafeStop, Step, View
+
+TICK_S = 0.005
+WARNING_EVERY_NS = 1_000_000_000
+STALLED_NS = 500_000_000
+EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip", "actuator-reboot", "second-master"})
+
+Emit = Callable[[dict[str, object]], None]
+
+
+class Coil(Protocol):
+    """What the supervisor needs of the ECU's side."""
+
+    def zero_now(self) -> None:
+        """Command 0 A and put the frame on the wire at once; never raises."""
+
+    @property
+    def fresh_current_A(self) -> float | None:
+        """Measured current (A), None when its status is stale."""
+
+
+class Motion(Protocol):
+    """What the supervisor needs of the actuator's side."""
+
+    def act(self, action: Action) -> None:
+        """Have the actuator's thread carry out a stop action before anything else; returns at once."""
+
+    def fill_view(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
+        """Moving, clock (s), hydraulics low, hydraulics off; each None without a fresh status."""
+
+    @property
+    def state_name(self) -> str | None:
+        """The controller's state by name, None without a fresh status."""
+
+
+class Travel(Protocol):
+    """What the supervisor needs of the LVDT's side."""
+
+    def still_s(self, now_ns: int) -> float | None:
+        """Device seconds of proved standstill, None when the LVDT is stale."""
+
+    def restart_still(self) -> None:
+        """Begin the proof of standstill anew."""
+
+    def position_m(self, now_ns: int) -> float | None:
+        """Latest position (m), None when stale."""
+
+
+class Watched(Protocol):
+    """A source of data whose thread and age the supervisor watches."""
+
+    slug: str
+    name: str
+
+    @property
+    def alive(self) -> bool:
+        """Its thread runs."""
+
+    def silent_ns(self, now_ns: int) -> tuple[int, int]:
+        """Age of its last data and the age at which they are stale (ns)."""
+
+
+@dataclass(frozen=True)
+class Trip:
+    """The latched first cause."""
+
+    slug: str
+    stop: Stop
+    detail: str
+    t_ns: int
+    value: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class Movement:
+    """What a stop has to expect of the motion that was last commanded (device seconds)."""
+
+    fade_s: float = 0.0
+    period_s: float = 0.0
+
+
+@dataclass
+class Late:
+    """How late the interlock loop has been."""
+
+    count: int = 0
+    worst_s: float = 0.0
+
+
+class Supervisor:
+    """One per station; every method may be called from any thread."""
+
+    def __init__(
+        self, config: StationConfig, emit: Emit, append: Callable[[list[Record]], None], beat: Callable[[int], None]
+    ) -> None:
+        self.config = config
+        self.late = Late()
+        self.tick_ns = monotonic_ns()
+        self.movement = Movement()
+        self.trip: Trip | None = None
+        self.stop: SafeStop | None = None
+        self.later: dict[str, str] = {}
+        self.changed = threading.Condition()
+        self._emit = emit
+        self._append = append
+        self._ring_beat = beat
+        self._coil: Coil | None = None
+        self._motion: Motion | None = None
+        self._travel: Travel | None = None
+        self._watched: tuple[Watched, ...] = ()
+        self._armed = False
+        self._starving = False
+        self._proving = False
+        self._beat_ns = monotonic_ns()
+        self._application_well = True
+        self._application_gone = False
+        self._warned: dict[str, tuple[int, int]] = {}
+        self._lock = threading.RLock()
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
+
+    def attach(self, coil: Coil, motion: Motion, travel: Travel, watched: Iterable[Watched]) -> None:
+        """Give the supervisor its devices; before that nothing can be armed."""
+        self._coil, self._motion, self._travel = coil, motion, travel
+        self._watched = tuple(watched)
+
+    def start(self) -> None:
+        """Start the ticking thread."""
+        self._thread.start()
+
+    def end(self) -> None:
+        """End the ticking thread and wait for it."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=1.0)
+
+    @property
+    def armed(self) -> bool:
+        """Interlocks act on findings."""
+        return self._armed
+
+    @property
+    def may_move(self) -> bool:
+        """Armed, nothing latched, watchdog fed."""
+        return self._armed and self.trip is None and not self._starving
+
+    @property
+    def settled(self) -> bool:
+        """No stop is under way."""
+        return self.stop is None or self.stop.finished
+
+    @property
+    def ended_for_good(self) -> bool:
+        """The stop that follows the end of the application's link has gone all the way (S1), or cannot be proved."""
+        return self.stop is not None and self.stop.finished and self.stop.kind is Stop.S1
+
+    @property
+    def thread_alive(self) -> bool:
+        """The ticking thread runs."""
+        return self._thread.is_alive()
+
+    def arm(self) -> None:
+        """Let the interlocks act; the application's beat counts from now."""
+        self._beat_ns = monotonic_ns()
+        self._armed = True
+
+    def disarm(self) -> None:
+        """Interlocks only warn from now on."""
+        self._armed = False
+        self.movement = Movement()
+
+    def starve(self, *, proving: bool, feeding: bool) -> None:
+        """Feed the controller's watchdog or not, for the proof that it trips.
+
+        Args:
+            proving: the controller's own trip is expected: it is not a finding now.
+            feeding: the watchdog is fed as always.
+        """
+        self._proving = proving
+        self._starving = not feeding
+
+    @property
+    def proved_safe(self) -> bool:
+        """The last stop ended in proved standstill."""
+        return self.stop is not None and self.stop.step is Step.SAFE
+
+    def evidence(self) -> dict[str, object]:
+        """Current, position and controller state as they are now; None where stale."""
+        now_ns = monotonic_ns()
+        return {
+            "current_A": None if self._coil is None else self._coil.fresh_current_A,
+            "position_m": None if self._travel is None else self._travel.position_m(now_ns),
+            "state": None if self._motion is None else self._motion.state_name,
+        }
+
+    def may_feed(self, now_ns: int) -> bool:
+        """The controller's watchdog may be fed.
+
+        Only while armed, the interlock loop ticks and the application is well; during a stop feeding goes on, so that
+        the fade-out is not cut short, until the stop has ended without proof.
+        """
+        if not self._armed or self._starving or now_ns - self.tick_ns > STALLED_NS:
+            return False
+        if self.trip is not None:
+            return self.stop is None or self.stop.step is not Step.UNKNOWN
+        return now_ns - self._beat_ns < 2e9 * self.config.heartbeat_timeout_s
+
+    def beat(self, healthy: bool) -> None:
+        """The application lives; `healthy` carries its recorder's state."""
+        self._beat_ns = monotonic_ns()
+        self._application_well = healthy
+
+    def application_gone(self) -> None:
+        """The application's link has ended: stop, and after standstill hydraulics off."""
+        self._application_gone = True
+        self.report([Finding("sigkill", "the application's link has ended", monotonic_ns())])
+
+    def report(self, findings: Iterable[Finding]) -> None:
+        """Act on what a detector found: trip, or warn where the row or the state says so."""
+        for finding in findings:
+            row = TABLE[finding.slug]
+            if finding.slug in self.config.disabled_detectors:
+                continue
+            if self._proving and finding.slug in EXPECTED_IN_PROOF:
+                continue
+            if row.stop is Stop.W or not self._armed:
+                self._warn(finding)
+            else:
+                self._trip(finding, row, row.stop)
+
+    def ask_stop(self, kind: Stop, slug: str, detail: str) -> None:
+        """Stop because the application asks for it, whatever is armed."""
+        now_ns = monotonic_ns()
+        self._trip(Finding(slug, detail, now_ns), TABLE.get(slug, TABLE["operator"]), kind, asked=True)
+
+    def reset(self) -> None:
+        """Forget a trip whose stop has ended; the caller has proved standstill, 0 A and a cleared controller."""
+        with self._lock:
+            self.trip = None
+            self.stop = None
+            self.later = {}
+            self.movement = Movement()
+            self._warned = {}
+
+    def _warn(self, finding: Finding) -> None:
+        now_ns = monotonic_ns()
+        with self._lock:
+            last_ns, count = self._warned.get(finding.slug, (0, 0))
+            due = now_ns - last_ns > WARNING_EVERY_NS
+            self._warned[finding.slug] = (now_ns if due else last_ns, count + 1)
+        if due:
+            self._emit({"event": "warning", "slug": finding.slug, "detail": finding.detail, "count": count + 1})
+
+    def _trip(self, finding: Finding, row: FaultRow, kind: Stop, *, asked: bool = False) -> None:
+        now_ns = monotonic_ns()
+        # A stop asked for is never a halt: only a detector's row knows of a hard limit.
+        halt = row.halt and not asked
+        with self._lock:
+            first = self.trip is None
+            known = finding.slug in self.later or (self.trip is not None and self.trip.slug == finding.slug)
+            if self.stop is None:
+                if first:
+                    self.trip = Trip(finding.slug, kind, finding.detail, finding.t_ns, finding.value, finding.limit)
+                if self._travel is not None:
+                    self._travel.restart_still()
+                self.stop, actions = safe_stop.begin(
+                    kind, now_ns, halt=halt, fade_s=self.movement.fade_s, device_rate=self.config.device_rate
+                )
+            else:
+                self.stop, actions = safe_stop.escalate(self.stop, kind, now_ns, halt=halt)
+            if not first and not known:
+                self.later[finding.slug] = finding.detail
+        self._perform(actions)
+        if first or not known:
+            self._append([(now_ns, NO_DEVICE_TIME, float(row.code), 0, Channel.TRIP, 0)])
+            self._emit(_trip_event(finding, kind, first, now_ns))
+        with self.changed:
+            self.changed.notify_all()
+
+    def _perform(self, actions: Iterable[Action]) -> None:
+        for action in actions:
+            if action is Action.ZERO_CURRENT:
+                if self._coil is not None:
+                    self._coil.zero_now()
+            elif action is Action.STOP_IGNORED:
+                self._internal("stop-ignored", "no standstill within the stop's deadline: hydraulics off")
+            elif action is Action.CURRENT_STUCK:
+                self._internal("current-stuck", "coil current persists after 0 A was commanded")
+            elif self._motion is not None:
+                self._motion.act(action)
+
+    def _internal(self, slug: str, detail: str) -> None:
+        row = TABLE[slug]
+        self._trip(Finding(slug, detail, monotonic_ns()), row, row.stop)
+
+    def _run(self) -> None:
+        before_ns = monotonic_ns()
+        while not self._ending.wait(TICK_S):
+            now_ns = monotonic_ns()
+            late_s = (now_ns - before_ns) / 1e9 - TICK_S
+            before_ns = now_ns
+            self.tick(now_ns, late_s)
+
+    def tick(self, now_ns: int, late_s: float = 0.0) -> None:
+        """One round of the slow checks."""
+        self.tick_ns = now_ns
+        self._ring_beat(now_ns)
+        if late_s > self.config.late_after_s:
+            self._note_late(now_ns, late_s)
+        else:
+            self._check_ages(now_ns)
+        if self._armed and self.trip is None:
+            self._check_application(now_ns)
+        self._advance_stop(now_ns)
+
+    def _note_late(self, now_ns: int, late_s: float) -> None:
+        self.late.count += 1
+        self.late.worst_s = max(self.late.worst_s, late_s)
+        self._append([(now_ns, NO_DEVICE_TIME, late_s, self.late.count, Channel.LOOP_LATE, 0)])
+        self._emit({"event": "late", "late_s": late_s, "count": self.late.count, "t_ns": now_ns})
+        if late_s * 1e9 > STALLED_NS:
+            self.report([Finding("station-late", f"interlock loop stood still for {late_s:.3f} s", now_ns, late_s)])
+
+    def _check_ages(self, now_ns: int) -> None:
+        for source in self._watched:
+            if not source.alive:
+                self.report([Finding("task-dies", f"the thread of {source.name} ended", now_ns)])
+                continue
+            age_ns, stale_ns = source.silent_ns(now_ns)
+            if age_ns > stale_ns:
+                detail = f"{source.name}: nothing for {age_ns / 1e6:.0f} ms, allowed {stale_ns / 1e6:.0f} ms"
+                self.report([Finding(source.slug, detail, now_ns, age_ns / 1e9, stale_ns / 1e9)])
+
+    def _check_application(self, now_ns: int) -> None:
+        silent_s = (now_ns - self._beat_ns) / 1e9
+        allowed_s = self.config.heartbeat_timeout_s
+        if silent_s > allowed_s:
+            detail = f"no beat from the application for {silent_s:.3f} s, allowed {allowed_s:g} s"
+            self.report([Finding("host-stalled", detail, now_ns, silent_s, allowed_s)])
+        elif not self._application_well:
+            self.report([Finding("recorder-unwell", "the application says that its recorder is not well", now_ns)])
+
+    def _advance_stop(self, now_ns: int) -> None:
+        with self._lock:
+            if self.stop is None:
+                return
+            before = self.stop
+            view = self._view(now_ns)
+            if before.finished:
+                if self._application_gone and before.kind is not Stop.S1:
+                    self.stop, actions = safe_stop.escalate(before, Stop.S1, now_ns)
+                else:
+                    return
+            else:
+                self.stop, actions = safe_stop.advance(before, view)
+            after = self.stop
+        self._perform(actions)
+        if after.step is not before.step:
+            self._tell_step(after, view)
+
+    def _view(self, now_ns: int) -> View:
+        moving = clock_s = low = off = None
+        if self._motion is not None:
+            moving, clock_s, low, off = self._motion.fill_view(now_ns)
+        still_s = None if self._travel is None else self._travel.still_s(now_ns)
+        current_A = None if self._coil is None else self._coil.fresh_current_A
+        return View(now_ns, still_s, moving, clock_s, low, off, current_A, self.movement.period_s)
+
+    def _tell_step(self, stop: SafeStop, view: View) -> None:
+        if stop.step is Step.SAFE:
+            event: dict[str, object] = {
+                "event": "safe",
+                "stop": str(stop.kind),
+                "standstill": stop.standstill,
+                "current_zero": stop.current_zero,
+                **self.evidence(),
+                "stopped_s": (view.now_ns - stop.started_ns) / 1e9,
+            }
+        elif stop.step is Step.UNKNOWN:
+            event = {"event": "unknown", "reason": _unknown_reason(stop, view), **self.evidence()}
+        else:
+            event = {"event": "stop", "step": stop.step.name.lower()}
+        self._emit({**event, "t_ns": view.now_ns})
+        with self.changed:
+            self.changed.notify_all()
+
+
+def _trip_event(finding: Finding, kind: Stop, first: bool, now_ns: int) -> dict[str, object]:
+    return {
+        "event": "trip" if first else "also",
+        "slug": finding.slug,
+        "stop": str(kind),
+        "detail": finding.detail,
+        "t_ns": finding.t_ns,
+        "latched_ns": now_ns,
+        "value": None if math.isnan(finding.value) else finding.value,
+        "limit": None if math.isnan(finding.limit) else finding.limit,
+    }
+
+
+def _unknown_reason(stop: SafeStop, view: View) -> str:
+    lost = [
+        name
+        for name, value in (
+            ("controller", view.controller_moving),
+            ("LVDT", view.still_s),
+            ("ECU", view.current_A),
+        )
+        if value is None
+    ]
+    proof = "hydraulics off cannot be proved" if stop.standstill else "standstill cannot be proved"
+    return f"{proof}; no fresh data from: {', '.join(lost) or 'none lost'}"
