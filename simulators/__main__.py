@@ -1,0 +1,173 @@
+"""`python -m simulators`: the simulated rig as a process of its own, on real wires."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rig.errors import EXIT_USAGE, FileProblem, RigError
+from simulators.faults import ROWS, missing_reason
+from simulators.injection import INJECTORS, parse_fault
+
+EPILOG = """\b
+Example:
+  python -m simulators --speed 10 --truth truth.h5
+  rig run examples/quick.toml --bench <the path it prints>
+"""
+
+
+def list_faults(as_json: bool) -> None:
+    """Print the fault matrix: slug, where, whether the fault suite proves it, and if not, why."""
+    rows = []
+    for slug, row in ROWS.items():
+        reason = missing_reason(row, slug in INJECTORS)
+        rows.append({"slug": slug, "where": row.where, "reaction": row.reaction, "tested": not reason, "reason": reason})
+    if as_json:
+        click.echo(json.dumps(rows, indent=1))
+        return
+    for entry in rows:
+        click.echo(f"{entry['slug']:18} {entry['where']:11} {entry['reaction']:28} {entry['reason'] or 'tested'}")
+
+
+def hints(bench: Path, text: str) -> str:
+    """What is where, and commands of other people's tools to try on it."""
+    import tomllib
+
+    values: dict[str, Any] = tomllib.loads(text)
+    modbus = values["actuator"]["url"].removeprefix("modbus-tcp://")
+    host, port = modbus.split(":")
+    lines = [
+        f"bench file   {bench}",
+        f"actuator     Modbus TCP {modbus}      mbpoll -m tcp -p {port} -a 1 -0 -r 100 -c 34 -1 {host}",
+        f"current ECU  slcan {values['ecu']['channel']}      "
+        f"python -m can.viewer -i slcan -c {values['ecu']['channel']} -b 500000",
+    ]
+    for name in ("load_cell", "lvdt"):
+        sensor = values[name]
+        lines.append(f"{name:12} {sensor['format']} {sensor['rate']} {sensor['url']}      python -m serial {sensor['url']} 921600")
+    lines += [f"{sensor['name']:12} {sensor['format']} {sensor['rate']} {sensor['url']}" for sensor in values.get("auxiliary", [])]
+    return "\n".join(lines)
+
+
+async def serve(arguments: dict[str, Any]) -> None:
+    """Open everything, say so, run until stopped, complete the truth file.
+
+    Raises:
+        OSError: a socket, the bench file or the truth file cannot be had.
+    """
+    from simulators.rig import SimulatedRig, take_real_time_priority
+
+    rig = SimulatedRig(arguments["options"], arguments["run"])
+    rig.plant.advance(1)
+    addresses = await rig.open()
+    real_time = take_real_time_priority(arguments["run"].speed)
+    text = rig.bench(addresses, real_time)
+    with tempfile.TemporaryDirectory(prefix="simulated-rig-") as folder:
+        bench = arguments["bench"] or Path(folder) / "bench.toml"
+        bench.write_text(text, encoding="utf-8")
+        if arguments["json"]:
+            click.echo(json.dumps({"bench": str(bench.absolute())}))
+        else:
+            click.echo(str(bench.absolute()))
+        sys.stdout.flush()
+        click.echo(hints(bench, text), err=True)
+        try:
+            await rig.run()
+        finally:
+            await rig.close()
+    click.echo(rig.summary(), err=True)
+
+
+def collect(values: dict[str, Any]) -> dict[str, Any]:
+    """Options and run options from the command line.
+
+    Raises:
+        FileProblem: a file or an option cannot be used.
+        RigError: an unknown damper model or set.
+    """
+    from dataclasses import replace
+
+    from simulators.options import RigOptions, load_options, with_option
+    from simulators.rig import RunOptions
+
+    options = load_options(values["config"]) if values["config"] else RigOptions()
+    assignments = [*values["option"], *(f"specimen.{text}" for text in values["specimen"])]
+    if values["model"]:
+        assignments.append(f'damper.model="{values["model"]}"')
+    if values["parameter_set"]:
+        assignments.append(f'damper.set="{values["parameter_set"]}"')
+    for assignment in assignments:
+        options = with_option(options, assignment)
+    if values["rate"] is not None:
+        for table in ("load_cell", "lvdt", "auxiliary"):
+            options = with_option(options, f"{table}.rate_Hz={values['rate']}")
+    if values["force_format"] == "ascii":
+        options = replace(options, load_cell=replace(options.load_cell, format="signed-decimal"))
+    run = RunOptions(
+        speed=values["speed"],
+        seed=values["seed"],
+        ports=values["ports"],
+        auxiliary=values["auxiliary"],
+        truth=values["truth"],
+        exit_when_idle=values["exit_when_idle"],
+        faults=tuple(parse_fault(text) for text in values["fault"]),
+    )
+    return {"options": options, "run": run, "bench": values["bench"], "json": values["as_json"]}
+
+
+def refuse(message: str, as_json: bool) -> None:
+    """Say what is wrong and end with exit code 2."""
+    click.echo(message, err=True)
+    if as_json:
+        click.echo(json.dumps({"error": message}))
+    raise SystemExit(EXIT_USAGE)
+
+
+FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+@click.command(epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True, help="Device clocks against the wall; a ceiling.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Noise, clock offsets and drifts.")
+@click.option("--truth", type=FILE, help="Write the true state to this HDF5 file.")
+@click.option("--bench", type=FILE, help="Write the bench file here instead of a temporary folder.")
+@click.option("--config", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="TOML file with other constants.")
+@click.option("--option", metavar="TABLE.KEY=VALUE", multiple=True, help="Replace one constant (repeatable).")
+@click.option("--model", help="Damper model of the specimen.")
+@click.option("--set", "parameter_set", help="Parameter set of the specimen.")
+@click.option("--specimen", metavar="KEY=VALUE", multiple=True, help="serial_number, mid_stroke_m, stroke_m (repeatable).")
+@click.option("--force-format", type=click.Choice(["frame16", "ascii"]), default="frame16", show_default=True, help="What the load cell sends.")
+@click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
+@click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
+@click.option("--ports", type=click.Choice(["pty", "socket"]), default="pty", show_default=True, help="How sensors are reached.")
+@click.option("--fault", metavar="SLUG[@T]", multiple=True, help="Inject a fault T s after the first cycle begins (repeatable).")
+@click.option("--exit-when-idle", is_flag=True, help="When the starting process is gone, run on to standstill and end.")
+@click.option("--list-faults", "listing", is_flag=True, help="List the fault matrix and end.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON on standard output.")
+def main(listing: bool, **values: Any) -> None:
+    """Serve a simulated rig: actuator on Modbus TCP, current ECU on slcan, load cell and LVDT on serial ports.
+
+    The first line printed is the path of its bench file, once every socket is open. SIGTERM or Ctrl-C ends it.
+    """
+    if listing:
+        list_faults(bool(values["as_json"]))
+        return
+    try:
+        arguments = collect(values)
+        asyncio.run(serve(arguments))
+    except RigError as error:
+        refuse(str(error), bool(values["as_json"]))
+    except (KeyError, ValueError) as error:
+        refuse(f"damper: {error.args[0] if error.args else error}", bool(values["as_json"]))
+    except OSError as error:
+        refuse(f"the simulated rig cannot start: {error}", bool(values["as_json"]))
+
+
+if __name__ == "__main__":
+    main(prog_name="python -m simulators")

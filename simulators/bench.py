@@ -1,0 +1,108 @@
+"""The bench file of the simulated rig: where its devices are and what they are, in the format of the user's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from simulators.conditioner import group_delay_s
+from simulators.options import RigOptions, SensorOptions
+
+SI_UNITS = {"N": "N", "mm": "m", "m/s^2": "m/s^2"}
+STALE_SAMPLES = 5
+RELAXED_STALE_S = 0.250
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Where the sockets and ports of a running rig are."""
+
+    modbus_port: int
+    slcan_port: int
+    load_cell_url: str
+    lvdt_url: str
+    auxiliary_urls: Sequence[str]
+
+
+def bench_text(options: RigOptions, addresses: Addresses, speed: float, real_time: bool) -> str:
+    """The bench file as TOML text.
+
+    Time limits are those of the hardware when this rig runs in real time with real-time rights; otherwise they are
+    widened, since its answers then wait for other processes of the machine.
+
+    Args:
+        options: the rig's constants.
+        addresses: its open ports.
+        speed: rate of its device clocks against the wall.
+        real_time: whether this process has real-time priority at speed 1.
+    """
+    limits, controller = options.limits, options.controller
+    relaxed = not real_time or speed > 1.0
+    lines = [
+        "format = 1",
+        'name = "simulated rig"',
+        "[limits]",
+        f'position = ["{-1e3 * limits.position_m:g} mm", "{1e3 * limits.position_m:g} mm"]',
+        f'speed = "{limits.speed_m_s:g} m/s"',
+        f'acceleration = "{limits.acceleration_m_s2:g} m/s^2"',
+        f'force = "{limits.force_N:g} N"',
+        f'current = "{limits.current_A:g} A"',
+        f'coil_temperature = "{limits.coil_temperature_degC:g} degC"',
+        "[actuator]",
+        f'url = "modbus-tcp://127.0.0.1:{addresses.modbus_port}"',
+        f"device_id = {controller.device_id}",
+        'register_map = "demo"',
+        'poll = "10 ms"',
+        f'timeout = "{400 if relaxed else 40} ms"',
+        f'stale_after = "{1000 if relaxed else 150} ms"',
+        f'watchdog = "{1000 if relaxed else 500} ms"',
+        f"fade_out_cycles = {controller.fade_out_cycles:.3f}",
+        f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
+        f'serial_number = "{controller.serial_number}"',
+        "[ecu]",
+        'interface = "slcan"',
+        f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
+        "bitrate = 500000",
+        'dbc = "demo"',
+        'command_period = "10 ms"',
+        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
+        f"serial_number = {options.coil.serial_number}",
+    ]
+    lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
+    lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)
+    for number, url in enumerate(addresses.auxiliary_urls, start=1):
+        lines += ["[[auxiliary]]", f'name = "auxiliary_{number}"', f'unit = "{SI_UNITS[options.auxiliary.unit]}"']
+        lines += _sensor("auxiliary", options.auxiliary, url, relaxed)[1:]
+    lines += [
+        "[fixture]",
+        f'moving_mass = "{options.moving_mass_kg:g} kg"',
+        "[clock]",
+        f"device_rate = {speed:.6g}" if speed != int(speed) else f"device_rate = {int(speed)}.0",
+        "[station]",
+        f'heartbeat_timeout = "{2000 if relaxed else 500} ms"',
+        f"real_time = {'false' if speed > 1.0 else 'true'}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list[str]:
+    """Lines of one sensor's table."""
+    stale_s = max(STALE_SAMPLES / options.rate_Hz, 0.005)
+    if relaxed:
+        stale_s = max(stale_s, RELAXED_STALE_S)
+    return [
+        f"[{table}]",
+        f'url = "{url}"',
+        f"baudrate = {options.baudrate}",
+        f'format = "{options.format}"',
+        f'rate = "{options.rate_Hz:g} Hz"',
+        f'range = "{options.range:g} {options.unit}"',
+        f'stale_after = "{1e3 * stale_s:g} ms"',
+        f'delay = "{1e3 * group_delay_s(options.bandwidth_Hz):.4f} ms"',
+        f"[{table}.calibration]",
+        f"sensitivity = {1.0 / options.wire_per_si!r}",
+        f'offset = "0 {SI_UNITS[options.unit]}"',
+        f'serial_number = "{options.serial_number}"',
+        'certificate = "SIM"',
+        "due = 2030-01-01",
+    ]

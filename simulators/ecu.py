@@ -1,0 +1,228 @@
+"""The coil's current ECU: frames in, frames out, its faults and its own time-out. No sockets.
+
+    INIT --first good command--> OFF <--Enable--> ENABLED          time-out, over-temperature, supply, open, short,
+                                  ^--- ClearFaults --- FAULT  <--- three bad commands in a row: 0 A by itself
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocols import ecu as wire
+from protocols.ecu import EcuFault, EcuState
+from protocols.errors import RemoteProtocolError
+from simulators.clock import DeviceClock
+from simulators.options import CoilOptions
+from simulators.plant.plant import Plant
+
+STATUS_PERIOD_US = 10_000
+TEMPERATURES_EVERY = 10
+IDENTITY_EVERY = 100
+BAD_COMMANDS_TO_FAULT = 3
+CASE_SHARE = 0.25
+"""The ECU's own case warms by this share of the coil's rise above ambient."""
+UNDERVOLTAGE_V = 9.0
+OPEN_ETA_1_S = 400.0
+SHORT_A = 8.0
+
+Frame = tuple[int, bytes]
+
+
+@dataclass
+class EcuFaults:
+    """What is broken in or around the ECU."""
+
+    over_temperature: bool = False
+    coil_open: bool = False
+    coil_short: bool = False
+    stuck_current: bool = False
+    gain: float = 1.0
+    silent: bool = False
+    late_frames: int = 0
+    wrong_crc: bool = False
+    malformed: bool = False
+
+
+class Ecu:
+    """The ECU's logic over the plant's coil.
+
+    Attributes:
+        faults: switches of the fault injectors.
+        log: called with (what, value) when the commanded current or a fault changes, for the truth file.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        options: CoilOptions,
+        ambient_degC: float,
+        clock: DeviceClock,
+        random: np.random.Generator,
+        log: Callable[[str, str], None],
+    ) -> None:
+        self.plant = plant
+        self.clock = clock
+        self.faults = EcuFaults()
+        self.log = log
+        self.options = options
+        self.boot_count = options.boot_count
+        self.supply_V = options.supply_V
+        self._ambient_degC = ambient_degC
+        self._random = random
+        self._served_s = 0.0
+        self._held: list[Frame] = []
+        self._eta_1_s = float(plant.constants["coil_eta_1_s"][0])
+        self._next_tick = math.ceil(clock.unwrapped_us(plant.time_s) / STATUS_PERIOD_US)
+        self.boot()
+
+    def boot(self) -> None:
+        """Start: no command seen, no current."""
+        self.state = EcuState.INIT
+        self.fault_bits = 0
+        self.setpoint_A = 0.0
+        self.counter = 0
+        self._last_counter = -1
+        self._bad_commands = 0
+        self._heard_s = math.nan
+        self._drive()
+
+    def restart(self) -> None:
+        """A reset in operation: counters start over and the fault bit says so."""
+        self.boot_count += 1
+        self.boot()
+        self.fault_bits |= EcuFault.RESTARTED
+        self.state = EcuState.FAULT
+
+    def receive(self, identifier: int, data: bytes) -> None:
+        """A frame from the bus; only CoilCommand matters here."""
+        if identifier != wire.COMMAND_ID:
+            return
+        try:
+            command = wire.decode_command(data)
+        except RemoteProtocolError:
+            self._bad_command()
+            return
+        repeated = self._last_counter >= 0 and wire.counter_delta(self._last_counter, command.counter) == 0
+        self._last_counter = command.counter
+        if repeated:
+            self._bad_command()
+            return
+        self._bad_commands = 0
+        self._heard_s = self._served_s
+        if command.clear_faults:
+            self.fault_bits = 0
+        if self.fault_bits == 0:
+            self.state = EcuState.ENABLED if command.enable else EcuState.OFF
+        limit_A = self.options.limit_A
+        self._set(max(-limit_A, min(limit_A, command.setpoint_A)) if command.enable else 0.0)
+
+    def _bad_command(self) -> None:
+        """Count a frame with a wrong CRC, counter or length; the third in a row is a fault."""
+        self._bad_commands += 1
+        if self._bad_commands >= BAD_COMMANDS_TO_FAULT:
+            self._fail(EcuFault.COMMAND_CHECK)
+
+    def tick(self, served_s: float) -> None:
+        """Judge the command time-out (wall time, s) and the ECU's own sensors."""
+        self._served_s = served_s
+        waited_s = served_s - self._heard_s
+        if self.state is EcuState.ENABLED and waited_s > self.options.command_timeout_s:
+            self._fail(EcuFault.COMMAND_TIMEOUT)
+        if self.faults.over_temperature or self.plant.value("temperature_degC") > self.options.over_temperature_degC:
+            self._fail(EcuFault.OVER_TEMPERATURE)
+        if self.supply_V < UNDERVOLTAGE_V:
+            self._fail(EcuFault.UNDERVOLTAGE)
+        if self.faults.coil_open and self.setpoint_A != 0.0:
+            self._fail(EcuFault.OPEN)
+        if self.faults.coil_short and self.setpoint_A != 0.0:
+            self._fail(EcuFault.SHORT)
+        self._drive()
+
+    def _fail(self, fault: EcuFault) -> None:
+        """Latch a fault and drive 0 A."""
+        if not self.fault_bits & fault:
+            self.log("ECU_FAULT", fault.name or str(fault))
+        self.fault_bits |= fault
+        self.state = EcuState.FAULT
+        self._set(0.0)
+
+    def _set(self, current_A: float) -> None:
+        if self.state is not EcuState.ENABLED:
+            current_A = 0.0
+        if current_A != self.setpoint_A:
+            self.setpoint_A = current_A
+            self.log("SET_CURRENT", f"{current_A:.3f} A")
+        self._drive()
+
+    def _drive(self) -> None:
+        """What the output stage makes of the set-point, faults included."""
+        wanted_A = self.setpoint_A * self.faults.gain
+        eta_1_s = self._eta_1_s
+        if self.faults.stuck_current:
+            wanted_A = self.plant.value("current_A")
+        if self.faults.coil_open:
+            wanted_A, eta_1_s = 0.0, OPEN_ETA_1_S
+        self.plant.order(coil_A=wanted_A)
+        self.plant.constants["coil_eta_1_s"] = eta_1_s
+
+    def frames(self) -> list[Frame]:
+        """The frames that the ECU's own clock has made due since the last call, in order.
+
+        Status every 10 ms, temperatures every 100 ms, identity every second of device time. The current in each status
+        is the plant's at that instant.
+        """
+        due: list[Frame] = []
+        now_us = self.clock.unwrapped_us(self.plant.time_s)
+        while self._next_tick * STATUS_PERIOD_US <= now_us:
+            due.append((wire.STATUS_ID, self._status(self._next_tick)))
+            if self._next_tick % TEMPERATURES_EVERY == 0:
+                due.append((wire.TEMPERATURE_ID, self._temperatures()))
+            if self._next_tick % IDENTITY_EVERY == 0:
+                identity = wire.EcuIdentity(self.options.serial_number, 0x0100, wire.LAYOUT)
+                due.append((wire.IDENTITY_ID, wire.encode_identity(identity)))
+            self._next_tick += 1
+        return self._damaged(due)
+
+    def _damaged(self, due: list[Frame]) -> list[Frame]:
+        """What the bus carries of the frames when the ECU or its line is at fault."""
+        faults = self.faults
+        if faults.silent:
+            return []
+        if faults.wrong_crc:
+            due = [(identifier, bytes([data[0] ^ 0x3C]) + data[1:]) for identifier, data in due]
+        if faults.malformed:
+            due = [(identifier, data[:5]) for identifier, data in due]
+        if faults.late_frames:
+            self._held += due
+            if len(self._held) < faults.late_frames:
+                return []
+            due, self._held = self._held, self._held[-1:]
+        return due
+
+    def _status(self, tick: int) -> bytes:
+        device_us = tick * STATUS_PERIOD_US
+        row = round((device_us - self.clock.offset_us) / (1e6 + self.clock.ppm) / self.plant.dt_s) - self.plant.first_step
+        out = self.plant.out
+        current_A = float(out[min(max(row - 1, 0), len(out) - 1), 3]) if len(out) else self.plant.value("current_A")
+        if self.faults.coil_short and self.setpoint_A != 0.0:
+            current_A = SHORT_A
+        measured_A = current_A + self.options.current_noise_A * float(self._random.standard_normal())
+        ohm = self.options.ohm
+        duty_percent = min(100.0, abs(self.setpoint_A) * ohm / self.supply_V * 100.0) if self.supply_V > 0 else 100.0
+        status = wire.CoilStatus(
+            self.counter, int(self.state), measured_A, self.fault_bits, duty_percent,
+            device_us // wire.DEVICE_TIME_TICK_US % wire.DEVICE_TIME_MODULUS,
+        )
+        self.counter = (self.counter + 1) % wire.COUNTER_MODULUS
+        return wire.encode_status(status)
+
+    def _temperatures(self) -> bytes:
+        coil_degC = self.plant.value("temperature_degC")
+        if self.faults.over_temperature:
+            coil_degC = max(coil_degC, self.options.over_temperature_degC + 5.0)
+        case_degC = self._ambient_degC + CASE_SHARE * (coil_degC - self._ambient_degC)
+        return wire.encode_temperature(wire.CoilTemperature(coil_degC, case_degC, self.supply_V, self.boot_count & 0xFF))

@@ -1,0 +1,301 @@
+"""How each fault is put into the running rig: one small function a slug.
+
+`--fault SLUG@T` switches it on T seconds of simulated time after the first program's first cycle begins; without `@T`
+it is there from the start.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from protocols import ecu as wire
+from protocols.actuator import Command, Result
+from rig.errors import FileProblem
+from simulators.faults import ROWS
+from simulators.slcan_bus import standard_line
+
+if TYPE_CHECKING:
+    from simulators.rig import SimulatedRig
+
+Injector = Callable[["SimulatedRig"], None]
+INJECTORS: dict[str, Injector] = {}
+
+FOREIGN_OWNER = 999
+BABBLED_FRAMES = 20
+LATE_TICKS = 25
+DRIFT_PPM = 500.0
+TRACKING_GAIN = 0.7
+WRONG_DAMPER_SCALE = 1.6
+LOOSE_PLAY_M = 2e-3
+LOOSE_STIFFNESS_N_M = 5e6
+ZERO_SHARE = 0.05
+"""A sensor that was not tared is off by this share of its range."""
+LOW_SUPPLY_V = 8.0
+
+
+@dataclass(frozen=True)
+class ScheduledFault:
+    """A fault and when it begins: seconds of simulated time after the first cycle, None from the start."""
+
+    slug: str
+    after_s: float | None
+
+
+def parse_fault(text: str) -> ScheduledFault:
+    """`SLUG` or `SLUG@T`.
+
+    Raises:
+        FileProblem: an unknown slug, one without an injector here, or a time that is no number.
+    """
+    slug, at, time = text.partition("@")
+    if slug not in ROWS:
+        close = difflib.get_close_matches(slug, ROWS, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else "; --list-faults names them all"
+        raise FileProblem("--fault", [f"{slug!r} is not in the fault matrix{hint}"])
+    if slug not in INJECTORS:
+        where = ROWS[slug].where
+        reason = "not injected yet" if where not in {"process", "file"} else f"belongs to where = {where}, outside the rig"
+        raise FileProblem("--fault", [f"{slug!r} has no injector in the simulated rig: {reason}"])
+    try:
+        after_s = float(time) if at else None
+    except ValueError:
+        raise FileProblem("--fault", [f"{text!r}: {time!r} is not a number of seconds; write {slug}@5"]) from None
+    if after_s is not None and not 0 <= after_s < float("inf"):
+        raise FileProblem("--fault", [f"{text!r}: the time must be 0 s or more"])
+    return ScheduledFault(slug, after_s)
+
+
+def _injects(slug: str) -> Callable[[Injector], Injector]:
+    def register(injector: Injector) -> Injector:
+        INJECTORS[slug] = injector
+        return injector
+
+    return register
+
+
+@_injects("modbus-busy")
+def _modbus_busy(rig: SimulatedRig) -> None:
+    rig.modbus.faults.busy = True
+
+
+@_injects("modbus-reject")
+def _modbus_reject(rig: SimulatedRig) -> None:
+    rig.modbus.faults.reject_writes = True
+
+
+@_injects("modbus-reset")
+def _modbus_reset(rig: SimulatedRig) -> None:
+    rig.modbus.faults.reset = True
+
+
+@_injects("modbus-halfopen")
+def _modbus_halfopen(rig: SimulatedRig) -> None:
+    rig.modbus.faults.black_hole = True
+
+
+@_injects("modbus-wrong-tid")
+def _modbus_wrong_tid(rig: SimulatedRig) -> None:
+    rig.modbus.faults.wrong_transaction = True
+
+
+@_injects("modbus-mismatch")
+def _modbus_mismatch(rig: SimulatedRig) -> None:
+    rig.modbus.faults.wrong_function = True
+
+
+@_injects("modbus-write-lost")
+def _modbus_write_lost(rig: SimulatedRig) -> None:
+    rig.bank.writes_lost = True
+
+
+@_injects("actuator-frozen")
+def _actuator_frozen(rig: SimulatedRig) -> None:
+    rig.actuator.faults.position_frozen = True
+
+
+@_injects("actuator-reboot")
+def _actuator_reboot(rig: SimulatedRig) -> None:
+    rig.actuator.boot_count += 1
+    rig.actuator.boot()
+
+
+@_injects("watchdog-absent")
+def _watchdog_absent(rig: SimulatedRig) -> None:
+    rig.actuator.faults.watchdog_absent = True
+
+
+@_injects("second-master")
+def _second_master(rig: SimulatedRig) -> None:
+    """Another master takes the lease by force and stops the program it did not start."""
+    rig.actuator.owner = FOREIGN_OWNER
+    rig.actuator.sequence = (rig.actuator.sequence + 1000) % 0xFFFF or 1
+    rig.actuator.acked_command = int(Command.ACQUIRE)
+    rig.actuator.result = Result.DONE
+
+
+@_injects("stop-ignored")
+def _stop_ignored(rig: SimulatedRig) -> None:
+    rig.actuator.faults.stop_ignored = True
+
+
+@_injects("register-layout")
+def _register_layout(rig: SimulatedRig) -> None:
+    rig.bank.word_order_swapped = True
+
+
+@_injects("estop")
+def _estop(rig: SimulatedRig) -> None:
+    """The chain opens: valve shut, hydraulics dumped, coil supply cut."""
+    rig.actuator.faults.e_stop_open = True
+    rig.ecu.supply_V = 0.0
+
+
+@_injects("can-busoff")
+def _can_busoff(rig: SimulatedRig) -> None:
+    rig.bus.silent = True
+
+
+@_injects("ecu-silent")
+def _ecu_silent(rig: SimulatedRig) -> None:
+    rig.ecu.faults.silent = True
+
+
+@_injects("ecu-late")
+def _ecu_late(rig: SimulatedRig) -> None:
+    rig.ecu.faults.late_frames = LATE_TICKS
+
+
+@_injects("ecu-crc")
+def _ecu_crc(rig: SimulatedRig) -> None:
+    rig.ecu.faults.wrong_crc = True
+
+
+@_injects("can-malformed")
+def _can_malformed(rig: SimulatedRig) -> None:
+    rig.ecu.faults.malformed = True
+
+
+@_injects("can-babble")
+def _can_babble(rig: SimulatedRig) -> None:
+    line = standard_line(0x001, bytes(8))
+    rig.every_tick.append(lambda: rig.bus.send_lines([line] * BABBLED_FRAMES))
+
+
+@_injects("can-foreign")
+def _can_foreign(rig: SimulatedRig) -> None:
+    """Another node sends CoilCommand with a valid counter and CRC of its own."""
+    count = 0
+
+    def intrude() -> None:
+        nonlocal count
+        count += 1
+        if count % 5 == 0:
+            command = wire.CoilCommand(count // 5 % wire.COUNTER_MODULUS, True, False, 0.1)
+            rig.bus.send_lines([standard_line(wire.COMMAND_ID, wire.encode_command(command))])
+
+    rig.every_tick.append(intrude)
+
+
+@_injects("ecu-overtemp")
+def _ecu_overtemp(rig: SimulatedRig) -> None:
+    rig.ecu.faults.over_temperature = True
+
+
+@_injects("coil-open-short")
+def _coil_open(rig: SimulatedRig) -> None:
+    rig.ecu.faults.coil_open = True
+
+
+@_injects("current-tracking")
+def _current_tracking(rig: SimulatedRig) -> None:
+    rig.ecu.faults.gain = TRACKING_GAIN
+
+
+@_injects("current-stuck")
+def _current_stuck(rig: SimulatedRig) -> None:
+    rig.ecu.faults.stuck_current = True
+
+
+@_injects("ecu-restart")
+def _ecu_restart(rig: SimulatedRig) -> None:
+    rig.ecu.restart()
+
+
+@_injects("loadcell-pulled")
+def _loadcell_pulled(rig: SimulatedRig) -> None:
+    rig.channel("load_cell").port.close()
+
+
+@_injects("lvdt-pulled")
+def _lvdt_pulled(rig: SimulatedRig) -> None:
+    rig.channel("lvdt").port.close()
+
+
+@_injects("serial-garbage")
+def _serial_garbage(rig: SimulatedRig) -> None:
+    rig.channel("load_cell").sensor.faults.garbage = True
+
+
+@_injects("serial-baud")
+def _serial_baud(rig: SimulatedRig) -> None:
+    rig.channel("load_cell").sensor.faults.wrong_baud = True
+
+
+@_injects("sensor-stuck")
+def _sensor_stuck(rig: SimulatedRig) -> None:
+    rig.channel("load_cell").sensor.faults.stuck = True
+
+
+@_injects("sensor-saturated")
+def _sensor_saturated(rig: SimulatedRig) -> None:
+    rig.channel("load_cell").sensor.faults.saturated = True
+
+
+@_injects("sensor-spike")
+def _sensor_spike(rig: SimulatedRig) -> None:
+    rig.channel("load_cell").sensor.faults.spikes = True
+
+
+@_injects("sensor-nan")
+def _sensor_nan(rig: SimulatedRig) -> None:
+    rig.channel("load_cell").sensor.faults.not_a_number = True
+
+
+@_injects("sample-gap")
+def _sample_gap(rig: SimulatedRig) -> None:
+    rig.channel("load_cell").sensor.faults.gaps = True
+
+
+@_injects("clock-drift")
+def _clock_drift(rig: SimulatedRig) -> None:
+    sensor = rig.channel("load_cell").sensor
+    sensor.clock.drift(sensor.clock.ppm + DRIFT_PPM, rig.plant.time_s)
+
+
+@_injects("sensors-swapped")
+def _sensors_swapped(rig: SimulatedRig) -> None:
+    """The two plugs are exchanged: each port carries the other sensor's bytes."""
+    load_cell, lvdt = rig.channel("load_cell"), rig.channel("lvdt")
+    load_cell.sensor, lvdt.sensor = lvdt.sensor, load_cell.sensor
+    load_cell.column, lvdt.column = lvdt.column, load_cell.column
+
+
+@_injects("not-tared")
+def _not_tared(rig: SimulatedRig) -> None:
+    sensor = rig.channel("load_cell").sensor
+    sensor.faults.zero_offset = ZERO_SHARE * sensor.options.range
+
+
+@_injects("wrong-damper")
+def _wrong_damper(rig: SimulatedRig) -> None:
+    rig.plant.constants["force_scale"] = WRONG_DAMPER_SCALE
+
+
+@_injects("load-train")
+def _load_train(rig: SimulatedRig) -> None:
+    """A joint works loose: free play behind a softer mounting."""
+    rig.plant.constants["free_play_m"] = LOOSE_PLAY_M
+    rig.plant.constants["mount_stiffness_N_m"] = LOOSE_STIFFNESS_N_M

@@ -1,0 +1,286 @@
+"""What the simulated rig is made of: every constant with its default, replaceable by a TOML file or single options.
+
+`python -m simulators --config FILE.toml` reads tables named like the fields of `RigOptions`;
+`--option table.key=value` replaces one value. Values are plain SI numbers, the unit is in the key.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rig.errors import FileProblem
+
+MAXIMUM_FILE_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class ServoOptions:
+    """Servo-hydraulics (PHYSICS section 11)."""
+
+    bandwidth_Hz: float = 30.0
+    damping: float = 0.7
+    rated_speed_m_s: float = 1.2
+    supply_Pa: float = 210e5
+    low_pressure_Pa: float = 70e5
+    piston_area_m2: float = 1.0e-3
+    accumulator_recovery_s: float = 0.5
+    accumulator_bleed_s: float = 4.0
+    accumulator_sag_Pa_m3: float = 4.0e9
+    drift_m_s: float = -0.2e-3
+    valve_closing_s: float = 0.010
+    half_stroke_m: float = 0.100
+    position_noise_m: float = 10e-6
+    force_noise_N: float = 10.0
+    start_position_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class ControllerOptions:
+    """The actuator controller: its identity, its limits at boot, its clock."""
+
+    serial_number: str = "SIM-ACT-1"
+    firmware: str = "1.0"
+    boot_count: int = 7
+    device_id: int = 1
+    position_limit_m: float = 0.095
+    speed_max_m_s: float = 1.0
+    acceleration_max_m_s2: float = 200.0
+    force_max_N: float = 10e3
+    fade_out_cycles: float = 1.0
+    halt_deceleration_m_s2: float = 20.0
+    move_acceleration_m_s2: float = 2.0
+    following_error_max_m: float = 0.040
+    watchdog_ms: int = 0
+    clock_offset_us: float = math.nan
+    clock_ppm: float = math.nan
+
+
+@dataclass(frozen=True)
+class DamperOptions:
+    """The specimen's force model; the parameters come from a named set and may be replaced one by one."""
+
+    set: str = "demo"
+    model: str = ""
+    hysteresis: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)
+    gas_force_N: float = 0.0
+    seal_friction_N: float = 0.0
+    seal_speed_m_s: float = 0.002
+    mount_stiffness_N_m: float = 0.0
+    free_play_m: float = 0.0
+    force_change_per_K: float = 0.0
+    heat_capacity_J_K: float = 1500.0
+    heat_loss_W_K: float = 5.0
+    ambient_degC: float = 23.0
+    start_degC: float = math.nan
+
+
+@dataclass(frozen=True)
+class SpecimenOptions:
+    """The damper as a piece: where its mid-stroke lies in the rig's coordinate, and how long it is."""
+
+    serial_number: str = "MR-001"
+    mid_stroke_m: float = 0.0
+    stroke_m: float = 0.190
+    bump_stiffness_N_m: float = 5e5
+
+
+@dataclass(frozen=True)
+class CoilOptions:
+    """Coil and current ECU."""
+
+    ohm: float = 1.5
+    ohm_per_K: float = 0.0039
+    eta_1_s: float = math.nan
+    supply_V: float = 13.5
+    limit_A: float = 5.0
+    current_noise_A: float = 0.002
+    over_temperature_degC: float = 150.0
+    command_timeout_s: float = 0.100
+    serial_number: int = 1001
+    boot_count: int = 3
+    clock_offset_us: float = math.nan
+    clock_ppm: float = math.nan
+
+
+@dataclass(frozen=True)
+class SensorOptions:
+    """One serial sensor. Values are in its wire unit (`unit`), `wire_per_si` of it for one SI unit."""
+
+    unit: str = "N"
+    wire_per_si: float = 1.0
+    rate_Hz: float = 250.0
+    format: str = "frame16"
+    range: float = 10e3
+    noise: float = 5.0
+    resolution: float = 0.05
+    offset: float = 0.0
+    gain: float = 1.0
+    bandwidth_Hz: float = 1000.0
+    jitter_s: float = 2e-6
+    latency_s: float = 0.5e-3
+    burst_rate_Hz: float = 0.2
+    burst_s: float = 6e-3
+    serial_number: str = "LC-1"
+    clock_offset_us: float = math.nan
+    clock_ppm: float = math.nan
+    baudrate: int = 921_600
+
+
+LVDT = SensorOptions(
+    unit="mm", wire_per_si=1000.0, range=100.0, noise=0.005, resolution=0.001, bandwidth_Hz=500.0, serial_number="LVDT-1"
+)
+AUXILIARY = SensorOptions(unit="m/s^2", range=500.0, noise=0.2, resolution=0.01, serial_number="AUX")
+
+
+@dataclass(frozen=True)
+class LimitOptions:
+    """What the written bench file allows."""
+
+    position_m: float = 0.085
+    speed_m_s: float = 0.8
+    acceleration_m_s2: float = 60.0
+    force_N: float = 5e3
+    current_A: float = 3.0
+    coil_temperature_degC: float = 120.0
+
+
+@dataclass(frozen=True)
+class RigOptions:
+    """The whole simulated rig; NaN clocks and the like are drawn from the seed."""
+
+    plant_rate_Hz: float = 8000.0
+    truth_rate_Hz: float = 1000.0
+    moving_mass_kg: float = 0.0
+    servo: ServoOptions = field(default_factory=ServoOptions)
+    controller: ControllerOptions = field(default_factory=ControllerOptions)
+    damper: DamperOptions = field(default_factory=DamperOptions)
+    specimen: SpecimenOptions = field(default_factory=SpecimenOptions)
+    coil: CoilOptions = field(default_factory=CoilOptions)
+    load_cell: SensorOptions = field(default_factory=SensorOptions)
+    lvdt: SensorOptions = LVDT
+    auxiliary: SensorOptions = AUXILIARY
+    limits: LimitOptions = field(default_factory=LimitOptions)
+
+
+POSITIVE = {
+    "plant_rate_Hz", "truth_rate_Hz", "bandwidth_Hz", "rated_speed_m_s", "supply_Pa", "piston_area_m2", "rate_Hz",
+    "accumulator_recovery_s", "accumulator_bleed_s", "valve_closing_s", "half_stroke_m", "ohm", "heat_capacity_J_K",
+    "range", "stroke_m", "seal_speed_m_s", "wire_per_si", "baudrate", "supply_V", "command_timeout_s", "damping",
+}
+CEILINGS = {"rate_Hz": 10_000.0, "plant_rate_Hz": 100_000.0}
+FLOORS = {"plant_rate_Hz": 4000.0, "truth_rate_Hz": 1.0}
+
+
+def load_options(path: Path) -> RigOptions:
+    """Read a TOML file over the defaults.
+
+    Raises:
+        FileProblem: unreadable, not TOML, or with unknown keys, wrong types or values out of range; all are listed.
+    """
+    try:
+        if path.stat().st_size > MAXIMUM_FILE_BYTES:
+            raise FileProblem(str(path), [f"larger than {MAXIMUM_FILE_BYTES} bytes; a configuration is a few kilobytes"])
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise FileProblem(str(path), [str(error)]) from error
+    problems: list[str] = []
+    options = _merge(RigOptions(), values, "", problems)
+    if problems:
+        raise FileProblem(str(path), problems)
+    return options
+
+
+def with_option(options: RigOptions, assignment: str) -> RigOptions:
+    """Replace one value given as `table.key=value`.
+
+    Raises:
+        FileProblem: no `=`, an unknown key, a wrong type or a value out of range.
+    """
+    key, equals, text = assignment.partition("=")
+    if not equals:
+        raise FileProblem("--option", [f"{assignment!r}: expected table.key=value, such as load_cell.noise=2.0"])
+    nested: Any = _parse(text)
+    for part in reversed(key.strip().split(".")):
+        nested = {part: nested}
+    problems: list[str] = []
+    changed = _merge(options, nested, "", problems)
+    if problems:
+        raise FileProblem("--option", problems)
+    return changed
+
+
+def _parse(text: str) -> Any:
+    """A TOML value, or the bare text when it is none."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text.strip()
+
+
+def _merge(base: Any, values: Mapping[str, Any], place: str, problems: list[str]) -> Any:
+    """A copy of dataclass `base` with `values` put in; every misfit is added to `problems`."""
+    known = {each.name: getattr(base, each.name) for each in dataclasses.fields(base)}
+    changes: dict[str, Any] = {}
+    for key, value in values.items():
+        where = f"{place}{key}"
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f"; did you mean {place}{close[0]}?" if close else f"; known: {', '.join(known)}"
+            problems.append(f"{where}: unknown key{hint}")
+            continue
+        present = known[key]
+        if dataclasses.is_dataclass(present):
+            if isinstance(value, Mapping):
+                changes[key] = _merge(present, value, f"{where}.", problems)
+            else:
+                problems.append(f"{where} = {value!r}: expected a table of values")
+        elif isinstance(present, Mapping):
+            changes[key] = _numbers(present, value, where, problems)
+        else:
+            problem = _misfit(key, present, value)
+            if problem:
+                problems.append(f"{where} = {value!r}: {problem}")
+            else:
+                changes[key] = type(present)(value)
+    return dataclasses.replace(base, **changes)
+
+
+def _numbers(present: Mapping[str, float], value: Any, where: str, problems: list[str]) -> dict[str, float]:
+    """A mapping of names to finite numbers over the present one."""
+    merged = dict(present)
+    if not isinstance(value, Mapping):
+        problems.append(f"{where} = {value!r}: expected a table of numbers")
+        return merged
+    for name, number in value.items():
+        if isinstance(number, bool) or not isinstance(number, (int, float)) or not math.isfinite(number):
+            problems.append(f"{where}.{name} = {number!r}: expected a finite number")
+        else:
+            merged[name] = float(number)
+    return merged
+
+
+def _misfit(key: str, present: Any, value: Any) -> str:
+    """Why `value` cannot replace `present`, or nothing."""
+    if isinstance(present, str):
+        return "" if isinstance(value, str) else "expected a text in quotes"
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return "expected a number"
+    if isinstance(present, int) and not isinstance(value, int):
+        return "expected a whole number"
+    if not math.isfinite(value):
+        return "expected a finite number"
+    if key in POSITIVE and value <= 0:
+        return "must be greater than 0"
+    if value > CEILINGS.get(key, math.inf):
+        return f"must be at most {CEILINGS[key]:g}"
+    if value < FLOORS.get(key, -math.inf):
+        return f"must be at least {FLOORS[key]:g}"
+    return ""

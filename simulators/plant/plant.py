@@ -1,0 +1,164 @@
+"""The plant as one object: it owns the records, the damper's state and the outputs of the last slice."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig import dampers
+from rig.dampers import DamperModel
+from simulators.options import DamperOptions, RigOptions
+from simulators.plant.records import COMMAND, CONSTANTS, EVENT_CAPACITY, MODE_OFF, STATE
+from simulators.plant.step import COLUMNS, run_slice
+
+FloatArray = NDArray[np.float64]
+
+THERMAL_PARAMETERS = {
+    "Fya", "Fyb", "Ca", "Cb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "c", "c_b", "alpha", "alpha_b", "fc", "fc_b",
+    "c0", "c0_b", "c1", "alpha_a", "c0a", "c0b", "c1a", "c1b", "kv", "kv_b", "kw", "kw_b",
+}
+"""Yield and viscous terms of all models: those that warm oil weakens (PHYSICS section 11)."""
+TABLE_CAPACITY = 4096
+MAXIMUM_STEPS = 8192
+_EXACT_LAG_ETA = 25.0
+
+
+class Plant:
+    """Physics of the rig in simulated time.
+
+    Attributes:
+        constants, command, state: records of `records` (length 1 arrays), SI.
+        table: the table waveform, metres about the centre.
+        model: the damper's model; `values` its parameters by name.
+        out: outputs of the last slice, (steps, `step.COLUMNS`).
+        first_step: number of the step before the last slice's first row.
+    """
+
+    def __init__(self, options: RigOptions) -> None:
+        self.dt_s = 1.0 / options.plant_rate_Hz
+        self.model, self.values = specimen_model(options.damper)
+        self._base = self.model.vector(self.values)
+        self._thermal = np.array([float(name in THERMAL_PARAMETERS) for name in self.model.names])
+        self._change_per_K = options.damper.force_change_per_K
+        self._reference_degC = options.damper.ambient_degC
+        self.constants = np.zeros(1, CONSTANTS)
+        self.command = np.zeros(1, COMMAND)
+        self.state = np.zeros(1, STATE)
+        self.table: FloatArray = np.zeros(1)
+        self._fill_constants(options)
+        self._fill_state(options)
+        self._damper = self._base.copy()
+        self._damper_state = np.ascontiguousarray(self.model.initial_state(float(self.state["damper_u_m"][0])))
+        self._scratch = np.zeros_like(self._damper_state)
+        self._buffer = np.zeros((MAXIMUM_STEPS, COLUMNS))
+        self._events = np.zeros((EVENT_CAPACITY, 3))
+        self.out: FloatArray = self._buffer[:0]
+        self.first_step = 0
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time (s)."""
+        return int(self.state["step"][0]) * self.dt_s
+
+    def advance(self, steps: int) -> list[tuple[float, int, float]]:
+        """Run `steps` steps, at most `MAXIMUM_STEPS`; returns the events as (simulated time s, kind, value).
+
+        Raises:
+            ValueError: more steps than the output holds.
+        """
+        if steps > MAXIMUM_STEPS:
+            raise ValueError(f"a slice has at most {MAXIMUM_STEPS} steps, got {steps}")
+        if self._change_per_K:
+            warmer = float(self.state["temperature_degC"][0]) - self._reference_degC
+            self._damper[:] = self._base * (1.0 + self._thermal * self._change_per_K * warmer)
+        self.first_step = int(self.state["step"][0])
+        count = run_slice(
+            steps, self.constants, self.command, self.state, self.model.kind, self._damper, self._damper_state,
+            self._scratch, self.table, self._buffer, self._events,
+        )
+        self.out = self._buffer[:steps]
+        return [(float(time_s), int(kind), float(value)) for time_s, kind, value in self._events[:count]]
+
+    def value(self, name: str) -> float:
+        """One field of the state, SI."""
+        return float(self.state[name][0])
+
+    def order(self, **fields: float) -> None:
+        """Set fields of the command record."""
+        for name, value in fields.items():
+            self.command[name][0] = value
+
+    def replace_damper(self, values: dict[str, float]) -> None:
+        """Put another specimen of the same model in (parameter name to SI value).
+
+        Raises:
+            KeyError: a name is missing or unknown.
+        """
+        self.values = values
+        self._base = self.model.vector(values)
+        self._damper[:] = self._base
+
+    def _fill_constants(self, options: RigOptions) -> None:
+        servo, damper, coil = options.servo, options.damper, options.coil
+        play_without_spring = damper.free_play_m > 0.0 and damper.mount_stiffness_N_m <= 0.0
+        eta = self.values.get("eta", _EXACT_LAG_ETA) if math.isnan(coil.eta_1_s) else coil.eta_1_s
+        fields: dict[str, Any] = {
+            "dt_s": self.dt_s,
+            "servo_rad_s": 2.0 * math.pi * servo.bandwidth_Hz,
+            "servo_damping": servo.damping,
+            "mid_stroke_m": options.specimen.mid_stroke_m,
+            "half_specimen_stroke_m": 0.5 * options.specimen.stroke_m,
+            "bump_stiffness_N_m": options.specimen.bump_stiffness_N_m,
+            "moving_mass_kg": options.moving_mass_kg,
+            "force_scale": 1.0,
+            "coil_ohm": coil.ohm,
+            "coil_ohm_per_K": coil.ohm_per_K,
+            "coil_eta_1_s": eta,
+            "coil_voltage_V": coil.supply_V,
+        }
+        for source in (servo, damper):
+            fields |= {name: getattr(source, name) for name in CONSTANTS.names or () if hasattr(source, name)}
+        if play_without_spring:
+            fields["mount_stiffness_N_m"] = 5e7
+        for name, value in fields.items():
+            self.constants[name][0] = value
+
+    def _fill_state(self, options: RigOptions) -> None:
+        start_m = options.servo.start_position_m
+        damper = options.damper
+        self.state["position_m"] = self.state["setpoint_m"] = start_m
+        self.state["damper_u_m"] = start_m - options.specimen.mid_stroke_m
+        self.state["temperature_degC"] = damper.ambient_degC if math.isnan(damper.start_degC) else damper.start_degC
+        self.order(
+            mode=MODE_OFF,
+            move_acceleration_m_s2=options.controller.move_acceleration_m_s2,
+            following_error_max_m=options.controller.following_error_max_m,
+            fade_cycles=1.0,
+            frequency_Hz=1.0,
+        )
+
+
+def specimen_model(options: DamperOptions) -> tuple[DamperModel, dict[str, float]]:
+    """Model and complete parameter values that the options name.
+
+    A model named without a set of its own takes the set `demo-<model>`, or `demo` for the asymmetric model.
+
+    Raises:
+        rig.dampers.UnknownName: no such model or set.
+        KeyError: a replaced value's name is not one of the model's.
+        ValueError: model and set do not belong together.
+    """
+    name = options.set
+    if options.model and options.set == "demo" and options.model != "asymmetric":
+        name = "demo-" + options.model.replace("_", "-")
+    chosen = dampers.parameter_set(name)
+    if options.model and options.model != chosen.model:
+        raise ValueError(f"set {name!r} belongs to model {chosen.model!r}, not {options.model!r}")
+    hysteresis: Any = options.hysteresis or chosen.hysteresis
+    model = dampers.model(chosen.model, hysteresis)
+    values = {**chosen.values, **options.values}
+    model.vector(values)
+    return model, values

@@ -1,0 +1,213 @@
+"""One slice of the plant: motion, damper in its mounting, coil, heat, the controller's limits; one compiled loop.
+
+The damper's force comes from `rig.dampers.kernels.advance`, inlined by the compiler. Numba does not notice when a
+function that a cached one calls has changed, so the loop is built in a closure over the sources' fingerprint: another
+fingerprint, another cache entry.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+
+import rig.dampers.kernels
+from rig.dampers.kernels import advance
+from simulators.plant import motion
+from simulators.plant.motion import Record, move_rod, note
+from simulators.plant.records import (
+    BIT_FOLLOWING,
+    BIT_FORCE,
+    BIT_POSITION,
+    BIT_SPEED,
+    EVENT_TRIP,
+    MODE_HALT,
+    MODE_HOLD,
+    MODE_LOCKED,
+    MODE_MOVE,
+    MODE_OFF,
+    MODE_PROGRAM,
+)
+
+COLUMNS = 6
+"""Columns of the output: position (m), velocity (m/s), load-cell force (N), current (A), temperature (degC), mode."""
+
+SPEED_MARGIN_M_S = 0.02
+_MOUNT_ITERATIONS = 40
+
+
+def _fittings_force(p: Record, u: float, v: float) -> float:
+    """Force beside the model's: gas preload, seal friction, and the specimen's bump stops (N)."""
+    force: float = p.gas_force_N + p.seal_friction_N * math.tanh(v / p.seal_speed_m_s)
+    beyond = abs(u) - p.half_specimen_stroke_m
+    if beyond > 0.0:
+        force += math.copysign(p.bump_stiffness_N_m * beyond, u)
+    return force
+
+
+fittings_force = njit(cache=True)(_fittings_force)
+
+
+def _mount_force(p: Record, stretch_m: float) -> float:
+    """Force through the mounting for its elastic stretch: nothing inside the free play, then a spring (N)."""
+    gap = 0.5 * p.free_play_m
+    if abs(stretch_m) <= gap:
+        return 0.0
+    force: float = p.mount_stiffness_N_m * (stretch_m - math.copysign(gap, stretch_m))
+    return force
+
+
+mount_force = njit(cache=True)(_mount_force)
+
+
+def _rigid_force(p: Record, s: Record, kind: int, dp: Record, ds: Record) -> float:
+    """Force (N) of a damper bolted to the rod without play."""
+    s.damper_u_m = s.position_m - p.mid_stroke_m
+    s.damper_v_m_s = s.velocity_m_s
+    force = advance(kind, dp, ds, s.damper_u_m, s.damper_v_m_s, s.acceleration_m_s2, s.current_A, p.dt_s)
+    total: float = p.force_scale * force + fittings_force(p, s.damper_u_m, s.damper_v_m_s)
+    return total
+
+
+rigid_force = njit(cache=True)(_rigid_force)
+
+
+def _mounted_force(p: Record, s: Record, kind: int, dp: Record, ds: Record, scratch: Record) -> float:
+    """Force (N) of a damper behind a spring with free play: bisection on the damper's speed.
+
+    The damper's force rises with its speed and the spring's falls, so the balance is bracketed; internal states are
+    copied for each trial and kept for the last.
+    """
+    rod_u = s.position_m - p.mid_stroke_m
+    reach = 2.0 + 10.0 * abs(s.velocity_m_s)
+    low, high = s.damper_v_m_s - reach, s.damper_v_m_s + reach
+    u, v, force = s.damper_u_m, s.damper_v_m_s, 0.0
+    for trial in range(_MOUNT_ITERATIONS):
+        v = 0.5 * (low + high)
+        u = s.damper_u_m + 0.5 * (s.damper_v_m_s + v) * p.dt_s
+        scratch[:] = ds
+        a = (v - s.damper_v_m_s) / p.dt_s
+        force = p.force_scale * advance(kind, dp, scratch, u, v, a, s.current_A, p.dt_s) + fittings_force(p, u, v)
+        if force > mount_force(p, rod_u - u):
+            high = v
+        else:
+            low = v
+    ds[:] = scratch
+    s.damper_u_m = u
+    s.damper_v_m_s = v
+    return mount_force(p, rod_u - u)
+
+
+mounted_force = njit(cache=True)(_mounted_force)
+
+
+def _coil_and_heat(p: Record, c: Record, s: Record) -> None:
+    """Coil lag `I' = -eta (I - Icmd)`, exact over the step (9), and heat from `F v` and `I^2 R` (PHYSICS section 11)."""
+    ohm = p.coil_ohm * (1.0 + p.coil_ohm_per_K * (s.temperature_degC - 20.0))
+    largest = p.coil_voltage_V / ohm
+    wanted = max(-largest, min(largest, c.coil_A))
+    s.current_A = wanted + (s.current_A - wanted) * math.exp(-p.coil_eta_1_s * p.dt_s)
+    power_W = s.damper_force_N * s.damper_v_m_s
+    s.dissipated_J += power_W * p.dt_s
+    heat_W = max(0.0, power_W) + s.current_A * s.current_A * ohm
+    heat_W -= p.heat_loss_W_K * (s.temperature_degC - p.ambient_degC)
+    s.temperature_degC += heat_W * p.dt_s / p.heat_capacity_J_K
+
+
+coil_and_heat = njit(cache=True)(_coil_and_heat)
+
+
+def _crossed_limit(c: Record, s: Record) -> int:
+    """Bit number of the first limit that is crossed, -1 for none."""
+    outwards_below = s.position_m < c.position_min_m and s.velocity_m_s < 0.0
+    if outwards_below or (s.position_m > c.position_max_m and s.velocity_m_s > 0.0):
+        return BIT_POSITION
+    if abs(s.velocity_m_s) > 1.1 * c.speed_max_m_s + SPEED_MARGIN_M_S:
+        return BIT_SPEED
+    if abs(s.cell_force_N) > c.force_max_N:
+        return BIT_FORCE
+    moving = c.mode == MODE_PROGRAM or c.mode == MODE_MOVE
+    if moving and abs(s.setpoint_m - s.position_m) > c.following_error_max_m:
+        return BIT_FOLLOWING
+    return -1
+
+
+crossed_limit = njit(cache=True)(_crossed_limit)
+
+
+def _guard(c: Record, s: Record, end_s: float, events: Record, count: int) -> int:
+    """Latch a crossed limit once and halt."""
+    if s.tripped != 0 or c.mode == MODE_OFF:
+        return count
+    bit = crossed_limit(c, s)
+    if bit < 0:
+        return count
+    s.tripped = 1
+    s.fault_bits |= 1 << bit
+    if c.mode not in (MODE_HOLD, MODE_LOCKED):
+        c.mode = MODE_HALT
+    return note(events, count, end_s, EVENT_TRIP, bit)
+
+
+guard = njit(cache=True)(_guard)
+
+
+def _sources() -> int:
+    """CRC-32 over every source the compiled loop is made of."""
+    folder = Path(rig.dampers.kernels.__file__).parent
+    files = [*sorted(folder.glob("*.py")), Path(motion.__file__), Path(__file__)]
+    crc = 0
+    for file in files:
+        crc = zlib.crc32(file.read_bytes(), crc)
+    return crc
+
+
+def _build(fingerprint: int) -> Callable[..., int]:
+    def run(
+        steps: int,
+        constants: Record,
+        command: Record,
+        state: Record,
+        kind: int,
+        damper: Record,
+        damper_state: Record,
+        scratch: Record,
+        table: Record,
+        out: Record,
+        events: Record,
+    ) -> int:
+        p, c, s = constants[0], command[0], state[0]
+        count = 0 * fingerprint
+        for i in range(steps):
+            s.step += 1
+            end_s = s.step * p.dt_s
+            count = move_rod(p, c, s, table, end_s, events, count)
+            if p.mount_stiffness_N_m > 0.0:
+                s.damper_force_N = mounted_force(p, s, kind, damper, damper_state, scratch)
+            else:
+                s.damper_force_N = rigid_force(p, s, kind, damper, damper_state)
+            s.cell_force_N = s.damper_force_N + p.moving_mass_kg * s.acceleration_m_s2
+            coil_and_heat(p, c, s)
+            count = guard(c, s, end_s, events, count)
+            out[i, 0] = s.position_m
+            out[i, 1] = s.velocity_m_s
+            out[i, 2] = s.cell_force_N
+            out[i, 3] = s.current_A
+            out[i, 4] = s.temperature_degC
+            out[i, 5] = c.mode + 16 * s.tripped
+        return count
+
+    compiled: Any = njit(cache=True, error_model="numpy")(run)
+    return compiled  # type: ignore[no-any-return]  # numba's dispatchers carry no annotations
+
+
+run_slice = _build(_sources())
+"""`run_slice(steps, constants, command, state, kind, damper, damper_state, scratch, table, out, events) -> events`.
+
+Arrays: records of `records` (length 1), `damper` parameters in the model's order, `out` (steps, `COLUMNS`), `events`
+(capacity, 3) of time (s), kind, value.
+"""

@@ -1,0 +1,286 @@
+"""The simulated rig: plant, devices and transports in one asyncio loop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+import gc
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from protocols.actuator import State
+from rig.clock import monotonic_ns
+from simulators.actuator import Actuator
+from simulators.bench import Addresses, bench_text
+from simulators.clock import DeviceClock, ServedTime
+from simulators.ecu import Ecu
+from simulators.injection import INJECTORS, ScheduledFault
+from simulators.modbus_server import ModbusServer
+from simulators.options import RigOptions, SensorOptions
+from simulators.pace import Backpressure, Pace
+from simulators.plant.plant import MAXIMUM_STEPS, Plant
+from simulators.plant.records import EVENT_PULSE, EVENT_TRIP
+from simulators.registers import RegisterBank
+from simulators.sensor import Sensor
+from simulators.serial_port import SensorPort, open_port
+from simulators.slcan_bus import SlcanBus
+from simulators.truth import Truth
+
+TICK_S = 0.002
+IDLE_S = 0.5
+STANDSTILL_M_S = 5e-4
+NO_CURRENT_A = 0.05
+REAL_TIME_PRIORITY = 20
+POSITION_COLUMN = 0
+FORCE_COLUMN = 2
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a simulated rig runs, beside what it is made of (`RigOptions`)."""
+
+    speed: float = 1.0
+    seed: int = 0
+    ports: str = "pty"
+    auxiliary: int = 0
+    truth: Path | None = None
+    exit_when_idle: bool = False
+    faults: tuple[ScheduledFault, ...] = ()
+
+
+@dataclass
+class Channel:
+    """A sensor, its port, and the column of the plant's output it measures."""
+
+    name: str
+    sensor: Sensor
+    port: SensorPort
+    column: int
+
+
+class SimulatedRig:
+    """Everything between the physics and the open sockets.
+
+    Attributes:
+        plant, actuator, bank, ecu, bus, modbus, channels: the parts; fault injectors reach into them.
+        addresses: where the sockets are, after `open`.
+        first_cycle_s: simulated time at which the first program began (s), None before.
+    """
+
+    def __init__(self, options: RigOptions, run: RunOptions) -> None:
+        self.options = options
+        self.run_options = run
+        self.plant = Plant(options)
+        self.truth = Truth(run.truth, self.plant, options.truth_rate_Hz) if run.truth is not None else None
+        random = np.random.default_rng(run.seed)
+        self._draws = iter(random.spawn(16))
+        controller, coil = options.controller, options.coil
+        self.actuator = Actuator(
+            self.plant, controller,
+            DeviceClock.drawn(controller.clock_offset_us, controller.clock_ppm, next(self._draws)), self.note,
+        )
+        self.bank = RegisterBank(self.actuator, options.servo, next(self._draws))
+        self.ecu = Ecu(
+            self.plant, coil, options.damper.ambient_degC,
+            DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
+        )
+        self.bus = SlcanBus(self.ecu.receive)
+        self.modbus = ModbusServer(self.bank, controller.device_id)
+        self.channels: list[Channel] = []
+        self.first_cycle_s: float | None = None
+        self.every_tick: list[Callable[[], None]] = []
+        self._pending_faults = list(run.faults)
+        self._served = ServedTime()
+        self._pace = Pace(run.speed, self.plant.dt_s, TICK_S, MAXIMUM_STEPS)
+        self._stop = asyncio.Event()
+        self._parent = os.getppid()
+        self._idle_since_ns = -1
+
+    async def open(self) -> Addresses:
+        """Open every socket and port; returns where they are.
+
+        Raises:
+            OSError: a socket cannot be had.
+        """
+        await self.modbus.open()
+        await self.bus.open()
+        kind, options = self.run_options.ports, self.options
+        self._add("load_cell", options.load_cell, FORCE_COLUMN, kind)
+        self._add("lvdt", options.lvdt, POSITION_COLUMN, kind)
+        for number in range(1, self.run_options.auxiliary + 1):
+            self._add(f"auxiliary_{number}", options.auxiliary, POSITION_COLUMN, kind)
+        self._backpressure = Backpressure([channel.port for channel in self.channels])
+        self._inject_due()
+        urls = [channel.port.url for channel in self.channels]
+        return Addresses(self.modbus.port, self.bus.port, urls[0], urls[1], urls[2:])
+
+    def bench(self, addresses: Addresses, real_time: bool) -> str:
+        """The text of the bench file."""
+        return bench_text(self.options, addresses, self.run_options.speed, real_time)
+
+    async def run(self) -> None:
+        """Run until `stop`, a termination signal, or (with `exit_when_idle`) standstill after the parent is gone."""
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.stop)
+        gc.freeze()
+        deadline_s = loop.time()
+        while not self._stop.is_set():
+            self.tick()
+            deadline_s = max(deadline_s + TICK_S, loop.time())
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._stop.wait(), deadline_s - loop.time())
+
+    def stop(self) -> None:
+        """End `run` at its next tick."""
+        self._stop.set()
+
+    async def close(self) -> None:
+        """Hang up on everyone and complete the truth file.
+
+        Raises:
+            OSError: the truth file cannot be written.
+        """
+        await self.modbus.close()
+        self.bus.close()
+        for channel in self.channels:
+            channel.port.close()
+        if self.truth is not None:
+            self.truth.finish(self._test(), self._quality(), self._provenance())
+
+    def note(self, code: str, text: str, time_s: float | None = None) -> None:
+        """Log to the truth file, if there is one."""
+        if self.truth is not None:
+            self.truth.note(code, text, time_s)
+
+    def tick(self) -> None:
+        """Judge what runs on wall time, then bring simulated time up to where it should be."""
+        now_ns = monotonic_ns()
+        served_s = self._served.tick(now_ns)
+        self.actuator.tick(served_s)
+        self.ecu.tick(served_s)
+        self._inject_due()
+        for action in self.every_tick:
+            action()
+        step = int(self.plant.state["step"][0])
+        if self.run_options.speed > 1.0 and self._backpressure.holds(now_ns, self.bus.congested):
+            self._pace.hold(now_ns, step)
+            return
+        steps = self._pace.due(now_ns, step)
+        if steps:
+            self.advance(steps)
+        if self.run_options.exit_when_idle:
+            self._leave_when_idle(now_ns)
+
+    def advance(self, steps: int) -> None:
+        """Run the physics for `steps` and send what the devices make of them."""
+        start_s = self.plant.time_s
+        pulses_s: list[float] = []
+        for time_s, kind, value in self.plant.advance(steps):
+            if kind == EVENT_PULSE:
+                pulses_s.append(time_s)
+                self.actuator.pulsed(time_s)
+                if self.first_cycle_s is None:
+                    self.first_cycle_s = time_s
+            elif kind == EVENT_TRIP:
+                self.note("TRIP", f"limit bit {int(value)}", time_s)
+        for channel in self.channels:
+            signal_si = self.plant.out[:, channel.column]
+            data = channel.sensor.sample(signal_si, start_s, self.plant.dt_s, pulses_s)
+            if data:
+                channel.port.write(data, channel.sensor.frame_size)
+        self.bus.send(self.ecu.frames())
+        if self.truth is not None:
+            self.truth.slice()
+
+    def channel(self, name: str) -> Channel:
+        """The sensor channel of that name.
+
+        Raises:
+            KeyError: there is none.
+        """
+        for each in self.channels:
+            if each.name == name:
+                return each
+        raise KeyError(f"no sensor {name!r}; there are {', '.join(each.name for each in self.channels)}")
+
+    def summary(self) -> str:
+        """One line for the end: simulated time and what was dropped."""
+        drops = ", ".join(f"{name} {count}" for name, count in self._quality().items())
+        return f"simulated {self.plant.time_s:.1f} s; {drops}"
+
+    def _add(self, name: str, options: SensorOptions, column: int, kind: str) -> None:
+        clock = DeviceClock.drawn(options.clock_offset_us, options.clock_ppm, next(self._draws))
+        sensor = Sensor(options, clock, next(self._draws), self.plant.time_s)
+        self.channels.append(Channel(name, sensor, open_port(kind), column))
+
+    def _inject_due(self) -> None:
+        """Switch on the faults whose time has come: at once without a time, else counted from the first cycle."""
+        for fault in list(self._pending_faults):
+            if fault.after_s is not None:
+                if self.first_cycle_s is None or self.plant.time_s < self.first_cycle_s + fault.after_s:
+                    continue
+            self._pending_faults.remove(fault)
+            self.note("FAULT", fault.slug)
+            INJECTORS[fault.slug](self)
+
+    def _leave_when_idle(self, now_ns: int) -> None:
+        """Stop once the parent is gone and the rig has stood still without current for a while."""
+        moving = abs(self.plant.value("velocity_m_s")) > STANDSTILL_M_S
+        moving = moving or self.actuator.motion_state in {State.MOVING, State.RUNNING, State.FADING, State.HALTING}
+        powered = abs(self.plant.value("current_A")) > NO_CURRENT_A
+        if moving or powered or os.getppid() == self._parent:
+            self._idle_since_ns = now_ns
+        elif now_ns - self._idle_since_ns > IDLE_S * 1e9:
+            self.stop()
+
+    def _test(self) -> dict[str, str | int | float | list[str]]:
+        plant = self.plant
+        parameters: dict[str, str | int | float | list[str]] = {f"parameter_{key}": value for key, value in plant.values.items()}
+        return {
+            "damper_model": plant.model.name,
+            "damper_kind": plant.model.kind,
+            "parameter_names": list(plant.values),
+            **parameters,
+            "coil_eta": float(plant.constants["coil_eta_1_s"][0]),
+            "specimen": self.options.specimen.serial_number,
+            "mid_stroke_m": self.options.specimen.mid_stroke_m,
+            "faults": [f"{fault.slug}" for fault in self.run_options.faults],
+        }
+
+    def _quality(self) -> dict[str, str | int | float | list[str]]:
+        drops: dict[str, str | int | float | list[str]] = {
+            f"dropped_{channel.name}": channel.port.dropped_frames for channel in self.channels
+        }
+        return drops | {"dropped_can": self.bus.dropped_frames}
+
+    def _provenance(self) -> dict[str, str | int | float | list[str]]:
+        clocks: dict[str, str | int | float | list[str]] = {}
+        devices = {"controller": self.actuator.clock, "ecu": self.ecu.clock}
+        devices |= {channel.name: channel.sensor.clock for channel in self.channels}
+        for name, clock in devices.items():
+            clocks[f"clock_offset_us_{name}"] = clock.offset_us
+            clocks[f"clock_ppm_{name}"] = clock.ppm
+        return {
+            "seed": self.run_options.seed,
+            "speed": self.run_options.speed,
+            "options": repr(dataclasses.asdict(self.options)),
+            **clocks,
+        }
+
+
+def take_real_time_priority(speed: float) -> bool:
+    """Ask for real-time scheduling at speed 1, when the machine has the right; True when it was given."""
+    if speed > 1.0 or not hasattr(os, "sched_setscheduler"):
+        return False
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
+    except OSError:
+        return False
+    return True

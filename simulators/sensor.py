@@ -1,0 +1,220 @@
+"""A serial sensor: its filter, its clock, its imperfections, its frames. No ports.
+
+From the plant's slice to bytes: low-pass, sampling at the instants of the sensor's own clock with jitter, gain, offset,
+noise, resolution, saturation at range; then frames in order of their time, edge frames among the samples; then the
+latency of the line, with bursts in which everything waits and arrives together.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocols.frame_format import STATUS_EDGE, STATUS_OVERLOAD, STATUS_SENSOR_FAULT
+from simulators.clock import DeviceClock
+from simulators.conditioner import condition
+from simulators.frames import encode_frames, encode_lines
+from simulators.options import SensorOptions
+
+FloatArray = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+LARGEST_JITTER = 4.0
+SPIKE_EVERY_S = 0.5
+SPIKE_SHARE = 0.6
+GAP_EVERY_S = 0.2
+GAP_SAMPLES = 3
+NAN_EVERY_S = 0.2
+GARBLED_SHARE = 0.02
+
+
+@dataclass
+class SensorFaults:
+    """What is broken in the sensor or on its line."""
+
+    stuck: bool = False
+    saturated: bool = False
+    sensor_fault: bool = False
+    spikes: bool = False
+    not_a_number: bool = False
+    gaps: bool = False
+    time_backwards: bool = False
+    garbage: bool = False
+    wrong_baud: bool = False
+    zero_offset: float = 0.0
+
+
+class Sensor:
+    """One sensor's logic; `sample` is fed every slice of the plant and returns the bytes that leave the device.
+
+    Attributes:
+        faults: switches of the fault injectors.
+        samples: how many samples have been taken.
+        frame_size: bytes of one frame or line.
+    """
+
+    def __init__(self, options: SensorOptions, clock: DeviceClock, random: np.random.Generator, start_s: float) -> None:
+        self.options = options
+        self.clock = clock
+        self.faults = SensorFaults()
+        self.samples = 0
+        self.edges = 0
+        self.frame_size = 16 if options.format == "frame16" else 13 + len(options.unit)
+        self._random, self._line_random = random.spawn(2)
+        self._period_us = 1e6 / options.rate_Hz
+        self._tick = math.ceil(clock.unwrapped_us(start_s) / self._period_us)
+        self._filter = np.zeros(3)
+        self._started = False
+        self._last_value = math.nan
+        self._waiting: Bytes = np.zeros((0, self.frame_size), np.uint8)
+        self._release_s: FloatArray = np.zeros(0)
+        self._burst_s = self._next_burst(start_s)
+
+    def sample(self, signal: FloatArray, start_s: float, dt_s: float, pulses_s: list[float]) -> bytes:
+        """Sample one slice.
+
+        Args:
+            signal: the measured quantity (SI) at `start_s + dt_s`, `start_s + 2 dt_s` ..., shape (n,).
+            start_s: simulated time before the first value (s).
+            dt_s: plant step (s).
+            pulses_s: simulated times (s) of the controller's pulses in this slice.
+
+        Returns:
+            The bytes that leave the line up to the slice's end: whole frames, unless a fault damages them.
+        """
+        if not self._started and len(signal):
+            self._filter[:] = (signal[0], 0.0, signal[0])
+            self._started = True
+        end_s = start_s + len(signal) * dt_s
+        ticks = self._due_ticks(end_s)
+        nominal_us = ticks * self._period_us
+        nominal_s = self.clock.time_s(nominal_us)
+        draws = self._random.standard_normal((len(ticks), 2))
+        jitter_s = self.options.jitter_s * np.clip(draws[:, 1], -LARGEST_JITTER, LARGEST_JITTER)
+        times_s = np.maximum.accumulate(nominal_s + jitter_s) if len(ticks) else nominal_s
+        clean = condition(signal, dt_s, 2.0 * math.pi * self.options.bandwidth_Hz, self._filter, start_s, times_s)
+        value, status = self._imperfect(clean, draws[:, 0])
+        frames, frame_s = self._encode(value, status, nominal_us, nominal_s, pulses_s)
+        self._queue(frames, frame_s)
+        return self._damage(self._released(end_s))
+
+    def _due_ticks(self, end_s: float) -> NDArray[np.int64]:
+        """Numbers of the sensor clock's sampling ticks up to `end_s`."""
+        last = math.floor(self.clock.unwrapped_us(end_s) / self._period_us)
+        ticks = np.arange(self._tick, last + 1, dtype=np.int64)
+        self._tick = max(self._tick, last + 1)
+        return ticks
+
+    def _imperfect(self, clean: FloatArray, noise: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
+        """Wire values (n,) and status bits (n,) of clean SI values (n,)."""
+        options, faults = self.options, self.faults
+        value = clean * (options.gain * options.wire_per_si) + (options.offset + faults.zero_offset) + options.noise * noise
+        if options.resolution > 0:
+            value = np.round(value / options.resolution) * options.resolution
+        if faults.stuck and len(value):
+            value[:] = self._last_value if math.isfinite(self._last_value) else value[0]
+        if faults.saturated:
+            value[:] = math.inf
+        if faults.spikes:
+            value[self._every(len(value), SPIKE_EVERY_S)] += SPIKE_SHARE * options.range
+        status = np.where(np.abs(value) >= options.range, STATUS_OVERLOAD, 0).astype(np.uint8)
+        value = np.clip(value, -options.range, options.range)
+        if faults.sensor_fault:
+            status |= np.uint8(STATUS_SENSOR_FAULT)
+        if len(value):
+            self._last_value = float(value[-1])
+        if faults.not_a_number:
+            value[self._every(len(value), NAN_EVERY_S)] = math.nan
+        return value, status
+
+    def _every(self, count: int, period_s: float) -> NDArray[np.bool_]:
+        """Mask (count,) of one sample every `period_s`, by sample number."""
+        numbers = self.samples + np.arange(count)
+        return numbers % max(1, round(period_s * self.options.rate_Hz)) == 0
+
+    def _encode(
+        self, value: FloatArray, status: NDArray[np.uint8], device_us: FloatArray, time_s: FloatArray, pulses_s: list[float]
+    ) -> tuple[Bytes, FloatArray]:
+        """Frames (n, size) and the simulated times (n,) they are finished at."""
+        sequence = self.samples + np.arange(len(value))
+        keep = np.ones(len(value), bool)
+        if self.faults.gaps:
+            for shift in range(GAP_SAMPLES):
+                keep &= ~((sequence - shift) % max(GAP_SAMPLES + 1, round(GAP_EVERY_S * self.options.rate_Hz)) == 0)
+        self.samples += len(value)
+        if self.options.format != "frame16":
+            return encode_lines(np.nan_to_num(value[keep]), self.options.unit), time_s[keep]
+        stamp_us = np.floor(device_us).astype(np.int64)
+        if self.faults.time_backwards:
+            stamp_us = np.where(self._backwards(sequence), stamp_us - 50_000, stamp_us)
+        edge_count = np.full(len(value), self.edges, np.int64)
+        for pulse_s in pulses_s:
+            edge_count[time_s >= pulse_s] += 1
+        columns = [status.astype(np.int64), edge_count, sequence, stamp_us]
+        if pulses_s:
+            value, time_s, columns, keep = self._with_edges(value, time_s, columns, keep, pulses_s)
+        self.edges += len(pulses_s)
+        bits, edges, numbers, stamps = (column[keep] for column in columns)
+        frames = encode_frames(bits.astype(np.uint8), (edges & 0xFF).astype(np.uint8), numbers, stamps, value[keep])
+        return frames, time_s[keep]
+
+    def _backwards(self, sequence: NDArray[np.int64]) -> NDArray[np.bool_]:
+        return sequence % max(2, round(GAP_EVERY_S * self.options.rate_Hz)) == 1
+
+    def _with_edges(
+        self,
+        value: FloatArray,
+        time_s: FloatArray,
+        columns: list[NDArray[np.int64]],
+        keep: NDArray[np.bool_],
+        pulses_s: list[float],
+    ) -> tuple[FloatArray, FloatArray, list[NDArray[np.int64]], NDArray[np.bool_]]:
+        """The same columns with an edge frame put in for every pulse; its sequence repeats the last sample's."""
+        at = np.searchsorted(time_s, pulses_s)
+        first = self.samples - len(value)
+        stamps = [math.floor(self.clock.unwrapped_us(pulse_s)) for pulse_s in pulses_s]
+        counts = [self.edges + 1 + i for i in range(len(pulses_s))]
+        inserted = [[STATUS_EDGE] * len(pulses_s), counts, [max(0, first + int(i) - 1) for i in at], stamps]
+        columns = [np.insert(column, at, new) for column, new in zip(columns, inserted, strict=True)]
+        return np.insert(value, at, 0.0), np.insert(time_s, at, pulses_s), columns, np.insert(keep, at, True)
+
+    def _next_burst(self, after_s: float) -> float:
+        """When the line next holds everything back (simulated s)."""
+        if self.options.burst_rate_Hz <= 0:
+            return math.inf
+        return after_s + float(self._line_random.exponential(1.0 / self.options.burst_rate_Hz))
+
+    def _queue(self, frames: Bytes, finished_s: FloatArray) -> None:
+        """Put frames on the line: latency for each, bursts for those inside one, never overtaking."""
+        if not len(frames):
+            return
+        release_s = finished_s + self.options.latency_s
+        while self._burst_s <= finished_s[-1]:
+            held = (finished_s >= self._burst_s) & (finished_s < self._burst_s + self.options.burst_s)
+            release_s[held] = np.maximum(release_s[held], self._burst_s + self.options.burst_s)
+            if finished_s[-1] < self._burst_s + self.options.burst_s:
+                break
+            self._burst_s = self._next_burst(self._burst_s + self.options.burst_s)
+        self._waiting = np.concatenate((self._waiting, frames)) if len(self._waiting) else frames
+        joined = np.concatenate((self._release_s, release_s))
+        self._release_s = np.maximum.accumulate(joined)
+
+    def _released(self, now_s: float) -> bytes:
+        count = int(np.searchsorted(self._release_s, now_s, side="right"))
+        data = self._waiting[:count].tobytes()
+        self._waiting, self._release_s = self._waiting[count:], self._release_s[count:]
+        return data
+
+    def _damage(self, data: bytes) -> bytes:
+        """Line faults: flipped and lost bytes, or every byte garbled as by a wrong baud rate."""
+        if not data or not (self.faults.garbage or self.faults.wrong_baud):
+            return data
+        raw = np.frombuffer(data, np.uint8).copy()
+        if self.faults.wrong_baud:
+            return self._line_random.integers(0, 256, len(raw), dtype=np.uint8).tobytes()
+        hit = self._line_random.random(len(raw)) < GARBLED_SHARE
+        raw[hit] ^= self._line_random.integers(1, 256, int(hit.sum()), dtype=np.uint8)
+        lost = self._line_random.random(len(raw)) < GARBLED_SHARE / 4.0
+        return raw[~lost].tobytes()

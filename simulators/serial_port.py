@@ -1,0 +1,210 @@
+"""The sensor's end of a serial line: a pty, or a TCP socket that `socket://` opens.
+
+Either holds at most 4 KiB that the host has not read; then whole frames are dropped and counted. Nothing here blocks.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import os
+import socket
+import struct
+import termios
+import tty
+from typing import Protocol
+
+CAPACITY = 4096
+_PTY_CAPACITY = 4095
+"""The line discipline keeps one byte of its 4 KiB to itself."""
+_READ_SIZE = 4096
+_SMALLEST_SEND_BUFFER = 1
+
+
+class SensorPort(Protocol):
+    """Where a sensor's bytes go.
+
+    Attributes:
+        url: what the host opens.
+        dropped_frames: whole frames dropped because the host had not read.
+        sent_bytes: bytes accepted so far.
+    """
+
+    url: str
+    dropped_frames: int
+    sent_bytes: int
+
+    def write(self, data: bytes, frame_size: int) -> None:
+        """Send whole frames of `frame_size` bytes as far as there is room; drop and count the rest."""
+
+    def unread(self) -> int:
+        """Bytes sent and not yet read by the host."""
+
+    @property
+    def read_once(self) -> bool:
+        """Whether the host has ever read from this port."""
+
+    def close(self) -> None:
+        """Hang up."""
+
+
+class PtyPort:
+    """A pseudo-terminal in raw mode. The slave stays open here, so the host may come and go.
+
+    Raises:
+        OSError: this machine has no ptys left (or none at all).
+    """
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.url = os.ttyname(self._slave)
+        self.dropped_frames = 0
+        self.sent_bytes = 0
+        self._read_once = False
+        self._closed = False
+
+    def write(self, data: bytes, frame_size: int) -> None:
+        """Send whole frames as far as there is room; drop and count the rest."""
+        if self._closed:
+            return
+        room = _PTY_CAPACITY - self.unread()
+        take = data if len(data) <= room else data[: max(0, room) // frame_size * frame_size]
+        sent = 0
+        if take:
+            try:
+                sent = os.write(self._master, take)
+            except BlockingIOError:
+                sent = 0
+        self.sent_bytes += sent
+        self.dropped_frames += -(-(len(data) - sent) // frame_size)
+        self._discard_input()
+
+    def unread(self) -> int:
+        """Bytes sent and not yet read by the host."""
+        if self._closed:
+            return 0
+        answer = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0")
+        count: int = struct.unpack("i", answer)[0]
+        self._read_once = self._read_once or count < self.sent_bytes
+        return count
+
+    @property
+    def read_once(self) -> bool:
+        """Whether the host has ever read from this port."""
+        return self._read_once
+
+    def close(self) -> None:
+        """Hang up: the host's next read ends or fails, as when a cable is pulled."""
+        if not self._closed:
+            self._closed = True
+            os.close(self._master)
+            os.close(self._slave)
+
+    def _discard_input(self) -> None:
+        """Read what the host sent; these sensors stream and take no commands."""
+        try:
+            while os.read(self._master, _READ_SIZE):
+                pass
+        except BlockingIOError:
+            return
+
+
+class SocketPort:
+    """A listening TCP socket for one host at a time, with 4 KiB of its own in front of a minimal send buffer."""
+
+    def __init__(self) -> None:
+        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SMALLEST_SEND_BUFFER)
+        self._listener.bind(("127.0.0.1", 0))
+        self._listener.listen(1)
+        self._listener.setblocking(False)
+        self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.dropped_frames = 0
+        self.sent_bytes = 0
+        self._held = bytearray()
+        self._peer: socket.socket | None = None
+        self._read_once = False
+        asyncio.get_running_loop().add_reader(self._listener.fileno(), self._accept)
+
+    def write(self, data: bytes, frame_size: int) -> None:
+        """Hold whole frames as far as there is room and pass on what the socket takes; drop and count the rest."""
+        if self._listener.fileno() < 0:
+            return
+        self._pass_on()
+        room = max(0, CAPACITY - len(self._held))
+        take = data if len(data) <= room else data[: room // frame_size * frame_size]
+        self._held += take
+        self.sent_bytes += len(take)
+        self.dropped_frames += -(-(len(data) - len(take)) // frame_size)
+        self._pass_on()
+
+    def unread(self) -> int:
+        """Bytes that wait here; what lies in the kernel's buffers cannot be seen."""
+        return len(self._held)
+
+    @property
+    def read_once(self) -> bool:
+        """Whether a host has ever connected."""
+        return self._read_once
+
+    def close(self) -> None:
+        """Hang up and stop listening."""
+        if self._listener.fileno() >= 0:
+            self._hang_up()
+            asyncio.get_running_loop().remove_reader(self._listener.fileno())
+            self._listener.close()
+
+    def _accept(self) -> None:
+        peer, _ = self._listener.accept()
+        if self._peer is not None:
+            peer.close()
+            return
+        peer.setblocking(False)
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._peer = peer
+        self._read_once = True
+        asyncio.get_running_loop().add_reader(peer.fileno(), self._discard_input)
+
+    def _discard_input(self) -> None:
+        """Read what the host sent and forget it; an empty read means it hung up."""
+        if self._peer is None:
+            return
+        try:
+            gone = not self._peer.recv(_READ_SIZE)
+        except BlockingIOError:
+            return
+        except OSError:
+            gone = True
+        if gone:
+            self._hang_up()
+
+    def _pass_on(self) -> None:
+        if self._peer is None or not self._held:
+            return
+        try:
+            sent = self._peer.send(self._held)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._hang_up()
+            return
+        del self._held[:sent]
+
+    def _hang_up(self) -> None:
+        if self._peer is not None:
+            asyncio.get_running_loop().remove_reader(self._peer.fileno())
+            self._peer.close()
+            self._peer = None
+            self._held.clear()
+
+
+def open_port(kind: str) -> SensorPort:
+    """A port of the kind "pty" or "socket"; where ptys cannot be had, "pty" falls back to a socket."""
+    if kind == "pty":
+        try:
+            return PtyPort()
+        except OSError:
+            return SocketPort()
+    return SocketPort()

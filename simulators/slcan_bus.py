@@ -1,0 +1,172 @@
+"""A CAN bus on a TCP socket in the slcan format: every client and the ECU see every frame, but their own.
+
+Lines end in CR. `t` iii l dd..: standard frame, `T` iiiiiiii l dd..: extended, `r`/`R`: remote. `S` `s` `O` `L` `C` `Z` set
+the adapter up and are answered with CR, `V` and `N` with version and serial number, anything else with BEL. A client
+hears frames between its `O` (or `L`, listen only) and its `C`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable
+
+OK = b"\r"
+ERROR = b"\a"
+HIGHEST_BACKLOG = 64 * 1024
+LONGEST_LINE = 64
+MAXIMUM_DATA = 8
+
+
+class SlcanBus:
+    """The bus.
+
+    Attributes:
+        port: TCP port on 127.0.0.1 after `open`.
+        dropped_frames: frames not delivered because a client's socket was full.
+        silent: a fault: nothing passes in either direction.
+    """
+
+    def __init__(self, on_frame: Callable[[int, bytes], None]) -> None:
+        self.port = 0
+        self.dropped_frames = 0
+        self.silent = False
+        self._on_frame = on_frame
+        self._clients: list[SlcanClient] = []
+        self._server: asyncio.Server | None = None
+
+    async def open(self) -> None:
+        """Listen on a free port of the loopback interface."""
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(lambda: SlcanClient(self), "127.0.0.1", 0)
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    def close(self) -> None:
+        """Stop listening and hang up on every client."""
+        if self._server is not None:
+            self._server.close()
+        for client in list(self._clients):
+            client.hang_up()
+
+    @property
+    def congested(self) -> bool:
+        """Whether a listening client's socket takes no more at present."""
+        return any(client.backlog > HIGHEST_BACKLOG // 2 for client in self._clients if client.listening)
+
+    def send(self, frames: Iterable[tuple[int, bytes]]) -> None:
+        """Frames from the ECU to every listening client."""
+        lines = [standard_line(identifier, data) for identifier, data in frames]
+        if lines:
+            self.send_lines(lines)
+
+    def send_lines(self, lines: list[bytes], sender: SlcanClient | None = None) -> None:
+        """Ready-made lines to every listening client but the sender."""
+        if self.silent:
+            return
+        for client in self._clients:
+            if client is not sender and client.listening:
+                client.deliver(lines)
+
+    def received(self, line: bytes, sender: SlcanClient) -> None:
+        """A client's frame: to the other clients, and to the ECU when it is a standard data frame."""
+        if self.silent:
+            return
+        self.send_lines([line + OK], sender)
+        if line[:1] == b"t":
+            self._on_frame(int(line[1:4], 16), bytes.fromhex(line[5:].decode("ascii")))
+
+    def joined(self, client: SlcanClient) -> None:
+        """A client connected."""
+        self._clients.append(client)
+
+    def left(self, client: SlcanClient) -> None:
+        """A client hung up."""
+        if client in self._clients:
+            self._clients.remove(client)
+
+
+def standard_line(identifier: int, data: bytes) -> bytes:
+    """The slcan line of a standard data frame, its CR included."""
+    return b"t%03X%X%s\r" % (identifier, len(data), data.hex().upper().encode("ascii"))
+
+
+class SlcanClient(asyncio.Protocol):
+    """One connection: splits lines, answers the adapter's commands, hands frames to the bus."""
+
+    def __init__(self, bus: SlcanBus) -> None:
+        self.listening = False
+        self._transmits = False
+        self._bus = bus
+        self._rest = b""
+        self._transport: asyncio.Transport | None = None
+
+    @property
+    def backlog(self) -> int:
+        """Bytes that wait for the client's socket."""
+        return self._transport.get_write_buffer_size() if self._transport is not None else 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Join the bus, not yet listening.
+
+        Raises:
+            TypeError: the transport is no stream.
+        """
+        if not isinstance(transport, asyncio.Transport):
+            raise TypeError(f"slcan needs a stream transport, got {type(transport).__name__}")
+        self._transport = transport
+        self._bus.joined(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Leave the bus."""
+        del exc
+        self._bus.left(self)
+
+    def data_received(self, data: bytes) -> None:
+        """Split into lines; a chunk may begin and end anywhere."""
+        *lines, rest = (self._rest + data).split(b"\r")
+        self._rest = rest if len(rest) <= LONGEST_LINE else b""
+        answers = [self._answer(line) for line in lines if line]
+        if self._transport is not None and answers:
+            self._transport.write(b"".join(answers))
+
+    def deliver(self, lines: list[bytes]) -> None:
+        """Send lines; when the client does not read, drop and count them."""
+        if self._transport is None or self._transport.is_closing():
+            return
+        if self.backlog > HIGHEST_BACKLOG:
+            self._bus.dropped_frames += len(lines)
+            return
+        self._transport.write(b"".join(lines))
+
+    def hang_up(self) -> None:
+        """Close the connection at once."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def _answer(self, line: bytes) -> bytes:
+        kind = line[:1]
+        if kind in b"tTrR":
+            if not (self._transmits and well_formed(line)):
+                return ERROR
+            self._bus.received(line, self)
+            return (b"z" if kind in b"tr" else b"Z") + OK
+        if kind in b"OL":
+            self.listening, self._transmits = True, kind == b"O"
+            return OK
+        if kind == b"C":
+            self.listening = self._transmits = False
+            return OK
+        return {b"S": OK, b"s": OK, b"Z": OK, b"Y": OK, b"V": b"V1013\r", b"N": b"NSIM1\r", b"F": b"F00\r"}.get(kind, ERROR)
+
+
+def well_formed(line: bytes) -> bool:
+    """Whether a frame line has a readable identifier, a length up to 8 and as many data bytes as it says."""
+    digits = 3 if line[:1] in b"tr" else 8
+    head, body = line[1 : 1 + digits], line[2 + digits :]
+    try:
+        identifier, length = int(head, 16), int(line[1 + digits : 2 + digits], 16)
+        data = bytes.fromhex(body.decode("ascii"))
+    except ValueError:
+        return False
+    expected = 0 if line[:1] in b"rR" else length
+    highest = 0x7FF if digits == 3 else 0x1FFFFFFF
+    return len(head) == digits and identifier <= highest and length <= MAXIMUM_DATA and len(data) == expected

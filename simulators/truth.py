@@ -1,0 +1,149 @@
+"""What really happened: the plant's true state, every command and fault, in an HDF5 file of the run layout.
+
+While the rig runs, rows go to an append-only binary beside the file (`FILE.part`) and events to `FILE.events.jsonl`, so
+that a killed rig leaves them readable; at the end they become the HDF5 file and go.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocols.actuator import State
+from rig.clock import monotonic_ns
+from simulators.actuator import MODE_STATES
+from simulators.plant.plant import Plant
+
+ROW = np.dtype(
+    [("time", "<f8"), ("displacement", "<f4"), ("velocity", "<f4"), ("force", "<f4"), ("current", "<f4"),
+     ("coil_temperature", "<f4"), ("controller_state", "<i2")]
+)
+CHANNELS = (
+    ("displacement", "m", "True extension of the actuator"),
+    ("velocity", "m/s", "True velocity"),
+    ("force", "N", "True force at the load cell"),
+    ("current", "A", "True coil current"),
+    ("coil_temperature", "degC", "True damper and coil temperature"),
+    ("controller_state", "1", "Controller state: " + ", ".join(f"{state.value} {state.name}" for state in State)),
+)
+BLOCK_ROWS = 64
+_TRIPPED = 16
+STATE_OF_MODE = np.array([int(MODE_STATES[mode]) for mode in sorted(MODE_STATES)], np.int16)
+
+Attribute = str | int | float | list[str]
+
+
+class Truth:
+    """Collects the true state; a rig without `--truth` has none of these.
+
+    Attributes:
+        path: the HDF5 file that `finish` writes.
+    """
+
+    def __init__(self, path: Path, plant: Plant, rate_Hz: float) -> None:
+        self.path = path
+        self._plant = plant
+        self._every = max(1, round(1.0 / (plant.dt_s * rate_Hz)))
+        self._rows_path = path.with_name(path.name + ".part")
+        self._events_path = path.with_name(path.name + ".events.jsonl")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._rows = self._rows_path.open("wb", buffering=0)
+        self._events = self._events_path.open("w", encoding="utf-8")
+        self._pending: list[NDArray[Any]] = []
+        self._pending_rows = 0
+
+    def slice(self) -> None:
+        """Take the plant's last slice, thinned to the truth's rate."""
+        plant = self._plant
+        first = -(plant.first_step + 1) % self._every
+        out = plant.out[first :: self._every]
+        rows = np.empty(len(out), ROW)
+        rows["time"] = (plant.first_step + 1 + first + self._every * np.arange(len(out))) * plant.dt_s
+        for column, (name, _, _) in enumerate(CHANNELS[:-1]):
+            rows[name] = out[:, column]
+        rows["controller_state"] = _states(out[:, 5], int(plant.command["pressure"][0]))
+        self._pending.append(rows)
+        self._pending_rows += len(rows)
+        if self._pending_rows >= BLOCK_ROWS:
+            self._flush()
+
+    def note(self, code: str, text: str, time_s: float | None = None) -> None:
+        """Log a command, a fault or a trip at simulated time `time_s` (s), now when not given."""
+        time_ns = round((self._plant.time_s if time_s is None else time_s) * 1e9)
+        record = {"time_ns": time_ns, "host_ns": monotonic_ns(), "code": code, "text": text}
+        self._events.write(json.dumps(record) + "\n")
+        self._events.flush()
+
+    def finish(self, test: Mapping[str, Attribute], quality: Mapping[str, Attribute], provenance: Mapping[str, Attribute]) -> None:
+        """Write the HDF5 file from what was collected and remove the pieces.
+
+        Args:
+            test: damper model, parameters, specimen.
+            quality: dropped counts.
+            provenance: seed, speed, options.
+
+        Raises:
+            OSError: the file cannot be written; the pieces stay.
+        """
+        self._flush()
+        self._rows.close()
+        self._events.close()
+        convert(self.path, self._rows_path, self._events_path, 1.0 / (self._plant.dt_s * self._every), test, quality, provenance)
+        self._rows_path.unlink()
+        self._events_path.unlink()
+
+    def _flush(self) -> None:
+        for rows in self._pending:
+            self._rows.write(rows.tobytes())
+        self._pending.clear()
+        self._pending_rows = 0
+
+
+def _states(mode_and_trip: NDArray[np.float64], pressure: int) -> NDArray[np.int16]:
+    """Controller states (n,) from the plant's last column: mode, plus 16 when tripped."""
+    coded = mode_and_trip.astype(np.int64)
+    states = STATE_OF_MODE[coded % _TRIPPED]
+    if pressure == 1:
+        states = np.where(states == State.HOLD, np.int16(State.LOW), states)
+    return np.where(coded >= _TRIPPED, np.int16(State.TRIPPED), states)
+
+
+def convert(
+    path: Path,
+    rows_path: Path,
+    events_path: Path,
+    rate_Hz: float,
+    test: Mapping[str, Attribute],
+    quality: Mapping[str, Attribute],
+    provenance: Mapping[str, Attribute],
+) -> None:
+    """Make the HDF5 file of the collected rows and events; an unfinished last row or line is left out.
+
+    Raises:
+        OSError: a piece cannot be read or the file not be written.
+    """
+    from rig.recording.layout import AlignedChannel, Event, PointFile, write_file
+
+    raw = rows_path.read_bytes()
+    rows = np.frombuffer(raw[: len(raw) // ROW.itemsize * ROW.itemsize], ROW)
+    events = []
+    for line in events_path.read_text(encoding="utf-8").splitlines(keepends=True):
+        if line.endswith("\n"):
+            record = json.loads(line)
+            events.append(Event(record["time_ns"], record["code"], f"{record['text']}; host_ns={record['host_ns']}"))
+    channels = [
+        AlignedChannel(name, rows[name].astype(np.int8 if name == "controller_state" else np.float32), unit, long_name, "plant")
+        for name, unit, long_name in CHANNELS
+    ]
+    write_file(
+        path,
+        PointFile(
+            rows["time"].astype(np.float64), rate_Hz, channels, events=events, test=test, quality=quality,
+            provenance=provenance, title="True state of the simulated rig",
+        ),
+    )
