@@ -31,7 +31,8 @@ from rig.recording.campaign_log import CampaignLog
 from rig.recording.finaliser import Finaliser
 from rig.station.client import StationClient, StationLost
 
-SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the ring's pages must never wait for a disk; its name is unique
+SHARED_MEMORY = Path("/dev/shm")
+"""The ring lies in memory where there is such a place: its pages must never wait for a disk."""
 
 
 def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:

@@ -1,0 +1,136 @@
+"""Ring records in, facts out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.ring import Channel
+from protocols.actuator import State
+from rig.campaign import event as ev
+from rig.campaign.observer import Observer
+from rig.campaign.preflight import RestLimits, judge_rest
+from rig.recording.layout import RECORD_DTYPE
+
+LIMITS = RestLimits(force_N=5000.0, position_min_m=-0.085, position_max_m=0.085, disagreement_m=0.005)
+
+
+def records(*rows: tuple[Channel, int, float]) -> NDArray[Any]:
+    """Records of (channel, arrival ns, value); the device clock is the arrival in microseconds."""
+    block = np.zeros(len(rows), RECORD_DTYPE)
+    for index, (channel, host_ns, value) in enumerate(rows):
+        block[index]["channel"], block[index]["host_ns"], block[index]["value"] = channel, host_ns, value
+        block[index]["device_us"] = host_ns // 1000
+    return block
+
+
+def status(host_ns: int, state: State, position_m: float = 0.0, pulses: int = 0) -> NDArray[Any]:
+    return records(
+        (Channel.STATE, host_ns, state), (Channel.POSITION, host_ns, position_m), (Channel.PULSE, host_ns, pulses)
+    )
+
+
+def test_the_centre_is_reached_when_the_actuator_holds_there_after_the_move() -> None:
+    observer = Observer()
+    observer.await_centre(0.010, since_ns=100)
+    assert observer.observe(status(50, State.HOLD, 0.010)) is None
+    assert observer.observe(status(150, State.MOVING, 0.010)) is None
+    assert observer.observe(status(200, State.HOLD, 0.004)) is None
+    assert observer.observe(status(300, State.HOLD, 0.0101)) == ev.Centred()
+    assert observer.observe(status(400, State.HOLD, 0.010)) is None, "a fact is reported once"
+
+
+def test_a_program_has_ended_when_it_was_seen_running_and_holds_again() -> None:
+    observer = Observer()
+    observer.observe(status(50, State.HOLD))
+    observer.await_program(0.0, since_ns=100)
+    assert observer.observe(status(150, State.HOLD)) is None, "still the hold from before the start"
+    assert observer.observe(status(200, State.RUNNING, 0.01)) is None
+    assert observer.observe(status(300, State.HOLD, 0.002)) == ev.ProgramEnded(at_centre=False)
+
+
+def test_a_program_too_short_to_be_seen_is_known_by_its_pulses() -> None:
+    observer = Observer()
+    observer.observe(status(50, State.HOLD, pulses=7))
+    observer.await_program(0.0, since_ns=100)
+    assert observer.observe(status(150, State.HOLD, pulses=7)) is None
+    assert observer.observe(status(200, State.HOLD, pulses=12)) == ev.ProgramEnded(at_centre=True)
+
+
+def test_a_program_that_tripped_has_not_ended() -> None:
+    observer = Observer()
+    observer.await_program(0.0, since_ns=100)
+    assert observer.observe(status(150, State.RUNNING)) is None
+    assert observer.observe(status(200, State.TRIPPED)) is None
+
+
+def test_the_current_is_settled_after_three_samples_in_a_row_within_tolerance() -> None:
+    observer = Observer()
+    observer.await_current(1.0, 0.02, since_ns=100)
+    current = Channel.COIL_CURRENT
+    assert observer.observe(records((current, 50, 1.0), (current, 110, 1.0), (current, 120, 0.99))) is None
+    assert observer.observe(records((current, 130, 1.03), (current, 140, 1.0), (current, 150, 1.01))) is None
+    assert observer.observe(records((current, 160, 0.985))) == ev.CurrentSettled()
+
+
+def test_a_rest_passes_on_the_controllers_clock() -> None:
+    observer = Observer()
+    observer.observe(status(1_000_000_000, State.HOLD))
+    observer.await_rest(2.0)
+    assert observer.observe(status(2_900_000_000, State.HOLD)) is None
+    assert observer.observe(status(3_000_000_000, State.HOLD)) == ev.RestOver()
+
+
+def test_zeros_are_judged_over_the_rest_window() -> None:
+    observer = Observer()
+    observer.observe(status(1_000_000_000, State.OFF))
+    observer.await_zeros(LIMITS)
+    block = [(channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in (Channel.FORCE, Channel.DISPLACEMENT)]
+    assert observer.observe(records(*block)) is None
+    assert observer.observe(status(1_300_000_000, State.OFF)) == ev.ZerosJudged(None)
+
+
+def test_live_values_are_the_last_ones() -> None:
+    observer = Observer()
+    observer.observe(records((Channel.FORCE, 1, 10.0), (Channel.FORCE, 2, 12.0), (Channel.COIL_CURRENT, 2, 0.5)))
+    assert observer.live() == {"force_N": 12.0, "current_A": 0.5}
+
+
+def rest(
+    force_N: float = -270.0, noise_N: float = 5.0, lvdt_m: float = 0.0, lvdt_noise_m: float = 5e-6, samples: int = 50
+) -> dict[str, NDArray[np.float64]]:
+    wobble = np.where(np.arange(samples) % 2, 1.0, -1.0)
+    return {
+        "force_N": force_N + noise_N * wobble,
+        "displacement_m": lvdt_m + lvdt_noise_m * wobble,
+        "position_m": np.zeros(20),
+    }
+
+
+def test_a_tared_rig_with_gas_force_passes() -> None:
+    assert judge_rest(**rest(), limits=LIMITS) is None
+
+
+@pytest.mark.parametrize(
+    ("shown", "named"),
+    [
+        (rest(force_N=1200.0), "load cell at rest"),
+        (rest(noise_N=150.0), "load cell's noise"),
+        (rest(lvdt_m=0.006), "LVDT against controller"),
+        (rest(lvdt_noise_m=1e-3), "LVDT's noise"),
+        (rest(samples=5), "load cell: 5 samples"),
+        (rest(force_N=float("nan")), "finite"),
+        (rest(lvdt_m=float("inf")), "finite"),
+    ],
+    ids=["offset", "noisy", "apart", "moving", "too-few", "nan", "inf"],
+)
+def test_a_rig_that_is_not_tared_or_not_at_rest_is_refused_by_name(
+    shown: dict[str, NDArray[np.float64]], named: str
+) -> None:
+    cause = judge_rest(**shown, limits=LIMITS)
+    assert cause is not None
+    assert cause.slug == "not-tared"
+    assert named in cause.detail
