@@ -25,7 +25,7 @@ from rig.campaign.signals import Signals
 from rig.campaign.simulated import SimulatedRig
 from rig.campaign.state import RigState
 from rig.errors import Refused, RigError
-from rig.matrix.model import Matrix, load_matrix
+from rig.matrix.model import Matrix, Specimen, load_matrix
 from rig.matrix.plan import Plan, plan
 from rig.recording.campaign_log import CampaignLog
 from rig.recording.finaliser import Finaliser
@@ -62,7 +62,7 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         finaliser = Finaliser.start(folder)
         ends.callback(finaliser.close)
         copy_into(options.matrix_path, folder, "matrix.toml")
-        bench_path = ends.enter_context(_rig(folder, options, display))
+        bench_path = ends.enter_context(_rig(folder, options, matrix.specimen, display))
         copy_into(bench_path, folder, "bench.toml")
         bench = Bench.load(bench_path)
         start = _Start(folder, matrix, bench, _accepted(matrix, bench), options)
@@ -102,13 +102,13 @@ def _accepted(matrix: Matrix, bench: Bench) -> Plan:
 
 
 @contextmanager
-def _rig(folder: Path, options: CampaignOptions, display: Display) -> Iterator[Path]:
+def _rig(folder: Path, options: CampaignOptions, specimen: Specimen, display: Display) -> Iterator[Path]:
     """The bench file of the rig to use; a simulated one runs while the block does, and leaves its truth."""
     if options.bench_path is not None:
         yield options.bench_path
         return
     display.phase("starting the simulated rig")
-    simulated = SimulatedRig.start(folder, options)
+    simulated = SimulatedRig.start(folder, options, specimen)
     try:
         yield simulated.bench_path
     finally:

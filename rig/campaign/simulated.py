@@ -12,6 +12,7 @@ from pathlib import Path
 from rig.campaign.options import CampaignOptions
 from rig.clock import monotonic_ns
 from rig.errors import Refused
+from rig.matrix.model import Specimen
 
 START_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 60.0
@@ -32,14 +33,19 @@ class SimulatedRig:
     truth_path: Path
 
     @classmethod
-    def start(cls, folder: Path, options: CampaignOptions) -> SimulatedRig:
+    def start(cls, folder: Path, options: CampaignOptions, specimen: Specimen) -> SimulatedRig:
         """Start it with its truth file and log in `folder`; return when every one of its ports is open.
+
+        It is given the specimen's serial number and mid-stroke, and told to end by itself, at standstill, should this
+        process die.
 
         Raises:
             Refused: it ended before it was ready, or was not ready in time; the end of its log is in the message.
         """
         truth_path, log_path = folder / "truth.h5", folder / "simulator.log"
         arguments = ["--speed", str(options.speed), "--seed", str(options.seed), "--truth", str(truth_path)]
+        arguments += ["--exit-when-idle", "--specimen", f'serial_number="{specimen.serial_number}"']
+        arguments += ["--specimen", f"mid_stroke_m={specimen.mid_stroke_m}"]
         with log_path.open("ab") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "simulators", *arguments, *options.simulator_args],
