@@ -1,7 +1,7 @@
 """The weighted normal equations of an algebraic model, with everything that does not depend on its shape summed once.
 
-For shape parameters theta the force is linear in c: F = X c_fixed + (c_0 + c_1 I) y(theta). Solving for c inside leaves a
-function of theta alone (variable projection, Golub and Pereyra 1973); its gradient uses Kaufman's (1975) simplification.
+For shape parameters theta the force is linear in c: F = X c_fixed + (c_0 + c_1 I) y(theta). Solving for c inside leaves
+a function of theta alone (variable projection, Golub and Pereyra 1973); its slope uses Kaufman's (1975) simplification.
 Only sums over samples are kept, so any number of samples is streamed in pieces.
 """
 
@@ -23,6 +23,31 @@ Weight = Literal["v", "1"]
 PIECE = 32768
 KEEP_BELOW = 2_000_000  # samples up to which the regressors stay in memory
 SINGULAR = 1e-11  # directions of the scaled normal matrix below this share of the largest carry no information
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """Which samples count, and how much.
+
+    Attributes:
+        weight: "v" weighs each sample by its speed (equation 12), "1" does not.
+        guard_s: time (s) around u = 0 whose samples do not count: neither the sensor's filter nor the clocks let one say
+            on which side of the tanh models' jump they lie.
+        extra: further weights, one array (n,) a measurement (robust losses).
+    """
+
+    weight: Weight = "1"
+    guard_s: float = 0.0
+    extra: tuple[FloatArray, ...] | None = None
+
+    def of(self, each: Measurement, index: int) -> FloatArray:
+        """Weight of each sample of measurement number `index`, shape (n,), not negative."""
+        weights = np.abs(each.v_m_s) if self.weight == "v" else np.ones_like(each.v_m_s)
+        if self.guard_s > 0.0:
+            weights[np.abs(each.u_m) < self.guard_s * np.abs(each.v_m_s)] = 0.0
+        if each.usable is not None:
+            weights[~each.usable] = 0.0
+        return weights if self.extra is None else weights * self.extra[index]
 
 
 @dataclass(frozen=True)
@@ -63,19 +88,15 @@ class Projection:
         self,
         model: AlgebraicModel,
         measurements: Sequence[Measurement],
-        weight: Weight,
+        weighting: Weighting,
         *,
         every: int = 1,
-        guard_s: float = 0.0,
-        extra_weight: Sequence[FloatArray] | None = None,
         without: frozenset[str] = frozenset(),
     ) -> None:
         self.model = model
         self._measurements = tuple(measurements)
-        self._weight = weight
+        self._weighting = weighting
         self._every = every
-        self._guard_s = guard_s
-        self._extra = extra_weight
         self.evaluations = 0
         self.samples = 0
         self._kept: list[Piece] | None = None
@@ -97,12 +118,11 @@ class Projection:
 
     def _stream(self) -> Iterator[Piece]:
         for index, each in enumerate(self._measurements):
+            weights = self._weighting.of(each, index)
             for start in range(0, each.u_m.size, PIECE * self._every):
                 rows = slice(start, min(start + PIECE * self._every, each.u_m.size), self._every)
                 u, v, a, current = each.u_m[rows], each.v_m_s[rows], each.a_m_s2[rows], each.current_A[rows]
-                weight = sample_weight(each, self._weight, self._guard_s)[rows]
-                if self._extra is not None:
-                    weight = weight * self._extra[index][rows]
+                weight = weights[rows]
                 fixed = self.model.fixed_columns(u, v, a, current) * weight[:, None]
                 yield Piece(fixed, each.force_N[rows] * weight, weight, u, v, current)
 
@@ -157,23 +177,8 @@ class Projection:
         return Inner(objective, linear, gradient, np.asarray(curvature))
 
 
-def sample_weight(each: Measurement, weight: Weight, guard_s: float = 0.0) -> FloatArray:
-    """Weight of each sample, shape (n,): the speed or 1; 0 where no force was measured or u is about to change its sign.
-
-    `guard_s` is the time (s) around u = 0 in which neither the sensor's filter nor the clocks let one say on which side
-    of the tanh models' jump a sample lies.
-    """
-    weights = each.v_m_s.copy() if weight == "v" else np.ones_like(each.v_m_s)
-    np.abs(weights, out=weights)
-    if guard_s > 0.0:
-        weights[np.abs(each.u_m) < guard_s * np.abs(each.v_m_s)] = 0.0
-    if each.usable is not None:
-        weights[~each.usable] = 0.0
-    return weights
-
-
 def scaled_inverse(normal: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """A solver of the normal equations: columns scaled to one, directions without information left at zero."""
+    """A solver of normal equations, for right sides (k,) or (k, m): directions without information stay at zero."""
     scale = np.sqrt(np.diag(normal))
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
@@ -181,7 +186,8 @@ def scaled_inverse(normal: FloatArray) -> Callable[[FloatArray], FloatArray]:
     half = vectors[:, carrying] / scale[:, None]
 
     def solve(right: FloatArray) -> FloatArray:
-        result: FloatArray = half @ ((half.T @ right) / values[carrying])
+        projected = half.T @ right
+        result: FloatArray = half @ (projected.T / values[carrying]).T
         return result
 
     return solve

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rig.dampers.algebraic import AlgebraicModel
 from rig.identification.measurement import Measurement
-from rig.identification.projection import Inner, Projection, Weight
+from rig.identification.projection import Inner, Projection, Weighting
 
 FloatArray = NDArray[np.float64]
 
@@ -47,11 +47,9 @@ class Solution:
 def solve_separable(
     measurements: Sequence[Measurement],
     model: AlgebraicModel,
-    weight: Weight = "1",
+    weighting: Weighting | None = None,
     *,
-    guard_s: float = 0.0,
     non_negative: frozenset[str] = frozenset({"m"}),
-    extra_weight: Sequence[FloatArray] | None = None,
     start: FloatArray | None = None,
 ) -> Solution:
     """Fit an algebraic model.
@@ -59,23 +57,21 @@ def solve_separable(
     Args:
         measurements: the tests.
         model: an algebraic damper model.
-        weight: "v" (equation 12) or "1".
-        guard_s: time around u = 0 (s) whose samples do not count.
+        weighting: which samples count, and how much; all alike by default.
         non_negative: parameters that must not be negative; one that would be is held at zero.
-        extra_weight: further weights, one array (n,) a measurement (robust losses).
         start: shape parameters to start from instead of the grid, shape (s,).
 
     Returns:
         The best solution found; `values` in SI by name.
     """
-    settings = {"guard_s": guard_s, "extra_weight": extra_weight}
-    full = Projection(model, measurements, weight, **settings)  # type: ignore[arg-type] - keyword values differ in type
+    weighting = weighting or Weighting()
+    full = Projection(model, measurements, weighting)
     thinned_cost = 0.0
     if model.shape_names:
         starts = [start] if start is not None else []
         if start is None:
             every = max(1, full.samples // THINNED_SAMPLES)
-            thin = Projection(model, measurements, weight, every=every, **settings)  # type: ignore[arg-type] - as above
+            thin = Projection(model, measurements, weighting, every=every)
             top_speed = max(float(np.max(np.abs(each.v_m_s))) for each in measurements)
             refined = [_levenberg_marquardt(thin, each) for each in _best_of_grid(thin, top_speed)]
             starts = [each for each, _ in sorted(refined, key=lambda found: found[1].objective)[:2]]
@@ -90,7 +86,7 @@ def solve_separable(
     bound = tuple(name for name in names if name in non_negative and values[name] < 0.0)
     evaluations = full.evaluations + int(np.ceil(thinned_cost))
     if bound:
-        held = Projection(model, measurements, weight, without=frozenset(bound), **settings)  # type: ignore[arg-type] - as above
+        held = Projection(model, measurements, weighting, without=frozenset(bound))
         shape, inner = _levenberg_marquardt(held, shape) if shape.size else (shape, held.solve(shape, slope=False))
         values = {**dict(zip(names, inner.linear, strict=True)), **dict(zip(model.shape_names, shape, strict=True))}
         evaluations += held.evaluations
