@@ -308,9 +308,9 @@ class Bench(Section):
             if sensor.stale_after_s < shortest:
                 message = f"is less than two samples; allowed: at least {units.show(shortest, 'ms')}"
                 problems.append(((*place, "stale_after"), message))
-        shortest = 3.0 * max(self.actuator.poll_s, self.actuator.timeout_s)
+        shortest = 2.0 * max(self.actuator.poll_s, self.actuator.timeout_s)
         if self.actuator.watchdog_s < shortest:
-            message = f"is less than three polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
+            message = f"is less than two polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
             problems.append((("actuator", "watchdog"), message))
         if self.ecu.stale_after_s < 2.0 * self.ecu.command_period_s:
             shortest = 2.0 * self.ecu.command_period_s

@@ -7,6 +7,7 @@ on its standard input, {"run", "identify": {"model", "method", "holdout"} or nul
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import sys
@@ -44,7 +45,8 @@ def analyse(run: Path, wanted: Mapping[str, Any] | None) -> dict[str, Any]:
 def main() -> int:
     """Serve requests until the input ends."""
     os.nice(NICENESS)
-    _load()
+    for room in ("rig.identification", "rig.report"):
+        importlib.import_module(room)
     for line in sys.stdin:
         request = json.loads(line)
         try:
@@ -54,12 +56,6 @@ def main() -> int:
         sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()
     return 0
-
-
-def _load() -> None:
-    """Import what a request will need."""
-    import rig.identification
-    import rig.report  # noqa: F401 - loaded, to be used by the first request
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION
+from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ALL_VALID
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -90,7 +90,7 @@ def run_job(options: CampaignOptions, identify: Identify | None, console: Consol
     Raises:
         RigError: refused before a campaign directory exists.
     """
-    from rig.campaign.runner import run_campaign
+    from rig.campaign import run_campaign
     from rig.cli.display import display_for
 
     with Analyst() as analyst:
@@ -99,8 +99,8 @@ def run_job(options: CampaignOptions, identify: Identify | None, console: Consol
         recorded = [point for point in result.points if point.file is not None]
         if not recorded:
             return JobResult(result, None, None, None)
-        usable = result.exit_code in {EXIT_DONE, 5} and any(point.verdict != "invalid" for point in recorded)
-        with console.status("identifying and writing the report") if console.is_terminal else _Quiet():
+        usable = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID} and any(point.verdict != "invalid" for point in recorded)
+        with console.status("identifying and writing the report"):
             answer = analyst.analyse(result.campaign, identify if usable else None)
     if answer.get("report_error"):
         console.print(f"warning: no report: {answer['report_error']}", style="yellow", markup=False)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import click
 
 from rig import __version__
-from rig.cli.output import write_json
+from rig.cli.output import write_examples, write_json
 from rig.cli.packages import foreign_packages
 from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, Refused, RigError, Stopped
 
@@ -27,8 +27,21 @@ COMMANDS = {
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
 }
 
-EPILOG = """Exit codes: 0 done; 2 bad usage or file; 3 refused before motion; 4 stopped by a fault or the operator, rig
-safe; 5 finished, but some points are not valid; 6 identification failed; 7 rig state unknown: go and look."""
+EXAMPLES = (
+    "rig demo",
+    "rig plan examples/table1.toml --bench examples/demo-bench.toml",
+    "rig run examples/table1.toml --simulate --speed 50",
+)
+
+EXIT_CODES = (
+    ("0", "done"),
+    ("2", "bad usage or file"),
+    ("3", "refused before motion"),
+    ("4", "stopped by a fault or the operator; the rig is safe"),
+    ("5", "finished, but some points are not valid"),
+    ("6", "identification failed"),
+    ("7", "rig state unknown: go and look"),
+)
 
 
 class LazyGroup(click.Group):
@@ -53,17 +66,18 @@ class LazyGroup(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Examples and exit codes."""
+        del ctx
+        write_examples(formatter, EXAMPLES)
+        with formatter.section("Exit codes"):
+            formatter.write_dl(list(EXIT_CODES))
 
-@click.group(cls=LazyGroup, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="rig", message="%(prog)s %(version)s")
 def cli() -> None:
-    """Controller for an MR-damper test rig: plan, run, record, identify.
-
-    \b
-    Try:  rig demo
-          rig plan examples/table1.toml --bench examples/demo-bench.toml
-          rig run examples/table1.toml --simulate --speed 50
-    """
+    """Controller for an MR-damper test rig: plan, run, record, identify."""
 
 
 def main(arguments: Sequence[str]) -> int:

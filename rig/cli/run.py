@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,6 +85,8 @@ def _check_usage(
     """
     if simulate == (bench is not None):
         raise click.UsageError("give either --bench FILE or --simulate")
+    if speed is not None and not math.isfinite(speed):
+        raise click.UsageError("--speed takes a number between 0.01 and 1000")
     if simulator_args and not simulator_args[0].startswith("-"):
         raise click.UsageError(f"one matrix at a time; what is {simulator_args[0]}?")
     given = {"--speed": speed is not None, "--seed": seed is not None, "arguments after --": bool(simulator_args)}
@@ -109,7 +112,8 @@ def show_result(result: JobResult, shown: Console) -> None:
         cause = f"{campaign.stopped_by}: {campaign.detail}" if campaign.stopped_by else campaign.detail
         shown.print(Text(f"{'refused' if campaign.refused else 'stopped'} by {cause}", style="red"))
     if campaign.rig_state == "unknown":
-        shown.print(Text("THE RIG'S STATE IS UNKNOWN: standstill or 0 A could not be proved. Go and look.", style="red"))
+        text = "THE RIG'S STATE IS UNKNOWN: standstill or 0 A could not be proved. Go and look."
+        shown.print(Text(text, style="bold red"))
     if result.fit is not None:
         for part in fit_tables(json.loads(result.fit.read_text(encoding="utf-8"))):
             shown.print(part)

@@ -19,14 +19,23 @@ from rig.errors import EXIT_DONE, FileProblem
 @json_option
 def command(folder: Path, as_json: bool) -> int:
     """List the runs in a folder, oldest first."""
+    listed = _listed(folder)
+    if as_json:
+        write_json({"runs": listed})
+    else:
+        _show(listed, folder)
+    return EXIT_DONE
+
+
+def _listed(folder: Path) -> list[dict[str, Any]]:
+    """One summary a run.
+
+    Raises:
+        FileProblem: there is no such folder.
+    """
     if not folder.is_dir():
         raise FileProblem(str(folder), ["there is no such folder; runs are made in logs/ or where --out said"])
-    runs = [_summary(place) for place in sorted(folder.iterdir()) if (place / "points").is_dir()]
-    if as_json:
-        write_json({"runs": runs})
-        return EXIT_DONE
-    _show(runs, folder)
-    return EXIT_DONE
+    return [_summary(place) for place in sorted(folder.iterdir()) if (place / "points").is_dir()]
 
 
 def _show(runs: list[dict[str, Any]], folder: Path) -> None:
@@ -61,9 +70,15 @@ def _summary(place: Path) -> dict[str, Any]:
         summary["specimen"] = str(read_campaign(place).get("specimen", ""))
         run = Run.open(place)
         summary |= {"points": len(run.points), "valid": sum(point.verdict == "valid" for point in run.points)}
-        fit = place / "fit.json"
-        if fit.is_file():
-            summary["nrmse_percent_of_peak"] = json.loads(fit.read_text(encoding="utf-8"))["error"]["nrmse_percent_of_peak"]
+        summary["nrmse_percent_of_peak"] = _fit_error(place / "fit.json")
     except (FileProblem, ValueError, KeyError) as error:
         summary["remark"] = error.problems[0] if isinstance(error, FileProblem) else f"fit.json: {error}"
     return summary
+
+
+def _fit_error(path: Path) -> float | None:
+    """The fit's mean error in percent of peak; None when nothing was fitted."""
+    if not path.is_file():
+        return None
+    error: float = json.loads(path.read_text(encoding="utf-8"))["error"]["nrmse_percent_of_peak"]
+    return error

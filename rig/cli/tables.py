@@ -70,8 +70,8 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
     With `truth` (parameter values of a simulated damper) its column and whether the interval holds it are added.
     """
     table = Table(title=f"Fit: {fit['model']} by {fit['method']}", title_justify="left")
-    intervals = "simultaneous 95 %" if any("simultaneous_low" in entry for entry in fit["parameters"].values()) else "95 %"
-    for name in ("parameter", "value", f"{intervals} interval", "unit"):
+    simultaneous = any("simultaneous_low" in entry for entry in fit["parameters"].values())
+    for name in ("parameter", "value", f"{'simultaneous ' if simultaneous else ''}95 % interval", "unit"):
         table.add_column(name, justify="right" if name == "value" else "left")
     if truth is not None:
         table.add_column("truth", justify="right")

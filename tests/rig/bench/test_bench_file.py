@@ -91,7 +91,7 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
         ("due = 2030-01-01", 'due = "2030-01-01"', "must be a date such as 2030-01-01"),
         ('format = "frame16"', 'format = "frame17"', "unknown format; this version knows frame16"),
         ('stale_after = "20 ms"', 'stale_after = "6 ms"', "less than two samples; allowed: at least 8 ms"),
-        ('watchdog = "500 ms"', 'watchdog = "100 ms"', "less than three polls or time-outs; allowed: at least 120 ms"),
+        ('watchdog = "500 ms"', 'watchdog = "60 ms"', "less than two polls or time-outs; allowed: at least 80 ms"),
         ('stale_after = "30 ms"', 'stale_after = "15 ms"', "less than two status frames; allowed: at least 20 ms"),
         ("by-id/usb-lvdt", "by-id/usb-load-cell", "lvdt.url"),
         ('range = "10 kN"', 'range = "4 kN"', "beyond the load cell's range; allowed: at most 4 kN"),

@@ -1,0 +1,32 @@
+"""`rig recover`: what a crash left behind becomes finished points."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from rig.cli.output import Command, json_option, write_json
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
+
+
+@click.command(name="recover", cls=Command, examples=("rig recover logs/20260102T030405Z-MR-001-ab12cd",))
+@click.argument("run", type=click.Path(path_type=Path))
+@json_option
+def command(run: Path, as_json: bool) -> int:
+    """Finish what a broken campaign left in RUN: every journal becomes a point's file, marked recovered.
+
+    Finished points are not touched. Exit 5 when something recovered is not valid, as a point that was cut off is.
+    """
+    from rig.recording.recovery import recover
+
+    finished = recover(run)
+    if as_json:
+        write_json({"campaign": run.resolve(), "points": [asdict(item) for item in finished]})
+    elif not finished:
+        click.echo("nothing to recover")
+    else:
+        for item in finished:
+            click.echo("  ".join(filter(None, (item.id, item.verdict, *item.reasons, item.error, item.file))))
+    return EXIT_DONE if all(item.verdict == "valid" for item in finished) else EXIT_NOT_ALL_VALID

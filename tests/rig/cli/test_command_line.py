@@ -1,0 +1,193 @@
+"""The command line as a user meets it: real processes, exit codes, one JSON object, clear messages."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.cli.main import COMMANDS
+from rig.cli.packages import foreign_packages
+
+ROOT = Path(__file__).parents[3]
+EXAMPLES = ROOT / "examples"
+TABLE1 = str(EXAMPLES / "table1.toml")
+DEMO = str(EXAMPLES / "demo-bench.toml")
+PAPER = str(EXAMPLES / "paper-bench.toml")
+
+# What the help must not load: numbers, validation, plots, devices.
+HEAVY = ("numpy", "pydantic", "pandas", "h5py", "scipy", "numba", "matplotlib", "rich", "can", "pymodbus", "serial")
+
+
+def rig(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "rig.cli.main", *arguments], capture_output=True, text=True, cwd=cwd, timeout=120, check=False
+    )
+
+
+def one_object(result: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    value = json.loads(result.stdout)
+    assert isinstance(value, dict)
+    return value
+
+
+def test_help_loads_nothing_heavy_and_costs_less_than_a_fifth_of_a_second_of_CPU() -> None:
+    script = (
+        "import sys\nfrom rig.cli.main import main\ncode = main(['--help'])\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)\nsys.exit(code)"
+    )
+    costs = []
+    for _ in range(3):
+        before = os.times()
+        result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+        after = os.times()
+        costs.append(after.children_user - before.children_user + after.children_system - before.children_system)
+        assert result.stderr.strip() == "[]"
+    assert all(name in result.stdout for name in COMMANDS)
+    assert min(costs) < 0.2
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help_with_an_example_and_json(name: str) -> None:
+    result = rig(name, "--help")
+    assert result.returncode == 0, result.stderr
+    assert re.search(rf"Examples?:\n +rig {name}", result.stdout), result.stdout
+    assert "--json" in result.stdout or name == "simulate"
+
+
+def test_the_plan_refuses_table_1_on_the_papers_machine_with_exit_3_and_the_amplitudes_that_fit() -> None:
+    result = rig("plan", TABLE1, "--bench", PAPER, "--json")
+    assert result.returncode == 3
+    points = one_object(result)["points"]
+    assert {point["verdict"] for point in points} == {"infeasible"}
+    fits = [point["would_fit"]["amplitude_m"] for point in points[:4]]
+    assert fits == pytest.approx([0.04774, 0.02387, 0.01591, 0.01193])
+    text = rig("plan", TABLE1, "--bench", PAPER)
+    assert text.returncode == 3
+    assert "20 of 20 points infeasible" in text.stdout
+    assert "47.74 mm" in re.sub(r"\s+", " ", text.stdout.replace("│", " "))
+
+
+def test_the_plan_accepts_table_1_on_the_demo_bench_and_gives_the_documented_keys() -> None:
+    result = rig("plan", TABLE1, "--bench", DEMO, "--json")
+    assert result.returncode == 0
+    plan = one_object(result)
+    assert plan["feasible"] is True
+    assert plan["duration_s"] > 250
+    keys = {"id", "peak_speed_m_s", "peak_acceleration_m_s2", "predicted_force_N", "energy_J", "duration_s", "verdict",
+            "reason", "would_fit"}  # fmt: skip
+    assert all(keys <= point.keys() for point in plan["points"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("plan", "none.toml", "--bench", DEMO), "none.toml: there is no such file"),
+        (("plan", TABLE1), "Missing option '--bench'"),
+        (("plan", DEMO, "--bench", DEMO), ": unknown key"),
+        (("rum",), "No such command 'rum'"),
+        (("run", TABLE1), "give either --bench FILE or --simulate"),
+        (("run", TABLE1, "--simulate", "--bench", DEMO), "give either --bench FILE or --simulate"),
+        (("run", TABLE1, "--bench", DEMO, "--speed", "2"), "--speed belong"),
+        (("run", TABLE1, "--bench", DEMO, "--", "--fault", "sigint"), "arguments after --"),
+        (("run", TABLE1, TABLE1, "--simulate"), "one matrix at a time"),
+        (("run", TABLE1, "--simulate", "--speed", "0"), "--speed"),
+        (("run", TABLE1, "--simulate", "--speed", "nan"), "--speed"),
+        (("runs", "--in", "nowhere"), "nowhere: there is no such folder"),
+        (("recover", "nowhere"), "nowhere: not a campaign's directory"),
+        (("schema", "rig"), "'rig' is not one of 'bench', 'matrix'"),
+        (("import", "x.csv", "--column", "time"), "is not of the form displacement=x_m"),
+        (("import", "x.csv", "--column", "time=t_s"), "displacement: no column named"),
+        (("import", "x.csv", "--current", "0.5"), "0.5 has no unit"),
+    ],
+)
+def test_bad_usage_and_bad_files_end_in_exit_2_with_one_message_and_no_traceback(
+    arguments: tuple[str, ...], message: str
+) -> None:
+    result = rig(*arguments)
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+    assert result.stdout == ""
+    where = arguments.index("--") if "--" in arguments else len(arguments)
+    told = rig(*arguments[:where], "--json", *arguments[where:])
+    assert told.returncode == 2
+    error = one_object(told)
+    assert message in error["error"]
+    assert error["exit_code"] == 2
+
+
+def test_every_problem_of_a_file_is_in_the_json() -> None:
+    error = one_object(rig("plan", DEMO, "--bench", DEMO, "--json"))
+    assert error["file"] == DEMO
+    assert len(error["problems"]) > 5
+
+
+@pytest.mark.parametrize("name", ["bench", "matrix"])
+def test_the_schema_knows_units_and_refuses_unknown_keys(name: str) -> None:
+    schema = one_object(rig("schema", name))
+    assert schema["additionalProperties"] is False
+    section = schema["$defs"]["Limits" if name == "bench" else "Sweep"]
+    if name == "bench":
+        speed = section["properties"]["speed"]
+    else:
+        speed = section["properties"]["amplitude"]["items"]
+    assert re.match(speed["pattern"], speed["examples"][0])
+    assert not re.match(speed["pattern"], "25 N")
+    (suffixed,) = section["patternProperties"]
+    assert re.match(suffixed, "speed_m_s" if name == "bench" else "amplitude_mm")
+
+
+def test_foreign_tests_become_a_run_that_is_listed(tmp_path: Path) -> None:
+    import math
+
+    rows = [f"{i / 200},{20 * math.sin(2 * math.pi * i / 200)},{300 * math.cos(2 * math.pi * i / 200)}" for i in range(1200)]
+    (tmp_path / "loop_0.50A.csv").write_text("t_s,x_mm,F_N\n" + "\n".join(rows) + "\n")
+    out = tmp_path / "runs"
+    result = rig(
+        "import", str(tmp_path / "loop_0.50A.csv"), "--column", "time=t_s", "--column", "displacement=x_mm",
+        "--column", "force=F_N", "--current-from-name", "_(?P<current>[0-9.]+)A", "--out", str(out), "--json",
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    made = one_object(result)
+    (point,) = made["points"]
+    assert point["amplitude_m"] == pytest.approx(0.02, rel=0.02)
+    assert point["frequency_Hz"] == pytest.approx(1.0, rel=0.02)
+    assert point["current_A"] == 0.5
+    assert Path(point["file"]).is_file()
+    (listed,) = one_object(rig("runs", "--in", str(out), "--json"))["runs"]
+    assert (listed["path"], listed["points"], listed["valid"]) == (made["campaign"], 1, 1)
+    assert rig("recover", made["campaign"]).stdout == "nothing to recover\n"
+
+
+def test_a_damaged_run_is_remarked_and_hides_no_other(tmp_path: Path) -> None:
+    (tmp_path / "bad" / "points").mkdir(parents=True)
+    (tmp_path / "bad" / "points" / "p001.h5").write_bytes(b"no HDF5")
+    (tmp_path / "empty" / "points").mkdir(parents=True)
+    runs = one_object(rig("runs", "--in", str(tmp_path), "--json"))["runs"]
+    assert [run["id"] for run in runs] == ["bad", "empty"]
+    assert all(run["remark"] for run in runs)
+
+
+def test_the_version_is_told() -> None:
+    assert re.fullmatch(r"rig \d+\.\d+\.\d+\n", rig("--version").stdout)
+
+
+def test_packages_of_the_same_name_from_another_project_are_named(tmp_path: Path) -> None:
+    assert foreign_packages() is None
+    for name in ("drivers", "protocols", "simulators"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").touch()
+    told = foreign_packages([str(tmp_path), *sys.path])
+    assert told is not None
+    assert str(tmp_path / "drivers") in told
+    assert "belongs to another project" in told
+    told = foreign_packages([])
+    assert told is not None
+    assert "missing" in told
