@@ -105,18 +105,24 @@ def by_edges(local_s: FloatArray, reference_s: FloatArray) -> ClockModel:
         raise ValueError("no pair of edges to fit a clock to")
     difference = reference_s - local_s
     slope_known = len(local_s) >= 3
-    keep = np.ones(len(local_s), bool)
-    for _ in range(2):
-        line = _line(local_s[keep], difference[keep], slope_known)
-        residual = difference - (line[0] + line[1] * (local_s - line[2]))
-        scale = max(1.4826 * float(np.median(np.abs(residual[keep]))), EDGE_PRIOR_S)
-        keep = np.abs(residual) <= 6.0 * scale
+    rough = difference - (_median_slope(local_s, difference) if slope_known else 0.0) * local_s
+    rough -= np.median(rough)
+    keep = np.abs(rough) <= 6.0 * max(1.4826 * float(np.median(np.abs(rough))), EDGE_PRIOR_S)
+    line = _line(local_s[keep], difference[keep], slope_known)
+    residual = difference - (line[0] + line[1] * (local_s - line[2]))
     count = int(keep.sum())
     freedom = max(count - 2, 0)
     squares = float(np.sum(residual[keep] ** 2)) if freedom else 0.0
     scatter = np.sqrt((squares + EDGE_PRIOR_COUNT * EDGE_PRIOR_S**2) / (freedom + EDGE_PRIOR_COUNT))
     offset, slope, origin = line
     return ClockModel(origin, origin + offset, 1.0 + slope, float(scatter / np.sqrt(count)), "edges")
+
+
+def _median_slope(x: FloatArray, y: FloatArray) -> float:
+    """Median of the slopes between points half the record apart: no few wild points move it."""
+    half = len(x) // 2
+    slope = float(np.median((y[half:] - y[:len(y) - half]) / (x[half:] - x[:len(x) - half])))
+    return slope if abs(slope) <= LARGEST_DRIFT else 0.0
 
 
 def _line(x: FloatArray, y: FloatArray, with_slope: bool) -> tuple[float, float, float]:

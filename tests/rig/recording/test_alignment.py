@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic_rig import SyntheticRig
+
+from rig.recording.alignment import Alignment, NothingRecorded, align, lost_samples, matched_edges
+from rig.recording.clock_model import by_edges
+from rig.recording.context import SensorContext
+from rig.recording.layout import RECORD_DTYPE
+
+
+def aligned(rig: SyntheticRig) -> Alignment:
+    return align(rig.records(), rig.context())
+
+
+def true_force_error_N(rig: SyntheticRig, found: Alignment) -> np.ndarray:
+    return found.values["force"] - rig.force(found.time_s + found.origin_s)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_with_edges_force_and_displacement_meet_within_microseconds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rig = SyntheticRig(
+        seed=seed, force_ppm=rng.normal(0, 150), displacement_ppm=rng.normal(0, 150),
+        force_latency_s=rng.uniform(0, 0.02), jitter_s=rng.uniform(1e-4, 5e-3),
+    )
+    found = aligned(rig)
+    slope_N_s = np.max(np.abs(np.diff(rig.force(found.time_s + found.origin_s)))) * rig.rate_Hz
+    force = found.timed["force"]
+    assert np.max(np.abs(force.records["value"] - rig.force(force.time_s))) < slope_N_s * 10e-6
+    assert np.nanpercentile(np.abs(true_force_error_N(rig, found)), 98) < slope_N_s * 20e-6
+    assert found.skew_std_s < 10e-6
+    assert found.skew_method == "force by edges, displacement by edges"
+
+
+def test_the_skew_that_arrival_would_have_made_is_reported() -> None:
+    rig = SyntheticRig(force_latency_s=0.012, displacement_latency_s=0.002)
+    assert aligned(rig).skew_s == pytest.approx(0.010, abs=0.0003)
+
+
+@pytest.mark.parametrize("device_clocks", [True, False])
+def test_without_edges_the_stated_uncertainty_covers_the_true_skew(device_clocks: bool) -> None:
+    rig = SyntheticRig(edges=False, device_clocks=device_clocks)
+    found = aligned(rig)
+    true_base_s = rig.start_s - 0.5 + 0.0013 + np.arange(len(found.time_s)) / rig.rate_Hz / (1 - 120e-6)
+    error_s = (found.time_s + found.origin_s - true_base_s).mean()
+    assert abs(error_s) < 3 * found.timed["displacement"].clock.std_s
+    hidden_s = rig.force_latency_s - rig.displacement_latency_s
+    assert abs(hidden_s) < 2 * found.skew_std_s
+    assert found.skew_method.startswith("force by device clock" if device_clocks else "force by nominal rate")
+
+
+def test_lost_samples_leave_a_hole_that_nothing_is_drawn_across() -> None:
+    whole, holed = aligned(SyntheticRig()), aligned(SyntheticRig(lost=(300, 301, 302, 700)))
+    assert holed.timed["force"].lost == 4
+    extra = np.isnan(holed.values["force"]) & ~np.isnan(whole.values["force"])
+    assert 8 <= extra.sum() <= 14
+    assert np.all(holed.flags[extra] != 0)
+    same = ~np.isnan(holed.values["force"])
+    assert np.nanmax(np.abs(holed.values["force"] - whole.values["force"])[same]) < 1.0
+
+
+def test_a_declared_delay_is_taken_off() -> None:
+    rig = SyntheticRig()
+    slow = rig.context(sensors={
+        "force": SensorContext("load_cell", 250.0, delay_s=0.003), "displacement": SensorContext("lvdt", 250.0),
+    })
+    plain, delayed = align(rig.records(), rig.context()), align(rig.records(), slow)
+    assert np.median(plain.timed["force"].time_s - delayed.timed["force"].time_s) == pytest.approx(0.003, abs=1e-9)
+    assert delayed.skew_s - plain.skew_s == pytest.approx(0.003, abs=1e-6)
+
+
+def test_measured_current_follows_on_the_same_time_base() -> None:
+    found = aligned(SyntheticRig(current_A=1.25))
+    assert np.nanmedian(found.values["current"]) == 1.25
+    assert np.isnan(found.values["current"]).sum() <= 2
+    assert 0 < found.timed["coil_current"].clock.std_s < 0.01
+
+
+def test_a_point_without_force_cannot_be_aligned() -> None:
+    rig = SyntheticRig()
+    records = rig.records()
+    with pytest.raises(NothingRecorded, match="force"):
+        align(records[records["channel"] != 1], rig.context())
+
+
+def test_edges_are_matched_by_count_across_both_wraps() -> None:
+    pulses, edges = np.zeros(8, RECORD_DTYPE), np.zeros(6, RECORD_DTYPE)
+    pulses["value"], pulses["host_ns"] = [65533, 65534, 65535, 0, 1, 2, 3, 4], np.arange(8) * 10**9
+    pulses["device_us"] = np.arange(8) * 10**6
+    edges["sequence"], edges["host_ns"] = [255, 256, 257, 258, 259, 260], np.arange(2, 8) * 10**9
+    edges["device_us"] = np.arange(2, 8) * 10**6 + 500
+    pairs = matched_edges(edges, pulses)
+    assert len(pairs) == 6
+    assert np.allclose(pairs[:, 0] - pairs[:, 1], 500e-6)
+
+
+def test_one_wild_edge_does_not_move_the_clock() -> None:
+    local_s = np.arange(10.0)
+    reference_s = local_s * (1 + 50e-6) + 3.0
+    wild = reference_s.copy()
+    wild[4] += 0.01
+    assert by_edges(local_s, wild).time_s(local_s) == pytest.approx(reference_s, abs=2e-6)
+
+
+def test_two_edges_claim_no_perfection() -> None:
+    assert by_edges(np.array([0.0, 1.0]), np.array([5.0, 6.0])).std_s > 1e-6
+
+
+def test_losses_are_counted_through_the_wrap_of_the_sequence() -> None:
+    assert lost_samples(np.array([2**32 - 2, 2**32 - 1, 0, 3], np.uint32)) == 2
+    assert lost_samples(np.array([5], np.uint32)) == 0
