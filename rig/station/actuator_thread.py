@@ -21,9 +21,10 @@ from rig.clock import monotonic_ns
 from rig.station.config import ActuatorConfig
 from rig.station.device_thread import DeviceThread
 from rig.station.interlocks import Finding
+from rig.station.roles import Travel
 from rig.station.safe_stop import STILL_S, Action
 from rig.station.status_judge import ControllerJudge
-from rig.station.supervisor import Supervisor, Travel
+from rig.station.supervisor import Supervisor
 
 T = TypeVar("T")
 

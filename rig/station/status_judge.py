@@ -33,6 +33,9 @@ class ControllerJudge:
         frozen_after_ns: wall time after which an unchanged heartbeat is a fault.
         disagreement_m: how far controller position and LVDT may be apart at rest; the allowance grows with speed.
         lag_s: device time by which the two readings may differ in age.
+
+    Attributes:
+        leased: the lease is ours, so that its loss is a finding.
     """
 
     def __init__(self, owner_id: int, *, frozen_after_ns: int, disagreement_m: float, lag_s: float) -> None:
@@ -41,6 +44,7 @@ class ControllerJudge:
         self.disagreement_m = disagreement_m
         self.lag_s = lag_s
         self.status: ActuatorStatus | None = None
+        self.leased = False
         self.clock_s = 0.0
         self._beat_ns = 0
         self._held_m = math.nan
@@ -117,6 +121,8 @@ class ControllerJudge:
         if rest or (status.state == State.TRIPPED and status.fault_bits == 0):
             names = ", ".join(bit.name or "?" for bit in FaultBit if bit & rest) or "no bit named"
             findings.append(Finding("controller-trip", f"controller tripped: {names}", t_ns, float(status.fault_bits)))
+        if not self.leased:
+            return
         if status.owner not in {0, self.owner_id}:
             detail = f"controller's lease is held by {status.owner}, ours is {self.owner_id}"
             findings.append(Finding("second-master", detail, t_ns, status.owner, self.owner_id))

@@ -11,7 +11,6 @@ import math
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from rig.clock import monotonic_ns
@@ -19,66 +18,15 @@ from rig.station import safe_stop
 from rig.station.config import StationConfig
 from rig.station.fault_table import TABLE, FaultRow, Stop
 from rig.station.interlocks import Finding
+from rig.station.roles import Coil, Motion, Travel, Watched
 from rig.station.safe_stop import Action, SafeStop, Step, View
 
 TICK_S = 0.005
 WARNING_EVERY_NS = 1_000_000_000
 STALLED_NS = 500_000_000
-EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip", "actuator-reboot", "second-master"})
+EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip"})
 
 Emit = Callable[[dict[str, object]], None]
-
-
-class Coil(Protocol):
-    """What the supervisor needs of the ECU's side."""
-
-    def zero_now(self) -> None:
-        """Command 0 A and put the frame on the wire at once; never raises."""
-
-    @property
-    def fresh_current_A(self) -> float | None:
-        """Measured current (A), None when its status is stale."""
-
-
-class Motion(Protocol):
-    """What the supervisor needs of the actuator's side."""
-
-    def act(self, action: Action) -> None:
-        """Have the actuator's thread carry out a stop action before anything else; returns at once."""
-
-    def fill_view(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
-        """Moving, clock (s), hydraulics low, hydraulics off; each None without a fresh status."""
-
-    @property
-    def state_name(self) -> str | None:
-        """The controller's state by name, None without a fresh status."""
-
-
-class Travel(Protocol):
-    """What the supervisor needs of the LVDT's side."""
-
-    def still_s(self, now_ns: int) -> float | None:
-        """Device seconds of proved standstill, None when the LVDT is stale."""
-
-    def restart_still(self) -> None:
-        """Begin the proof of standstill anew."""
-
-    def position_m(self, now_ns: int) -> float | None:
-        """Latest position (m), None when stale."""
-
-
-class Watched(Protocol):
-    """A source of data whose thread and age the supervisor watches."""
-
-    slug: str
-    name: str
-
-    @property
-    def alive(self) -> bool:
-        """Its thread runs."""
-
-    def silent_ns(self, now_ns: int) -> tuple[int, int]:
-        """Age of its last data and the age at which they are stale (ns)."""
 
 
 @dataclass(frozen=True)

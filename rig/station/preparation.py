@@ -1,0 +1,186 @@
+"""What must be proved before anything moves: identities, rates, lease, limits, a quiet coil, a watchdog that trips."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+
+from protocols.actuator import ActuatorLimits, Command, FaultBit, Input, State, WatchdogAction
+from rig.clock import monotonic_ns
+from rig.station.commander import ACK_TIMEOUT_S, Commander
+from rig.station.config import StationConfig
+from rig.station.devices import Devices
+from rig.station.errors import StationRefused
+from rig.station.safe_stop import STILL_S, ZERO_CURRENT_A
+from rig.station.supervisor import Supervisor
+
+LEASE_WAIT_S = 3.0
+FIRST_DATA_S = 3.0
+RATE_SAMPLES = 25
+READ_BACK_SHARE = 1e-6
+
+
+class Preparation:
+    """Proves and prepares the devices; every method either proves its point or refuses."""
+
+    def __init__(self, config: StationConfig, supervisor: Supervisor, devices: Devices, commander: Commander) -> None:
+        self._config = config
+        self._supervisor = supervisor
+        self._devices = devices
+        self._commander = commander
+
+    def prove_devices(self) -> dict[str, object]:
+        """Identities as the bench expects them, and data at a measured rate from every sensor.
+
+        Returns:
+            Identities of actuator and ECU, rates (Hz of the device's clock) of the sensors.
+
+        Raises:
+            StationRefused: another device, or none that sends valid data.
+        """
+        devices, config = self._devices, self._config
+        identity = devices.actuator.identity
+        if identity is None:
+            raise StationRefused("no-answer", "actuator: no identity")
+        if config.actuator.serial_number not in {None, identity.serial_number}:
+            expected = config.actuator.serial_number
+            raise StationRefused(
+                "wrong-identity", f"actuator: serial number {identity.serial_number!r}, the bench expects {expected!r}"
+            )
+        ecu = devices.coil.wait_identity(FIRST_DATA_S)
+        if ecu is None:
+            raise StationRefused("no-answer", f"ecu: no identity and status frames within {FIRST_DATA_S:g} s")
+        if config.ecu.serial_number not in {None, ecu.serial_number}:
+            expected_number = config.ecu.serial_number
+            raise StationRefused(
+                "wrong-identity", f"ecu: serial number {ecu.serial_number}, the bench expects {expected_number}"
+            )
+        answer: dict[str, object] = {"actuator": asdict(identity), "ecu": ecu._asdict()}
+        for sensor in devices.sensors:
+            rate_Hz = sensor.wait_rate(RATE_SAMPLES, FIRST_DATA_S)
+            if rate_Hz is None:
+                slug = "serial-baud" if sensor.garbled else "no-answer"
+                raise StationRefused(
+                    slug,
+                    f"{sensor.name}: {sensor.samples} valid samples within {FIRST_DATA_S:g} s, expected about "
+                    f"{sensor.config.rate_Hz:g} a second; check baud rate and format",
+                )
+            answer[sensor.name] = {"rate_Hz": rate_Hz}
+        return answer
+
+    def prepare_controller(self) -> ActuatorLimits:
+        """Take the lease, clear a trip that a silent host left, write the limits and read them back.
+
+        Raises:
+            StationRefused: the controller is tripped for another reason, is held by another host, or does not hold what
+                was written.
+        """
+        actuator = self._devices.actuator
+        status = self._commander.fresh()
+        if not status.inputs & Input.E_STOP_CLOSED:
+            raise StationRefused("estop", "arm: the e-stop chain is open")
+        self.acquire()
+        if status.state == State.TRIPPED:
+            if status.fault_bits != FaultBit.WATCHDOG:
+                bits = FaultBit(status.fault_bits).name
+                raise StationRefused("controller-trip", f"arm: the controller is tripped ({bits}); find out why, reset")
+            self._commander.command(Command.RESET)
+            self._commander.await_status(
+                lambda answer: answer.state != State.TRIPPED, "controller-trip", "controller stays tripped"
+            )
+        wanted = self._limits()
+        actuator.call(lambda driver: driver.write_limits(wanted), ACK_TIMEOUT_S)
+        found = actuator.call(lambda driver: driver.read_limits(), ACK_TIMEOUT_S)
+        for name, value in asdict(wanted).items():
+            if not math.isclose(getattr(found, name), value, rel_tol=READ_BACK_SHARE):
+                raise StationRefused(
+                    "modbus-write-lost", f"arm: wrote {name} = {value}, the controller has {getattr(found, name)}"
+                )
+        return found
+
+    def acquire(self) -> None:
+        """Take the lease; one left behind by a dead host runs out within `LEASE_WAIT_S`.
+
+        Raises:
+            StationRefused: another host keeps it.
+        """
+        judge = self._devices.actuator.judge
+        judge.leased = False
+        deadline_ns = monotonic_ns() + int(LEASE_WAIT_S * 1e9)
+        while True:
+            try:
+                self._commander.command(Command.ACQUIRE)
+                break
+            except StationRefused as error:
+                if error.slug != "second-master":
+                    raise
+                if monotonic_ns() > deadline_ns:
+                    raise StationRefused("two-instances", f"arm: {error.message}") from error
+                self._devices.actuator.wait_status(lambda status: status.owner == 0, 0.1)
+        owner = self._devices.owner_id
+        self._commander.await_status(
+            lambda status: status.owner == owner, "second-master", f"the controller does not show owner {owner}"
+        )
+        judge.leased = True
+
+    def _limits(self) -> ActuatorLimits:
+        limits, margins, actuator = self._config.limits, self._config.margins, self._config.actuator
+        return ActuatorLimits(
+            position_min_m=limits.position_min_m - margins.position_m,
+            position_max_m=limits.position_max_m + margins.position_m,
+            speed_max_m_s=limits.speed_m_s * (1.0 + margins.speed),
+            acceleration_max_m_s2=limits.acceleration_m_s2 * (1.0 + margins.acceleration),
+            force_max_N=limits.force_N * (1.0 + margins.force),
+            fade_out_cycles=actuator.fade_out_cycles,
+            halt_deceleration_m_s2=actuator.halt_deceleration_m_s2,
+            watchdog_ms=round(actuator.watchdog_s * 1e3),
+            watchdog_action=WatchdogAction.FADE_AND_HOLD,
+        )
+
+    def prepare_coil(self) -> float:
+        """Send 0 A with faults cleared; proved by a status without faults.
+
+        Returns:
+            The measured current (A).
+
+        Raises:
+            StationRefused: the ECU keeps a fault, or current flows.
+        """
+        coil = self._devices.coil
+        coil.begin()
+        if not coil.wait_clear(ACK_TIMEOUT_S):
+            raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
+        current_A = coil.fresh_current_A
+        if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
+            raise StationRefused("current-stuck", f"arm: measured current {current_A} A at 0 A commanded")
+        return current_A
+
+    def starve_watchdog(self) -> float:
+        """Stop feeding, see the controller trip, reset it: proves that a dead host stops the rig.
+
+        Returns:
+            Wall seconds until it tripped.
+
+        Raises:
+            StationRefused: it moves, it did not trip, or the trip does not clear.
+        """
+        supervisor, actuator = self._supervisor, self._devices.actuator
+        if actuator.judge.moving(STILL_S):
+            raise StationRefused("not-at-rest", "starve_watchdog: the actuator moves")
+        begin_ns = monotonic_ns()
+        allowed_s = 2.0 * self._config.actuator.watchdog_s + ACK_TIMEOUT_S
+        supervisor.starve(proving=True, feeding=False)
+        try:
+            tripped = actuator.wait_status(lambda status: bool(status.fault_bits & FaultBit.WATCHDOG), allowed_s)
+            supervisor.starve(proving=True, feeding=True)
+            if tripped is None:
+                raise StationRefused(
+                    "watchdog-absent", f"the controller did not trip within {allowed_s:g} s of not being fed"
+                )
+            self._commander.command(Command.RESET)
+            self._commander.await_status(
+                lambda status: status.fault_bits == 0, "controller-trip", "the watchdog's trip does not clear"
+            )
+        finally:
+            supervisor.starve(proving=False, feeding=True)
+        return (tripped.received_ns - begin_ns) / 1e9
