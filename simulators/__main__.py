@@ -7,11 +7,11 @@ import json
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
-from rig.errors import EXIT_USAGE, FileProblem, RigError
+from rig.errors import EXIT_USAGE, RigError
 from simulators.faults import ROWS, missing_reason
 from simulators.injection import INJECTORS, parse_fault
 
@@ -27,7 +27,8 @@ def list_faults(as_json: bool) -> None:
     rows = []
     for slug, row in ROWS.items():
         reason = missing_reason(row, slug in INJECTORS)
-        rows.append({"slug": slug, "where": row.where, "reaction": row.reaction, "tested": not reason, "reason": reason})
+        entry = {"slug": slug, "where": row.where, "reaction": row.reaction, "tested": not reason, "reason": reason}
+        rows.append(entry)
     if as_json:
         click.echo(json.dumps(rows, indent=1))
         return
@@ -48,10 +49,11 @@ def hints(bench: Path, text: str) -> str:
         f"current ECU  slcan {values['ecu']['channel']}      "
         f"python -m can.viewer -i slcan -c {values['ecu']['channel']} -b 500000",
     ]
-    for name in ("load_cell", "lvdt"):
-        sensor = values[name]
-        lines.append(f"{name:12} {sensor['format']} {sensor['rate']} {sensor['url']}      python -m serial {sensor['url']} 921600")
-    lines += [f"{sensor['name']:12} {sensor['format']} {sensor['rate']} {sensor['url']}" for sensor in values.get("auxiliary", [])]
+    sensors = [(name, values[name]) for name in ("load_cell", "lvdt")]
+    sensors += [(sensor["name"], sensor) for sensor in values.get("auxiliary", [])]
+    for name, sensor in sensors:
+        url = sensor["url"]
+        lines.append(f"{name:12} {sensor['format']} {sensor['rate']} {url}      python -m serial {url} 921600")
     return "\n".join(lines)
 
 
@@ -121,8 +123,12 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     return {"options": options, "run": run, "bench": values["bench"], "json": values["as_json"]}
 
 
-def refuse(message: str, as_json: bool) -> None:
-    """Say what is wrong and end with exit code 2."""
+def refuse(message: str, as_json: bool) -> NoReturn:
+    """Say what is wrong and end with exit code 2.
+
+    Raises:
+        SystemExit: always.
+    """
     click.echo(message, err=True)
     if as_json:
         click.echo(json.dumps({"error": message}))
@@ -133,24 +139,30 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 @click.command(epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
-@click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True, help="Device clocks against the wall; a ceiling.")
+@click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True,
+              help="Device clocks against the wall; a ceiling.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Noise, clock offsets and drifts.")
 @click.option("--truth", type=FILE, help="Write the true state to this HDF5 file.")
 @click.option("--bench", type=FILE, help="Write the bench file here instead of a temporary folder.")
-@click.option("--config", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="TOML file with other constants.")
+@click.option("--config", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              help="TOML file with other constants.")
 @click.option("--option", metavar="TABLE.KEY=VALUE", multiple=True, help="Replace one constant (repeatable).")
 @click.option("--model", help="Damper model of the specimen.")
 @click.option("--set", "parameter_set", help="Parameter set of the specimen.")
-@click.option("--specimen", metavar="KEY=VALUE", multiple=True, help="serial_number, mid_stroke_m, stroke_m (repeatable).")
-@click.option("--force-format", type=click.Choice(["frame16", "ascii"]), default="frame16", show_default=True, help="What the load cell sends.")
+@click.option("--specimen", metavar="KEY=VALUE", multiple=True,
+              help="serial_number, mid_stroke_m, stroke_m (repeatable).")
+@click.option("--force-format", type=click.Choice(["frame16", "ascii"]), default="frame16", show_default=True,
+              help="What the load cell sends.")
 @click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
-@click.option("--ports", type=click.Choice(["pty", "socket"]), default="pty", show_default=True, help="How sensors are reached.")
-@click.option("--fault", metavar="SLUG[@T]", multiple=True, help="Inject a fault T s after the first cycle begins (repeatable).")
-@click.option("--exit-when-idle", is_flag=True, help="When the starting process is gone, run on to standstill and end.")
+@click.option("--ports", type=click.Choice(["pty", "socket"]), default="pty", show_default=True,
+              help="How sensors are reached.")
+@click.option("--fault", metavar="SLUG[@T]", multiple=True,
+              help="Inject a fault T s of simulated time after the first cycle begins (repeatable).")
+@click.option("--exit-when-idle", is_flag=True, help="When the starting process is gone, run to standstill and end.")
 @click.option("--list-faults", "listing", is_flag=True, help="List the fault matrix and end.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on standard output.")
-def main(listing: bool, **values: Any) -> None:
+def main(listing: bool, **values: Any) -> None:  # noqa: ANN401 (click hands options over by name)
     """Serve a simulated rig: actuator on Modbus TCP, current ECU on slcan, load cell and LVDT on serial ports.
 
     The first line printed is the path of its bench file, once every socket is open. SIGTERM or Ctrl-C ends it.

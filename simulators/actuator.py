@@ -10,18 +10,18 @@ It lets the plant's compiled loop generate the motion and watch the limits; this
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from protocols import actuator as wire
 from protocols.actuator import Command, FaultBit, Result, State, WatchdogAction, Waveform
-from protocols.register_map import Value
 from simulators.clock import DeviceClock
 from simulators.options import ControllerOptions
 from simulators.plant import records
 from simulators.plant.plant import TABLE_CAPACITY, Plant
+from simulators.program import FLOAT_SLACK, Values, read_program, within_limits
 
 MODE_STATES = {
     records.MODE_OFF: State.OFF,
@@ -37,9 +37,6 @@ RESTING = {State.OFF, State.LOW, State.HOLD}
 WITHOUT_LEASE = {Command.ACQUIRE, Command.FADE_STOP, Command.HALT}
 OFF_CENTRE_M = 2e-3
 SHORTEST_LEASE_S = 2.0
-_FLOAT_SLACK = 1.0 + 1e-6
-
-Values = Mapping[str, Value]
 
 
 @dataclass
@@ -194,7 +191,7 @@ class Actuator:
         return True
 
     def write_table(self, values: Values) -> bool:
-        """Put samples of a table waveform in (metres about the centre); False when they do not fit or are not finite."""
+        """Put samples of a table waveform in (m about the centre); False when they do not fit or are not finite."""
         index, count = int(values["table_index"]), int(values["table_count"])
         samples = [float(values[f"table_value_{i}"]) for i in range(min(count, wire.TABLE_VALUES))]
         fits = count <= wire.TABLE_VALUES and index + count <= TABLE_CAPACITY
@@ -283,7 +280,7 @@ class Actuator:
         if not (math.isfinite(target_m) and math.isfinite(speed_m_s) and speed_m_s > 0):
             return Result.REFUSED_VALUE
         within = self.limits.position_min_m <= target_m <= self.limits.position_max_m
-        if not within or speed_m_s > self.limits.speed_max_m_s * _FLOAT_SLACK:
+        if not within or speed_m_s > self.limits.speed_max_m_s * FLOAT_SLACK:
             return Result.REFUSED_LIMIT
         self._unlock()
         self.plant.order(target_m=target_m, move_speed_m_s=speed_m_s, mode=records.MODE_MOVE)
@@ -292,62 +289,20 @@ class Actuator:
     def _start(self, values: Values) -> Result:
         if self.state is not State.HOLD:
             return Result.REFUSED_STATE
-        program = self._program(values)
+        table = self.plant.table[: max(1, int(values["table_length"]))]
+        program = read_program(values, table)
         if program is None or abs(self.plant.value("position_m") - program["centre_m"]) > OFF_CENTRE_M:
             return Result.REFUSED_VALUE
-        if not self._within_limits(program):
+        if not within_limits(program, table, self.limits):
             return Result.REFUSED_LIMIT
         self._unlock()
+        if program["waveform"] == Waveform.TABLE:
+            self.plant.table = table.copy()
         for name in ("program_step", "phase_cycles", "cycles_done"):
             self.plant.state[name] = 0
         self.plant.order(**program, mode=records.MODE_PROGRAM)
         self.program_id = self.sequence
         return Result.DONE
-
-    def _program(self, values: Values) -> dict[str, float] | None:
-        """The plant's order for a START; None when a value makes no sense."""
-        if int(values["waveform"]) not in set(Waveform):
-            return None
-        frequency_Hz = float(values["frequency"])
-        if int(values["waveform"]) == Waveform.TABLE:
-            length, interval_s = int(values["table_length"]), float(values["table_interval"])
-            if not (2 <= length <= len(self.plant.table) and 0 < interval_s < math.inf):
-                return None
-            self.plant.table = self.plant.table[:length].copy()
-            frequency_Hz = 1.0 / (length * interval_s)
-        program = {
-            "waveform": int(values["waveform"]),
-            "amplitude_m": float(values["amplitude"]),
-            "frequency_Hz": frequency_Hz,
-            "centre_m": float(values["centre"]),
-            "full_cycles": float(values["cycles"]),
-            "ramp_in_cycles": float(values["ramp_in_cycles"]),
-            "ramp_out_cycles": float(values["ramp_out_cycles"]),
-        }
-        finite = all(math.isfinite(value) for value in program.values())
-        positive = program["frequency_Hz"] > 0 and program["full_cycles"] > 0 and program["amplitude_m"] >= 0
-        ramps = program["ramp_in_cycles"] >= 0 and program["ramp_out_cycles"] >= 0
-        return program if finite and positive and ramps else None
-
-    def _within_limits(self, program: Mapping[str, float]) -> bool:
-        """Whether travel, peak speed and (sine) peak acceleration stay within the configured limits."""
-        amplitude_m, omega = program["amplitude_m"], 2.0 * math.pi * program["frequency_Hz"]
-        peaks = {Waveform.SINE: (omega, omega**2), Waveform.TRIANGLE: (4.0 * program["frequency_Hz"], 0.0)}
-        if program["waveform"] == Waveform.TABLE:
-            table = self.plant.table
-            amplitude_m = float(np.abs(table).max())
-            steps = np.abs(np.diff(table, append=table[:1]))
-            speed_m_s, acceleration_m_s2 = float(steps.max()) * len(table) * program["frequency_Hz"], 0.0
-        else:
-            by_speed, by_acceleration = peaks[Waveform(int(program["waveform"]))]
-            speed_m_s, acceleration_m_s2 = amplitude_m * by_speed, amplitude_m * by_acceleration
-        limits = self.limits
-        return (
-            program["centre_m"] - amplitude_m >= limits.position_min_m
-            and program["centre_m"] + amplitude_m <= limits.position_max_m
-            and speed_m_s <= limits.speed_max_m_s * _FLOAT_SLACK
-            and acceleration_m_s2 <= limits.acceleration_max_m_s2 * _FLOAT_SLACK
-        )
 
     def _fade_stop(self, values: Values) -> Result:
         del values

@@ -1,4 +1,4 @@
-"""A sensor's analogue side, compiled: second-order low-pass at the plant's rate, then sampling at the sensor's instants.
+"""A sensor's analogue side, compiled: second-order low-pass at the plant's rate, then sampling at given instants.
 
 `y'' = w^2 (x - y) - 2 zeta w y'` with zeta = 1/sqrt(2), integrated by the trapezoidal rule, which keeps the group delay
 at low frequency exact: `2 zeta / w`.
@@ -33,7 +33,8 @@ def _condition(
     for k in range(len(signal)):
         before = state[0]
         mean = 0.5 * (state[2] + signal[k])
-        rate = (state[1] * (1.0 - damp - reach) + h * corner_rad_s * corner_rad_s * (mean - before)) / (1.0 + damp + reach)
+        rate = state[1] * (1.0 - damp - reach) + h * corner_rad_s * corner_rad_s * (mean - before)
+        rate /= 1.0 + damp + reach
         state[0] = before + 0.5 * h * (state[1] + rate)
         state[1] = rate
         state[2] = signal[k]

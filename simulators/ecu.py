@@ -1,7 +1,7 @@
 """The coil's current ECU: frames in, frames out, its faults and its own time-out. No sockets.
 
-    INIT --first good command--> OFF <--Enable--> ENABLED          time-out, over-temperature, supply, open, short,
-                                  ^--- ClearFaults --- FAULT  <--- three bad commands in a row: 0 A by itself
+INIT --first good command--> OFF <--Enable--> ENABLED          time-out, over-temperature, supply, open, short,
+^--- ClearFaults --- FAULT  <--- three bad commands in a row: 0 A by itself
 """
 
 from __future__ import annotations
@@ -205,7 +205,8 @@ class Ecu:
 
     def _status(self, tick: int) -> bytes:
         device_us = tick * STATUS_PERIOD_US
-        row = round((device_us - self.clock.offset_us) / (1e6 + self.clock.ppm) / self.plant.dt_s) - self.plant.first_step
+        time_s = (device_us - self.clock.offset_us) / (1e6 + self.clock.ppm)
+        row = round(time_s / self.plant.dt_s) - self.plant.first_step
         out = self.plant.out
         current_A = float(out[min(max(row - 1, 0), len(out) - 1), 3]) if len(out) else self.plant.value("current_A")
         if self.faults.coil_short and self.setpoint_A != 0.0:
@@ -225,4 +226,5 @@ class Ecu:
         if self.faults.over_temperature:
             coil_degC = max(coil_degC, self.options.over_temperature_degC + 5.0)
         case_degC = self._ambient_degC + CASE_SHARE * (coil_degC - self._ambient_degC)
-        return wire.encode_temperature(wire.CoilTemperature(coil_degC, case_degC, self.supply_V, self.boot_count & 0xFF))
+        boots = self.boot_count & 0xFF
+        return wire.encode_temperature(wire.CoilTemperature(coil_degC, case_degC, self.supply_V, boots))

@@ -80,5 +80,7 @@ def encode_lines(value: NDArray[np.float64], unit: str) -> NDArray[np.uint8]:
         value: readings in the wire unit, shape (n,).
         unit: unit written behind the number.
     """
+    if not len(value):
+        return np.zeros((0, 1), np.uint8)
     text = "".join(f"{number:+010.1f} {unit}\r\n" for number in value.tolist())
-    return np.frombuffer(text.encode("ascii"), np.uint8).reshape(len(value), -1) if len(value) else np.zeros((0, 1), np.uint8)
+    return np.frombuffer(text.encode("ascii"), np.uint8).reshape(len(value), -1)

@@ -57,7 +57,8 @@ def parse_fault(text: str) -> ScheduledFault:
         raise FileProblem("--fault", [f"{slug!r} is not in the fault matrix{hint}"])
     if slug not in INJECTORS:
         where = ROWS[slug].where
-        reason = "not injected yet" if where not in {"process", "file"} else f"belongs to where = {where}, outside the rig"
+        outside = where in {"process", "file"}
+        reason = f"belongs to where = {where}, outside the rig" if outside else "not injected yet"
         raise FileProblem("--fault", [f"{slug!r} has no injector in the simulated rig: {reason}"])
     try:
         after_s = float(time) if at else None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
@@ -47,19 +49,29 @@ class ModbusServer:
     async def open(self) -> None:
         """Listen on a free port of the loopback interface."""
         logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
-        data = [SimData(block.address, values=[0] * block.count, datatype=DataType.REGISTERS) for block in wire.MAP.blocks.values()]
+        data = [
+            SimData(block.address, values=[0] * block.count, datatype=DataType.REGISTERS)
+            for block in wire.MAP.blocks.values()
+        ]
         device = SimDevice(self._device_id, data, action=self._access)
         self._server = ModbusTcpServer(device, address=("127.0.0.1", 0), trace_packet=self._trace)
         await self._server.serve_forever(background=True)
-        self.port = self._server.transport.sockets[0].getsockname()[1]
+        listener: Any = self._server.transport  # an asyncio.Server, which pymodbus declares as a transport
+        self.port = listener.sockets[0].getsockname()[1]
 
     async def close(self) -> None:
         """Stop listening and hang up on every client."""
         if self._server is not None:
-            await self._server.shutdown()
+            await self._server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it unannotated
 
     async def _access(
-        self, function: int, start: int, address: int, count: int, registers: list[int], values: list[int] | list[bool] | None
+        self,
+        function: int,
+        start: int,
+        address: int,
+        count: int,
+        registers: list[int],
+        values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
         """One access by a client: fill `registers` for a read, execute a write."""
         del function
@@ -100,5 +112,5 @@ class ModbusServer:
         self.faults.reset = False
         if self._server is not None:
             for connection in list(self._server.active_connections.values()):
-                if connection.transport is not None:
+                if isinstance(connection.transport, asyncio.Transport):
                     connection.transport.abort()

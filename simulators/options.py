@@ -13,9 +13,14 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, TypeVar
 
 from rig.errors import FileProblem
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    Options = TypeVar("Options", bound=DataclassInstance)
 
 MAXIMUM_FILE_BYTES = 1 << 20
 
@@ -135,7 +140,8 @@ class SensorOptions:
 
 
 LVDT = SensorOptions(
-    unit="mm", wire_per_si=1000.0, range=100.0, noise=0.005, resolution=0.001, bandwidth_Hz=500.0, serial_number="LVDT-1"
+    unit="mm", wire_per_si=1000.0, range=100.0, noise=0.005, resolution=0.001, bandwidth_Hz=500.0,
+    serial_number="LVDT-1",
 )
 AUXILIARY = SensorOptions(unit="m/s^2", range=500.0, noise=0.2, resolution=0.01, serial_number="AUX")
 
@@ -187,7 +193,7 @@ def load_options(path: Path) -> RigOptions:
     """
     try:
         if path.stat().st_size > MAXIMUM_FILE_BYTES:
-            raise FileProblem(str(path), [f"larger than {MAXIMUM_FILE_BYTES} bytes; a configuration is a few kilobytes"])
+            raise FileProblem(str(path), [f"larger than {MAXIMUM_FILE_BYTES} bytes, far beyond any configuration"])
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise FileProblem(str(path), [str(error)]) from error
@@ -207,28 +213,30 @@ def with_option(options: RigOptions, assignment: str) -> RigOptions:
     key, equals, text = assignment.partition("=")
     if not equals:
         raise FileProblem("--option", [f"{assignment!r}: expected table.key=value, such as load_cell.noise=2.0"])
-    nested: Any = _parse(text)
-    for part in reversed(key.strip().split(".")):
+    first, *deeper = key.strip().split(".")
+    nested = _parse(text)
+    for part in reversed(deeper):
         nested = {part: nested}
     problems: list[str] = []
-    changed = _merge(options, nested, "", problems)
+    changed = _merge(options, {first: nested}, "", problems)
     if problems:
         raise FileProblem("--option", problems)
     return changed
 
 
-def _parse(text: str) -> Any:
+def _parse(text: str) -> object:
     """A TOML value, or the bare text when it is none."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
+        value: object = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text.strip()
+    return value
 
 
-def _merge(base: Any, values: Mapping[str, Any], place: str, problems: list[str]) -> Any:
+def _merge(base: Options, values: Mapping[str, object], place: str, problems: list[str]) -> Options:
     """A copy of dataclass `base` with `values` put in; every misfit is added to `problems`."""
     known = {each.name: getattr(base, each.name) for each in dataclasses.fields(base)}
-    changes: dict[str, Any] = {}
+    changes: dict[str, object] = {}
     for key, value in values.items():
         where = f"{place}{key}"
         if key not in known:
@@ -237,7 +245,7 @@ def _merge(base: Any, values: Mapping[str, Any], place: str, problems: list[str]
             problems.append(f"{where}: unknown key{hint}")
             continue
         present = known[key]
-        if dataclasses.is_dataclass(present):
+        if dataclasses.is_dataclass(present) and not isinstance(present, type):
             if isinstance(value, Mapping):
                 changes[key] = _merge(present, value, f"{where}.", problems)
             else:
@@ -249,11 +257,11 @@ def _merge(base: Any, values: Mapping[str, Any], place: str, problems: list[str]
             if problem:
                 problems.append(f"{where} = {value!r}: {problem}")
             else:
-                changes[key] = type(present)(value)
+                changes[key] = float(value) if isinstance(value, int) and isinstance(present, float) else value
     return dataclasses.replace(base, **changes)
 
 
-def _numbers(present: Mapping[str, float], value: Any, where: str, problems: list[str]) -> dict[str, float]:
+def _numbers(present: Mapping[str, float], value: object, where: str, problems: list[str]) -> dict[str, float]:
     """A mapping of names to finite numbers over the present one."""
     merged = dict(present)
     if not isinstance(value, Mapping):
@@ -267,7 +275,7 @@ def _numbers(present: Mapping[str, float], value: Any, where: str, problems: lis
     return merged
 
 
-def _misfit(key: str, present: Any, value: Any) -> str:
+def _misfit(key: str, present: object, value: object) -> str:
     """Why `value` cannot replace `present`, or nothing."""
     if isinstance(present, str):
         return "" if isinstance(value, str) else "expected a text in quotes"

@@ -144,7 +144,8 @@ class RegisterBank:
         ramp_in = float(command["ramp_in_cycles"][0])
         if phase < ramp_in:
             return ProgramPhase.RAMP_IN
-        return ProgramPhase.FULL_AMPLITUDE if phase < ramp_in + float(command["full_cycles"][0]) else ProgramPhase.RAMP_OUT
+        full = phase < ramp_in + float(command["full_cycles"][0])
+        return ProgramPhase.FULL_AMPLITUDE if full else ProgramPhase.RAMP_OUT
 
     def _inputs(self) -> int:
         bits = 0 if self.actuator.faults.e_stop_open else int(Input.E_STOP_CLOSED)

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import dataclasses
 import gc
+import math
 import os
 import signal
 from collections.abc import Callable
@@ -30,7 +31,7 @@ from simulators.registers import RegisterBank
 from simulators.sensor import Sensor
 from simulators.serial_port import SensorPort, open_port
 from simulators.slcan_bus import SlcanBus
-from simulators.truth import Truth
+from simulators.truth import About, Attribute, Truth
 
 TICK_S = 0.002
 IDLE_S = 0.5
@@ -152,7 +153,7 @@ class SimulatedRig:
         for channel in self.channels:
             channel.port.close()
         if self.truth is not None:
-            self.truth.finish(self._test(), self._quality(), self._provenance())
+            self.truth.finish(About(self._test(), self._quality(), self._provenance()))
 
     def note(self, code: str, text: str, time_s: float | None = None) -> None:
         """Log to the truth file, if there is one."""
@@ -223,9 +224,9 @@ class SimulatedRig:
     def _inject_due(self) -> None:
         """Switch on the faults whose time has come: at once without a time, else counted from the first cycle."""
         for fault in list(self._pending_faults):
-            if fault.after_s is not None:
-                if self.first_cycle_s is None or self.plant.time_s < self.first_cycle_s + fault.after_s:
-                    continue
+            began_s = math.inf if self.first_cycle_s is None else self.first_cycle_s
+            if fault.after_s is not None and self.plant.time_s < began_s + fault.after_s:
+                continue
             self._pending_faults.remove(fault)
             self.note("FAULT", fault.slug)
             INJECTORS[fault.slug](self)
@@ -240,9 +241,9 @@ class SimulatedRig:
         elif now_ns - self._idle_since_ns > IDLE_S * 1e9:
             self.stop()
 
-    def _test(self) -> dict[str, str | int | float | list[str]]:
+    def _test(self) -> dict[str, Attribute]:
         plant = self.plant
-        parameters: dict[str, str | int | float | list[str]] = {f"parameter_{key}": value for key, value in plant.values.items()}
+        parameters = {f"parameter_{name}": value for name, value in plant.values.items()}
         return {
             "damper_model": plant.model.name,
             "damper_kind": plant.model.kind,
@@ -254,14 +255,14 @@ class SimulatedRig:
             "faults": [f"{fault.slug}" for fault in self.run_options.faults],
         }
 
-    def _quality(self) -> dict[str, str | int | float | list[str]]:
-        drops: dict[str, str | int | float | list[str]] = {
+    def _quality(self) -> dict[str, Attribute]:
+        drops: dict[str, Attribute] = {
             f"dropped_{channel.name}": channel.port.dropped_frames for channel in self.channels
         }
         return drops | {"dropped_can": self.bus.dropped_frames}
 
-    def _provenance(self) -> dict[str, str | int | float | list[str]]:
-        clocks: dict[str, str | int | float | list[str]] = {}
+    def _provenance(self) -> dict[str, Attribute]:
+        clocks: dict[str, Attribute] = {}
         devices = {"controller": self.actuator.clock, "ecu": self.ecu.clock}
         devices |= {channel.name: channel.sensor.clock for channel in self.channels}
         for name, clock in devices.items():

@@ -89,7 +89,7 @@ class Sensor:
             self._started = True
         end_s = start_s + len(signal) * dt_s
         ticks = self._due_ticks(end_s)
-        nominal_us = ticks * self._period_us
+        nominal_us = ticks.astype(np.float64) * self._period_us
         nominal_s = self.clock.time_s(nominal_us)
         draws = self._random.standard_normal((len(ticks), 2))
         jitter_s = self.options.jitter_s * np.clip(draws[:, 1], -LARGEST_JITTER, LARGEST_JITTER)
@@ -110,7 +110,8 @@ class Sensor:
     def _imperfect(self, clean: FloatArray, noise: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
         """Wire values (n,) and status bits (n,) of clean SI values (n,)."""
         options, faults = self.options, self.faults
-        value = clean * (options.gain * options.wire_per_si) + (options.offset + faults.zero_offset) + options.noise * noise
+        value = clean * (options.gain * options.wire_per_si) + options.noise * noise
+        value += options.offset + faults.zero_offset
         if options.resolution > 0:
             value = np.round(value / options.resolution) * options.resolution
         if faults.stuck and len(value):
@@ -132,10 +133,15 @@ class Sensor:
     def _every(self, count: int, period_s: float) -> NDArray[np.bool_]:
         """Mask (count,) of one sample every `period_s`, by sample number."""
         numbers = self.samples + np.arange(count)
-        return numbers % max(1, round(period_s * self.options.rate_Hz)) == 0
+        return np.equal(numbers % max(1, round(period_s * self.options.rate_Hz)), 0)
 
     def _encode(
-        self, value: FloatArray, status: NDArray[np.uint8], device_us: FloatArray, time_s: FloatArray, pulses_s: list[float]
+        self,
+        value: FloatArray,
+        status: NDArray[np.uint8],
+        device_us: FloatArray,
+        time_s: FloatArray,
+        pulses_s: list[float],
     ) -> tuple[Bytes, FloatArray]:
         """Frames (n, size) and the simulated times (n,) they are finished at."""
         sequence = self.samples + np.arange(len(value))
@@ -161,7 +167,7 @@ class Sensor:
         return frames, time_s[keep]
 
     def _backwards(self, sequence: NDArray[np.int64]) -> NDArray[np.bool_]:
-        return sequence % max(2, round(GAP_EVERY_S * self.options.rate_Hz)) == 1
+        return np.equal(sequence % max(2, round(GAP_EVERY_S * self.options.rate_Hz)), 1)
 
     def _with_edges(
         self,

@@ -1,8 +1,8 @@
 """A CAN bus on a TCP socket in the slcan format: every client and the ECU see every frame, but their own.
 
-Lines end in CR. `t` iii l dd..: standard frame, `T` iiiiiiii l dd..: extended, `r`/`R`: remote. `S` `s` `O` `L` `C` `Z` set
-the adapter up and are answered with CR, `V` and `N` with version and serial number, anything else with BEL. A client
-hears frames between its `O` (or `L`, listen only) and its `C`.
+Lines end in CR. `t` iii l dd..: standard frame, `T` iiiiiiii l dd..: extended, `r`/`R`: remote. `S` `s` `O` `L` `C` `Z`
+set the adapter up and are answered with CR, `V` and `N` with version and serial number, anything else with BEL. A
+client hears frames between its `O` (or `L`, listen only) and its `C`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 
 OK = b"\r"
 ERROR = b"\a"
+ADAPTER_ANSWERS = {b"S": OK, b"s": OK, b"Z": OK, b"Y": OK, b"V": b"V1013\r", b"N": b"NSIM1\r", b"F": b"F00\r"}
 HIGHEST_BACKLOG = 64 * 1024
 LONGEST_LINE = 64
 MAXIMUM_DATA = 8
@@ -155,7 +156,7 @@ class SlcanClient(asyncio.Protocol):
         if kind == b"C":
             self.listening = self._transmits = False
             return OK
-        return {b"S": OK, b"s": OK, b"Z": OK, b"Y": OK, b"V": b"V1013\r", b"N": b"NSIM1\r", b"F": b"F00\r"}.get(kind, ERROR)
+        return ADAPTER_ANSWERS.get(kind, ERROR)
 
 
 def well_formed(line: bytes) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,24 @@ BLOCK_ROWS = 64
 _TRIPPED = 16
 STATE_OF_MODE = np.array([int(MODE_STATES[mode]) for mode in sorted(MODE_STATES)], np.int16)
 
+TYPES: dict[str, type] = {"controller_state": np.int8}
+
 Attribute = str | int | float | list[str]
+
+
+@dataclass(frozen=True)
+class About:
+    """Attributes of the truth file.
+
+    Attributes:
+        test: damper model, parameters, specimen, faults.
+        quality: dropped counts.
+        provenance: seed, speed, options, clocks.
+    """
+
+    test: Mapping[str, Attribute]
+    quality: Mapping[str, Attribute]
+    provenance: Mapping[str, Attribute]
 
 
 class Truth:
@@ -79,13 +97,11 @@ class Truth:
         self._events.write(json.dumps(record) + "\n")
         self._events.flush()
 
-    def finish(self, test: Mapping[str, Attribute], quality: Mapping[str, Attribute], provenance: Mapping[str, Attribute]) -> None:
+    def finish(self, about: About) -> None:
         """Write the HDF5 file from what was collected and remove the pieces.
 
         Args:
-            test: damper model, parameters, specimen.
-            quality: dropped counts.
-            provenance: seed, speed, options.
+            about: what the file says of its origin.
 
         Raises:
             OSError: the file cannot be written; the pieces stay.
@@ -93,7 +109,8 @@ class Truth:
         self._flush()
         self._rows.close()
         self._events.close()
-        convert(self.path, self._rows_path, self._events_path, 1.0 / (self._plant.dt_s * self._every), test, quality, provenance)
+        rate_Hz = 1.0 / (self._plant.dt_s * self._every)
+        convert(self.path, self._rows_path, self._events_path, rate_Hz, about)
         self._rows_path.unlink()
         self._events_path.unlink()
 
@@ -113,15 +130,7 @@ def _states(mode_and_trip: NDArray[np.float64], pressure: int) -> NDArray[np.int
     return np.where(coded >= _TRIPPED, np.int16(State.TRIPPED), states)
 
 
-def convert(
-    path: Path,
-    rows_path: Path,
-    events_path: Path,
-    rate_Hz: float,
-    test: Mapping[str, Attribute],
-    quality: Mapping[str, Attribute],
-    provenance: Mapping[str, Attribute],
-) -> None:
+def convert(path: Path, rows_path: Path, events_path: Path, rate_Hz: float, about: About) -> None:
     """Make the HDF5 file of the collected rows and events; an unfinished last row or line is left out.
 
     Raises:
@@ -137,13 +146,13 @@ def convert(
             record = json.loads(line)
             events.append(Event(record["time_ns"], record["code"], f"{record['text']}; host_ns={record['host_ns']}"))
     channels = [
-        AlignedChannel(name, rows[name].astype(np.int8 if name == "controller_state" else np.float32), unit, long_name, "plant")
+        AlignedChannel(name, rows[name].astype(TYPES.get(name, np.float32)), unit, long_name, "plant")
         for name, unit, long_name in CHANNELS
     ]
     write_file(
         path,
         PointFile(
-            rows["time"].astype(np.float64), rate_Hz, channels, events=events, test=test, quality=quality,
-            provenance=provenance, title="True state of the simulated rig",
+            rows["time"].astype(np.float64), rate_Hz, channels, events=events, test=about.test, quality=about.quality,
+            provenance=about.provenance, title="True state of the simulated rig",
         ),
     )

@@ -1,9 +1,9 @@
 """Where the rod goes: the controller's set-point generator and the servo-hydraulic loop, compiled one step at a time.
 
-Set-point (PHYSICS section 1): sine `A sin(2 pi f t)`, the exact triangle, or a table, under an envelope that rises
-linearly in phase over the ramp-in cycles and falls over the ramp-out cycles. Servo: `x'' = wn^2 (r - x) - 2 zeta wn x'`,
-integrated by the trapezoidal rule, its speed limited to `rated sqrt((Ps - |pL|)/Ps)` with `pL = F/area`, its
-acceleration to the controller's limit.
+Set-point (PHYSICS section 1): sine `A sin(2 pi f t)`, the exact triangle or a table, under an envelope that rises
+linearly in phase over the ramp-in cycles and falls over the ramp-out cycles. Servo (section 11):
+`x'' = wn^2 (r - x) - 2 zeta wn x'`, integrated by the trapezoidal rule, its speed limited to
+`rated sqrt((Ps - |pL|)/Ps)` with `pL = F/area`, its acceleration to the controller's limit.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def _program_setpoint(p: Record, c: Record, s: Record, table: Record, end_s: flo
             count = note(events, count, end_s, EVENT_FULL_AMPLITUDE, s.cycles_done)
         share = envelope(phase, c.ramp_in_cycles, c.full_cycles, c.ramp_out_cycles)
         if phase >= total - 1e-9:
-            s.cycles_done = int(math.floor(total + 1e-9))
+            s.cycles_done = math.floor(total + 1e-9)
             count = pulse(s, events, count, end_s - (phase - total) / c.frequency_Hz)
             share = 0.0
             c.mode = MODE_HOLD
@@ -176,7 +176,8 @@ def _closed_loop(p: Record, c: Record, s: Record, before_m: float, speed_limit_m
     s.saturated = 1 if abs(v) > speed_limit_m_s else 0
     if abs(v) < SMALLEST_M_S:
         return 0.0
-    return max(-speed_limit_m_s, min(speed_limit_m_s, v))
+    limited: float = max(-speed_limit_m_s, min(speed_limit_m_s, v))
+    return limited
 
 
 closed_loop = njit(cache=True)(_closed_loop)
@@ -193,7 +194,8 @@ def _open_loop(p: Record, c: Record, s: Record) -> float:
     if c.mode == MODE_LOCKED:
         return 0.0
     drift = p.drift_m_s * s.accumulator_Pa / p.supply_Pa
-    return drift + (s.velocity_m_s - drift) * math.exp(-p.dt_s / p.valve_closing_s)
+    drifting: float = drift + (s.velocity_m_s - drift) * math.exp(-p.dt_s / p.valve_closing_s)
+    return drifting
 
 
 open_loop = njit(cache=True)(_open_loop)

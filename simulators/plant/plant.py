@@ -17,8 +17,8 @@ from simulators.plant.step import COLUMNS, run_slice
 FloatArray = NDArray[np.float64]
 
 THERMAL_PARAMETERS = {
-    "Fya", "Fyb", "Ca", "Cb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "c", "c_b", "alpha", "alpha_b", "fc", "fc_b",
-    "c0", "c0_b", "c1", "alpha_a", "c0a", "c0b", "c1a", "c1b", "kv", "kv_b", "kw", "kw_b",
+    "Fya", "Fyb", "Ca", "Cb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "c", "c_b", "alpha", "alpha_b",
+    "fc", "fc_b", "c0", "c0_b", "c1", "alpha_a", "c0a", "c0b", "c1a", "c1b", "kv", "kv_b", "kw", "kw_b",
 }
 """Yield and viscous terms of all models: those that warm oil weakens (PHYSICS section 11)."""
 TABLE_CAPACITY = 4096

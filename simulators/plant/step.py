@@ -86,12 +86,13 @@ def _mounted_force(p: Record, s: Record, kind: int, dp: Record, ds: Record, scra
     reach = 2.0 + 10.0 * abs(s.velocity_m_s)
     low, high = s.damper_v_m_s - reach, s.damper_v_m_s + reach
     u, v, force = s.damper_u_m, s.damper_v_m_s, 0.0
-    for trial in range(_MOUNT_ITERATIONS):
+    for _ in range(_MOUNT_ITERATIONS):
         v = 0.5 * (low + high)
         u = s.damper_u_m + 0.5 * (s.damper_v_m_s + v) * p.dt_s
         scratch[:] = ds
         a = (v - s.damper_v_m_s) / p.dt_s
-        force = p.force_scale * advance(kind, dp, scratch, u, v, a, s.current_A, p.dt_s) + fittings_force(p, u, v)
+        force = p.force_scale * advance(kind, dp, scratch, u, v, a, s.current_A, p.dt_s)
+        force += fittings_force(p, u, v)
         if force > mount_force(p, rod_u - u):
             high = v
         else:
@@ -106,7 +107,7 @@ mounted_force = njit(cache=True)(_mounted_force)
 
 
 def _coil_and_heat(p: Record, c: Record, s: Record) -> None:
-    """Coil lag `I' = -eta (I - Icmd)`, exact over the step (9), and heat from `F v` and `I^2 R` (PHYSICS section 11)."""
+    """Coil lag `I' = -eta (I - Icmd)`, exact over the step (9); heat from `F v` and `I^2 R` (PHYSICS section 11)."""
     ohm = p.coil_ohm * (1.0 + p.coil_ohm_per_K * (s.temperature_degC - 20.0))
     largest = p.coil_voltage_V / ohm
     wanted = max(-largest, min(largest, c.coil_A))
