@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import reduce
 from operator import xor
 
@@ -83,6 +83,10 @@ class LineFormat:
             (not self.terminator, "terminator must not be empty"),
             (not 1 <= self.maximum_length <= LONGEST_LINE, f"maximum_length must be 1..{LONGEST_LINE}"),
             (not 0 <= self.decimals <= 9, "decimals must be 0..9"),
+            (
+                self.nominal_rate_Hz is not None and not 0 < self.nominal_rate_Hz < math.inf,
+                "nominal_rate_Hz must be a positive number",
+            ),
             (self.checksum not in CHECKSUMS, f"checksum must be one of {', '.join(CHECKSUMS)}"),
             (
                 self.checksum != "none" and not (self.checksum_from and self.checksum_to),
@@ -275,6 +279,53 @@ PRESETS: Mapping[str, LineFormat] = {
     )
 }
 """Formats by the name a bench file uses."""
+
+
+def from_description(table: Mapping[str, object]) -> LineFormat:
+    r"""A format that a user described in the bench file.
+
+    Args:
+        table: keys as the attributes of `LineFormat`; byte strings written as text (terminator "\r\n").
+
+    Raises:
+        LocalProtocolError: an unknown or missing key, a value of the wrong type, or a contradiction.
+    """
+    name = table.get("name", "custom")
+    known = {item.name: item for item in fields(LineFormat) if item.init}
+    values: dict[str, object] = {"name": name}
+    for key, value in table.items():
+        if key not in known:
+            raise LocalProtocolError(f"line format {name!r}: unknown key {key!r}; known are {', '.join(known)}")
+        values[key] = _described(name, key, value)
+    if "pattern" not in values:
+        raise LocalProtocolError(f"line format {name!r}: key 'pattern' is missing")
+    return LineFormat(**values)  # type: ignore[arg-type]  # every value was checked against its key just now
+
+
+def _described(name: object, key: str, value: object) -> object:
+    """One value of a description, as the type its attribute has.
+
+    Raises:
+        LocalProtocolError: another type.
+    """
+    if key in _BYTES_KEYS:
+        if isinstance(value, str) and value.isascii():
+            return value.encode("ascii")
+        raise LocalProtocolError(f"line format {name!r}: {key} = {value!r}, expected ASCII text")
+    if key in _TOKEN_KEYS:
+        if isinstance(value, (list, tuple)) and all(isinstance(token, str) for token in value):
+            return tuple(value)
+        raise LocalProtocolError(f"line format {name!r}: {key} = {value!r}, expected a list of texts")
+    expected = _NUMBER_KEYS.get(key, str)
+    if isinstance(value, bool) or not isinstance(value, (int, float) if expected is float else expected):
+        raise LocalProtocolError(f"line format {name!r}: {key} = {value!r}, expected {_TYPE_NAMES[expected]}")
+    return value
+
+
+_BYTES_KEYS = frozenset({"terminator", "start_command", "stop_command"})
+_TOKEN_KEYS = frozenset({"overload_tokens", "fault_tokens"})
+_NUMBER_KEYS: Mapping[str, type] = {"decimals": int, "maximum_length": int, "nominal_rate_Hz": float}
+_TYPE_NAMES = {int: "a whole number", float: "a number", str: "text"}
 
 
 def preset(name: str) -> LineFormat:
