@@ -74,6 +74,11 @@ class Rest:
 
 
 @dataclass(frozen=True)
+class AwaitStandstill:
+    """Report `Standstill` when the actuator has stood still for a moment."""
+
+
+@dataclass(frozen=True)
 class BeginRecording:
     """Open the point's journal; every sample from now on belongs to it. `attempt` counts from 1."""
 
@@ -127,6 +132,7 @@ Action = (
     | Stop
     | WatchZeros
     | Rest
+    | AwaitStandstill
     | BeginRecording
     | EndRecording
     | GiveUpPoint

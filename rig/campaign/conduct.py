@@ -59,6 +59,7 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         folder = make_campaign_folder(options.out, matrix.specimen.serial_number)
         log = CampaignLog(folder)
         ends.callback(log.close)
+        ends.enter_context(_refusals_in(log))
         finaliser = Finaliser.start(folder)
         ends.callback(finaliser.close)
         copy_into(options.matrix_path, folder, "matrix.toml")
@@ -99,6 +100,20 @@ def _accepted(matrix: Matrix, bench: Bench) -> Plan:
     if lines:
         raise Refused("matrix-infeasible", "the matrix does not fit the rig, nothing was moved:\n" + "\n".join(lines))
     return judged
+
+
+@contextmanager
+def _refusals_in(log: CampaignLog) -> Iterator[None]:
+    """Keep a refusal before the start in the campaign's journal too.
+
+    Raises:
+        Refused: the same one.
+    """
+    try:
+        yield
+    except Refused as refusal:
+        log.write("refused", slug=refusal.slug, text=str(refusal))
+        raise
 
 
 @contextmanager

@@ -61,6 +61,11 @@ class RestOver:
 
 
 @dataclass(frozen=True)
+class Standstill:
+    """The actuator stands still by the controller's own position."""
+
+
+@dataclass(frozen=True)
 class Judged:
     """A point's file was written and judged."""
 
@@ -144,6 +149,7 @@ Event = (
     | CurrentSettled
     | ProgramEnded
     | RestOver
+    | Standstill
     | Judged
     | TimedOut
     | Spoiled

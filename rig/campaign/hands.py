@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 DEADLINE_WALL_NS = 2_000_000_000
 """A deadline on the rig's clock also leaves this much wall time: requests take wall time at any speed."""
+PATIENCE = 10.0
+"""A rig's clock that runs this much slower than expected, or stands still, does not hold a deadline up any longer."""
 FILES_TIMEOUT_S = 120.0
 
 
@@ -46,7 +48,7 @@ class Hands:
         """Why the campaign's journal can no longer be written; None while it can."""
         self._finaliser = finaliser
         self._recorder: PointRecorder | None = None
-        self._deadline: tuple[str, float, int] | None = None
+        self._deadline: tuple[str, float, int, int] | None = None
         self._handed_in: dict[str, TestPoint] = {}
         self._ways: dict[type[act.Action], Callable[[Any], None]] = {
             act.Ask: self._ask,
@@ -56,6 +58,7 @@ class Hands:
             act.Stop: self._stop,
             act.WatchZeros: self._watch_zeros,
             act.Rest: self._rest,
+            act.AwaitStandstill: self._await_standstill,
             act.BeginRecording: self._begin_recording,
             act.EndRecording: self._end_recording,
             act.GiveUpPoint: self._give_up_point,
@@ -89,8 +92,9 @@ class Hands:
         """The phase whose deadline has just passed; said once."""
         if self._deadline is None:
             return None
-        phase, device_s, wall_ns = self._deadline
-        if monotonic_ns() < wall_ns or self.observer.device_s < device_s:
+        phase, device_s, earliest_ns, latest_ns = self._deadline
+        now_ns = monotonic_ns()
+        if now_ns < earliest_ns or (self.observer.device_s < device_s and now_ns < latest_ns):
             return None
         self._deadline = None
         return phase
@@ -167,6 +171,9 @@ class Hands:
     def _rest(self, action: act.Rest) -> None:
         self.observer.await_rest(action.rest_s)
 
+    def _await_standstill(self, action: act.AwaitStandstill) -> None:
+        self.observer.await_standstill()
+
     def _begin_recording(self, action: act.BeginRecording) -> None:
         if self._recorder is None:
             raise RecorderFailed("there is no recorder before the station is connected")
@@ -204,8 +211,9 @@ class Hands:
         if action.device_s is None:
             self._deadline = None
         else:
-            device_s = self.observer.device_s + action.device_s
-            self._deadline = (action.phase, device_s, monotonic_ns() + DEADLINE_WALL_NS)
+            earliest_ns = monotonic_ns() + DEADLINE_WALL_NS
+            latest_ns = earliest_ns + int(1e9 * PATIENCE * action.device_s / self.crew.bench.clock.device_rate)
+            self._deadline = (action.phase, self.observer.device_s + action.device_s, earliest_ns, latest_ns)
 
     def _tell(self, action: act.Note) -> None:
         self.note(action.level, text=action.text)

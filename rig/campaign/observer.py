@@ -20,6 +20,8 @@ from rig.campaign.preflight import RestLimits, judge_rest
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
 REST_WINDOW_S = 0.2
+STILL_WINDOW_S = 0.3
+STILL_M = 0.2e-3
 
 LIVE = {
     "position_m": Channel.DISPLACEMENT,
@@ -125,6 +127,19 @@ class Observer:
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
             return ev.RestOver() if self.device_s >= until_s else None
+
+        self._wait = wait
+
+    def await_standstill(self) -> None:
+        """Wait for `Standstill`: the controller's position within 0.2 mm for 0.3 s of its clock."""
+        anchor_m, since_s = self.value(Channel.POSITION), self.device_s
+
+        def wait(records: NDArray[Any]) -> ev.Event | None:
+            nonlocal anchor_m, since_s
+            for position_m in records["value"][records["channel"] == Channel.POSITION].tolist():
+                if not abs(position_m - anchor_m) <= STILL_M:
+                    anchor_m, since_s = position_m, self.device_s
+            return ev.Standstill() if self.device_s >= since_s + STILL_WINDOW_S else None
 
         self._wait = wait
 

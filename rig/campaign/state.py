@@ -28,6 +28,7 @@ class Phase(StrEnum):
     JUDGING = "waiting for verdicts"
     STOPPING = "stopping"
     RESETTING = "resetting after a stop"
+    STANDING = "coming to rest"
     FINISHING = "hydraulics off"
     ENDED = "ended"
 

@@ -84,6 +84,15 @@ def test_a_rest_passes_on_the_controllers_clock() -> None:
     assert observer.observe(status(3_000_000_000, State.HOLD)) == ev.RestOver()
 
 
+def test_standstill_is_a_position_that_stays_for_a_moment_of_the_controllers_clock() -> None:
+    observer = Observer()
+    observer.observe(status(1_000_000_000, State.HOLD, 0.010))
+    observer.await_standstill()
+    assert observer.observe(status(1_200_000_000, State.HOLD, 0.0090)) is None
+    assert observer.observe(status(1_400_000_000, State.HOLD, 0.0091)) is None
+    assert observer.observe(status(1_500_000_000, State.HOLD, 0.0090)) == ev.Standstill()
+
+
 def test_zeros_are_judged_over_the_rest_window() -> None:
     observer = Observer()
     observer.observe(status(1_000_000_000, State.OFF))

@@ -34,6 +34,7 @@ EVENTS: tuple[ev.Event, ...] = (
     ev.ProgramEnded(at_centre=True),
     ev.ProgramEnded(at_centre=False),
     ev.RestOver(),
+    ev.Standstill(),
     *(ev.Judged(point.id, valid) for point in POINTS for valid in (True, False)),
     *(ev.TimedOut(phase) for phase in Phase),
     ev.Spoiled(Cause("sample-gap", "12 lost")),
@@ -240,6 +241,7 @@ def answers(state: State) -> Iterator[ev.Event]:
         Phase.RUNNING: ev.ProgramEnded(at_centre=True),
         Phase.CLEARING: ev.CurrentSettled(),
         Phase.RESTING: ev.RestOver(),
+        Phase.STANDING: ev.Standstill(),
         Phase.STOPPING: ev.Safe(),
         Phase.PAUSED: ev.ResumeAsked(),
     }
