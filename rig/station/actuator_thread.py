@@ -13,7 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Protocol, TypeVar
 
-from drivers.errors import DriverError, NoAnswer, RequestRefused
+from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from protocols.actuator import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, State
 from protocols.register_map import Value
@@ -30,6 +30,7 @@ T = TypeVar("T")
 
 COUNTER_MODULUS = 1 << 16
 CLOCK_MODULUS = 1 << 32
+OPEN_PATIENCE_S = 2.0
 COMMANDS = {
     Action.FADE: Command.FADE_STOP,
     Action.HALT: Command.HALT,
@@ -114,11 +115,21 @@ class ActuatorThread(DeviceThread):
     def open(self) -> None:
         """Connect and read the identity; before the thread starts.
 
+        Nothing depends on speed yet, so an answer that is late is asked for again until `OPEN_PATIENCE_S`.
+
         Raises:
             DriverError: nobody answers, or it is another device.
         """
-        self._driver.open()
-        self.identity = self._driver.read_identity()
+        deadline_ns = monotonic_ns() + int(OPEN_PATIENCE_S * 1e9)
+        while True:
+            self._driver.open()
+            try:
+                self.identity = self._driver.read_identity()
+                self._driver.read_status()
+                return
+            except (NoAnswer, LinkLost):
+                if monotonic_ns() > deadline_ns:
+                    raise
 
     def close(self) -> None:
         """Disconnect; after the thread has ended."""
