@@ -18,63 +18,66 @@ FRAMES = [
 
 
 @pytest.mark.parametrize("at", range(len(STREAM) + 1))
-def test_every_split_point_gives_the_same_frames(at):
+def test_every_split_point_gives_the_same_frames(at: int) -> None:
     decoder = SlcanDecoder()
     assert decoder.feed(STREAM[:at]) + decoder.feed(STREAM[at:]) == FRAMES
     assert (decoder.malformed, decoder.errors) == (1, 1)
 
 
-def test_a_time_stamp_behind_the_data_is_allowed():
+def test_a_time_stamp_behind_the_data_is_allowed() -> None:
     assert SlcanDecoder().feed(b"t1232AABB1F2E\r") == [(0x123, b"\xaa\xbb", False, False, 2)]
 
 
 @pytest.mark.parametrize(
     "line",
-    [b"t1209" + b"00" * 9, b"t1202AA", b"t1202AABBC", b"t12", b"tXYZ0", b"x1200", b"t12 0", b"t8000", b"T200000000", b"t1201G0", b"t1201 0"],
+    [
+        b"t1209" + b"00" * 9, b"t1202AA", b"t1202AABBC", b"t12", b"tXYZ0", b"x1200", b"t12 0", b"t8000",
+        b"T200000000", b"t1201G0", b"t1201 0",
+    ],
 )
-def test_a_malformed_line_is_counted_and_gives_no_frame(line):
+def test_a_malformed_line_is_counted_and_gives_no_frame(line: bytes) -> None:
     decoder = SlcanDecoder()
     assert decoder.feed(line + b"\rt1230\r") == [(0x123, b"", False, False, 0)]
     assert decoder.malformed == 1
 
 
-def test_a_line_without_end_is_given_up():
+def test_a_line_without_end_is_given_up() -> None:
     decoder = SlcanDecoder()
     assert decoder.feed(b"t" * 100) == []
     assert decoder.malformed == 1
     assert decoder.feed(b"\rt1230\r") == [(0x123, b"", False, False, 0)]
 
 
-def test_clear_forgets_the_unfinished_line():
+def test_clear_forgets_the_unfinished_line() -> None:
     decoder = SlcanDecoder()
     decoder.feed(b"t1230")
     decoder.clear()
     assert decoder.feed(b"\r") == []
 
 
-def test_frames_are_written_as_the_adapter_expects_them():
+def test_frames_are_written_as_the_adapter_expects_them() -> None:
     assert encode_frame(0x120, bytes.fromhex("0013dc05")) == b"t12040013DC05\r"
     assert encode_bitrate(500_000) == b"S6\r"
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
-def test_what_is_encoded_is_decoded(identifier, data):
+def test_what_is_encoded_is_decoded(identifier: int, data: bytes) -> None:
     assert SlcanDecoder().feed(encode_frame(identifier, data)) == [(identifier, data, False, False, len(data))]
 
 
 @given(st.binary(max_size=300))
-def test_any_bytes_never_crash_and_give_only_possible_frames(noise):
+def test_any_bytes_never_crash_and_give_only_possible_frames(noise: bytes) -> None:
     for identifier, data, extended, remote, length in SlcanDecoder().feed(noise + b"\r"):
         assert identifier <= (0x1FFFFFFF if extended else 0x7FF)
         assert len(data) == (0 if remote else length) <= 8
 
 
 @pytest.mark.parametrize(("identifier", "data"), [(0x800, b""), (-1, b""), (0x123, bytes(9))])
-def test_what_no_standard_frame_can_carry_is_our_own_error(identifier, data):
+def test_what_no_standard_frame_can_carry_is_our_own_error(identifier: int, data: bytes) -> None:
     with pytest.raises(LocalProtocolError, match="no standard frame"):
         encode_frame(identifier, data)
 
 
-def test_an_unknown_bit_rate_is_our_own_error():
+def test_an_unknown_bit_rate_is_our_own_error() -> None:
     with pytest.raises(LocalProtocolError, match="no code for 123 bit/s"):
         encode_bitrate(123)
