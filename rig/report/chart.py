@@ -1,0 +1,134 @@
+"""Line charts as inline SVG: vector, small, readable in print, no library and no network."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Range = tuple[float, float]
+
+LEFT, RIGHT, TOP, BOTTOM = 52, 8, 8, 36
+WANTED_TICKS = 5
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One line: `x`, `y` (n,) in the axes' units, broken where a value is NaN; `style` is a class of the style sheet.
+
+    `colour` overrides the style's; `name` appears when the pointer rests on the line.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    style: str
+    name: str = ""
+    colour: str = ""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart of `width` x `height` pixels; ranges default to all of the traces."""
+
+    x_label: str
+    y_label: str
+    traces: Sequence[Trace]
+    width: int = 300
+    height: int = 220
+    x_range: Range | None = None
+    y_range: Range | None = None
+    title: str = field(default="")
+
+    def svg(self) -> str:
+        """The chart as an `<svg>` element with a text alternative."""
+        x_range = self.x_range or span([trace.x for trace in self.traces])
+        y_range = self.y_range or span([trace.y for trace in self.traces])
+        parts = [
+            f'<svg viewBox="0 0 {self.width} {self.height}" role="img" '
+            f'aria-label="{html.escape(self.title or f"{self.y_label} over {self.x_label}")}">',
+            *self._axes(x_range, y_range),
+            *(self._line(trace, x_range, y_range) for trace in self.traces),
+            "</svg>",
+        ]
+        return "".join(parts)
+
+    def _axes(self, x_range: Range, y_range: Range) -> list[str]:
+        right, bottom = self.width - RIGHT, self.height - BOTTOM
+        parts = []
+        for value in ticks(x_range):
+            x = self._x(value, x_range)
+            parts.append(f'<path class="g" d="M{x:.1f} {TOP}V{bottom}"/>')
+            parts.append(f'<text x="{x:.1f}" y="{bottom + 15}" text-anchor="middle">{tick_text(value, x_range)}</text>')
+        for value in ticks(y_range):
+            y = self._y(value, y_range)
+            parts.append(f'<path class="g" d="M{LEFT} {y:.1f}H{right}"/>')
+            parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{tick_text(value, y_range)}</text>')
+        middle_x, middle_y = (LEFT + right) / 2, (TOP + bottom) / 2
+        parts.append(f'<rect class="f" x="{LEFT}" y="{TOP}" width="{right - LEFT}" height="{bottom - TOP}"/>')
+        x_text, y_text = html.escape(self.x_label), html.escape(self.y_label)
+        parts.append(f'<text class="l" x="{middle_x}" y="{self.height - 4}" text-anchor="middle">{x_text}</text>')
+        parts.append(
+            f'<text class="l" transform="translate(11 {middle_y}) rotate(-90)" text-anchor="middle">{y_text}</text>',
+        )
+        return parts
+
+    def _line(self, trace: Trace, x_range: Range, y_range: Range) -> str:
+        x = np.round(self._x(trace.x, x_range), 1)
+        y = np.round(self._y(trace.y, y_range), 1)
+        good = np.isfinite(x) & np.isfinite(y)
+        words, pen_up = [], True
+        for px, py, usable in zip(x.tolist(), y.tolist(), good.tolist(), strict=True):
+            if usable:
+                words.append(f"{'M' if pen_up else 'L'}{px:g} {py:g}")
+            pen_up = not usable
+        colour = f' style="stroke:{trace.colour}"' if trace.colour else ""
+        name = f"<title>{html.escape(trace.name)}</title>" if trace.name else ""
+        return f'<path class="{trace.style}"{colour} d="{"".join(words)}">{name}</path>'
+
+    def _x(self, value: FloatArray | float, limits: Range) -> FloatArray:
+        share = (np.asarray(value, np.float64) - limits[0]) / (limits[1] - limits[0])
+        return np.asarray(LEFT + share * (self.width - LEFT - RIGHT))
+
+    def _y(self, value: FloatArray | float, limits: Range) -> FloatArray:
+        share = (np.asarray(value, np.float64) - limits[0]) / (limits[1] - limits[0])
+        return np.asarray(self.height - BOTTOM - share * (self.height - BOTTOM - TOP))
+
+
+def span(arrays: Sequence[FloatArray], margin: float = 0.05) -> Range:
+    """Smallest to largest finite value with a margin on both sides; (-1, 1) when there is none."""
+    finite = [array[np.isfinite(array)] for array in arrays]
+    finite = [array for array in finite if len(array)]
+    if not finite:
+        return -1.0, 1.0
+    low = min(float(np.min(array)) for array in finite)
+    high = max(float(np.max(array)) for array in finite)
+    room = margin * (high - low) or max(abs(high) * margin, 1e-9)
+    return low - room, high + room
+
+
+def ticks(limits: Range) -> list[float]:
+    """Round values inside a range, about `WANTED_TICKS` of them."""
+    rough = (limits[1] - limits[0]) / WANTED_TICKS
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * power for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= rough)
+    first = math.ceil(limits[0] / step - 1e-9)
+    last = math.floor(limits[1] / step + 1e-9)
+    return [number * step for number in range(first, last + 1)]
+
+
+def tick_text(value: float, limits: Range) -> str:
+    """A tick's value, without noise of the arithmetic."""
+    largest = max(abs(limits[0]), abs(limits[1]))
+    return f"{0.0 if abs(value) < 1e-9 * largest else value:.6g}".replace("-", "\N{MINUS SIGN}")
+
+
+def thinned(count: int, wanted: int = 300) -> NDArray[np.int64]:
+    """Indices of at most `wanted` evenly spread samples out of `count`, first and last among them."""
+    if count <= wanted:
+        return np.arange(count)
+    return np.unique(np.round(np.linspace(0, count - 1, wanted)).astype(np.int64))

@@ -1,0 +1,104 @@
+"""Putting the report together and writing it beside the run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import rig.dampers
+from rig.dampers import DamperModel
+from rig.errors import FileProblem, RigError
+from rig.recording.durable import write_text_durably
+from rig.recording.run import Run
+from rig.report import loops, section
+from rig.report.fragment import box, text
+from rig.report.style import STYLE_SHEET
+from rig.report.view import PointView, view_of
+
+
+def write_report(run_dir: Path) -> Path:
+    """Write `report.html` into a campaign's directory, from its points and, if there is one, its `fit.json`.
+
+    Args:
+        run_dir: the campaign's directory.
+
+    Returns:
+        The report's path. It is one file, readable without a network.
+
+    Raises:
+        FileProblem: the directory is no run, or `fit.json` is not one of ours.
+        OSError: the report cannot be written.
+    """
+    run = Run.open(run_dir)
+    fit = read_fit(run.path)
+    views, remark = views_of(run, fit)
+    parts = [section.header(run, fit), section.warnings(run, fit), remark, section.points_table(views)]
+    if fit is not None:
+        parts.append(section.parameters_table(fit))
+    parts += [
+        loops.overview(views), loops.details(views, fitted=any(_has_fit(view) for view in views)),
+        section.provenance(run, fit),
+    ]
+    path = run.path / "report.html"
+    write_text_durably(path, page(f"Damper test report {run.path.name}", "".join(parts)))
+    return path
+
+
+def page(title: str, body: str) -> str:
+    """A complete HTML document."""
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        f"<title>{text(title)}</title><style>{STYLE_SHEET}</style></head><body><main>{body}</main></body></html>\n"
+    )
+
+
+def read_fit(folder: Path) -> dict[str, Any] | None:
+    """The fit beside a run, None when there is none.
+
+    Raises:
+        FileProblem: the file is not a JSON object with a model and parameters.
+    """
+    file = folder / "fit.json"
+    if not file.is_file():
+        return None
+    try:
+        fit = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise FileProblem(str(file), [f"not JSON: {error}"]) from error
+    if not isinstance(fit, dict) or not isinstance(fit.get("parameters"), dict):
+        raise FileProblem(str(file), ["not a fit: expected a JSON object with `model` and `parameters`"])
+    return fit
+
+
+def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], str]:
+    """What to show of every point, and a remark where the fit's curves cannot be computed again."""
+    model, values, remark = _fitted_model(fit)
+    error = (fit or {}).get("error") or {}
+    kept = {entry.get("id"): entry for entry in error.get("per_test") or ()}
+    apart = {entry.get("id"): entry for entry in (error.get("holdout") or {}).get("per_test") or ()}
+    views = [
+        view_of(point, model, values, kept.get(point.id) or apart.get(point.id), held_out=point.id in apart)
+        for point in run.points
+    ]
+    return views, remark
+
+
+def _fitted_model(fit: Mapping[str, Any] | None) -> tuple[DamperModel | None, dict[str, float], str]:
+    if fit is None:
+        return None, {}, ""
+    values = {name: entry["value"] for name, entry in fit["parameters"].items()}
+    try:
+        model = rig.dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
+        missing = [name for name in model.names if name not in values and name != "eta"]
+    except RigError as error:
+        return None, {}, box("warn", f"The fit's curves are not drawn: {text(error)}")
+    if missing:
+        return None, {}, box("warn", f"The fit's curves are not drawn: fit.json lacks {text(', '.join(missing))}.")
+    return model, values, ""
+
+
+def _has_fit(view: PointView) -> bool:
+    return view.loop is not None and view.loop.fitted_N is not None

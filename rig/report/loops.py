@@ -1,0 +1,103 @@
+"""The report's drawings: loops of each point, measured over fitted, and all currents over each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from rig.report.chart import Chart, Range, Trace, span
+from rig.report.fragment import chip, number, text
+from rig.report.style import SEQUENCE
+from rig.report.view import Loop, PointView
+
+K = TypeVar("K", bound=Hashable)
+
+FORCE, DISPLACEMENT, VELOCITY = "Force N", "Displacement about mid-stroke mm", "Velocity m/s"
+
+
+def overview(views: Sequence[PointView]) -> str:
+    """Measured force over velocity for each motion, one colour a current."""
+    drawn = [view for view in views if view.loop is not None]
+    currents = sorted({view.point.current_A for view in drawn})
+    if len(currents) < 2:
+        return ""
+    colours = {current: _colour(index, len(currents)) for index, current in enumerate(currents)}
+    key = "".join(
+        f'<i style="border-color:{colours[current]}"></i>{number(current)} A' for current in currents
+    )
+    cards = []
+    for motion, group in _grouped(drawn, _motion):
+        traces = [
+            Trace(view.loop.velocity_m_s, view.loop.force_N, "m", f"{view.point.current_A:g} A, {view.point.id}",
+                  colours[view.point.current_A])
+            for view in sorted(group, key=lambda view: view.point.current_A) if view.loop is not None
+        ]
+        chart = Chart(VELOCITY, FORCE, traces, 400, 270, title=f"Force over velocity, {motion}")
+        cards.append(f'<div class="card"><header><b>{text(motion)}</b></header>{chart.svg()}</div>')
+    return (
+        "<h2>Force over velocity, all currents</h2>"
+        f'<p class="key">Measured, one cycle.{key}</p><div class="charts">{"".join(cards)}</div>'
+    )
+
+
+def details(views: Sequence[PointView], *, fitted: bool) -> str:
+    """For each current one row of cards: both loops of every point, and what the fit leaves over."""
+    keys = '<i style="border-color:#0072B2"></i>measured'
+    if fitted:
+        keys += '<i class="dash" style="border-color:#D55E00"></i>fitted<i style="border-color:#55606e"></i>residual'
+    parts = [f'<h2>Loops of every point</h2><p class="key">One cycle from the middle of the test.{keys}</p>']
+    ordered = sorted(views, key=lambda view: (view.point.current_A, view.point.waveform, view.point.frequency_Hz))
+    for current, group in _grouped(ordered, lambda view: view.point.current_A):
+        loops = [view.loop for view in group if view.loop is not None]
+        force = span([loop.force_N for loop in loops] + [loop.fitted_N for loop in loops if loop.fitted_N is not None])
+        residual = span([_residual(loop) for loop in loops if loop.fitted_N is not None])
+        parts.append(f"<h3>{number(current)} A</h3>")
+        cards = "".join(_card(view, force, residual) for view in group)
+        parts.append(f'<div class="cards">{cards}</div>')
+    return "".join(parts)
+
+
+def _card(view: PointView, force: Range, residual: Range) -> str:
+    point = view.point
+    error = view.error.get("nrmse_percent_of_peak")
+    title = [
+        f"<b>{text(point.id)}</b>", chip(point.verdict, point.verdict), f"<span>{text(_motion(view))}</span>",
+    ]
+    if isinstance(error, (int, float)):
+        title.append(f"<span>error {number(error, 3)} % of peak</span>")
+    if view.held_out:
+        title.append(chip("held out", "plain"))
+    header = f"<header>{''.join(title)}</header>"
+    if view.loop is None:
+        return f'<div class="card">{header}<p>Not drawn: {text(view.why)}</p></div>'
+    loop = view.loop
+    over_u = [Trace(loop.displacement_mm, loop.force_N, "m", "measured")]
+    over_v = [Trace(loop.velocity_m_s, loop.force_N, "m", "measured")]
+    strip = ""
+    if loop.fitted_N is not None:
+        over_u.append(Trace(loop.displacement_mm, loop.fitted_N, "p", "fitted"))
+        over_v.append(Trace(loop.velocity_m_s, loop.fitted_N, "p", "fitted"))
+        rest = Trace(loop.phase, _residual(loop), "e", "measured minus fitted")
+        strip = Chart("Share of the cycle", "Residual N", [rest], 610, 130, (0.0, 1.0), residual).svg()
+    pair = Chart(DISPLACEMENT, FORCE, over_u, y_range=force).svg() + Chart(VELOCITY, FORCE, over_v, y_range=force).svg()
+    return f'<div class="card">{header}<div class="pair">{pair}</div>{strip}</div>'
+
+
+def _residual(loop: Loop) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return loop.force_N - (0.0 if loop.fitted_N is None else loop.fitted_N)
+
+
+def _motion(view: PointView) -> str:
+    point = view.point
+    return f"{point.waveform}, {1e3 * point.amplitude_m:.4g} mm, {point.frequency_Hz:.4g} Hz"
+
+
+def _grouped(views: Sequence[PointView], key: Callable[[PointView], K]) -> list[tuple[K, list[PointView]]]:
+    order = list(dict.fromkeys(key(view) for view in views))
+    return [(wanted, [view for view in views if key(view) == wanted]) for wanted in order]
+
+
+def _colour(index: int, count: int) -> str:
+    return SEQUENCE[round(index * (len(SEQUENCE) - 1) / max(count - 1, 1))]

@@ -1,0 +1,62 @@
+"""The report's style sheet: readable on screen and in print; colours of Okabe and Ito, never the only sign."""
+
+from __future__ import annotations
+
+MEASURED = "#0072B2"
+FITTED = "#D55E00"
+
+#: From low to high current: dark to light, distinguishable without colour vision.
+SEQUENCE = ("#2d2e83", "#3b6fb6", "#2a9d8f", "#8ab17d", "#e0a030", "#e76f51", "#b5179e")
+
+STYLE_SHEET = f"""
+:root {{ --ink:#1c2430; --soft:#5b6675; --line:#d8dee6; --paper:#ffffff; --shade:#f4f6f9; }}
+* {{ box-sizing:border-box; }}
+body {{ margin:0; background:var(--shade); color:var(--ink); font:16px/1.5 system-ui,"Segoe UI",Roboto,sans-serif; }}
+main {{ max-width:1320px; margin:0 auto; padding:24px; }}
+h1 {{ font-size:28px; margin:0 0 4px; }}
+h2 {{ font-size:21px; margin:36px 0 10px; padding-bottom:4px; border-bottom:2px solid var(--line); }}
+h3 {{ font-size:17px; margin:22px 0 8px; }}
+p.lead {{ margin:0 0 14px; color:var(--soft); }}
+.facts {{ display:flex; flex-wrap:wrap; gap:10px; margin:14px 0; }}
+.fact,.card {{ background:var(--paper); border:1px solid var(--line); border-radius:8px; }}
+.fact {{ padding:10px 16px; min-width:150px; }}
+.fact b {{ display:block; font-size:22px; line-height:1.25; }}
+.fact span {{ color:var(--soft); font-size:14px; }}
+.wide {{ overflow-x:auto; background:var(--paper); border:1px solid var(--line); border-radius:8px; }}
+table {{ border-collapse:collapse; width:100%; font-size:15px; }}
+th,td {{ padding:5px 12px; text-align:left; border-bottom:1px solid var(--line); vertical-align:top; }}
+tr:last-child td {{ border-bottom:0; }}
+th {{ background:var(--shade); font-weight:600; white-space:nowrap; }}
+td.n,th.n {{ text-align:right; font-variant-numeric:tabular-nums; white-space:nowrap; }}
+tr.no td {{ color:var(--soft); background:#faf7f2; }}
+.chip {{ display:inline-block; border-radius:5px; padding:0 8px; font-size:14px; font-weight:600; white-space:nowrap; }}
+.valid {{ background:#d9f2e3; color:#0b5d33; }}
+.suspect {{ background:#fdf0c4; color:#6b4e00; }}
+.invalid {{ background:#fbdcd7; color:#8c1d10; }}
+.plain {{ background:#e6ebf2; color:#38455a; }}
+.warn {{ background:#fff8e1; border-left:5px solid #e0a030; padding:8px 14px; margin:8px 0; border-radius:4px; }}
+.bad {{ background:#fdecea; border-left:5px solid #c0392b; padding:8px 14px; margin:8px 0; border-radius:4px; }}
+.cards {{ display:grid; grid-template-columns:repeat(auto-fill,minmax(600px,1fr)); gap:14px; }}
+.charts {{ display:grid; grid-template-columns:repeat(auto-fill,minmax(380px,1fr)); gap:14px; }}
+.card {{ padding:10px 12px; break-inside:avoid; }}
+.card header {{ display:flex; flex-wrap:wrap; gap:6px 12px; align-items:baseline; margin-bottom:4px; }}
+.card header b {{ font-size:16px; }}
+.card header span {{ color:var(--soft); font-size:15px; }}
+.card header span.chip {{ color:inherit; }}
+.card header .invalid {{ color:#8c1d10; }} .card header .suspect {{ color:#6b4e00; }}
+.pair {{ display:grid; grid-template-columns:1fr 1fr; gap:4px; }}
+svg {{ width:100%; height:auto; display:block; }}
+svg text {{ font:11.5px system-ui,sans-serif; fill:#46515f; }} svg text.l {{ font-size:12.5px; fill:#1c2430; }}
+svg path {{ fill:none; }} svg .g {{ stroke:#e6eaef; stroke-width:1; }}
+svg .f {{ fill:none; stroke:#9aa5b1; stroke-width:1; }}
+svg .m {{ stroke:{MEASURED}; stroke-width:1.8; stroke-linejoin:round; }}
+svg .p {{ stroke:{FITTED}; stroke-width:1.6; stroke-dasharray:5 3; }}
+svg .e {{ stroke:#55606e; stroke-width:1; }}
+.key i {{ display:inline-block; width:30px; height:0; margin:0 6px 4px 16px; border-top:3px solid; }}
+.key i.dash {{ border-top-style:dashed; }}
+dl.data {{ display:grid; grid-template-columns:max-content 1fr; gap:2px 18px; margin:0; padding:12px 16px; }}
+dl.data {{ font-size:15px; }}
+dl.data dt {{ color:var(--soft); }} dl.data dd {{ margin:0; overflow-wrap:anywhere; }}
+@media (max-width:700px) {{ .cards,.charts {{ grid-template-columns:1fr; }} .pair {{ grid-template-columns:1fr; }} }}
+@media print {{ body {{ background:#fff; font-size:12px; }} main {{ max-width:none; padding:0; }} }}
+"""
