@@ -1,0 +1,143 @@
+"""The whole study: from a file to tables, figures and pages; what is already there is not run again."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rig.study.figures import figures, setting_groups
+from rig.study.outputs import write_outputs
+from rig.study.paper1_tables import (
+    TITLES,
+    best_settings,
+    comparison_tables,
+    model_tables,
+    parallel_table,
+    parameter_tables,
+    sensitivity_tables,
+    setting_values,
+    tests_table,
+)
+from rig.study.paper2_tables import current_tables
+from rig.study.parallel_timing import time_parallel
+from rig.study.results_file import ResultsFile
+from rig.study.runner import StudyProgress, run_cells
+from rig.study.search_cell import all_cells
+from rig.study.statistics import KruskalWallis, kruskal_wallis
+from rig.study.study_file import StudyFile, load_study
+from rig.study.table import Table
+from rig.study.workbench import Workbench
+
+
+@dataclass(frozen=True)
+class StudyOutcome:
+    """A finished study.
+
+    Attributes:
+        folder: Where everything is.
+        page: The HTML page.
+        tables: All tables.
+        kruskal_wallis: What was compared -> test.
+        facts: Name, samples, searches, wall seconds of this session.
+    """
+
+    folder: Path
+    page: Path
+    tables: tuple[Table, ...]
+    kruskal_wallis: dict[str, KruskalWallis | None]
+    facts: dict[str, Any]
+
+
+def run_study(
+    path: Path,
+    folder: Path,
+    processes: int | None = None,
+    report: Callable[[StudyProgress], None] | None = None,
+) -> StudyOutcome:
+    """Run a study, or what is missing of it, and write its outputs.
+
+    Args:
+        path: Study file.
+        folder: Where results and outputs go; results of an earlier session of the same study are kept and completed.
+        processes: Worker processes; None: one for each processor.
+        report: Called at the start and after every search.
+
+    Returns:
+        The finished study.
+
+    Raises:
+        FileProblem: The study file is wrong, or the folder holds results of other recordings or settings.
+    """
+    started_ns = time.monotonic_ns()
+    study = load_study(path)
+    bench = Workbench(study)
+    folder.mkdir(parents=True, exist_ok=True)
+    cells = all_cells(study)
+    with ResultsFile(folder / "results.jsonl", bench.fingerprint) as results:
+        run_cells(study, cells, results, processes, report)
+        if study.parallel is not None and not any(key.startswith("parallel|") for key in results.lines):
+            for line in time_parallel(study, bench):
+                results.add(line)
+        lines = dict(results.lines)
+    facts = {
+        "name": study.name,
+        "recordings": "synthetic" if study.data.simulate else ", ".join(study.data.runs),
+        "tests": len(bench.tests),
+        "samples": sum(len(test.u_m) for test in bench.tests),
+        "searches": len(cells),
+        "left_out": bench.left_out,
+        "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
+    }
+    tables = study_tables(study, bench, lines)
+    tests = study_tests(study, lines)
+    page = write_outputs(folder, study.name, tables, figures(study, lines), tests, facts)
+    return StudyOutcome(folder, page, tuple(tables), tests, facts)
+
+
+def study_tables(study: StudyFile, bench: Workbench, lines: dict[str, dict[str, Any]]) -> list[Table]:
+    """Every table of both papers that the results allow, in the papers' order.
+
+    Args:
+        study: The study.
+        bench: Its recordings.
+        lines: Result lines by key.
+
+    Returns:
+        Tables 1-14 of paper 1, then paper 2's.
+    """
+    model = bench.problem(study.comparison.models[0]).model
+    units = {parameter.name: parameter.unit for parameter in model.parameters}
+    paper1 = [
+        tests_table(bench.tests),
+        *comparison_tables(study, lines),
+        *model_tables(study, lines),
+        *parameter_tables(study, lines, units),
+        *parallel_table(study, lines),
+        *sensitivity_tables(study, lines),
+    ]
+    return [*sorted(paper1, key=lambda table: table.name), *current_tables(study, lines)]
+
+
+def study_tests(study: StudyFile, lines: dict[str, dict[str, Any]]) -> dict[str, KruskalWallis | None]:
+    """Kruskal-Wallis over all settings, over the methods at each setting, and over best-tuned ones as the paper does.
+
+    Args:
+        study: The study.
+        lines: Result lines by key.
+
+    Returns:
+        What was compared -> test.
+    """
+    wanted, model = study.comparison, study.comparison.models[0]
+    tests = {"all settings": kruskal_wallis(setting_groups(study, lines))}
+    for population in wanted.populations:
+        for budget in wanted.budgets:
+            groups = {TITLES[m]: setting_values(study, lines, model, m, population, budget) for m in wanted.methods}
+            tests[f"methods at N={population}, fun_evals={budget}"] = kruskal_wallis(groups)
+    best = best_settings(study, lines)
+    tuned = {TITLES[m]: setting_values(study, lines, model, m, N, budget) for m, (N, budget, _) in best.items()}
+    tests["best-tuned settings only, as the paper tests"] = kruskal_wallis(tuned)
+    return tests

@@ -1,0 +1,153 @@
+"""Tables of the novel-GA paper in its layout: errors and generations by method, parameters against current."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from rig.study.interpolation import Relation, relations
+from rig.study.paper1_tables import TITLES
+from rig.study.search_cell import current_cells
+from rig.study.study_file import StudyFile
+from rig.study.table import Cell, Table
+
+Lines = Mapping[str, Mapping[str, Any]]
+
+
+def current_results(study: StudyFile, results: Lines) -> dict[str, dict[float, list[Mapping[str, Any]]]]:
+    """Results of the per-current study.
+
+    Args:
+        study: The study.
+        results: Result lines by key.
+
+    Returns:
+        Method -> current (A) -> lines of its repeats.
+    """
+    found: dict[str, dict[float, list[Mapping[str, Any]]]] = {}
+    for cell in current_cells(study):
+        if cell.key in results:
+            current_A = float(cell.problem.split(":")[1])
+            found.setdefault(cell.method, {}).setdefault(current_A, []).append(results[cell.key])
+    return found
+
+
+def current_tables(study: StudyFile, results: Lines) -> list[Table]:
+    """Figure 13 and Tables 1 and 2 of paper 2, and the relations of every parameter to the current.
+
+    Args:
+        study: The study.
+        results: Result lines by key.
+
+    Returns:
+        No table when the study has no per-current part.
+    """
+    found = current_results(study, results)
+    if not found:
+        return []
+    return [error_table(found), improvement_table(found), *parameter_tables(study, found)]
+
+
+def error_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> Table:
+    """MAE (21), SD (22) and generations to convergence of every method, means over currents and repeats: Figure 13.
+
+    Args:
+        found: From `current_results`.
+
+    Returns:
+        One row for each method.
+    """
+    rows = []
+    for method, by_current in found.items():
+        lines = [line for repeats in by_current.values() for line in repeats]
+        stopped = sum(line["stopped_by"] in {"statistics", "converged"} for line in lines)
+        rows.append((
+            TITLES[method], _mean(lines, "mae_N"), _mean(lines, "sd_N"), _mean(lines, "generations"),
+            _mean(lines, "evaluations"), f"{stopped} of {len(lines)}",
+        ))  # fmt: skip
+    columns = ("method", "MAE / N", "SD / N", "generations", "evaluations", "converged")
+    note = (
+        "Means over currents and repeats. The three-step method has no generations. Not converged: the budget ended it."
+    )
+    return Table("paper2-figure-13", "Errors and generations to convergence", columns, tuple(rows), note)
+
+
+def improvement_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> Table:
+    """How much lower the novel GA's mean absolute error is than each other method's: paper 2's Table 2.
+
+    Args:
+        found: From `current_results`.
+
+    Returns:
+        One row for each other method; no rows without the novel GA.
+    """
+    errors = {
+        method: float(np.mean([line["mae_N"] for repeats in by_current.values() for line in repeats]))
+        for method, by_current in found.items()
+    }
+    novel = errors.get("ga_novel")
+    rows: list[tuple[Cell, ...]] = []
+    if novel is not None:
+        rows = [
+            (TITLES[m], error, novel, 100.0 * (1.0 - novel / error)) for m, error in errors.items() if m != "ga_novel"
+        ]
+    columns = ("compared with", "its MAE / N", "novel GA's MAE / N", "improvement / %")
+    return Table("paper2-table-02", "Error improvement of the novel GA", columns, tuple(rows))
+
+
+def parameter_tables(study: StudyFile, found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> list[Table]:
+    """Best parameters at every current, and their relations to it: paper 2's Table 1.
+
+    Args:
+        study: The study.
+        found: From `current_results`.
+
+    Returns:
+        Two tables for each method.
+    """
+    if study.current is None:
+        return []
+    tables = []
+    for method, by_current in found.items():
+        currents = sorted(by_current)
+        best = [min(by_current[current], key=lambda line: float(line["value"])) for current in currents]
+        names = list(best[0]["parameters"])
+        rows = [(name, *(line["parameters"][name] for line in best)) for name in names]
+        columns = ("parameter", *(f"I = {current:g} A" for current in currents))
+        title = f"{TITLES[method]}: parameters against current (best of the repeats)"
+        tables.append(Table(f"paper2-table-01-{method}", title, columns, tuple(rows)))
+        if len(currents) >= 2:
+            tables.append(_relation_table(method, np.array(currents), best, study.current.degree))
+    return tables
+
+
+def parameter_relations(current_A: np.ndarray, best: list[Mapping[str, Any]], degree: int) -> dict[str, list[Relation]]:
+    """Affine, polynomial and Lagrange relation of every parameter.
+
+    Args:
+        current_A: Shape (n,).
+        best: One line for each current.
+        degree: Of the polynomial.
+
+    Returns:
+        Parameter name -> relations.
+    """
+    names = list(best[0]["parameters"])
+    return {name: relations(current_A, np.array([line["parameters"][name] for line in best]), degree) for name in names}
+
+
+def _relation_table(method: str, current_A: np.ndarray, best: list[Mapping[str, Any]], degree: int) -> Table:
+    rows = [
+        (name, relation.kind, str(relation), relation.rms, relation.rms_left_out)
+        for name, each in parameter_relations(current_A, best, degree).items()
+        for relation in each
+    ]
+    columns = ("parameter", "relation", "value at I (A)", "rms residual", "rms at a current left out")
+    note = "SI units. Lagrange passes through every point; the last column shows what that is worth between points."
+    return Table(f"paper2-relations-{method}", f"{TITLES[method]}: relations to current", columns, tuple(rows), note)
+
+
+def _mean(lines: list[Mapping[str, Any]], entry: str) -> float:
+    return float(np.mean([line[entry] for line in lines]))

@@ -1,0 +1,189 @@
+"""The recordings a study searches over: measurements from runs, or synthetic ones whose truth is known."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rig.dampers import model, parameter_set
+from rig.errors import FileProblem
+from rig.identification.measurement import Measurement
+from rig.study.study_file import Data
+
+TABLE1_CURRENT_A = (0.0, 0.5, 1.0, 1.5, 2.0)
+TABLE1_FREQUENCY_HZ = (0.5, 1.0, 1.5, 2.0)
+TABLE1_AMPLITUDE_M = 0.05
+TABLE1_SAMPLE_RATE_HZ = 250.0
+KEPT_CYCLES = 8
+
+PAPER2_FREQUENCY_HZ = 1.0
+PAPER2_AMPLITUDE_M = 0.025
+PAPER2_SAMPLE_RATE_HZ = 1000.0
+PAPER2_CYCLES = 4
+
+BOUC_WEN_TRUTH = {
+    "c0": 800.0, "c0_b": 400.0, "k0": 2000.0, "x0": 0.01, "alpha": 20_000.0, "alpha_b": 60_000.0,
+    "gamma": 4.0e4, "beta": 4.0e4, "A": 40.0, "n": 2.0,
+}  # fmt: skip
+"""A Bouc-Wen damper of the size of paper 2's, affine in the current, for studies without recordings."""
+
+
+def table1(truth: str, noise_N: float, seed: int) -> list[Measurement]:
+    """The tests of paper 1's Table 1, synthesised: 5 currents x 4 frequencies, 50 mm, 250 Hz, 8 kept cycles each.
+
+    Args:
+        truth: Name of a parameter set of the asymmetric model.
+        noise_N: Standard deviation of the white force noise.
+        seed: Seed of the noise.
+
+    Returns:
+        20 measurements, 41,665 samples together.
+    """
+    rng = np.random.default_rng(seed)
+    values = parameter_set(truth)
+    damper = model(values.model, values.hysteresis)  # type: ignore[arg-type]  # sets carry one of the two forms
+    tests = []
+    for current_A in TABLE1_CURRENT_A:
+        for frequency_Hz in TABLE1_FREQUENCY_HZ:
+            motion = _sine(TABLE1_AMPLITUDE_M, frequency_Hz, TABLE1_SAMPLE_RATE_HZ, KEPT_CYCLES)
+            force_N = damper.force(values.values, *motion, current_A, 1.0 / TABLE1_SAMPLE_RATE_HZ)
+            noisy_N = force_N + rng.normal(0.0, noise_N, len(force_N))
+            tests.append(_measurement(motion, noisy_N, current_A, frequency_Hz, TABLE1_SAMPLE_RATE_HZ))
+    return tests
+
+
+def bouc_wen(currents_A: Sequence[float], noise_N: float, seed: int) -> list[Measurement]:
+    """Tests of a Bouc-Wen damper at constant currents: 25 mm, 1 Hz, 1 kHz, 4 cycles after one that settles the loop.
+
+    Args:
+        currents_A: One test each, A.
+        noise_N: Standard deviation of the white force noise.
+        seed: Seed of the noise.
+
+    Returns:
+        One measurement for each current, 4,000 samples each.
+    """
+    rng = np.random.default_rng(seed)
+    damper = model("bouc_wen")
+    tests = []
+    for current_A in currents_A:
+        motion = _sine(PAPER2_AMPLITUDE_M, PAPER2_FREQUENCY_HZ, PAPER2_SAMPLE_RATE_HZ, PAPER2_CYCLES + 1)
+        force_N = damper.force(BOUC_WEN_TRUTH, *motion, current_A, 1.0 / PAPER2_SAMPLE_RATE_HZ)
+        settled = round(PAPER2_SAMPLE_RATE_HZ / PAPER2_FREQUENCY_HZ)
+        kept = tuple(channel[settled:] for channel in motion)
+        noisy_N = force_N[settled:] + rng.normal(0.0, noise_N, len(force_N) - settled)
+        tests.append(_measurement(kept, noisy_N, current_A, PAPER2_FREQUENCY_HZ, PAPER2_SAMPLE_RATE_HZ))
+    return tests
+
+
+def measurements(data: Data, seed: int, currents_A: Sequence[float] = ()) -> tuple[list[Measurement], list[str]]:
+    """The recordings a study file names.
+
+    Args:
+        data: The file's section.
+        seed: Seed of the noise of synthetic recordings.
+        currents_A: Currents of synthetic Bouc-Wen tests.
+
+    Returns:
+        One measurement for each test, and one line for each recorded point that was left out.
+
+    Raises:
+        FileProblem: A run cannot be read, or no point fits the filter.
+        IdentificationFailed: No point that fits can be used.
+    """
+    if data.simulate == "table1":
+        return table1(data.truth, data.noise_N, seed), []
+    if data.simulate == "bouc_wen":
+        return bouc_wen(currents_A or TABLE1_CURRENT_A, data.noise_N, seed), []
+    return _recorded(data)
+
+
+def thinned(measurement: Measurement, keep_every: int) -> Measurement:
+    """A measurement with fewer samples, for a quick study of algebraic models.
+
+    Args:
+        measurement: Shape (n,) arrays.
+        keep_every: Every how many-th sample is kept.
+
+    Returns:
+        Shape (ceil(n / keep_every),) arrays.
+    """
+    if keep_every == 1:
+        return measurement
+    part = slice(None, None, keep_every)
+    return Measurement(
+        id=measurement.id,
+        file=measurement.file,
+        u_m=measurement.u_m[part],
+        v_m_s=measurement.v_m_s[part],
+        a_m_s2=measurement.a_m_s2[part],
+        force_N=measurement.force_N[part],
+        current_A=measurement.current_A[part],
+        dt_s=measurement.dt_s * keep_every,
+        waveform=measurement.waveform,
+        amplitude_m=measurement.amplitude_m,
+        frequency_Hz=measurement.frequency_Hz,
+        nominal_current_A=measurement.nominal_current_A,
+        samples_per_cycle=measurement.samples_per_cycle // keep_every,
+    )
+
+
+def content_hash(tests: Sequence[Measurement]) -> str:
+    """Hash of what the objective sees, so that results of other recordings are not taken for these.
+
+    Args:
+        tests: The measurements.
+
+    Returns:
+        Eight hexadecimal digits.
+    """
+    checksum = 0
+    for each in tests:
+        for channel in (each.u_m, each.v_m_s, each.force_N, each.current_A):
+            checksum = zlib.crc32(np.ascontiguousarray(channel).tobytes(), checksum)
+    return f"{checksum:08x}"
+
+
+def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
+    from rig.identification.preparation import prepare_all
+    from rig.recording.run import Run
+
+    points = []
+    for folder in data.runs:
+        run = Run.open(Path(folder))
+        points += list(run.points if data.select is None else run.select(data.select))
+    if not points:
+        raise FileProblem("data", [f"runs {list(data.runs)} hold no point that fits select = {data.select!r}"])
+    return prepare_all(points)
+
+
+def _sine(
+    amplitude_m: float, frequency_Hz: float, rate_Hz: float, cycles: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    count = round(cycles / frequency_Hz * rate_Hz)
+    omega = 2.0 * np.pi * frequency_Hz
+    phase = omega * (np.arange(count) / rate_Hz + 1.0 / frequency_Hz)
+    u_m = amplitude_m * np.sin(phase)
+    return u_m, omega * amplitude_m * np.cos(phase), -(omega**2) * u_m
+
+
+def _measurement(
+    motion: tuple[np.ndarray, ...], force_N: np.ndarray, current_A: float, frequency_Hz: float, rate_Hz: float
+) -> Measurement:
+    u_m, v_m_s, a_m_s2 = motion
+    return Measurement(
+        id=f"{frequency_Hz:g} Hz {current_A:g} A",
+        u_m=u_m,
+        v_m_s=v_m_s,
+        a_m_s2=a_m_s2,
+        force_N=force_N,
+        current_A=np.full(len(u_m), current_A),
+        dt_s=1.0 / rate_Hz,
+        amplitude_m=float(np.max(np.abs(u_m))),
+        frequency_Hz=frequency_Hz,
+        nominal_current_A=current_A,
+        samples_per_cycle=round(rate_Hz / frequency_Hz),
+    )

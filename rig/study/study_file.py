@@ -1,0 +1,154 @@
+"""The study file as values: what is compared, over which recordings, how often."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from rig.bench.problems import load_section
+from rig.bench.quantity import Quantity, Section
+
+Method = Literal[
+    "c_foa", "c_foa printed", "foa", "ga", "ga feasible", "de", "de 5", "pso", "i_abc", "ga_standard", "ga_kwok",
+    "ga_novel", "hybrid",
+]  # fmt: skip
+CurrentMethod = Literal["ga_standard", "ga_kwok", "zhu_three_step", "ga_novel"]
+Population = Annotated[int, Field(ge=4, le=100_000)]
+Budget = Annotated[int, Field(ge=10, le=100_000_000)]
+Newton = Annotated[float, Quantity("force", "0 N", "10 kN")]
+Ampere = Annotated[float, Quantity("current", "0 A", "20 A")]
+
+SETTINGS: dict[str, tuple[str, dict[str, object]]] = {
+    "c_foa printed": ("c_foa", {"variant": "printed"}),
+    "ga feasible": ("ga", {"mutation": "feasible direction"}),
+    "de 5": ("de", {"strategy": 5}),
+}
+"""Methods of the file that are another method with settings."""
+
+
+class Data(Section):
+    """Where the recordings come from: `simulate`, or `runs` with an optional filter."""
+
+    simulate: Literal["table1", "bouc_wen"] | None = None
+    truth: str = "demo"
+    noise_N: Newton = Field(default=5.0, alias="noise")
+    runs: tuple[str, ...] = ()
+    select: str | None = Field(default=None, examples=["waveform=sine"])
+    keep_every: int = Field(default=1, ge=1, le=1000, description="every how many-th sample the objective sees")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.simulate is None) == (not self.runs):
+            raise PydanticCustomError("one_source", 'give simulate = "table1" or runs = ["logs/..."], one of them')
+        return self
+
+
+class Comparison(Section):
+    """The product that is run: Tables 2, 4, 5 and 10-14 of paper 1."""
+
+    models: tuple[str, ...] = Field(default=("asymmetric",), min_length=1)
+    methods: tuple[Method, ...] = Field(min_length=1)
+    populations: tuple[Population, ...] = Field(default=(50,), min_length=1)
+    budgets: tuple[Budget, ...] = Field(default=(16_000,), min_length=1)
+    repeats: int = Field(default=30, ge=2, le=10_000)
+    start: Literal["ones", "none"] = "ones"
+    bounds: Literal["none", "wide", "model"] = "none"
+    weight: Literal["v", "1"] = "v"
+    hysteresis: Literal["kwok", "printed"] = "kwok"
+
+
+class Symmetry(Section):
+    """Asymmetric against symmetric: Table 3."""
+
+    method: Method = "c_foa"
+    population: Population = 50
+    budget: Budget = 16_000
+
+
+class Sensitivity(Section):
+    """c-FOA against population, generations and resolution, one at a time (Tables 7-9); first values are the base."""
+
+    populations: tuple[Population, ...] = (50, 100, 150)
+    generations: tuple[Annotated[int, Field(ge=1, le=1_000_000)], ...] = (150, 200, 250)
+    resolutions: tuple[Annotated[int, Field(ge=2, le=1_000_000)], ...] = (100, 10, 1000)
+
+
+class Parallel(Section):
+    """Serial against parallel computing: Table 6."""
+
+    method: Method = "c_foa"
+    population: Population = 50
+    evaluations: Budget = 1000
+    processes: tuple[Annotated[int, Field(ge=1, le=1024)], ...] = (1, 2, 4)
+
+
+class CurrentStudy(Section):
+    """Parameters against current and the comparison of genetic algorithms: paper 2."""
+
+    data: Data
+    model: Literal["bouc_wen", "normalized_bouc_wen"] = "bouc_wen"
+    methods: tuple[CurrentMethod, ...] = ("ga_standard", "ga_kwok", "zhu_three_step", "ga_novel")
+    current_A: tuple[Ampere, ...] = Field(default=(0.0, 0.4, 0.8, 1.2), alias="current")
+    population: Population = 50
+    budget: Budget = 10_000
+    repeats: int = Field(default=3, ge=1, le=10_000)
+    degree: int = Field(default=2, ge=1, le=10, description="of the polynomial against current")
+
+
+class StudyFile(Section):
+    """A whole study file."""
+
+    format: Literal[1]
+    name: str = Field(default="study", pattern=r"^[A-Za-z0-9][A-Za-z0-9 _-]{0,63}$")
+    seed: int = Field(default=1, ge=0)
+    data: Data
+    comparison: Comparison
+    symmetry: Symmetry | None = None
+    sensitivity: Sensitivity | None = None
+    parallel: Parallel | None = None
+    current: CurrentStudy | None = Field(default=None, alias="per_current")
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of everything that decides what one search would return: results of other fingerprints are not mixed."""
+        decisive = {
+            "seed": self.seed,
+            "data": self.data.model_dump(),
+            "problem": self.comparison.model_dump(include={"start", "bounds", "weight", "hysteresis"}),
+            "current": None if self.current is None else self.current.model_dump(include={"data", "model"}),
+        }
+        return hashlib.sha256(repr(decisive).encode()).hexdigest()[:16]
+
+
+def load_study(path: Path) -> StudyFile:
+    """Read and validate a study file.
+
+    Args:
+        path: TOML file.
+
+    Returns:
+        The study.
+
+    Raises:
+        FileProblem: with every wrong entry of the file at once.
+    """
+    study, source = load_section(path, StudyFile)
+    known = _known_models()
+    wrong = [name for name in study.comparison.models if name not in known]
+    if wrong:
+        from rig.bench.problems import problem_at
+        from rig.errors import FileProblem
+
+        message = f"{wrong[0]!r} is no model; known: {', '.join(known)}"
+        raise FileProblem(str(path), [problem_at(source, ("comparison", "models"), message)])
+    return study
+
+
+def _known_models() -> list[str]:
+    from rig.dampers.catalogue import MODELS
+
+    return list(MODELS)

@@ -1,0 +1,141 @@
+"""Runs one search of a study: builds the problem once a process, searches, and says what a results line holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rig.identification.algorithms import minimise
+from rig.identification.measurement import Measurement
+from rig.identification.problem import Problem
+from rig.study.per_current import current_box, current_objective, three_steps
+from rig.study.recordings import content_hash, measurements, thinned
+from rig.study.result_line import force_errors, result_line
+from rig.study.search_cell import SearchCell
+from rig.study.study_file import StudyFile
+
+Array = npt.NDArray[np.float64]
+
+WIDE_BOUND = 1e4
+
+
+class Workbench:
+    """Everything one process needs to run any search of a study; problems are built when first asked for.
+
+    Attributes:
+        study: The study.
+        tests: Recordings of the comparison.
+        current_tests: Recordings of the per-current study.
+        left_out: One line for each recorded point that cannot be used.
+    """
+
+    def __init__(self, study: StudyFile) -> None:
+        self.study = study
+        tests, self.left_out = measurements(study.data, study.seed)
+        self.tests = [thinned(each, study.data.keep_every) for each in tests]
+        self.current_tests: list[Measurement] = []
+        if study.current is not None:
+            wanted = study.current
+            self.current_tests, left_out = measurements(wanted.data, study.seed, wanted.current_A)
+            self.left_out += left_out
+        self._problems: dict[str, Problem] = {}
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of the study's decisions and of its recordings' content."""
+        return f"{self.study.fingerprint}-{content_hash([*self.tests, *self.current_tests])}"
+
+    def problem(self, model: str) -> Problem:
+        """The comparison's problem with one damper model.
+
+        Args:
+            model: Name of a damper model.
+
+        Returns:
+            Always the same object for the same name.
+        """
+        if model not in self._problems:
+            wanted = self.study.comparison
+            self._problems[model] = Problem(self.tests, model, wanted.weight, wanted.hysteresis)
+        return self._problems[model]
+
+    def run(self, cell: SearchCell) -> dict[str, Any]:
+        """Run one search.
+
+        Args:
+            cell: The search.
+
+        Returns:
+            A line of the results file.
+        """
+        if cell.problem.startswith("current:"):
+            return self._run_current(cell)
+        problem = self.problem(cell.problem)
+        name, settings = cell.algorithm
+        found = minimise(
+            problem,
+            method=name,
+            start=self.start(cell, problem.n_parameters),
+            bounds=self.bounds(problem),
+            population=cell.population,
+            budget=cell.budget,
+            seed=cell.seed(self.study.seed),
+            **settings,
+        )
+        return result_line(cell, problem.names, found, **force_errors(problem, found.best))
+
+    def start(self, cell: SearchCell, size: int) -> Array | None:
+        """Where a search starts: all ones for c-FOA and those it is to lead, else what the algorithm draws by itself.
+
+        Args:
+            cell: The search.
+            size: Number of parameters.
+
+        Returns:
+            Shape (size,), or None.
+        """
+        led = cell.algorithm[0] in {"c_foa", "hybrid"}
+        return np.ones(size) if led and self.study.comparison.start == "ones" else None
+
+    def bounds(self, problem: Problem) -> Array | None:
+        """The box of the comparison.
+
+        Args:
+            problem: The problem.
+
+        Returns:
+            Shape (p, 2), or None when the search is unbounded.
+        """
+        match self.study.comparison.bounds:
+            case "none":
+                return None
+            case "wide":
+                return np.tile([-WIDE_BOUND, WIDE_BOUND], (problem.n_parameters, 1))
+            case _:
+                return problem.bounds
+
+    def _run_current(self, cell: SearchCell) -> dict[str, Any]:
+        wanted = self.study.current
+        if wanted is None:
+            raise ValueError(f"{cell.key}: the study has no per-current part")
+        test = self._test_at(float(cell.problem.split(":")[1]))
+        if cell.method == "zhu_three_step":
+            return three_steps(cell, test)
+        objective = current_objective(test, wanted)
+        name, settings = cell.algorithm
+        found = minimise(
+            objective,
+            method=name,
+            bounds=current_box(wanted, objective.names),
+            population=cell.population,
+            budget=cell.budget,
+            seed=cell.seed(self.study.seed),
+            **settings,
+        )
+        whole = objective.whole(found.best[None, :])[0]
+        return result_line(cell, objective.names, found, **force_errors(objective.problem, whole))
+
+    def _test_at(self, current_A: float) -> Measurement:
+        return min(self.current_tests, key=lambda test: abs(test.nominal_current_A - current_A))
