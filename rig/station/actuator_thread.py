@@ -118,7 +118,9 @@ class ActuatorThread(DeviceThread):
         Nothing depends on speed yet, so an answer that is late is asked for again until `OPEN_PATIENCE_S`.
 
         Raises:
-            DriverError: nobody answers, or it is another device.
+            NoAnswer: the port is open, but nothing answers.
+            LinkLost: the connection breaks again and again.
+            DriverError: nobody is there, or it is another device.
         """
         deadline_ns = monotonic_ns() + int(OPEN_PATIENCE_S * 1e9)
         while True:

@@ -158,13 +158,20 @@ class EcuJudge:
         self.current_limit_A = current_limit_A
         self.coil_temperature_limit_degC = coil_temperature_limit_degC
         self._boot_count: int | None = None
+        self._undervoltage = False
 
     def judge_status(self, status: CoilStatus, t_ns: int) -> list[Finding]:
         """Take one CoilStatus that arrived at `t_ns` (host monotonic)."""
+        faults = status.faults
+        # An opened e-stop chain takes the ECU's supply too. The second status in a row counts, so that the controller,
+        # polled in between, can name the cause; the ECU is at 0 A by itself meanwhile.
+        if faults & EcuFault.UNDERVOLTAGE and not self._undervoltage:
+            faults &= ~EcuFault.UNDERVOLTAGE
+        self._undervoltage = bool(status.faults & EcuFault.UNDERVOLTAGE)
         findings = [
-            Finding(slug, f"ECU fault bits {EcuFault(status.faults & int(bits))!r}", t_ns, float(status.faults))
+            Finding(slug, f"ECU fault {EcuFault(faults & int(bits)).name}", t_ns, float(faults))
             for bits, slug in _ECU_SLUGS
-            if status.faults & int(bits)
+            if faults & int(bits)
         ]
         if abs(status.current_A) > self.current_limit_A:
             detail = f"coil current {status.current_A:.3f} A, allowed {self.current_limit_A:.3f} A"

@@ -1,0 +1,167 @@
+"""What the devices say about themselves: bits, clocks, heartbeats, leases, and the LVDT against the controller."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from protocols.actuator import ActuatorStatus, FaultBit, Input, State
+from protocols.ecu import CoilStatus, CoilTemperature, EcuFault, EcuState
+from rig.station.status_judge import ControllerJudge, EcuJudge
+
+OURS = 77
+MS = 1_000_000
+
+
+def status(ms: int, **changes: float) -> ActuatorStatus:
+    values: dict[str, float] = dict.fromkeys(ActuatorStatus._fields, 0)
+    values |= {
+        "received_ns": ms * MS,
+        "heartbeat": ms // 10,
+        "state": State.HOLD,
+        "clock_us": (ms * 1000) % (1 << 32),
+        "owner": OURS,
+        "inputs": Input.E_STOP_CLOSED | Input.HYDRAULICS_ON,
+        **changes,
+    }
+    return ActuatorStatus(**values)  # type: ignore[arg-type]  # numbers by name
+
+
+def judge() -> ControllerJudge:
+    made = ControllerJudge(OURS, frozen_after_ns=150 * MS, disagreement_m=0.005, lag_s=0.03)
+    made.leased = True
+    return made
+
+
+def slugs(made: ControllerJudge, answer: ActuatorStatus, lvdt_m: float | None = None, speed: float = 0.0) -> list[str]:
+    return [finding.slug for finding in made.judge(answer, lvdt_m, speed)]
+
+
+@pytest.mark.parametrize(
+    ("bits", "slug"),
+    [
+        (FaultBit.WATCHDOG, "host-silent"),
+        (FaultBit.E_STOP, "estop"),
+        (FaultBit.SUPPLY_PRESSURE, "supply-pressure"),
+        (FaultBit.POSITION_LIMIT, "controller-trip"),
+        (FaultBit.FOLLOWING_ERROR, "controller-trip"),
+        (1 << 20, "controller-trip"),
+    ],
+)
+def test_every_fault_bit_is_named(bits: int, slug: str) -> None:
+    assert slugs(judge(), status(0, fault_bits=int(bits), state=State.TRIPPED)) == [slug]
+
+
+def test_several_fault_bits_give_several_findings() -> None:
+    both = int(FaultBit.WATCHDOG | FaultBit.FORCE_LIMIT)
+    assert slugs(judge(), status(0, fault_bits=both, state=State.TRIPPED)) == ["host-silent", "controller-trip"]
+
+
+def test_open_e_stop_chain_is_seen_in_the_inputs() -> None:
+    assert slugs(judge(), status(0, inputs=int(Input.HYDRAULICS_ON))) == ["estop"]
+
+
+def test_lease_of_another_host_and_a_lost_lease_are_told_apart() -> None:
+    assert slugs(judge(), status(0, owner=5)) == ["second-master"]
+    assert slugs(judge(), status(0, owner=0)) == ["actuator-reboot"]
+
+
+def test_nobodys_lease_is_no_finding_before_we_hold_it() -> None:
+    made = judge()
+    made.leased = False
+    assert slugs(made, status(0, owner=0)) == []
+
+
+def test_clock_wraps_without_a_finding_and_goes_on() -> None:
+    made = judge()
+    wrap_ms = (1 << 32) // 1000
+    for ms in range(wrap_ms - 50, wrap_ms + 60, 10):
+        assert slugs(made, status(ms)) == []
+    assert made.clock_s == pytest.approx(0.1, abs=0.001)
+
+
+def test_clock_that_falls_back_is_a_reboot() -> None:
+    made = judge()
+    slugs(made, status(60_000))
+    assert slugs(made, status(60_010, clock_us=1000)) == ["actuator-reboot"]
+
+
+def test_heartbeat_that_stands_still_is_a_fault_after_its_time_only() -> None:
+    made = judge()
+    found = [(ms, slugs(made, status(ms, heartbeat=3))) for ms in range(0, 200, 10)]
+    assert [ms for ms, names in found if names] == [160, 170, 180, 190]
+    assert found[-1][1] == ["actuator-frozen"]
+
+
+def test_position_register_that_stands_while_the_lvdt_moves_is_frozen() -> None:
+    made = judge()
+    found = [slugs(made, status(ms, position_m=0.01), 0.01 + ms * 1e-4, 0.1) for ms in range(0, 60, 10)]
+    assert found[1] == []
+    assert "actuator-frozen" in found[-1]
+
+
+def test_rod_at_rest_is_not_frozen() -> None:
+    made = judge()
+    assert all(slugs(made, status(ms, position_m=0.01), 0.01 + 1e-5 * (ms % 20), 0.0) == [] for ms in range(0, 900, 10))
+
+
+def test_disagreement_is_judged_at_rest_and_forgiven_for_the_age_difference_in_motion() -> None:
+    made = judge()
+    moving = [slugs(made, status(ms, position_m=0.5e-3 * ms, velocity_m_s=0.5), 0.5e-3 * ms - 0.015, 0.5)
+              for ms in range(0, 200, 10)]  # fmt: skip
+    assert all(names == [] for names in moving)
+    resting = [slugs(made, status(ms, position_m=0.1), 0.094, 0.0) for ms in range(200, 300, 10)]
+    assert resting[5] == ["position-disagreement"]
+    assert resting[:5] == [[]] * 5
+
+
+def test_controller_moves_by_state_or_by_position() -> None:
+    made = judge()
+    assert made.moving(0.1)
+    for ms in range(0, 200, 10):
+        made.judge(status(ms), None, math.nan)
+    assert not made.moving(0.1)
+    made.judge(status(200, state=State.FADING), None, math.nan)
+    assert made.moving(0.1)
+    made.judge(status(210, state=State.TRIPPED, fault_bits=1, position_m=0.01), None, math.nan)
+    assert made.moving(0.1)
+
+
+def coil(**changes: float) -> CoilStatus:
+    values: dict[str, float] = dict.fromkeys(CoilStatus._fields, 0) | {"state": EcuState.ENABLED, **changes}
+    return CoilStatus(**values)  # type: ignore[arg-type]  # numbers by name
+
+
+@pytest.mark.parametrize(
+    ("bit", "slug"),
+    [
+        (EcuFault.OVER_TEMPERATURE, "ecu-overtemp"),
+        (EcuFault.OPEN, "coil-open-short"),
+        (EcuFault.SHORT, "coil-open-short"),
+        (EcuFault.COMMAND_TIMEOUT, "ecu-command"),
+        (EcuFault.COMMAND_CHECK, "ecu-command"),
+        (EcuFault.RESTARTED, "ecu-restart"),
+    ],
+)
+def test_every_ecu_fault_bit_is_named(bit: EcuFault, slug: str) -> None:
+    assert [f.slug for f in EcuJudge(3.15, 120.0).judge_status(coil(faults=int(bit)), 5)] == [slug]
+
+
+def test_undervoltage_counts_from_the_second_status_so_that_an_open_e_stop_chain_is_named_first() -> None:
+    made = EcuJudge(3.15, 120.0)
+    low = coil(faults=int(EcuFault.UNDERVOLTAGE))
+    assert [made.judge_status(answer, 5) for answer in (low, coil(), low)] == [[], [], []]
+    assert [f.slug for f in made.judge_status(low, 5)] == ["ecu-overtemp"]
+
+
+@pytest.mark.parametrize(("current_A", "trips"), [(3.15, False), (3.151, True), (-3.151, True)])
+def test_measured_current_beyond_the_limit_trips_in_both_directions(current_A: float, trips: bool) -> None:
+    assert bool(EcuJudge(3.15, 120.0).judge_status(coil(current_A=current_A), 5)) is trips
+
+
+def test_hot_coil_and_a_new_boot_count_are_findings() -> None:
+    made = EcuJudge(3.15, 120.0)
+    assert made.judge_temperature(CoilTemperature(119.9, 40.0, 13.5, 4), 5) == []
+    assert [f.slug for f in made.judge_temperature(CoilTemperature(120.1, 40.0, 13.5, 4), 5)] == ["coil-temperature"]
+    assert [f.slug for f in made.judge_temperature(CoilTemperature(20.0, 40.0, 13.5, 5), 5)] == ["ecu-restart"]
