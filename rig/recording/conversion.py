@@ -101,7 +101,7 @@ def build(
         "recovered": recovered, **_motion_attributes(motion), **_clock_attributes(alignment),
     }
     provenance: dict[str, Attribute] = {
-        **context.provenance, "software": f"rig {rig.__version__}", "journal_check": journal_check,
+        "software": f"mr-damper-rig {rig.__version__}", **context.provenance, "journal_check": journal_check,
     }
     file = PointFile(
         time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,

@@ -89,7 +89,7 @@ def import_tests(
         entries.append({"id": name, "source": test.source.name, "sha256": test.sha256})
     description = {
         "id": folder.name, "imported": True, "specimen": specimen, "created": utc_now().isoformat(timespec="seconds"),
-        "software": f"rig {rig.__version__}", "columns": {key: choice.text for key, choice in choices.items()},
+        "software": f"mr-damper-rig {rig.__version__}", "columns": {key: choice.text for key, choice in choices.items()},
         "points": entries,
     }
     write_text_durably(folder / "campaign.json", json.dumps(description, indent=1) + "\n")
@@ -199,7 +199,7 @@ def _point_file(
             "measured_cycles": 0 if motion is None else motion.cycles, **measured,
         },
         provenance={
-            "software": f"rig {rig.__version__}", "source_file": test.source.name, "source_sha256": test.sha256,
+            "software": f"mr-damper-rig {rig.__version__}", "source_file": test.source.name, "source_sha256": test.sha256,
             "imported_utc": utc_now().isoformat(timespec="seconds"),
             "current": "measured" if test.current_measured else "as given, not measured",
         },

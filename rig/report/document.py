@@ -89,7 +89,7 @@ def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], 
 def _fitted_model(fit: Mapping[str, Any] | None) -> tuple[DamperModel | None, dict[str, float], str]:
     if fit is None:
         return None, {}, ""
-    values = {name: entry["value"] for name, entry in fit["parameters"].items()}
+    values = {name: entry["value"] for name, entry in fit["parameters"].items() if entry.get("value") is not None}
     try:
         model = rig.dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
         missing = [name for name in model.names if name not in values and name != "eta"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import rig.dampers
 from rig.recording.run import RecordedPoint, Run
 from rig.report.fragment import NOTHING, box, chip, data_list, number, table, text
 from rig.report.view import PointView
@@ -101,25 +102,32 @@ def _scaled(value: object, factor: float) -> float | None:
 def parameters_table(fit: JsonObject) -> str:
     """Fitted parameters with their intervals, then those the data cannot identify, and why."""
     known, unknown = [], []
+    meanings = _meanings(str(fit.get("model")))
     for name, entry in (fit.get("parameters") or {}).items():
         value, unit = number(entry.get("value"), 5), text(entry.get("unit", ""))
         if entry.get("identifiable", True):
             low, high = entry.get("low"), entry.get("high")
             half = _half_percent(entry.get("value"), low, high)
             interval = f"{number(low, 5)} \N{HORIZONTAL ELLIPSIS} {number(high, 5)}"
-            known.append(("", [text(name), value, interval, half, unit]))
+            known.append(("", [text(name), value, interval, half, unit, text(meanings.get(name, ""))]))
         else:
             why = entry.get("reason") or "the data do not determine it"
-            unknown.append(("no", [text(name), value, unit, text(why)]))
+            unknown.append(("no", [text(name), value, unit, text(meanings.get(name, "")), text(why)]))
     parts = ["<h2>Fitted parameters</h2>"]
-    if fit.get("equation"):
-        parts.append(f'<p class="lead">{text(fit["equation"])}</p>')
-    parts.append(table(["Parameter", "Value", "95 % interval", "\N{PLUS-MINUS SIGN} %", "Unit"], known, (1, 2, 3)))
+    head = ["Parameter", "Value", "95 % interval", "\N{PLUS-MINUS SIGN} %", "Unit", "Meaning"]
+    parts.append(table(head, known, (1, 2, 3)))
     if unknown:
         parts.append("<h3>Not identifiable from these data</h3>")
-        parts.append(table(["Parameter", "Value used", "Unit", "Why"], unknown, (1,)))
+        parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Why"], unknown, (1,)))
+    parts += [f'<p class="lead">{text(note)}</p>' for note in fit.get("notes") or ()]
     parts.append(_selection(fit))
     return "".join(parts)
+
+
+def _meanings(name: str) -> dict[str, str]:
+    if name not in rig.dampers.MODELS:
+        return {}
+    return {parameter.name: parameter.meaning for parameter in rig.dampers.model(name).parameters}
 
 
 def _half_percent(value: object, low: object, high: object) -> str:
