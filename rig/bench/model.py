@@ -26,6 +26,7 @@ Timeout = Annotated[float, Quantity("time", "5 ms", "5 s")]
 
 RESERVED_NAMES = frozenset({"time", "force", "displacement", "velocity", "current", "coil_temperature"})
 
+LineValue = str | int | float | tuple[str, ...]
 Problem = tuple[tuple[str | int, ...], str]
 
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f]+$")]
@@ -94,22 +95,31 @@ class Sensor(Section):
 
     url: SerialUrl
     baudrate: int = Field(default=921_600, ge=300, le=12_000_000)
-    format: Name = "frame16"
+    format: str | dict[str, LineValue] = Field(
+        default="frame16", description="frame16, a line format preset, or a table that describes a line"
+    )
     rate_Hz: Annotated[float, Quantity("frequency", "1 Hz", "50 kHz")] = Field(alias="rate")
     stale_after_s: Timeout = Field(default=0.020, alias="stale_after")
     delay_s: Annotated[float, Quantity("time", "0 s", "100 ms")] = Field(default=0.0, alias="delay")
     calibration: Calibration
 
-    @field_validator("format")
+    @field_validator("format", mode="plain", json_schema_input_type=str | dict[str, LineValue])
     @classmethod
-    def _known_format(cls, value: str) -> str:
-        if value == "frame16":
-            return value
-        from protocols.line_format import PRESETS
+    def _known_format(cls, value: object) -> str | dict[str, LineValue]:
+        from protocols.errors import LocalProtocolError
+        from protocols.line_format import PRESETS, from_description
 
-        known = ["frame16", *PRESETS]
-        if value not in known:
-            raise ValueError(f"unknown format; this version knows {', '.join(known)}")
+        if isinstance(value, str):
+            known = ["frame16", *PRESETS]
+            if value not in known:
+                raise ValueError(f"unknown format; known: {', '.join(known)}, or a table that describes a line")
+            return value
+        if not isinstance(value, dict):
+            raise ValueError("must be the name of a format in quotes, or a table that describes a line")
+        try:
+            from_description(value)
+        except LocalProtocolError as error:
+            raise ValueError(str(error)) from error
         return value
 
     @property

@@ -70,5 +70,9 @@ def _true_parameters(path: Path) -> dict[str, float]:
     import h5py
 
     with h5py.File(path, "r") as file:
-        values: dict[str, float] = json.loads(file["entry/provenance"].attrs["damper_parameters"])
-    return values
+        attributes = file["entry/test"].attrs
+        return {name.removeprefix("parameter_"): float(attributes[name]) for name in attributes if _is_value(name)}
+
+
+def _is_value(name: str) -> bool:
+    return name.startswith("parameter_") and name != "parameter_names"

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from rig.matrix.plan import Plan
     from rig.matrix.point import TestPoint
 
-# Live value -> (label, factor, unit, decimals).
+# Live value -> (label, factor, unit, number format).
 LIVE = {
-    "position_m": ("position", 1e3, "mm", 1),
-    "force_N": ("force", 1.0, "N", 0),
-    "current_A": ("current", 1.0, "A", 2),
-    "coil_temperature_degC": ("coil", 1.0, "°C", 1),
+    "position_m": ("position", 1e3, "mm", "8.1f"),
+    "force_N": ("force", 1.0, "N", "7.0f"),
+    "current_A": ("current", 1.0, "A", "6.2f"),
+    "coil_temperature_degC": ("coil", 1.0, "°C", "6.1f"),
 }
 MARKS = {"valid": "✓", "suspect": "?", "invalid": "✗"}
 LEVELS = {"info": "", "warning": "yellow", "error": "red"}
@@ -91,9 +91,12 @@ class LiveDisplay(PlainDisplay):
         super().__init__(console)
         self._points: Mapping[str, TestPoint] = {}
         self._bars = Progress(
-            TextColumn("{task.description}"), BarColumn(40), MofNCompleteColumn(), TextColumn("{task.fields[note]}"),
+            TextColumn("{task.description}"),
+            BarColumn(40, complete_style="cyan"),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[note]}"),
             console=console,
-        )  # fmt: skip
+        )
         self._campaign = self._bars.add_task("campaign", total=None, note="")
         self._point = self._bars.add_task("", total=None, note="", visible=False)
         self._numbers = Text()
@@ -136,8 +139,8 @@ class LiveDisplay(PlainDisplay):
         else:
             self._bars.update(self._point, visible=False)
         self._numbers.plain = "   ".join(
-            f"{label} {live[name] * factor:.{decimals}f} {unit}"
-            for name, (label, factor, unit, decimals) in LIVE.items()
+            f"{label} {live[name] * factor:{width}} {unit}"
+            for name, (label, factor, unit, width) in LIVE.items()
             if name in live
         )
 

@@ -10,7 +10,7 @@ from rig.cli.output import Command, console, json_option, out_option, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 
 
-class QuantityOption(click.ParamType):
+class QuantityOption(click.ParamType[float]):
     """A quantity with its unit on the command line, such as 0.5 A."""
 
     name = "quantity"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -49,10 +50,12 @@ class Analyst:
     """The application's end of `rig.cli.analyst`; started early so that its imports happen during the motion."""
 
     def __init__(self) -> None:
+        self._log = tempfile.TemporaryFile("w+")
         self._process = subprocess.Popen(
             [sys.executable, "-m", "rig.cli.analyst"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            stderr=self._log,
             text=True,
             start_new_session=True,
         )
@@ -66,21 +69,28 @@ class Analyst:
         if kind is not None:
             self._process.kill()
         self._process.communicate()
+        self._log.close()
 
     def analyse(self, run: Path, identify: Identify | None) -> dict[str, Any]:
         """Identify and report a run; blocks until done.
 
         Returns:
-            The keys of `rig.cli.analyst`'s answer; `error` is set when the process died.
+            The keys of `rig.cli.analyst`'s answer; `error` is set when the operator or a fault ended the process.
         """
         wanted = None if identify is None else identify.model_dump(include={"model", "method", "holdout"})
         try:
             print(json.dumps({"run": str(run), "identify": wanted}), file=self._process.stdin, flush=True)
             line = self._process.stdout.readline() if self._process.stdout else ""
             answer: dict[str, Any] = json.loads(line)
+        except KeyboardInterrupt:
+            self._process.kill()
+            return {"fit": None, "report": None, "error": "interrupted by the operator"}
         except (OSError, ValueError):
+            self._process.kill()
             code = self._process.wait()
-            return {"fit": None, "report": None, "error": f"the identifying process ended (exit {code})"}
+            self._log.seek(0)
+            tail = self._log.read()[-2000:].strip()
+            return {"fit": None, "report": None, "error": f"the identifying process ended (exit {code})\n{tail}"}
         return answer
 
 
@@ -99,7 +109,8 @@ def run_job(options: CampaignOptions, identify: Identify | None, console: Consol
         recorded = [point for point in result.points if point.file is not None]
         if not recorded:
             return JobResult(result, None, None, None)
-        usable = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID} and any(point.verdict != "invalid" for point in recorded)
+        finished = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID}
+        usable = finished and any(point.verdict != "invalid" for point in recorded)
         with console.status("identifying and writing the report"):
             answer = analyst.analyse(result.campaign, identify if usable else None)
     if answer.get("report_error"):

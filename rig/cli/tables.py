@@ -54,7 +54,7 @@ def plan_table(plan: Plan) -> list[Table | Text]:
     total = len(plan.points)
     verdict = Text(f"all {total} points feasible" if not bad else f"{bad} of {total} points infeasible")
     verdict.stylize("red" if bad else "green")
-    return [table, Text.assemble(verdict, f"; {duration(plan.duration_s)} at full speed; force {plan.prediction}")]
+    return [table, Text.assemble(verdict, f"; {duration(plan.duration_s)} of rig time; force {plan.prediction}")]
 
 
 def _verdict(item: PlannedPoint) -> Text:

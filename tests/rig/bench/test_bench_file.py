@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from protocols.line_format import from_description
 from rig.bench.model import Bench
 from rig.errors import EXIT_USAGE, FileProblem
 
@@ -66,7 +67,7 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ('speed = "0.8 m/s"', 'speed = "25 N"', 'limits.speed = "25 N": 25 N is a force; a speed is written like "0.8 m/s"'),
+        ('speed = "0.8 m/s"', 'speed = "25 N"', 'limits.speed = "25 N": 25 N is a force; a speed is written like'),
         ('speed = "0.8 m/s"', "speed = 0.8", "limits.speed = 0.8: the number 0.8 has no unit"),
         ('speed = "0.8 m/s"', 'speed = "80 m/s"', "too large (allowed: more than 0 m/s to 5 m/s)"),
         ('speed = "0.8 m/s"', 'speed = "0 m/s"', "too small (allowed: more than 0 m/s to 5 m/s)"),
@@ -89,7 +90,7 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
         ("sensitivity = 0.001", "sensitivity = inf", "lvdt.calibration.sensitivity = inf"),
         ('offset = "0 mm"', 'offset = "0 N"', 'lvdt.calibration.offset = "0 N": 0 N is a force'),
         ("due = 2030-01-01", 'due = "2030-01-01"', "must be a date such as 2030-01-01"),
-        ('format = "frame16"', 'format = "frame17"', "unknown format; this version knows frame16"),
+        ('format = "frame16"', 'format = "frame17"', "unknown format; known: frame16, signed-decimal"),
         ('stale_after = "20 ms"', 'stale_after = "6 ms"', "less than two samples; allowed: at least 8 ms"),
         ('watchdog = "500 ms"', 'watchdog = "60 ms"', "less than two polls or time-outs; allowed: at least 80 ms"),
         ('stale_after = "30 ms"', 'stale_after = "15 ms"', "less than two status frames; allowed: at least 20 ms"),
@@ -110,7 +111,9 @@ def test_a_wrong_entry_is_named_with_place_value_and_what_would_fit(
 
 def test_all_wrong_entries_are_reported_at_once_with_their_lines(problems: Edit) -> None:
     found = problems(
-        ('speed = "0.8 m/s"', 'speed = "25 N"'), ("bitrate = 500000", "bitrate = 7"), ("sensitivity = 0.001", "sensitivity = 0.0")
+        ('speed = "0.8 m/s"', 'speed = "25 N"'),
+        ("bitrate = 500000", "bitrate = 7"),
+        ("sensitivity = 0.001", "sensitivity = 0.0"),
     )
     assert [problem.split(":")[0] for problem in found] == [
         f"line {line_of('speed')}", f"line {line_of('bitrate')}", f"line {line_of('sensitivity = 0.001')}",
@@ -126,6 +129,39 @@ def test_a_missing_section_is_named(problems: Edit) -> None:
     start, end = TEXT.index("[ecu]"), TEXT.index("[load_cell]")
     (found,) = problems((TEXT[start:end], ""))
     assert found == "ecu: missing"
+
+
+LINE = (
+    """format = { pattern = '(?P<value>[+-][0-9.]+)(?P<unit>kN)', unit = "kN", terminator = "\\r","""
+    """ overload_tokens = ["OVER"] }"""
+)
+
+
+def test_a_line_format_may_be_described_in_the_bench_file(tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text(TEXT.replace('format = "frame16"', LINE, 1))
+    described = Bench.load(path).load_cell.format
+    assert isinstance(described, dict)
+    line = from_description(described)
+    assert line.terminator == b"\r"
+    assert line.decode(b"+1.25kN")[0] == 1.25
+
+
+@pytest.mark.parametrize(
+    ("new", "expected"),
+    [
+        (LINE.replace("<value>", "<force>"), "pattern needs a group (?P<value>...)"),
+        (LINE.replace("terminator", "terminal"), "unknown key 'terminal'; known are name, pattern"),
+        (LINE.replace('"kN"', "3"), "unit = 3, expected text"),
+        (LINE.replace("kN)", "kN"), "line format 'custom': pattern"),
+    ],
+)
+def test_a_line_format_that_contradicts_itself_is_refused(problems: Edit, new: str, expected: str) -> None:
+    found = problems(('format = "frame16"', new))
+    assert len(found) == 1, found
+    assert expected in found[0]
+    line = line_of('format = "frame16"')
+    assert found[0].startswith(f"line {line}: load_cell.format")
 
 
 AUXILIARY = """

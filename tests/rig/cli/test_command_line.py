@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import subprocess
@@ -26,9 +27,8 @@ HEAVY = ("numpy", "pydantic", "pandas", "h5py", "scipy", "numba", "matplotlib", 
 
 
 def rig(*arguments: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "rig.cli.main", *arguments], capture_output=True, text=True, cwd=cwd, timeout=120, check=False
-    )
+    command = [sys.executable, "-m", "rig.cli.main", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False)
 
 
 def one_object(result: subprocess.CompletedProcess[str]) -> dict[str, Any]:
@@ -134,20 +134,17 @@ def test_the_schema_knows_units_and_refuses_unknown_keys(name: str) -> None:
     schema = one_object(rig("schema", name))
     assert schema["additionalProperties"] is False
     section = schema["$defs"]["Limits" if name == "bench" else "Sweep"]
-    if name == "bench":
-        speed = section["properties"]["speed"]
-    else:
-        speed = section["properties"]["amplitude"]["items"]
-    assert re.match(speed["pattern"], speed["examples"][0])
-    assert not re.match(speed["pattern"], "25 N")
+    properties = section["properties"]
+    quantity = properties["speed"] if name == "bench" else properties["amplitude"]["items"]
+    assert re.match(quantity["pattern"], quantity["examples"][0])
+    assert not re.match(quantity["pattern"], "25 N")
     (suffixed,) = section["patternProperties"]
     assert re.match(suffixed, "speed_m_s" if name == "bench" else "amplitude_mm")
 
 
 def test_foreign_tests_become_a_run_that_is_listed(tmp_path: Path) -> None:
-    import math
-
-    rows = [f"{i / 200},{20 * math.sin(2 * math.pi * i / 200)},{300 * math.cos(2 * math.pi * i / 200)}" for i in range(1200)]
+    phases = [2 * math.pi * number / 200 for number in range(1200)]
+    rows = [f"{phase / (2 * math.pi)},{20 * math.sin(phase)},{300 * math.cos(phase)}" for phase in phases]
     (tmp_path / "loop_0.50A.csv").write_text("t_s,x_mm,F_N\n" + "\n".join(rows) + "\n")
     out = tmp_path / "runs"
     result = rig(
