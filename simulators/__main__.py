@@ -66,7 +66,7 @@ async def serve(arguments: dict[str, Any]) -> None:
     from simulators.rig import SimulatedRig, take_real_time_priority
 
     rig = SimulatedRig(arguments["options"], arguments["run"])
-    rig.plant.advance(1)
+    rig.warm_up()
     addresses = await rig.open()
     real_time = take_real_time_priority(arguments["run"].speed)
     text = rig.bench(addresses, real_time)

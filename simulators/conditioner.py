@@ -30,8 +30,13 @@ def _condition(
     reach = h * h * corner_rad_s * corner_rad_s / 4.0
     damp = h * DAMPING * corner_rad_s
     taken = 0
+    while taken < len(times_s) and times_s[taken] <= start_s:
+        share = (times_s[taken] - start_s) / h + 1.0
+        values[taken] = state[3] + share * (state[0] - state[3])
+        taken += 1
     for k in range(len(signal)):
         before = state[0]
+        state[3] = before
         mean = 0.5 * (state[2] + signal[k])
         rate = state[1] * (1.0 - damp - reach) + h * corner_rad_s * corner_rad_s * (mean - before)
         rate /= 1.0 + damp + reach
@@ -50,8 +55,8 @@ def _condition(
 
 
 condition: Any = njit(cache=True, error_model="numpy")(_condition)
-"""`condition(signal (n,), dt_s, corner_rad_s, state (3,), start_s, times_s (m,)) -> filtered values (m,)`.
+"""`condition(signal (n,), dt_s, corner_rad_s, state (4,), start_s, times_s (m,)) -> filtered values (m,)`.
 
 `signal` holds the plant's values at `start_s + dt_s ... start_s + n dt_s`; `state` (filtered value, its rate, last
-input) is moved along; `times_s` ascend within the slice.
+input, filtered value one step earlier) is moved along; `times_s` ascend, from one step before the slice to its end.
 """

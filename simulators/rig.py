@@ -20,7 +20,9 @@ from rig.clock import monotonic_ns
 from simulators.actuator import Actuator
 from simulators.bench import Addresses, bench_text
 from simulators.clock import DeviceClock, ServedTime
+from simulators.conditioner import condition
 from simulators.ecu import Ecu
+from simulators.frames import encode_frames
 from simulators.injection import INJECTORS, ScheduledFault
 from simulators.modbus_server import ModbusServer
 from simulators.options import RigOptions, SensorOptions
@@ -102,6 +104,13 @@ class SimulatedRig:
         self._stop = asyncio.Event()
         self._parent = os.getppid()
         self._idle_since_ns = -1
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, everything the loop calls, before any clock runs."""
+        self.plant.advance(1)
+        condition(np.zeros(1), self.plant.dt_s, 1.0, np.zeros(4), 0.0, np.zeros(1))
+        nothing = np.zeros(1, np.int64)
+        encode_frames(np.zeros(1, np.uint8), np.zeros(1, np.uint8), nothing, nothing, np.zeros(1))
 
     async def open(self) -> Addresses:
         """Open every socket and port; returns where they are.

@@ -65,7 +65,7 @@ class Sensor:
         self._random, self._line_random = random.spawn(2)
         self._period_us = 1e6 / options.rate_Hz
         self._tick = math.ceil(clock.unwrapped_us(start_s) / self._period_us)
-        self._filter = np.zeros(3)
+        self._filter = np.zeros(4)
         self._started = False
         self._last_value = math.nan
         self._waiting: Bytes = np.zeros((0, self.frame_size), np.uint8)
@@ -85,7 +85,7 @@ class Sensor:
             The bytes that leave the line up to the slice's end: whole frames, unless a fault damages them.
         """
         if not self._started and len(signal):
-            self._filter[:] = (signal[0], 0.0, signal[0])
+            self._filter[:] = (signal[0], 0.0, signal[0], signal[0])
             self._started = True
         end_s = start_s + len(signal) * dt_s
         ticks = self._due_ticks(end_s)
@@ -101,8 +101,9 @@ class Sensor:
         return self._damage(self._released(end_s))
 
     def _due_ticks(self, end_s: float) -> NDArray[np.int64]:
-        """Numbers of the sensor clock's sampling ticks up to `end_s`."""
-        last = math.floor(self.clock.unwrapped_us(end_s) / self._period_us)
+        """Numbers of the sensor clock's sampling ticks whose sample, jitter included, lies before `end_s`."""
+        latest_s = end_s - LARGEST_JITTER * self.options.jitter_s
+        last = math.floor(self.clock.unwrapped_us(latest_s) / self._period_us)
         ticks = np.arange(self._tick, last + 1, dtype=np.int64)
         self._tick = max(self._tick, last + 1)
         return ticks

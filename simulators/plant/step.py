@@ -114,7 +114,7 @@ def _coil_and_heat(p: Record, c: Record, s: Record) -> None:
     s.current_A = wanted + (s.current_A - wanted) * math.exp(-p.coil_eta_1_s * p.dt_s)
     power_W = s.damper_force_N * s.damper_v_m_s
     s.dissipated_J += power_W * p.dt_s
-    heat_W = max(0.0, power_W) + s.current_A * s.current_A * ohm
+    heat_W = power_W + s.current_A * s.current_A * ohm
     heat_W -= p.heat_loss_W_K * (s.temperature_degC - p.ambient_degC)
     s.temperature_degC += heat_W * p.dt_s / p.heat_capacity_J_K
 

@@ -1,0 +1,158 @@
+import struct
+
+import numpy as np
+import pytest
+
+from protocols import ecu as wire
+from protocols.ecu import EcuFault, EcuState
+from simulators.clock import DeviceClock
+from simulators.ecu import Ecu
+from simulators.options import CoilOptions, RigOptions
+from simulators.plant.plant import Plant
+
+
+class Coil:
+    """An ECU on its plant, without a bus."""
+
+    def __init__(self, noise_A=0.0):
+        self.plant = Plant(RigOptions())
+        self.log = []
+        options = CoilOptions(current_noise_A=noise_A)
+        self.ecu = Ecu(self.plant, options, 23.0, DeviceClock(0.0, 0.0), np.random.default_rng(0),
+                       lambda code, text: self.log.append((code, text)))
+        self.counter = 0
+
+    def command(self, current_A, enable=True, clear=False):
+        self.counter = (self.counter + 1) % 15
+        self.ecu.receive(0x120, wire.encode_command(wire.CoilCommand(self.counter, enable, clear, current_A)))
+
+    def run(self, seconds):
+        frames = []
+        for _ in range(round(seconds / 0.002)):
+            self.plant.advance(16)
+            frames += self.ecu.frames()
+        return frames
+
+
+@pytest.fixture
+def coil():
+    return Coil()
+
+
+def statuses(frames):
+    return [wire.decode_status(data) for identifier, data in frames if identifier == 0x121]
+
+
+def test_periods_follow_the_device_clock(coil):
+    frames = coil.run(2.0)
+    by_id = {identifier: sum(1 for each, _ in frames if each == identifier) for identifier in (0x121, 0x122, 0x123)}
+    assert by_id[0x121] in {200, 201}
+    assert by_id[0x122] in {20, 21}
+    assert by_id[0x123] in {2, 3}
+    times = [status.device_time_ticks for status in statuses(frames)]
+    assert set(np.diff(times).tolist()) == {100}
+
+
+def test_counters_run_0_to_14_and_every_crc_is_right(coil):
+    counters = [status.counter for status in statuses(coil.run(0.4))]
+    assert counters[:16] == [*range(15), 0]
+
+
+def test_it_drives_the_commanded_current_with_the_coils_lag(coil):
+    coil.command(1.5)
+    last = statuses(coil.run(0.04))[-1]
+    assert last.state == EcuState.ENABLED
+    assert 0.8 < last.current_A < 1.0
+    coil.command(1.5)
+    assert statuses(coil.run(0.5))[-1].current_A == pytest.approx(1.5, abs=0.001)
+
+
+def test_measured_current_is_quantised_to_a_milliampere():
+    coil = Coil(noise_A=0.002)
+    frames = [data for identifier, data in coil.run(1.0) if identifier == 0x121]
+    raw = [struct.unpack_from("<h", data, 2)[0] for data in frames]
+    assert 1.0 < np.std(raw) < 3.5
+
+
+def test_silence_of_the_host_means_0_A_by_itself(coil):
+    coil.command(2.0)
+    coil.ecu.tick(0.099)
+    assert coil.ecu.state is EcuState.ENABLED
+    coil.ecu.tick(0.101)
+    last = statuses(coil.run(0.5))[-1]
+    assert last.state == EcuState.FAULT
+    assert last.faults == EcuFault.COMMAND_TIMEOUT
+    assert abs(last.current_A) < 0.001
+
+
+def test_a_fault_latches_until_it_is_cleared(coil):
+    coil.command(2.0)
+    coil.ecu.tick(0.2)
+    coil.command(2.0)
+    assert coil.ecu.setpoint_A == 0.0
+    coil.command(2.0, clear=True)
+    assert coil.ecu.setpoint_A == 2.0
+
+
+def test_bad_commands_are_ignored_and_the_third_in_a_row_is_a_fault(coil):
+    coil.command(1.0)
+    good = wire.encode_command(wire.CoilCommand(5, True, False, 3.0))
+    for expected in (EcuState.ENABLED, EcuState.ENABLED, EcuState.FAULT):
+        coil.ecu.receive(0x120, bytes([good[0] ^ 0xFF]) + good[1:])
+        assert coil.ecu.state is expected
+    assert coil.ecu.fault_bits == EcuFault.COMMAND_CHECK
+
+
+def test_a_repeated_counter_is_a_bad_command(coil):
+    frame = wire.encode_command(wire.CoilCommand(3, True, False, 1.0))
+    for _ in range(4):
+        coil.ecu.receive(0x120, frame)
+    assert coil.ecu.fault_bits == EcuFault.COMMAND_CHECK
+
+
+def test_a_short_command_is_no_command(coil):
+    coil.ecu.receive(0x120, b"\x00\x01")
+    assert coil.ecu.state is EcuState.INIT
+
+
+@pytest.mark.parametrize(
+    ("switch", "bit"),
+    [("coil_open", EcuFault.OPEN), ("coil_short", EcuFault.SHORT), ("over_temperature", EcuFault.OVER_TEMPERATURE)],
+)
+def test_coil_faults_are_seen_and_drive_0_A(coil, switch, bit):
+    coil.command(1.0)
+    coil.run(0.3)
+    setattr(coil.ecu.faults, switch, True)
+    coil.ecu.tick(0.05)
+    assert coil.ecu.fault_bits & bit
+    coil.run(0.3)
+    assert abs(coil.plant.value("current_A")) < 0.001
+
+
+def test_undervoltage_is_a_fault(coil):
+    coil.command(1.0)
+    coil.ecu.supply_V = 8.0
+    coil.ecu.tick(0.05)
+    assert coil.ecu.fault_bits & EcuFault.UNDERVOLTAGE
+
+
+def test_a_stuck_output_keeps_its_current(coil):
+    coil.command(1.0)
+    coil.run(0.5)
+    coil.ecu.faults.stuck_current = True
+    for step in range(20):
+        coil.command(0.0, enable=False)
+        coil.ecu.tick(0.01 * step)
+        coil.run(0.02)
+    assert coil.plant.value("current_A") == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_restart_counts_and_says_so(coil):
+    coil.command(1.0)
+    coil.run(0.3)
+    coil.ecu.restart()
+    frames = coil.run(0.3)
+    assert statuses(frames)[-1].faults & EcuFault.RESTARTED
+    assert statuses(frames)[0].counter == 0
+    boots = [wire.decode_temperature(data).boot_count for identifier, data in frames if identifier == 0x122]
+    assert boots[-1] == CoilOptions().boot_count + 1

@@ -1,0 +1,187 @@
+import math
+
+import numpy as np
+import pytest
+
+from rig import dampers
+from rig.errors import RigError
+from simulators.options import DamperOptions, RigOptions, with_option
+from simulators.plant.plant import MAXIMUM_STEPS, Plant, specimen_model
+from simulators.plant.records import EVENT_PULSE
+
+T, X, V, F, I, TEMPERATURE = range(6)
+
+
+def harmonic(time_s, x, frequency_Hz):
+    """Amplitude and phase (rad, against sin(2 pi f t)) of the fundamental."""
+    turn = 2 * np.pi * frequency_Hz * time_s
+    design = np.column_stack([np.sin(turn), np.cos(turn), np.ones_like(turn)])
+    (sine, cosine, _), *_ = np.linalg.lstsq(design, x, rcond=None)
+    return math.hypot(sine, cosine), math.atan2(cosine, sine)
+
+
+@pytest.mark.parametrize("frequency_Hz", [1.0, 2.0, 5.0, 10.0])
+def test_servo_droops_and_lags_as_its_second_order_loop_says(bench, frequency_Hz):
+    bench.start(0.005, frequency_Hz, 8)
+    began_s = bench.plant.time_s
+    rows = bench.run(10 / frequency_Hz)
+    inside = (rows[:, T] > began_s + 2 / frequency_Hz) & (rows[:, T] <= began_s + 8 / frequency_Hz)
+    amplitude, phase = harmonic(rows[inside, T] - began_s, rows[inside, X], frequency_Hz)
+    ratio = frequency_Hz / 30.0
+    expected = 1 / (1 - ratio**2 + 2j * 0.7 * ratio)
+    assert amplitude == pytest.approx(0.005 * abs(expected), rel=2e-3)
+    assert phase == pytest.approx(np.angle(expected), abs=2e-3)
+
+
+def test_triangle_holds_the_speed_4fA_between_its_corners(bench):
+    bench.start(0.02, 0.5, 4, waveform=1)
+    rows = bench.run(12.0)
+    began_s = next(time_s for time_s, kind, _ in bench.events if kind == EVENT_PULSE)
+    phase = (rows[:, T] - began_s) * 0.5
+    straight = (phase > 2.1) & (phase < 2.2)
+    assert rows[straight, V] == pytest.approx(4 * 0.5 * 0.02, rel=1e-3)
+    falling = (phase > 2.4) & (phase < 2.6)
+    assert rows[falling, V] == pytest.approx(-4 * 0.5 * 0.02, rel=1e-3)
+
+
+def test_pulses_mark_each_cycle_start_and_the_end_to_the_microsecond(bench):
+    bench.start(0.01, 1.3, 3)
+    bench.run(6.0)
+    pulses = [time_s for time_s, kind, _ in bench.events if kind == EVENT_PULSE]
+    assert len(pulses) == 6
+    assert np.diff(pulses) == pytest.approx(np.full(5, 1 / 1.3), abs=1e-6)
+
+
+def test_force_is_the_models_own_along_the_motion_that_happened(bench):
+    bench.plant.order(coil_A=1.0)
+    bench.run(1.0)
+    bench.start(0.03, 1.0, 3)
+    rows = bench.run(5.0)
+    chosen = dampers.parameter_set("demo")
+    model = dampers.model(chosen.model)
+    dt_s = bench.plant.dt_s
+    acceleration = np.diff(rows[:, V], prepend=rows[0, V]) / dt_s
+    expected = model.force(chosen.values, rows[:, X], rows[:, V], acceleration, rows[:, I], dt_s)
+    assert rows[1:, F] == pytest.approx(expected[1:], abs=1e-6)
+
+
+def test_dissipated_energy_is_the_loop_area_and_heats_the_damper(bench):
+    bench.start(0.05, 1.0, 5)
+    before_J, before_degC = bench.plant.value("dissipated_J"), bench.plant.value("temperature_degC")
+    rows = bench.run(8.0)
+    loop_J = np.trapezoid(rows[:, F], rows[:, X])
+    assert bench.plant.value("dissipated_J") - before_J == pytest.approx(loop_J, rel=2e-3)
+    rise = bench.plant.value("temperature_degC") - before_degC
+    assert rise == pytest.approx(loop_J / 1500.0, rel=0.1)
+
+
+@pytest.mark.parametrize("model", sorted(dampers.MODELS))
+def test_every_model_drives_the_plant_and_dissipates(make_bench, model):
+    bench = make_bench(f'damper.model="{model}"', "plant_rate_Hz=4000.0").ready()
+    bench.plant.order(coil_A=0.5)
+    bench.run(0.5)
+    assert bench.start(0.02, 1.0, 2).name == "DONE"
+    began_s = bench.plant.time_s
+    rows = bench.run(4.5)
+    assert np.all(np.isfinite(rows))
+    whole = (rows[:, T] > began_s + 1) & (rows[:, T] <= began_s + 3)
+    assert np.trapezoid(rows[whole, F], rows[whole, X]) > 1.0
+
+
+def test_coil_follows_its_first_order_lag_exactly(bench):
+    bench.plant.order(coil_A=2.0)
+    began_s = bench.plant.time_s
+    rows = bench.run(0.2)
+    assert rows[:, I + 0] == pytest.approx(2.0 * (1 - np.exp(-25.0 * (rows[:, T] - began_s))), abs=1e-9)
+
+
+def test_coil_current_is_bounded_by_supply_over_resistance(bench):
+    bench.plant.order(coil_A=20.0)
+    bench.run(1.0)
+    warmer_K = bench.plant.value("temperature_degC") - 20.0
+    assert bench.plant.value("current_A") == pytest.approx(13.5 / (1.5 * (1 + 0.0039 * warmer_K)), rel=1e-3)
+
+
+def test_load_cell_sees_the_moving_mass(make_bench):
+    light, heavy = make_bench().ready(), make_bench("moving_mass_kg=10.0").ready()
+    for each in (light, heavy):
+        each.start(0.02, 2.0, 3)
+    a, b = light.run(2.5), heavy.run(2.5)
+    acceleration = np.diff(b[:, V], prepend=b[0, V]) / heavy.plant.dt_s
+    assert (b[:, F] - a[:, F])[1:] == pytest.approx(10.0 * acceleration[1:], abs=0.5)
+
+
+def test_low_pressure_and_load_limit_the_speed(make_bench):
+    bench = make_bench("servo.rated_speed_m_s=0.2", "controller.following_error_max_m=0.5").ready()
+    bench.start(0.05, 1.0, 3)
+    rows = bench.run(5.0)
+    assert np.abs(rows[:, V]).max() < 0.2
+    assert np.abs(rows[:, V]).max() > 0.15
+
+
+def test_the_rod_drifts_when_hydraulics_are_off(bench):
+    from protocols.actuator import Command
+
+    bench.command(Command.HYDRAULICS_OFF)
+    rows = bench.run(5.0)
+    assert rows[-1, X] < rows[0, X] - 0.3e-3
+    late_m_s = rows[-1, V]
+    assert abs(late_m_s) < abs(rows[4000, V])
+
+
+def test_compliance_lets_the_damper_move_less_than_the_rod(make_bench):
+    stiff, soft = make_bench("plant_rate_Hz=4000.0").ready(), make_bench(
+        "plant_rate_Hz=4000.0", "damper.mount_stiffness_N_m=5e5").ready()
+    for each in (stiff, soft):
+        each.plant.order(coil_A=2.0)
+        each.start(0.01, 2.0, 2)
+    a, b = stiff.run(2.0), soft.run(2.0)
+    assert np.abs(b[:, F]).max() < np.abs(a[:, F]).max() * 1.05
+    stretch_m = (soft.plant.value("position_m") - soft.plant.value("damper_u_m"))
+    assert stretch_m == pytest.approx(soft.plant.value("damper_force_N") / 5e5, abs=1e-6)
+
+
+def test_free_play_carries_no_force_inside_its_gap(make_bench):
+    bench = make_bench("plant_rate_Hz=4000.0", "damper.free_play_m=0.004", 'damper.values.F0=0.0').ready()
+    bench.start(0.02, 1.0, 2)
+    rows = bench.run(4.0)
+    moving = np.abs(rows[:, V]) > 0.02
+    assert np.mean(np.abs(rows[moving, F]) < 1e-9) > 0.02
+
+
+def test_warm_oil_weakens_the_damper_only_where_the_file_asks(make_bench):
+    peaks = []
+    for change in (0.0, -0.005):
+        bench = make_bench(f"damper.force_change_per_K={change}", "damper.start_degC=63.0").ready()
+        bench.plant.order(coil_A=1.0)
+        bench.run(0.5)
+        bench.start(0.03, 1.0, 2)
+        rows = bench.run(3.5)
+        peaks.append(np.ptp(rows[:, F]))
+    assert peaks[1] / peaks[0] == pytest.approx(1 - 0.005 * 40, abs=0.02)
+
+
+def test_physics_does_not_depend_on_how_it_is_sliced():
+    whole, sliced = Plant(RigOptions()), Plant(RigOptions())
+    for plant in (whole, sliced):
+        plant.order(mode=3, pressure=2, amplitude_m=0.01, frequency_Hz=3.0, full_cycles=50, ramp_in_cycles=1,
+                    position_min_m=-1, position_max_m=1, speed_max_m_s=9, acceleration_max_m_s2=500, force_max_N=1e6)
+        plant.state["accumulator_Pa"] = 210e5
+    whole.advance(5000)
+    for steps in (1, 2, 997, 3000, 1000):
+        sliced.advance(steps)
+    assert whole.state.tobytes() == sliced.state.tobytes()
+
+
+def test_a_slice_longer_than_the_output_is_refused():
+    with pytest.raises(ValueError, match="at most"):
+        Plant(RigOptions()).advance(MAXIMUM_STEPS + 1)
+
+
+def test_unknown_models_and_mismatched_sets_are_named():
+    with pytest.raises(RigError, match="did you mean"):
+        specimen_model(DamperOptions(set="demoo"))
+    with pytest.raises(ValueError, match="belongs to model"):
+        specimen_model(DamperOptions(set="spencer-bingham", model="kwok"))
+    with pytest.raises(KeyError, match="nonsense"):
+        Plant(with_option(RigOptions(), "damper.values.nonsense=1.0"))

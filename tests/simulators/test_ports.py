@@ -1,0 +1,180 @@
+import asyncio
+import os
+import select
+import socket
+import termios
+import tty
+
+import pytest
+
+from simulators.pace import Backpressure, Pace
+from simulators.serial_port import CAPACITY, PtyPort, SocketPort, open_port
+
+FRAME = 16
+
+
+def frames(first, count):
+    return b"".join(i.to_bytes(FRAME, "big") for i in range(first, first + count))
+
+
+def read_all(descriptor, wanted):
+    data = b""
+    while len(data) < wanted and select.select([descriptor], [], [], 2.0)[0]:
+        data += os.read(descriptor, 65536)
+    return data
+
+
+@pytest.fixture
+def pty():
+    port = PtyPort()
+    yield port
+    port.close()
+
+
+def test_a_pty_holds_4_KiB_then_drops_whole_frames_and_counts_them(pty):
+    for first in range(0, 1000, 10):
+        pty.write(frames(first, 10), FRAME)
+        # The line discipline takes bytes over on its own thread; its count is what bounds the port.
+        while pty.unread() < min(pty.sent_bytes, 4095 // FRAME * FRAME):
+            os.sched_yield()
+    assert pty.sent_bytes == 4095 // FRAME * FRAME
+    assert pty.dropped_frames == 1000 - pty.sent_bytes // FRAME
+    host = os.open(pty.url, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    data = read_all(host, pty.sent_bytes)
+    assert data == frames(0, len(data) // FRAME)
+    pty.write(frames(5000, 1), FRAME)
+    assert read_all(host, FRAME) == frames(5000, 1)
+    assert pty.read_once
+    os.close(host)
+
+
+def test_the_host_may_come_and_go_on_a_pty(pty):
+    for number in range(3):
+        host = os.open(pty.url, os.O_RDWR | os.O_NOCTTY)
+        pty.write(frames(number, 1), FRAME)
+        assert read_all(host, FRAME) == frames(number, 1)
+        os.close(host)
+    assert pty.dropped_frames == 0
+
+
+def test_bytes_from_the_host_are_swallowed_without_an_echo(pty):
+    host = os.open(pty.url, os.O_RDWR | os.O_NOCTTY)
+    tty.setraw(host, termios.TCSANOW)
+    os.write(host, b"\x03\x04tare\r\n")
+    pty.write(frames(1, 1), FRAME)
+    assert read_all(host, FRAME) == frames(1, 1)
+    os.close(host)
+
+
+def test_a_pulled_cable_ends_the_hosts_read(pty):
+    host = os.open(pty.url, os.O_RDONLY | os.O_NOCTTY)
+    pty.close()
+    pty.write(frames(0, 1), FRAME)
+    try:
+        assert os.read(host, 16) == b""
+    except OSError as error:
+        assert error.errno == 5
+    os.close(host)
+
+
+def test_a_socket_port_is_bounded_too_and_never_blocks():
+    async def story():
+        port = SocketPort()
+        host = socket.create_connection(("127.0.0.1", int(port.url.rsplit(":", 1)[1])))
+        while not port.read_once:
+            await asyncio.sleep(0.001)
+        port.write(frames(0, 2), FRAME)
+        host.settimeout(2.0)
+        assert host.recv(64) == frames(0, 2)
+        total = 0
+        while port.dropped_frames == 0:
+            port.write(frames(0, 64), FRAME)
+            total += 64
+        assert port.unread() <= CAPACITY
+        assert port.unread() % FRAME == 0 or port.unread() > 0
+        assert total < 2_000_000 / FRAME
+        host.close()
+        port.close()
+
+    asyncio.run(story())
+
+
+def test_a_socket_port_drops_while_nobody_is_connected():
+    async def story():
+        port = open_port("socket")
+        port.write(frames(0, 300), FRAME)
+        assert port.sent_bytes == CAPACITY
+        assert port.dropped_frames == 300 - CAPACITY // FRAME
+        port.close()
+
+    asyncio.run(story())
+
+
+def test_simulated_time_never_outruns_its_speed():
+    pace = Pace(10.0, 1e-4, 0.002, 8192)
+    assert pace.due(0, 0) == 0
+    step = 0
+    for now_ns in range(1_000_000, 200_000_000, 1_000_000):
+        step += pace.due(now_ns, step)
+        assert step <= now_ns * 1e-9 * 10.0 / 1e-4 + 1e-6
+    assert step == pytest.approx(0.199 * 10 / 1e-4, rel=0.01)
+
+
+def test_a_short_stall_is_caught_up_at_speed_1_and_a_long_one_is_not():
+    for stall_s, kept in ((0.1, True), (3.0, False)):
+        pace = Pace(1.0, 1e-4, 0.002, 8192)
+        step = pace.due(0, 0)
+        now_ns = int(stall_s * 1e9)
+        for _ in range(3000):
+            now_ns += 2_000_000
+            step += pace.due(now_ns, step)
+        behind_s = now_ns * 1e-9 - step * 1e-4
+        assert (behind_s < 0.01) is kept
+
+
+def test_one_slice_is_bounded():
+    pace = Pace(50.0, 1 / 8000, 0.002, 8192)
+    pace.due(0, 0)
+    assert pace.due(10_000_000_000, 0) <= 4 * 50 * 0.002 * 8000
+
+
+class SlowReader:
+    """A port whose reader is slow, as far as back-pressure can see."""
+
+    def __init__(self, unread, read_once=True):
+        self.url, self.dropped_frames, self.sent_bytes = "", 0, 10_000
+        self.left, self.read_once = unread, read_once
+
+    def unread(self):
+        return self.left
+
+    def write(self, data, frame_size):
+        raise NotImplementedError
+
+    def close(self):
+        raise NotImplementedError
+
+
+def test_the_clock_waits_for_a_reader_a_quarter_second_after_its_last_read():
+    port = SlowReader(3000)
+    pressure = Backpressure([port])
+    pressure.holds(0, False)
+    port.left = 2900
+    assert pressure.holds(10_000_000, False)
+    assert pressure.holds(250_000_000, False)
+    assert not pressure.holds(270_000_000, False)
+    port.left = 2500
+    assert pressure.holds(280_000_000, False)
+    port.left = 1000
+    assert not pressure.holds(290_000_000, False)
+
+
+def test_a_port_nobody_reads_holds_nothing_up():
+    assert not Backpressure([SlowReader(4000, read_once=False)]).holds(0, False)
+
+
+def test_a_full_bus_holds_the_clock_up_for_a_quarter_second():
+    pressure = Backpressure([])
+    pressure.holds(0, False)
+    assert pressure.holds(100_000_000, True)
+    assert not pressure.holds(300_000_000, True)
