@@ -1,166 +1,148 @@
-"""A station on a simulated rig: two real processes on real transports, for tests that drive the station directly."""
+"""What tests on real processes share: the simulated rig's true states, and a campaign in a process of its own."""
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from rig.bench.model import Bench
-from rig.campaign.setup import station_config
+from protocols.actuator import State
 from rig.clock import monotonic_ns
-from rig.matrix.model import load_matrix
-from rig.station.client import StationClient, StationLost
-from rig.station.config import StationConfig
 
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-mid_stroke = "0 mm"
-[matrix]
-waveform = ["sine"]
-amplitude = ["10 mm"]
-frequency = ["2 Hz"]
-current = ["1 A"]
+# Runs a campaign as `rig run` does, says each phase, and exits with the campaign's exit code.
+CAMPAIGN = """
+import sys
+from pathlib import Path
+from rig.campaign import CampaignOptions, run_campaign
+
+class Display:
+    def planned(self, plan): pass
+    def phase(self, text): print("phase", text, flush=True)
+    def progress(self, point_id, cycles_done, time_left_s, live): print("cycles", cycles_done, flush=True)
+    def point_done(self, result): print("done", result.id, result.verdict, flush=True)
+    def message(self, level, text): print(level, text, flush=True)
+
+matrix, out, bench, speed = sys.argv[1:5]
+options = CampaignOptions(
+    Path(matrix), Path(out), None if bench == "-" else Path(bench), bench == "-", float(speed), 1, tuple(sys.argv[5:])
+)
+sys.exit(run_campaign(options, Display()).exit_code)
 """
-BEAT_S = 0.02
 
 
+@dataclass(frozen=True)
 class Truth:
-    """What really happened: arrays on the simulated clock, and the rig's log of commands."""
+    """What really happened: arrays over the rig's clock (s), and the commands that reached it."""
 
-    def __init__(self, path: Path) -> None:
-        with h5py.File(path) as file:
-            data = file["entry/data"]
-            self.names = list(data)
-            self.time_s = data["time"][:]
-            self.displacement_m = data["displacement"][:]
-            self.velocity_m_s = data["velocity"][:]
-            self.current_A = data["current"][:]
+    time_s: NDArray[np.float64]
+    displacement_m: NDArray[np.float64]
+    velocity_m_s: NDArray[np.float64]
+    force_N: NDArray[np.float64]
+    current_A: NDArray[np.float64]
+    state: NDArray[np.float64]
+    commands: list[tuple[float, str, str]]
+    """(time on the rig's clock, command, text)."""
 
-    def at_rest(self, last_s: float) -> bool:
-        """The rod stood still over the last seconds recorded."""
-        tail = self.displacement_m[self.time_s > self.time_s[-1] - last_s]
-        return bool(np.ptp(tail) < 1e-3)
+    def runs(self) -> list[slice]:
+        """Where a motion program ran, one slice a program."""
+        running = np.concatenate(([False], self.state == State.RUNNING, [False]))
+        edges = np.flatnonzero(np.diff(running.astype(int)))
+        return [slice(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
+
+    def when(self, command: str, text: str = "") -> float:
+        """When the first such command arrived (s); fails when there was none."""
+        times = [at_s for at_s, name, said in self.commands if name == command and text in said]
+        assert times, f"no {command} {text} among {self.commands}"
+        return times[0]
+
+    def after(self, at_s: float) -> slice:
+        """The samples from `at_s` on."""
+        return slice(int(np.searchsorted(self.time_s, at_s)), None)
 
 
-class StationRig:
-    """One simulated rig and one station on it; `stop_beating` makes the application fall silent."""
+def load_truth(path: Path) -> Truth:
+    with h5py.File(path) as file:
+        data, events = file["entry/data"], file["entry/events"]
+        names = ("time", "displacement", "velocity", "force", "current", "controller_state")
+        arrays = [np.asarray(data[name][:], np.float64) for name in names]
+        columns = (events["time_ns"][:], events["code"][:], events["text"][:])
+        commands = [(1e-9 * float(t), code.decode(), text.decode()) for t, code, text in zip(*columns, strict=True)]
+    return Truth(*arrays, commands)
 
-    def __init__(self, folder: Path, speed: float, arguments: tuple[str, ...], **changes: Any) -> None:
-        self.folder = folder
-        self.truth_path = folder / "truth.h5"
-        with (folder / "simulators.log").open("w") as log:
-            self.simulators = subprocess.Popen(
-                [sys.executable, "-m", "simulators", "--speed", str(speed), "--seed", "1",
-                 "--truth", str(self.truth_path), *arguments],
-                stdout=subprocess.PIPE, stderr=log, text=True, start_new_session=True,
-            )  # fmt: skip
-        if self.simulators.stdout is None:
-            raise RuntimeError("no pipe from the simulated rig")
-        self.bench_path = Path(self.simulators.stdout.readline().strip())
-        (folder / "matrix.toml").write_text(MATRIX)
-        config = station_config(Bench.load(self.bench_path), load_matrix(folder / "matrix.toml"), folder / "ring")
-        self.config: StationConfig = replace(config, **changes)
-        self.client = StationClient.start(self.config, folder)
-        self.seen: list[dict[str, Any]] = []
-        self._silent = threading.Event()
-        self._beats = threading.Thread(target=self._beat, daemon=True)
-        self._beats.start()
 
-    def _beat(self) -> None:
-        while not self._silent.wait(BEAT_S):
-            try:
-                self.client.beat(True)
-            except StationLost:
+@pytest.fixture(scope="session")
+def truth_of() -> Callable[[Path], Truth]:
+    """Reads a truth file."""
+    return load_truth
+
+
+@dataclass
+class Campaign:
+    """A campaign in a process of its own, read line by line."""
+
+    process: subprocess.Popen[str]
+    out: Path
+
+    def wait_for(self, text: str) -> None:
+        """Read its output until a line begins with `text`."""
+        assert self.process.stdout is not None
+        seen = []
+        for line in self.process.stdout:
+            seen.append(line)
+            if line.startswith(text):
                 return
+        pytest.fail(f"it ended without saying {text!r}:\n{''.join(seen)}")
 
-    def stop_beating(self) -> int:
-        """The application falls silent; host time (ns) of its last beat."""
-        self._silent.set()
-        self._beats.join()
-        return monotonic_ns()
+    def finish(self) -> int:
+        """Read the rest and wait for the end; returns the exit code."""
+        self.process.communicate(timeout=90)
+        return self.process.returncode
 
-    def event(self, name: str, timeout_s: float = 20.0) -> dict[str, Any]:
-        """The first event of that name since the start, waiting for it."""
-        deadline_ns = monotonic_ns() + int(timeout_s * 1e9)
-        while True:
-            found = [event for event in self.seen if event["event"] == name]
-            if found:
-                return found[0]
-            left_s = (deadline_ns - monotonic_ns()) / 1e9
-            if left_s <= 0 or not self.client.alive:
-                self.seen += self.client.events()
-                found = [event for event in self.seen if event["event"] == name]
-                if found:
-                    return found[0]
-                raise AssertionError(f"no event {name!r} within {timeout_s} s; seen: {self.seen}; log: {self.log()}")
-            self.seen += self.client.events(timeout_s=min(left_s, 0.2))
+    @property
+    def folder(self) -> Path:
+        """The campaign's directory."""
+        (folder,) = self.out.iterdir()
+        return folder
 
-    def log(self) -> str:
-        """The end of the station's log."""
-        return (self.folder / "station.log").read_text()[-2000:]
+    def truth(self, timeout_s: float = 30.0) -> Truth:
+        """What really happened; a simulated rig that outlives its campaign is waited for."""
+        path, deadline_ns = self.folder / "truth.h5", monotonic_ns() + int(timeout_s * 1e9)
+        while not path.exists() and monotonic_ns() < deadline_ns:
+            pass_time()
+        return load_truth(path)
 
-    def prepare(self) -> None:
-        """Connected, armed, full pressure, holding at the centre."""
-        self.client.request("connect")
-        self.client.request("arm")
-        self.client.request("hydraulics", level="low")
-        self.client.request("hydraulics", level="on")
 
-    def run(self, **changes: Any) -> dict[str, Any]:
-        """Start a sine of 10 mm at 2 Hz under 1 A that lasts longer than any test."""
-        self.client.request("set_current", current_A=1.0)
-        program: dict[str, Any] = {
-            "waveform": "sine", "amplitude_m": 0.010, "frequency_Hz": 2.0, "centre_m": 0.0, "cycles": 2000,
-            "ramp_in_cycles": 1, "ramp_out_cycles": 1,
-        }  # fmt: skip
-        return self.client.request("start", **(program | changes))
-
-    def truth(self) -> Truth:
-        """End the simulated rig and read what really happened."""
-        self.simulators.send_signal(signal.SIGTERM)
-        self.simulators.wait(30)
-        return Truth(self.truth_path)
-
-    def end(self) -> None:
-        """End both processes."""
-        self._silent.set()
-        if self.client.process.poll() is None:
-            self.client.close(timeout_s=0.1)
-            if self.client.process.poll() is None:
-                self.client.process.kill()
-        self.client.close(timeout_s=5.0)
-        if self.simulators.poll() is None:
-            os.kill(self.simulators.pid, signal.SIGTERM)
-            self.simulators.wait(30)
-        if self.simulators.stdout is not None:
-            self.simulators.stdout.close()
+def pass_time() -> None:
+    """Let other processes work for a moment; there is nothing to wait on for a file that is being written."""
+    with subprocess.Popen([sys.executable, "-c", ""]) as moment:
+        moment.wait()
 
 
 @pytest.fixture
-def station_rig(tmp_path: Path) -> Iterator[Callable[..., StationRig]]:
-    """Makes stations on simulated rigs: `station_rig("--fault", "estop@1", speed=1.0, **config_changes)`."""
-    made: list[StationRig] = []
+def start_campaign(tmp_path: Path) -> Iterator[Callable[..., Campaign]]:
+    """Start campaigns; what still runs at the end of the test is ended."""
+    started: list[subprocess.Popen[str]] = []
 
-    def make(*arguments: str, speed: float = 1.0, **changes: Any) -> StationRig:
-        folder = tmp_path / str(len(made))
-        folder.mkdir()
-        made.append(StationRig(folder, speed, arguments, **changes))
-        return made[-1]
+    def start(matrix: str, *arguments: str, speed: float = 5.0, bench: Path | None = None) -> Campaign:
+        matrix_path, out = tmp_path / "matrix.toml", tmp_path / "out"
+        matrix_path.write_text(matrix, encoding="utf-8")
+        out.mkdir(exist_ok=True)
+        command = [str(matrix_path), str(out), "-" if bench is None else str(bench), str(speed), *arguments]
+        process = subprocess.Popen(
+            [sys.executable, "-c", CAMPAIGN, *command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        started.append(process)
+        return Campaign(process, out)
 
-    yield make
-    for rig in made:
-        rig.end()
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.terminate()
+        process.communicate(timeout=60)
