@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from rig.cli.output import Command, console, json_option, write_json
+from rig.clock import utc_now
 from rig.errors import EXIT_DONE, EXIT_REFUSED
 
 
@@ -25,11 +26,15 @@ def command(matrix: Path, bench: Path, as_json: bool) -> int:
     from rig.matrix.model import load_matrix
     from rig.matrix.plan import plan
 
-    result = plan(load_matrix(matrix), Bench.load(bench))
+    loaded = Bench.load(bench)
+    result = plan(load_matrix(matrix), loaded)
+    overdue = [f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date())]
     if as_json:
-        write_json(result.to_json())
+        write_json({**result.to_json(), "warnings": overdue})
     else:
         shown = console()
         for part in plan_table(result):
             shown.print(part)
+        for text in overdue:
+            shown.print(f"warning: {text}", style="yellow")
     return EXIT_DONE if result.feasible else EXIT_REFUSED

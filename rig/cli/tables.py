@@ -105,15 +105,18 @@ def _remarks(fit: Mapping[str, Any]) -> list[Text]:
         lines.append(Text("the model does not describe these data within their noise", style="red"))
     for name, entry in fit["parameters"].items():
         if not entry["identifiable"]:
-            reason = entry.get("reason") or "the data do not determine it"
-            lines.append(Text(f"{name} cannot be identified: {reason}", style="yellow"))
+            reason = str(entry.get("reason") or "the data do not determine it")
+            text = reason if reason.startswith(f"{name} ") else f"{name} cannot be identified: {reason}"
+            lines.append(Text(text, style="yellow"))
     lines += [Text(f"warning: {text}", style="yellow") for text in fit.get("warnings", [])]
     return lines
 
 
 def _interval(entry: Mapping[str, Any]) -> tuple[float | None, float | None]:
     """The simultaneous interval where the fit has one, else the pointwise one."""
-    return entry.get("simultaneous_low", entry["low"]), entry.get("simultaneous_high", entry["high"])
+    if entry.get("simultaneous_low") is not None:
+        return entry["simultaneous_low"], entry["simultaneous_high"]
+    return entry["low"], entry["high"]
 
 
 def _estimate(entry: Mapping[str, Any]) -> tuple[str, str]:
