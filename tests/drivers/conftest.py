@@ -1,0 +1,6 @@
+"""Makes the devices beside the driver tests importable by them."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))

@@ -1,0 +1,47 @@
+"""The process that owns the ports stays small: no numpy, no pandas, whatever python-can would like to load."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = """
+import sys
+import drivers.actuator, drivers.ecu, drivers.load_cell, drivers.lvdt, drivers.ring
+from drivers.can_port import LibraryPort
+port = LibraryPort("virtual", "imports", 500000)
+port.open()
+port.close()
+heavy = {"numpy", "pandas", "h5py", "scipy", "numba", "matplotlib", "asammdf", "cantools"} & set(sys.modules)
+assert not heavy, heavy
+rss_kB = int(next(line for line in open("/proc/self/status") if line.startswith("VmRSS")).split()[1])
+assert rss_kB < 45 * 1024, rss_kB
+import protocols.actuator
+try:
+    import asammdf
+except ImportError:
+    pass
+else:
+    assert asammdf.marker
+"""
+
+
+def run(path: str) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": path}
+    return subprocess.run(
+        [sys.executable, "-c", SCRIPT], cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+def test_drivers_load_no_numeric_package_and_stay_small() -> None:
+    done = run(str(ROOT))
+    assert done.returncode == 0, done.stderr
+
+
+def test_neither_do_they_with_python_cans_mf4_extra_installed(tmp_path: Path) -> None:
+    (tmp_path / "asammdf").mkdir()
+    (tmp_path / "asammdf" / "__init__.py").write_text("marker = True\nif 'can' not in __import__('sys').modules: pass\n")
+    (tmp_path / "asammdf" / "mdf.py").write_text("import numpy\n")
+    done = run(f"{tmp_path}{os.pathsep}{ROOT}")
+    assert done.returncode == 0, done.stderr
