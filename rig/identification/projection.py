@@ -31,7 +31,7 @@ class Weighting:
 
     Attributes:
         weight: "v" weighs each sample by its speed (equation 12), "1" does not.
-        guard_s: time (s) around u = 0 whose samples do not count: neither the sensor's filter nor the clocks let one say
+        guard_s: time (s) around u = 0 whose samples do not count: the sensor's filter and the clocks do not let one say
             on which side of the tanh models' jump they lie.
         extra: further weights, one array (n,) a measurement (robust losses).
     """

@@ -49,6 +49,7 @@ def solve_separable(
     model: AlgebraicModel,
     weighting: Weighting | None = None,
     *,
+    held: frozenset[str] = frozenset(),
     non_negative: frozenset[str] = frozenset({"m"}),
     start: FloatArray | None = None,
 ) -> Solution:
@@ -58,6 +59,7 @@ def solve_separable(
         measurements: the tests.
         model: an algebraic damper model.
         weighting: which samples count, and how much; all alike by default.
+        held: linear parameters left out, held at zero.
         non_negative: parameters that must not be negative; one that would be is held at zero.
         start: shape parameters to start from instead of the grid, shape (s,).
 
@@ -65,32 +67,38 @@ def solve_separable(
         The best solution found; `values` in SI by name.
     """
     weighting = weighting or Weighting()
-    full = Projection(model, measurements, weighting)
-    thinned_cost = 0.0
-    if model.shape_names:
-        starts = [start] if start is not None else []
+    full = Projection(model, measurements, weighting, without=held)
+    cost = 0.0
+    if not model.shape_names:
+        shape, inner = np.zeros(0), full.solve(np.zeros(0), slope=False)
+    else:
+        starts = [start]
         if start is None:
             every = max(1, full.samples // THINNED_SAMPLES)
-            thin = Projection(model, measurements, weighting, every=every)
-            top_speed = max(float(np.max(np.abs(each.v_m_s))) for each in measurements)
-            refined = [_levenberg_marquardt(thin, each) for each in _best_of_grid(thin, top_speed)]
-            starts = [each for each, _ in sorted(refined, key=lambda found: found[1].objective)[:2]]
-            thinned_cost = thin.evaluations / every
-        candidates = [_levenberg_marquardt(full, each) for each in _distinct(starts)]
-        shape, inner = min(candidates, key=lambda found: found[1].objective)
-    else:
-        shape = np.zeros(0)
-        inner = full.solve(shape, slope=False)
+            thin = Projection(model, measurements, weighting, every=every, without=held)
+            starts = _starts(thin, max(float(np.max(np.abs(each.v_m_s))) for each in measurements))
+            cost = thin.evaluations / every
+        found = [_levenberg_marquardt(full, each) for each in starts]
+        shape, inner = min(found, key=lambda each: each[1].objective)
     names = (*model.fixed_names, *model.yield_names)
-    values = {**dict(zip(names, inner.linear, strict=True)), **dict(zip(model.shape_names, shape, strict=True))}
-    bound = tuple(name for name in names if name in non_negative and values[name] < 0.0)
-    evaluations = full.evaluations + int(np.ceil(thinned_cost))
+    bound = tuple(name for name, value in zip(names, inner.linear, strict=True) if name in non_negative and value < 0.0)
+    evaluations = full.evaluations + int(np.ceil(cost))
     if bound:
-        held = Projection(model, measurements, weighting, without=frozenset(bound))
-        shape, inner = _levenberg_marquardt(held, shape) if shape.size else (shape, held.solve(shape, slope=False))
-        values = {**dict(zip(names, inner.linear, strict=True)), **dict(zip(model.shape_names, shape, strict=True))}
-        evaluations += held.evaluations
-    return Solution({name: float(value) for name, value in values.items()}, inner.objective, evaluations, bound)
+        rest = Projection(model, measurements, weighting, without=held | frozenset(bound))
+        shape, inner = _levenberg_marquardt(rest, shape) if shape.size else (shape, rest.solve(shape, slope=False))
+        evaluations += rest.evaluations
+    pairs = (*zip(names, inner.linear, strict=True), *zip(model.shape_names, shape, strict=True))
+    return Solution({name: float(value) for name, value in pairs}, inner.objective, evaluations, bound)
+
+
+def _starts(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
+    """The two best distinct minima of the thinned data."""
+    refined = [_levenberg_marquardt(thin, each) for each in _best_of_grid(thin, top_speed_m_s)]
+    kept: list[FloatArray] = []
+    for shape, _ in sorted(refined, key=lambda found: found[1].objective):
+        if not any(np.allclose(shape, other, rtol=0.02, atol=1e-3) for other in kept):
+            kept.append(shape)
+    return kept[:2]
 
 
 def _best_of_grid(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
@@ -112,14 +120,6 @@ def _best_of_grid(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
 
 
 AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
-
-
-def _distinct(starts: Sequence[FloatArray]) -> list[FloatArray]:
-    kept: list[FloatArray] = []
-    for each in starts:
-        if not any(np.allclose(each, other, rtol=0.02, atol=1e-3) for other in kept):
-            kept.append(each)
-    return kept
 
 
 def _levenberg_marquardt(projection: Projection, start: FloatArray) -> tuple[FloatArray, Inner]:

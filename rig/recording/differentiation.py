@@ -20,9 +20,10 @@ from rig.errors import RigError
 FloatArray = NDArray[np.float64]
 Method = Literal["harmonic", "savitzky_golay"]
 
-MAXIMUM_HARMONICS = 41
+MAXIMUM_HARMONICS = 120
 SIGNIFICANT = 8.0  # a harmonic stays when its power exceeds this many times what noise alone puts there
-REPEATS = 0.003
+REPEATS = 0.003  # share of the amplitude
+ROUNDS = 5  # strong harmonics hide weak ones: each round looks at what the last one left
 CHUNK = 16384
 
 
@@ -121,13 +122,18 @@ def harmonic(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float
     spacing = float(np.median(np.diff(t)))
     count = int(max(1, min(MAXIMUM_HARMONICS, 0.4 / (spacing * frequency_Hz), (t.size - 4) // 4)))
     omega = 2.0 * np.pi * frequency_Hz
-    first = np.array([1])
-    for _ in range(3):
-        _, residual, step = _solve(t - origin, u, omega, first)
-        omega += step
-    orders = _significant(t - origin, residual, omega, count)
-    omega += _solve(t - origin, u, omega, orders)[2]
-    coefficients, residual, _ = _solve(t - origin, u, omega, orders)
+    first = np.array([1], dtype=np.int64)
+    for _ in range(2):
+        omega += _solve(t - origin, u, omega, first)[2]
+    coefficients, residual, _ = _solve(t - origin, u, omega, first)
+    orders = first
+    for _ in range(ROUNDS):
+        found = np.setdiff1d(_significant(t - origin, residual, omega, count), orders)
+        if found.size == 0:
+            break
+        orders = np.union1d(orders, found)
+        omega += _solve(t - origin, u, omega, orders)[2]
+        coefficients, residual, _ = _solve(t - origin, u, omega, orders)
     deviation = float(np.sqrt(np.sum(residual**2) / max(1, t.size - coefficients.size - 1)))
     series = (orders, coefficients[1::2], coefficients[2::2])
     return HarmonicFit(origin, omega, float(coefficients[0]), *series, deviation, is_white(residual))
@@ -227,15 +233,14 @@ def _solve(
 
 
 def _significant(t: FloatArray, residual: FloatArray, omega: float, count: int) -> NDArray[np.int64]:
-    """Orders from 2 to `count` whose power stands out of what noise would put there, and always 1."""
+    """Orders from 2 to `count` whose power stands out of what noise would put there."""
     turn = np.exp(1j * omega * t)
     rotation, power = turn.copy(), np.zeros(count + 1)
     for order in range(2, count + 1):
         rotation *= turn
         power[order] = 4.0 * abs(np.vdot(rotation, residual)) ** 2 / t.size**2
     noise = max(float(np.mean(residual**2)) - float(np.sum(power)) / 2.0, 0.01 * float(np.mean(residual**2)))
-    standing = np.flatnonzero(power > SIGNIFICANT * 4.0 * noise / t.size)
-    return np.concatenate(([1], standing)).astype(np.int64)
+    return np.flatnonzero(power > SIGNIFICANT * 4.0 * noise / t.size)
 
 
 def _chunks(n: int) -> Iterator[slice]:

@@ -1,0 +1,213 @@
+"""A fit as a value: what was found, how sure it is, how well it predicts, and what could not be found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter.
+
+    Attributes:
+        value: estimate in `unit`; None where nothing can be said.
+        unit: SI unit.
+        low: lower end of the pointwise 95 % interval; None when not identifiable.
+        high: upper end.
+        simultaneous_low: lower end of the interval that holds for all identifiable parameters together with 95 %.
+        simultaneous_high: upper end.
+        standard_error: standard error in `unit`.
+        identifiable: whether these tests determine it.
+        reason: why not; empty when they do.
+        variance_inflation: by how much the other parameters widen its variance (1: not at all).
+    """
+
+    value: float | None
+    unit: str
+    low: float | None = None
+    high: float | None = None
+    simultaneous_low: float | None = None
+    simultaneous_high: float | None = None
+    standard_error: float | None = None
+    identifiable: bool = True
+    reason: str = ""
+    variance_inflation: float | None = None
+
+
+@dataclass(frozen=True)
+class TestError:
+    """How well the model gives one test's force back.
+
+    Attributes:
+        id: the test's id.
+        file: its file.
+        rmse_N: root mean square error (N).
+        mae_N: mean absolute error (N).
+        nrmse_percent_of_peak: 100 rmse / max|F - mean F|.
+        noise_N: scatter of the force from cycle to cycle (N); None when unknown.
+        samples: number of samples.
+    """
+
+    __test__ = False  # pytest takes classes called Test for its own
+
+    id: str
+    file: str
+    rmse_N: float
+    mae_N: float
+    nrmse_percent_of_peak: float
+    noise_N: float | None
+    samples: int
+
+
+@dataclass(frozen=True)
+class ErrorSummary:
+    """Errors over some tests: all samples together, and each test.
+
+    Attributes:
+        rmse_N: root mean square error over all samples (N).
+        mae_N: mean absolute error over all samples (N).
+        sd_N: standard deviation of the error (N).
+        r_squared: share of the force's variance that the model explains.
+        nrmse_percent_of_peak: mean over tests of their relative errors.
+        per_test: one entry a test.
+    """
+
+    rmse_N: float
+    mae_N: float
+    sd_N: float
+    r_squared: float
+    nrmse_percent_of_peak: float
+    per_test: tuple[TestError, ...]
+
+
+@dataclass(frozen=True)
+class ModelScore:
+    """One model in the comparison: held-out error (None without held-out tests) and Bayesian information criterion."""
+
+    model: str
+    holdout_nrmse_percent_of_peak: float | None
+    bic: float
+    rmse_N: float
+    parameters: int
+    method: str
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model fitted to a run.
+
+    Attributes:
+        model: name in `rig.dampers.MODELS`.
+        hysteresis: form of the tanh argument.
+        method: how it was fitted.
+        weight: "1" or "v" (equation 12).
+        parameters: name to estimate, in the model's order.
+        error: on the tests it was fitted to.
+        holdout: on the tests it has not seen; None without any.
+        selection: the models compared, best first.
+        adequate: whether the model describes the data down to their noise.
+        warnings: everything the reader should know before using the numbers.
+        evaluations: evaluations of equation (12).
+        wall_s: wall time (s).
+        objective: equation (12) at the solution, with the fit's weight.
+        condition: condition number of the scaled normal matrix.
+        correlation: parameter names to names to correlation.
+        notes: how the intervals were made.
+    """
+
+    model: str
+    hysteresis: str
+    method: str
+    weight: str
+    parameters: Mapping[str, Estimate]
+    error: ErrorSummary
+    holdout: ErrorSummary | None
+    selection: tuple[ModelScore, ...]
+    adequate: bool
+    warnings: tuple[str, ...]
+    evaluations: int
+    wall_s: float
+    objective: float
+    condition: float
+    correlation: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameter name to value (SI), those without a value left out."""
+        return {name: each.value for name, each in self.parameters.items() if each.value is not None}
+
+    @property
+    def identifiable(self) -> tuple[str, ...]:
+        """Names of the parameters that these tests determine."""
+        return tuple(name for name, each in self.parameters.items() if each.identifiable)
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of `rig identify --json`: plain types, no NaN or infinity (null instead)."""
+        error = _summary(self.error)
+        error["holdout"] = None if self.holdout is None else _summary(self.holdout)
+        scores = [
+            {
+                "model": each.model,
+                "holdout_nrmse_percent_of_peak": _number(each.holdout_nrmse_percent_of_peak),
+                "bic": _number(each.bic),
+                "rmse_N": _number(each.rmse_N),
+                "parameters": each.parameters,
+                "method": each.method,
+            }
+            for each in self.selection
+        ]
+        return {
+            "model": self.model,
+            "method": self.method,
+            "hysteresis": self.hysteresis,
+            "weight": self.weight,
+            "parameters": {name: _estimate(each) for name, each in self.parameters.items()},
+            "error": error,
+            "selection": scores,
+            "adequate": self.adequate,
+            "warnings": list(self.warnings),
+            "evaluations": self.evaluations,
+            "wall_s": self.wall_s,
+            "objective": _number(self.objective),
+            "condition": _number(self.condition),
+            "correlation": {name: {k: _number(v) for k, v in row.items()} for name, row in self.correlation.items()},
+            "notes": list(self.notes),
+        }
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The estimates as a table, one row a parameter."""
+        import pandas as pd
+
+        return pd.DataFrame({name: vars(each) for name, each in self.parameters.items()}).T
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _estimate(each: Estimate) -> dict[str, Any]:
+    entry = {key: _number(value) if isinstance(value, float) else value for key, value in vars(each).items()}
+    if not entry["reason"]:
+        del entry["reason"]
+    return entry
+
+
+def _summary(summary: ErrorSummary) -> dict[str, Any]:
+    return {
+        "rmse_N": _number(summary.rmse_N),
+        "mae_N": _number(summary.mae_N),
+        "sd_N": _number(summary.sd_N),
+        "r_squared": _number(summary.r_squared),
+        "nrmse_percent_of_peak": _number(summary.nrmse_percent_of_peak),
+        "per_test": [
+            {key: _number(value) if isinstance(value, float) else value for key, value in vars(each).items()}
+            for each in summary.per_test
+        ],
+    }

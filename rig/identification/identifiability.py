@@ -1,0 +1,160 @@
+"""Which parameters these tests can determine, decided from what was tested, before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.model import DamperModel
+from rig.identification.measurement import Measurement
+from rig.identification.uncertainty import Information
+
+FloatArray = NDArray[np.float64]
+
+SAME_CURRENT_A = 0.03
+PROPORTIONAL = 1e-4  # share of the acceleration that displacement does not explain, below which m and K are one
+ONE_SPEED = 2e-3  # share of the velocity that its sign does not explain, below which C and Fy are one
+
+#: Parameters per ampere, and the value at zero current that each belongs to.
+PER_AMPERE: Mapping[str, str] = {
+    "Fyb": "Fya",
+    "Cb": "Ca",
+    "Cb_plus": "Ca_plus",
+    "Cb_minus": "Ca_minus",
+    "Kb": "Ka",
+    "c_b": "c",
+    "k_b": "k",
+    "alpha_b": "alpha",
+    "fc_b": "fc",
+    "c0_b": "c0",
+    "kv_b": "kv",
+    "kw_b": "kw",
+    "c0b": "c0a",
+    "c1b": "c1a",
+}
+STIFFNESS = ("Ka", "Kb", "k", "k_b")
+VISCOUS = ("Ca", "Cb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "c", "c_b", "c0", "c0_b")
+YIELD = ("Fya", "Fyb", "alpha", "alpha_b", "fc", "fc_b", "beta", "delta", "lambda")
+
+
+@dataclass
+class Findings:
+    """What the tests cannot determine.
+
+    Attributes:
+        held: parameters left out of the fit, held at zero.
+        reasons: for every parameter that cannot be identified, why, and what test would help.
+    """
+
+    held: set[str] = field(default_factory=set)
+    reasons: dict[str, str] = field(default_factory=dict)
+
+
+def examine(model: DamperModel, measurements: Sequence[Measurement]) -> Findings:
+    """What the set of tests leaves undetermined, whatever their noise."""
+    found = Findings()
+    _lag(model, found)
+    _current(model, measurements, found)
+    _inertia(model, measurements, found)
+    _speed(model, measurements, found)
+    return found
+
+
+def _lag(model: DamperModel, found: Findings) -> None:
+    if "eta" in model.names:
+        found.reasons["eta"] = (
+            "eta cannot be found: every test held its current constant over the kept cycles; add a current step"
+        )
+
+
+def _current(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:
+    low = min(float(np.min(each.current_A)) for each in measurements)
+    high = max(float(np.max(each.current_A)) for each in measurements)
+    if high - low > SAME_CURRENT_A:
+        return
+    mean_A = 0.5 * (low + high)
+    for name in model.names:
+        base = PER_AMPERE.get(name, "alpha_a" if name == "alpha_b" else "")
+        base = "alpha_a" if name == "alpha_b" and "alpha_a" in model.names else base
+        if base not in model.names:
+            continue
+        found.held.add(name)
+        if abs(mean_A) <= SAME_CURRENT_A:
+            found.reasons[name] = (
+                f"{name} cannot be found: every test ran without current; add tests at another current"
+            )
+            continue
+        together = f"{base} + {name} I"
+        found.reasons[name] = (
+            f"{name} cannot be told from {base}: every test ran at {mean_A:.2f} A; add tests at another current"
+        )
+        found.reasons[base] = (
+            f"only {together} is known, at I = {mean_A:.2f} A, where every test ran; the value given is that sum"
+        )
+
+
+def _inertia(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:
+    stiffness = [name for name in STIFFNESS if name in model.names]
+    if "m" not in model.names or not stiffness:
+        return
+    cross = sum(float(each.a_m_s2 @ each.u_m) for each in measurements)
+    power_a = sum(float(each.a_m_s2 @ each.a_m_s2) for each in measurements)
+    power_u = sum(float(each.u_m @ each.u_m) for each in measurements)
+    if power_a <= 0.0 or power_u <= 0.0 or 1.0 - cross * cross / (power_a * power_u) > PROPORTIONAL:
+        return
+    found.held.add("m")
+    found.reasons["m"] = (
+        f"m cannot be told from {stiffness[0]}: every test ran at one frequency, where inertia and stiffness are "
+        "proportional; add another frequency"
+    )
+    found.reasons[stiffness[0]] = (
+        f"only {stiffness[0]} - m (2 pi f)^2 is known: every test ran at one frequency; the value given is that "
+        "difference; add another frequency"
+    )
+
+
+def _speed(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:
+    viscous = [name for name in VISCOUS if name in model.names]
+    yielding = [name for name in YIELD if name in model.names]
+    if not viscous or not yielding:
+        return
+    speed = sum(float(np.sum(np.abs(each.v_m_s))) for each in measurements)
+    power = sum(float(each.v_m_s @ each.v_m_s) for each in measurements)
+    count = sum(each.v_m_s.size for each in measurements)
+    if power <= 0.0 or 1.0 - speed * speed / (power * count) > ONE_SPEED:
+        return
+    for name in (*viscous, *yielding):
+        found.reasons.setdefault(
+            name,
+            f"{name} cannot be found: every test ran at one speed, where viscous and yield force are one; add another "
+            "speed or a sine",
+        )
+
+
+def explain(
+    model: DamperModel, found: Information, values: Mapping[str, float], top_speed_m_s: float
+) -> dict[str, str]:
+    """Reasons for the parameters that the fitted model's own slopes cannot tell apart."""
+    reasons = {}
+    for name, partners in found.partners.items():
+        if name in {"beta", "delta", "lambda"} and _saturated(values, top_speed_m_s):
+            reasons[name] = (
+                f"{name} cannot be found: the tanh is saturated at every sample, so the force does not change with it; "
+                "the yield force is only a sign function here"
+            )
+        elif not partners:
+            reasons[name] = f"{name} cannot be found: it has no effect on the force in these tests"
+        else:
+            reasons[name] = f"{name} cannot be told from {', '.join(partners)} in these tests"
+    return reasons
+
+
+def _saturated(values: Mapping[str, float], top_speed_m_s: float) -> bool:
+    offset = values["delta"] if "delta" in values else values.get("lambda", 0.0) * values.get("beta", 0.0)
+    return (
+        abs(abs(offset) - values.get("beta", 0.0) * top_speed_m_s) > 15.0
+        or values.get("beta", 0.0) * top_speed_m_s > 1e4
+    )

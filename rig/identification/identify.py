@@ -1,0 +1,256 @@
+"""From a run to a fit: prepare, examine, solve, judge; one model, or all of them compared."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import rig.dampers
+from rig.dampers.algebraic import Hysteresis
+from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
+from rig.identification.fit import Estimate, Fit
+from rig.identification.identifiability import examine, explain
+from rig.identification.measurement import Measurement
+from rig.identification.preparation import prepare_all
+from rig.identification.scoring import describes, score
+from rig.identification.selection import Candidate, compare
+from rig.identification.separable import Solution
+from rig.identification.solving import Method, solve
+from rig.identification.uncertainty import DeclaredErrors, Information, information, quantile
+from rig.recording.run import RecordedPoint, Run
+
+ALL = "all"
+NOTES = (
+    "low, high: pointwise 95 % intervals; simultaneous_low, simultaneous_high: 95 % for all identifiable parameters "
+    "together (Bonferroni)",
+    "covariance: sandwich of weighted least squares with each test's own residual variance, widened by the residual's "
+    "autocorrelation and by the stated skew uncertainty",
+)
+
+
+def identify(
+    tests: Run | Sequence[RecordedPoint] | Sequence[Measurement],
+    *,
+    model: str = "asymmetric",
+    method: str | Method = "separable",
+    holdout: str | Run | Sequence[RecordedPoint] | Sequence[Measurement] | None = None,
+    hysteresis: Hysteresis = "kwok",
+    declared: DeclaredErrors | None = None,
+) -> Fit:
+    """Fit a damper model to recorded tests.
+
+    Args:
+        tests: a run, its points, or measurements already prepared.
+        model: a name in `rig.dampers.MODELS`, or "all" to compare them.
+        method: "separable", one of the papers' algorithms, or a `Method` with its settings.
+        holdout: tests kept out of the fit and scored apart: a filter such as "waveform=triangle" on `tests`, or others.
+        hysteresis: form of the tanh models' argument.
+        declared: scale and position errors to include in the intervals.
+
+    Returns:
+        The fit; with "all", that of the recommended model.
+
+    Raises:
+        IdentificationFailed: nothing can be identified; the message names what the data lack.
+    """
+    started = time.perf_counter()
+    settings = method if isinstance(method, Method) else Method(method)
+    fitted, held_out, warnings = _split(tests, holdout)
+    names = list(rig.dampers.MODELS) if model == ALL else [model]
+    models = [_model(name, hysteresis) for name in names]
+    candidates = [_candidate(each, fitted, settings) for each in models]
+    ranking, best = compare(candidates, fitted, held_out, settings)
+    return _fit(best, fitted, held_out, ranking, settings, warnings, declared, started)
+
+
+def identify_run(
+    paths: Sequence[Path | str],
+    *,
+    model: str = "asymmetric",
+    method: str | Method = "separable",
+    holdout: str | None = None,
+    hysteresis: Hysteresis = "kwok",
+) -> Fit:
+    """Fit recorded runs and write `fit.json` into the first of them.
+
+    Args:
+        paths: campaign directories (or point files).
+        model: as in `identify`.
+        method: as in `identify`.
+        holdout: a filter on the points, or the path of another run.
+        hysteresis: as in `identify`.
+
+    Raises:
+        IdentificationFailed: nothing can be identified.
+        FileProblem: a path is no run.
+    """
+    runs = [Run.open(Path(path)) for path in paths]
+    points = [point for run in runs for point in run.valid]
+    specimens = {str(run.campaign.get("specimen")) for run in runs if run.campaign.get("specimen") is not None}
+    if len(specimens) > 1:
+        raise IdentificationFailed(
+            f"these runs tested different specimens ({', '.join(sorted(specimens))}); one fit describes one damper: "
+            "identify them apart"
+        )
+    other = Run.open(Path(holdout)) if holdout is not None and Path(holdout).exists() else holdout
+    fit = identify(points, model=model, method=method, holdout=other, hysteresis=hysteresis)
+    write_fit(fit, runs[0].path)
+    return fit
+
+
+def write_fit(fit: Fit, folder: Path) -> Path:
+    """Write `fit.json` into a campaign directory, whole or not at all; returns its path."""
+    target = folder / "fit.json"
+    temporary = folder / "fit.json.tmp"
+    temporary.write_text(json.dumps(fit.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    temporary.replace(target)
+    return target
+
+
+def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
+    """The model, in the wanted form where it has one."""
+    printed = hysteresis == "printed" and name in {"asymmetric", "symmetric"}
+    return rig.dampers.model(name, "printed" if printed else "kwok")
+
+
+def _split(
+    tests: Run | Sequence[RecordedPoint] | Sequence[Measurement],
+    holdout: str | Run | Sequence[RecordedPoint] | Sequence[Measurement] | None,
+) -> tuple[list[Measurement], list[Measurement], list[str]]:
+    """Measurements to fit, measurements held out, warnings.
+
+    Raises:
+        IdentificationFailed: the filter holds out nothing or everything.
+    """
+    given = list(tests.valid) if isinstance(tests, Run) else list(tests)
+    points = [each for each in given if isinstance(each, RecordedPoint)]
+    fitted = [each for each in given if isinstance(each, Measurement)]
+    kept_out: list[RecordedPoint] = []
+    held_out: list[Measurement] = []
+    if isinstance(holdout, str):
+        from rig.recording.selection import Selection
+
+        wanted = Selection.parse(holdout)
+        kept_out = [point for point in points if wanted.holds(point)]
+        points = [point for point in points if not wanted.holds(point)]
+        if not kept_out:
+            raise IdentificationFailed(f"holdout {holdout!r} matches none of the {len(points)} points")
+        if not points:
+            raise IdentificationFailed(f"holdout {holdout!r} matches every point; nothing is left to fit")
+    elif holdout is not None:
+        others = list(holdout.valid) if isinstance(holdout, Run) else list(holdout)
+        kept_out = [each for each in others if isinstance(each, RecordedPoint)]
+        held_out = [each for each in others if isinstance(each, Measurement)]
+    warnings: list[str] = []
+    if points or not fitted:
+        prepared, refused = prepare_all(points)
+        fitted += prepared
+        warnings += refused
+    if kept_out:
+        prepared, refused = prepare_all(kept_out)
+        held_out += prepared
+        warnings += refused
+    return fitted, held_out, warnings
+
+
+def _candidate(model: DamperModel, fitted: Sequence[Measurement], method: Method) -> Candidate:
+    findings = examine(model, fitted)
+    return Candidate(model, findings, solve(model, fitted, method, findings))
+
+
+def _fit(
+    best: Candidate,
+    fitted: list[Measurement],
+    held_out: list[Measurement],
+    ranking: tuple[object, ...],
+    method: Method,
+    warnings: list[str],
+    declared: DeclaredErrors | None,
+    started: float,
+) -> Fit:
+    """Judge the chosen candidate: errors, intervals, what cannot be found, warnings."""
+    model, values = best.model, best.solution.values
+    weighting = method.weighting()
+    fits = describes(model, values, fitted, weighting)
+    free = [name for name in model.names if name in values and name not in best.findings.held]
+    known = information(model, values, free, fitted, weighting, declared, fits=fits is not False)
+    top_speed = max(float(np.max(np.abs(each.v_m_s))) for each in fitted)
+    reasons = {**explain(model, known, values, top_speed), **best.findings.reasons}
+    warnings = [*warnings, *(text for each in (*fitted, *held_out) for text in each.warnings)]
+    warnings += _judgements(best.solution, fits, weighting.weight)
+    return Fit(
+        model=model.name,
+        hysteresis=getattr(model, "hysteresis", "kwok"),
+        method=method.name,
+        weight=weighting.weight,
+        parameters=_estimates(model, values, known, reasons, best.solution, sum(each.u_m.size for each in fitted)),
+        error=score(model, values, fitted),
+        holdout=score(model, values, held_out) if held_out else None,
+        selection=ranking,  # type: ignore[arg-type]
+        adequate=fits is not False,
+        warnings=tuple(warnings),
+        evaluations=best.solution.evaluations,
+        wall_s=time.perf_counter() - started,
+        objective=best.solution.objective,
+        condition=known.condition,
+        correlation=_correlation(known),
+        notes=NOTES,
+    )
+
+
+def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[str]:
+    warnings = []
+    if fits is False:
+        warnings.append(
+            "the model leaves more than the tests' own scatter: its parameters are those of the closest model, and "
+            "their intervals do not cover what the model lacks"
+        )
+    if fits is None:
+        warnings.append("no test has two whole cycles, so it cannot be told whether the model fits to the noise")
+    warnings += [f"{name} would be negative; it is held at 0" for name in solution.at_bound]
+    if weight == "v":
+        warnings.append("weight v (equation 12) mutes the reversals; compare with weight 1")
+    return warnings
+
+
+def _estimates(
+    model: DamperModel,
+    values: dict[str, float],
+    known: Information,
+    reasons: dict[str, str],
+    solution: Solution,
+    samples: int,
+) -> dict[str, Estimate]:
+    """Every parameter of the model with its intervals, or the reason why it has none."""
+    identifiable = [name for name in known.names if name not in reasons]
+    freedom = samples / max(known.inflation) - len(known.names)
+    one, together = quantile(1, freedom), quantile(len(identifiable), freedom)
+    estimates = {}
+    for name in model.names:
+        unit = model.parameter(name).unit
+        if name in reasons or name not in known.names:
+            estimates[name] = Estimate(values.get(name), unit, identifiable=False, reason=reasons.get(name, ""))
+            continue
+        value, error = values[name], known.standard_error(name)
+        floor = 0.0 if name in solution.at_bound else -np.inf
+        estimates[name] = Estimate(
+            value=value,
+            unit=unit,
+            low=max(floor, value - one * error),
+            high=value + one * error,
+            simultaneous_low=max(floor, value - together * error),
+            simultaneous_high=value + together * error,
+            standard_error=error,
+            variance_inflation=1.0 / float(known.alone[known.names.index(name)]),
+        )
+    return estimates
+
+
+def _correlation(known: Information) -> dict[str, dict[str, float]]:
+    rows = known.correlation.tolist()
+    return {name: dict(zip(known.names, row, strict=True)) for name, row in zip(known.names, rows, strict=True)}

@@ -1,0 +1,117 @@
+"""How the modelled force changes with each parameter, and with small errors of the motion's time, place and scale."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.algebraic import AlgebraicModel, TanhModel
+from rig.dampers.model import DamperModel
+from rig.identification.measurement import Measurement
+
+FloatArray = NDArray[np.float64]
+
+RELATIVE_STEP = 1e-4
+TIME_STEP_S = 2e-6
+PLACE_STEP_M = 1e-6
+SCALE_STEP = 1e-5
+
+
+def modelled_force(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Force (N), shape (n,), that the model predicts for a measurement; eta, if missing, does not matter.
+
+    Models with internal states run through the first cycle once before, so that they have forgotten their start.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    complete = dict(values)
+    if "eta" in model.names:
+        complete.setdefault("eta", model.parameter("eta").start)
+    if model.states == 0:
+        return model.force(complete, each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.dt_s)
+    from rig.dampers.kernels import force_series
+
+    vector, state, warm = model.vector(complete), model.initial_state(float(each.u_m[0])), each.samples_per_cycle
+    motion = (each.u_m, each.v_m_s, each.a_m_s2, each.current_A)
+    if warm > 1:
+        u, v, a, current = (array[:warm] for array in motion)
+        force_series(model.kind, vector, state, u, v, a, current, each.dt_s)
+    force: FloatArray = force_series(model.kind, vector, state, *motion, dt=each.dt_s)
+    return force
+
+
+def parameter_slopes(
+    model: DamperModel, values: Mapping[str, float], names: Sequence[str], each: Measurement
+) -> FloatArray:
+    """Derivatives of the force with respect to `names`, shape (n, len(names)), in N per unit of each parameter.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    if isinstance(model, AlgebraicModel):
+        return _algebraic_slopes(model, values, names, each)
+    columns = []
+    for name in names:
+        step = RELATIVE_STEP * max(abs(values[name]), 1e-3 * abs(model.parameter(name).start), 1e-9)
+        above = modelled_force(model, {**values, name: values[name] + step}, each)
+        below = modelled_force(model, {**values, name: values[name] - step}, each)
+        columns.append((above - below) / (2.0 * step))
+    return np.column_stack(columns)
+
+
+def _algebraic_slopes(
+    model: AlgebraicModel, values: Mapping[str, float], names: Sequence[str], each: Measurement
+) -> FloatArray:
+    fixed = model.fixed_columns(each.u_m, each.v_m_s, each.a_m_s2, each.current_A)
+    columns = dict(zip(model.fixed_names, fixed.T, strict=True))
+    yielding = model.yield_shape(values, each.u_m, each.v_m_s)
+    columns |= dict(zip(model.yield_names, (yielding, yielding * each.current_A), strict=True))
+    if isinstance(model, TanhModel):
+        at_zero, per_ampere = (values[name] for name in model.yield_names)
+        rate = (at_zero + per_ampere * each.current_A) * (1.0 - yielding**2)
+        slopes = model.argument_slopes(values, each.u_m, each.v_m_s)
+        columns |= {name: rate * slope for name, slope in zip(model.shape_names, slopes, strict=True)}
+    return np.column_stack([columns[name] for name in names])
+
+
+def time_slope(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Change of the modelled force with a shift of time, dF/dt (N/s), shape (n,)."""
+    jerk = np.gradient(each.a_m_s2, each.dt_s)
+    return _motion_slope(model, values, each, (each.v_m_s, each.a_m_s2, jerk), TIME_STEP_S)
+
+
+def place_slope(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Change of the modelled force with the position's reference (N/m), shape (n,)."""
+    nothing = np.zeros_like(each.u_m)
+    return _motion_slope(model, values, each, (np.ones_like(each.u_m), nothing, nothing), PLACE_STEP_M)
+
+
+def scale_slope(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Change of the modelled force with the displacement's scale (N per 1), shape (n,)."""
+    return _motion_slope(model, values, each, (each.u_m, each.v_m_s, each.a_m_s2), SCALE_STEP)
+
+
+def _motion_slope(
+    model: DamperModel,
+    values: Mapping[str, float],
+    each: Measurement,
+    direction: tuple[FloatArray, FloatArray, FloatArray],
+    step: float,
+) -> FloatArray:
+    forces = []
+    for signed in (step, -step):
+        moved = Measurement(
+            id=each.id,
+            u_m=each.u_m + signed * direction[0],
+            v_m_s=each.v_m_s + signed * direction[1],
+            a_m_s2=each.a_m_s2 + signed * direction[2],
+            force_N=each.force_N,
+            current_A=each.current_A,
+            dt_s=each.dt_s,
+            samples_per_cycle=each.samples_per_cycle,
+        )
+        forces.append(modelled_force(model, values, moved))
+    return (forces[0] - forces[1]) / (2.0 * step)

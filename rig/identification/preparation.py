@@ -1,0 +1,207 @@
+"""From a recorded point to a measurement: kept cycles, motion without noise, force as it was measured.
+
+The motion comes from a harmonic fit over the kept cycles, evaluated at the force's own sample times, so the force is
+neither interpolated nor filtered and its noise stays white. The position is referred to mid-stroke: the specimen's,
+where the point knows it, else the measured mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocols.quality import Quality
+from rig.errors import IdentificationFailed, RigError
+from rig.identification.measurement import Measurement
+from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
+from rig.recording.differentiation import Motion, harmonic, savitzky_golay
+from rig.recording.run import RecordedPoint
+
+FloatArray = NDArray[np.float64]
+
+BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER | Quality.SPIKE
+FEWEST_SAMPLES = 50
+STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its mean is better than its samples
+LARGEST_MISSING_SHARE = 0.2
+MEDIAN_OF_NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
+SATURATED_RUN = 5  # equal extreme values in a row that mean the force stood at the end of its range
+
+
+def prepare_all(points: Iterable[RecordedPoint]) -> tuple[list[Measurement], list[str]]:
+    """Measurements of all points that can be used, and one warning for each that cannot.
+
+    Raises:
+        IdentificationFailed: no point can be used; the message says why for each.
+    """
+    measurements, refusals = [], []
+    for point in points:
+        try:
+            measurements.append(prepare(point))
+        except RigError as error:
+            refusals.append(f"{point.id} left out: {error}")
+    if not measurements:
+        reasons = "; ".join(refusals) if refusals else "the run holds no point"
+        raise IdentificationFailed(f"nothing to identify from: {reasons}")
+    return measurements, refusals
+
+
+def prepare(point: RecordedPoint) -> Measurement:
+    """A recorded point as a measurement.
+
+    Raises:
+        IdentificationFailed: the verdict is invalid, or too little of the point can be used.
+        NoCycles: too few whole cycles.
+        NotDifferentiable: gaps too long for a velocity.
+    """
+    if point.verdict == "invalid":
+        raise IdentificationFailed(f"its recording is invalid ({'; '.join(point.reasons)})")
+    cycles, warnings = _usable_cycles(point)
+    inside = (point.time_s >= cycles.start_s[0]) & (point.time_s < cycles.start_s[-1])
+    time_s, displacement_m = point.time_s[inside], point.displacement_m[inside]
+    if np.count_nonzero(np.isfinite(displacement_m)) < FEWEST_SAMPLES:
+        raise IdentificationFailed(
+            f"{np.count_nonzero(np.isfinite(displacement_m))} displacement samples in the kept cycles; at least "
+            f"{FEWEST_SAMPLES} are needed"
+        )
+    grid_s, force_N, usable = _force_on_grid(point, float(cycles.start_s[0]), float(cycles.start_s[-1]))
+    motion = _motion(time_s, displacement_m, float(np.mean(cycles.frequency_Hz)), grid_s)
+    if motion.harmonics is None:
+        warnings.append(
+            f"{point.id}: the motion does not repeat from cycle to cycle; a local polynomial gives the velocity"
+        )
+    mean_m = motion.harmonics.mean_m if motion.harmonics is not None else cycles.mean_m
+    reference_m = mean_m if point.mid_stroke_m is None else point.mid_stroke_m
+    warnings += _saturation(point.id, force_N[usable])
+    dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
+    per_cycle = round(float(np.mean(np.diff(cycles.start_s))) / dt_s)
+    return Measurement(
+        id=point.id,
+        file="" if point.path is None else str(point.path),
+        u_m=motion.u_m - reference_m,
+        v_m_s=motion.v_m_s,
+        a_m_s2=motion.a_m_s2,
+        force_N=force_N,
+        current_A=_current(point, grid_s, warnings),
+        dt_s=dt_s,
+        waveform=point.waveform,
+        amplitude_m=point.amplitude_m,
+        frequency_Hz=point.frequency_Hz,
+        nominal_current_A=point.current_A,
+        samples_per_cycle=per_cycle,
+        usable=None if bool(np.all(usable)) else usable,
+        skew_std_s=point.skew_std_s,
+        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles),
+        warnings=tuple(warnings),
+    )
+
+
+def _usable_cycles(point: RecordedPoint) -> tuple[Cycles, list[str]]:
+    """The kept cycles; a point with fewer than three full cycles gives what it has, with a warning."""
+    found = find_cycles(point.time_s, point.displacement_m)
+    try:
+        return kept_cycles(found), []
+    except NoCycles:
+        full = full_cycles(found)
+        return full, [
+            f"{point.id}: only {len(full)} full cycle(s); none could be dropped, so the ends may hold transients"
+        ]
+
+
+def _force_on_grid(
+    point: RecordedPoint, start_s: float, stop_s: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Times (s), force (N) and which are measured, on the force's own samples; lost ones become empty places.
+
+    Raises:
+        IdentificationFailed: too few samples, or too many of them missing.
+    """
+    samples = point.force_samples
+    flagged = (samples.flags & int(BAD)) != 0
+    inside = (samples.time_s >= start_s) & (samples.time_s < stop_s) & np.isfinite(samples.time_s)
+    time_s, force_N = samples.time_s[inside], samples.force_N[inside]
+    good = np.isfinite(force_N) & ~flagged[inside]
+    if np.count_nonzero(good) < FEWEST_SAMPLES:
+        raise IdentificationFailed(
+            f"{np.count_nonzero(good)} usable force samples in the kept cycles; at least {FEWEST_SAMPLES} are needed"
+        )
+    spacing = float(np.median(np.diff(time_s)))
+    places = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(np.diff(time_s) / spacing).astype(np.int64)))))
+    count = int(places[-1]) + 1
+    if good.sum() < (1.0 - LARGEST_MISSING_SHARE) * count:
+        raise IdentificationFailed(
+            f"{100.0 * (1.0 - good.sum() / count):.0f} % of the force samples in the kept cycles are missing or "
+            f"flagged; at most {100 * LARGEST_MISSING_SHARE:.0f} % may be"
+        )
+    grid_s = np.interp(np.arange(count), places, time_s)
+    force = np.zeros(count)
+    usable = np.zeros(count, dtype=bool)
+    force[places[good]] = force_N[good]
+    usable[places[good]] = True
+    return grid_s, force, usable
+
+
+def _motion(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, wanted_s: FloatArray) -> Motion:
+    """Motion at the wanted times: harmonic where it repeats, else a local polynomial over a tenth of a cycle."""
+    fit = harmonic(time_s, displacement_m, frequency_Hz)
+    if fit.repeats:
+        return Motion(wanted_s, *fit.at(wanted_s), "harmonic", fit)
+    whole = np.isfinite(displacement_m)
+    spacing = float(np.median(np.diff(time_s)))
+    even_s = np.arange(time_s[0], time_s[-1] + spacing / 2.0, spacing)
+    local = savitzky_golay(even_s, np.interp(even_s, time_s[whole], displacement_m[whole]), 0.1 / frequency_Hz)
+    at = [np.interp(wanted_s, even_s, values) for values in (local.u_m, local.v_m_s, local.a_m_s2)]
+    return Motion(wanted_s, at[0], at[1], at[2], "savitzky_golay", None)
+
+
+def _current(point: RecordedPoint, wanted_s: FloatArray, warnings: list[str]) -> FloatArray:
+    """Coil current (A) at the wanted times: its mean where it was steady; the commanded one where none was measured."""
+    measured = np.isfinite(point.current_measured_A)
+    inside = measured & (point.time_s >= wanted_s[0]) & (point.time_s <= wanted_s[-1])
+    if not np.any(inside):
+        warnings.append(f"{point.id}: no current was measured; the commanded {point.current_A:g} A is used")
+        return np.full(wanted_s.size, point.current_A)
+    if float(np.std(point.current_measured_A[inside])) < STEADY_CURRENT_A:
+        return np.full(wanted_s.size, float(np.mean(point.current_measured_A[inside])))
+    return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured])
+
+
+def _saturation(name: str, force_N: FloatArray) -> list[str]:
+    """A warning when the force stands still at its greatest or least value."""
+    warnings = []
+    for word, extreme in (("greatest", np.max(force_N)), ("least", np.min(force_N))):
+        same = np.concatenate(([0], (force_N == extreme).astype(np.int8), [0]))
+        edges = np.flatnonzero(np.diff(same))
+        longest = int(np.max(edges[1::2] - edges[::2]))
+        if longest >= SATURATED_RUN:
+            warnings.append(
+                f"{name}: the force stands at its {word} value, {extreme:.1f} N, for {longest} samples in a row: it is "
+                "probably saturated"
+            )
+    return warnings
+
+
+def cycle_scatter_N(force_N: FloatArray, usable: NDArray[np.bool_], time_s: FloatArray, cycles: Cycles) -> float:
+    """Standard deviation (N) of the force at equal phase of successive cycles; nan with fewer than two cycles.
+
+    Each sample is compared with the next cycle's force, interpolated at the same phase. The median of the differences
+    is taken, so that the corners of the loop, where interpolation errs, do not count.
+    """
+    if len(cycles) < 2:
+        return math.nan
+    phase = np.interp(time_s, cycles.start_s, np.arange(cycles.start_s.size))
+    position = np.interp(phase + 1.0, phase, np.arange(phase.size, dtype=float))
+    inside = usable & (phase + 1.0 <= phase[-1])
+    low = np.minimum(position.astype(np.int64), phase.size - 2)
+    inside &= usable[low] & usable[low + 1]
+    share = (position - low)[inside]
+    later = force_N[low[inside]] * (1.0 - share) + force_N[low[inside] + 1] * share
+    spread = np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
+    differences = (force_N[inside] - later) / spread
+    return (
+        float(np.median(np.abs(differences - np.median(differences))) / 0.674489750196)
+        if differences.size
+        else math.nan
+    )

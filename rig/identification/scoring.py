@@ -1,0 +1,81 @@
+"""Errors of a model on tests, and whether it describes them down to their noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rig.dampers.model import DamperModel
+from rig.identification.fit import ErrorSummary, TestError
+from rig.identification.measurement import Measurement
+from rig.identification.model_slope import modelled_force
+from rig.identification.projection import Weighting
+
+MISFIT_OF_NOISE = 0.6  # misfit beyond the noise, as a share of it, that still counts as describing the data
+NEGLIGIBLE_OF_PEAK = 0.002  # misfit below this share of the peak force never matters
+
+
+def score(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> ErrorSummary:
+    """Errors of the modelled force on tests.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    tests, errors, forces = [], [], []
+    for each in measurements:
+        scored = each.scored
+        force = each.force_N[scored]
+        error = force - modelled_force(model, values, each)[scored]
+        rmse = float(np.sqrt(np.mean(error**2)))
+        peak = each.peak_force_N
+        tests.append(
+            TestError(
+                id=each.id,
+                file=each.file,
+                rmse_N=rmse,
+                mae_N=float(np.mean(np.abs(error))),
+                nrmse_percent_of_peak=100.0 * rmse / peak if peak > 0.0 else math.nan,
+                noise_N=None if math.isnan(each.noise_N) else each.noise_N,
+                samples=int(error.size),
+            )
+        )
+        errors.append(error)
+        forces.append(force)
+    error, force = np.concatenate(errors), np.concatenate(forces)
+    variance = float(np.sum((force - np.mean(force)) ** 2))
+    return ErrorSummary(
+        rmse_N=float(np.sqrt(np.mean(error**2))),
+        mae_N=float(np.mean(np.abs(error))),
+        sd_N=float(np.std(error, ddof=1)),
+        r_squared=1.0 - float(error @ error) / variance if variance > 0.0 else math.nan,
+        nrmse_percent_of_peak=float(np.mean([each.nrmse_percent_of_peak for each in tests])),
+        per_test=tuple(tests),
+    )
+
+
+def describes(
+    model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement], weighting: Weighting
+) -> bool | None:
+    """Whether what the model leaves is the tests' own scatter from cycle to cycle; None when no test shows its scatter.
+
+    The misfit is what the error has beyond the scatter, in squares, over the samples that count in the fit.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    samples, noise, total, peaks = 0, 0.0, 0.0, []
+    for index, each in enumerate(measurements):
+        if math.isnan(each.noise_N):
+            continue
+        counting = weighting.of(each, index) > 0.0
+        error = (each.force_N - modelled_force(model, values, each))[counting]
+        samples += error.size
+        noise += error.size * each.noise_N**2
+        total += float(error @ error)
+        peaks.append(each.peak_force_N)
+    if samples == 0:
+        return None
+    misfit = math.sqrt(max(0.0, total - noise) / samples)
+    return misfit <= max(MISFIT_OF_NOISE * math.sqrt(noise / samples), NEGLIGIBLE_OF_PEAK * sum(peaks) / len(peaks))

@@ -1,0 +1,89 @@
+"""Models compared on the same tests: by what they have not seen, then by information."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rig.dampers.model import DamperModel
+from rig.identification.fit import ModelScore
+from rig.identification.identifiability import Findings, examine
+from rig.identification.measurement import Measurement
+from rig.identification.scoring import score
+from rig.identification.separable import Solution
+from rig.identification.solving import Method, solve
+
+EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One model with its solution on all fitted tests."""
+
+    model: DamperModel
+    findings: Findings
+    solution: Solution
+
+
+def compare(
+    candidates: Sequence[Candidate], fitted: Sequence[Measurement], held_out: Sequence[Measurement], method: Method
+) -> tuple[tuple[ModelScore, ...], Candidate]:
+    """Rank the candidates, best first, and name the recommended one.
+
+    With held-out tests each model's error on them decides. Without, each group of tests of the same waveform, amplitude
+    and frequency is left out in turn (of the same current, if there is only one such group). Models whose errors are
+    equal to 1 % are ranked by the Bayesian information criterion (Schwarz 1978).
+    """
+    scores = [_score(each, fitted, held_out, method, alone=len(candidates) == 1) for each in candidates]
+    errors = [each.holdout_nrmse_percent_of_peak for each in scores]
+    known = [each for each in errors if each is not None and math.isfinite(each)]
+    limit = min(known) * (1.0 + EQUIVALENT) if known else math.inf
+
+    def rank(pair: tuple[ModelScore, Candidate]) -> tuple[float, float]:
+        error = pair[0].holdout_nrmse_percent_of_peak
+        held = math.inf if error is None else error
+        return (0.0 if held <= limit or not known else held, pair[0].bic)
+
+    ordered = sorted(zip(scores, candidates, strict=True), key=rank)
+    return tuple(each for each, _ in ordered), ordered[0][1]
+
+
+def _score(
+    candidate: Candidate, fitted: Sequence[Measurement], held_out: Sequence[Measurement], method: Method, *, alone: bool
+) -> ModelScore:
+    model, values = candidate.model, candidate.solution.values
+    error = score(model, values, fitted)
+    if held_out:
+        unseen: float | None = score(model, values, held_out).nrmse_percent_of_peak
+    else:
+        unseen = None if alone else cross_validated_nrmse(model, fitted, method)
+    samples = sum(test.samples for test in error.per_test)
+    free = len([name for name in values if name not in candidate.findings.held])
+    bic = samples * math.log(max(error.rmse_N, 1e-300) ** 2) + free * math.log(samples)
+    return ModelScore(model.name, unseen, bic, error.rmse_N, free, method.name)
+
+
+def cross_validated_nrmse(model: DamperModel, measurements: Sequence[Measurement], method: Method) -> float | None:
+    """Mean relative error (% of peak) over groups of tests, each predicted from the others; None with one group."""
+    groups = _groups(measurements)
+    if len(groups) < 2:
+        return None
+    errors = []
+    for group in groups:
+        rest = [each for each in measurements if not any(each is other for other in group)]
+        solution = solve(model, rest, method, examine(model, rest))
+        errors += [test.nrmse_percent_of_peak for test in score(model, solution.values, group).per_test]
+    return sum(errors) / len(errors)
+
+
+def _groups(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
+    """Tests of the same motion; of the same current where all share one motion."""
+    for key in ("motion", "current"):
+        groups: dict[object, list[Measurement]] = {}
+        for each in measurements:
+            motion = (each.waveform, round(each.amplitude_m, 6), round(each.frequency_Hz, 4))
+            groups.setdefault(motion if key == "motion" else round(each.nominal_current_A, 3), []).append(each)
+        if len(groups) > 1:
+            break
+    return list(groups.values())

@@ -1,0 +1,147 @@
+"""One model fitted to measurements by a named method: values and their cost, nothing judged yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
+from rig.identification.identifiability import Findings
+from rig.identification.measurement import Measurement
+from rig.identification.problem import Problem
+from rig.identification.projection import Weighting
+from rig.identification.separable import Solution, solve_separable
+
+SEPARABLE = "separable"
+GUARD_S = 1e-3
+HUBER = 1.345  # standard deviations beyond which Huber's loss grows linearly; 95 % efficient on normal noise
+ROBUST_ROUNDS = 8
+
+
+@dataclass(frozen=True)
+class Method:
+    """How to fit.
+
+    Attributes:
+        name: "separable" or one of the papers' algorithms.
+        weight: "1", "v", or None for the method's own (separable: 1; the papers' algorithms: v).
+        loss: "squares" or "huber" (separable only).
+        budget: evaluations of equation (12) for the papers' algorithms.
+        population: candidates a generation.
+        seed: of every random draw.
+        callback: called with the progress after each generation.
+        executor: evaluates parts of populations.
+    """
+
+    name: str = SEPARABLE
+    weight: str | None = None
+    loss: str = "squares"
+    budget: int = 16_000
+    population: int = 50
+    seed: int = 0
+    callback: Callable[[Any], bool | None] | None = None
+    executor: Executor | None = None
+
+    def weighting(self) -> Weighting:
+        """Which samples count, and how much."""
+        weight = self.weight or ("1" if self.name == SEPARABLE else "v")
+        return Weighting("v" if weight == "v" else "1", GUARD_S if self.name == SEPARABLE else 0.0)
+
+
+def known_methods() -> tuple[str, ...]:
+    """Names of all methods."""
+    from rig.identification.algorithms import METHODS
+
+    return (SEPARABLE, *METHODS)
+
+
+def solve(model: DamperModel, measurements: Sequence[Measurement], method: Method, findings: Findings) -> Solution:
+    """Fit one model.
+
+    Args:
+        model: the damper model.
+        measurements: the tests.
+        method: how.
+        findings: parameters the tests cannot determine are held at zero.
+
+    Raises:
+        IdentificationFailed: the method cannot fit this model, or is unknown.
+    """
+    if method.name == SEPARABLE:
+        if isinstance(model, AlgebraicModel):
+            return _separable(model, measurements, method, frozenset(findings.held))
+        from rig.identification.hysteretic import solve_hysteretic
+
+        return solve_hysteretic(measurements, model, method.weighting(), held=frozenset(findings.held))
+    if method.name not in known_methods():
+        raise IdentificationFailed(f"unknown method {method.name!r}; known: {', '.join(known_methods())}")
+    return _search(model, measurements, method)
+
+
+def _separable(
+    model: AlgebraicModel, measurements: Sequence[Measurement], method: Method, held: frozenset[str]
+) -> Solution:
+    weighting = method.weighting()
+    solution = solve_separable(measurements, model, weighting, held=held)
+    if method.loss != "huber":
+        return solution
+    evaluations = solution.evaluations
+    for _ in range(ROBUST_ROUNDS):
+        weighting = Weighting(weighting.weight, weighting.guard_s, _huber_weights(model, measurements, solution))
+        start = np.array([solution.values[name] for name in model.shape_names])
+        previous, solution = solution, solve_separable(measurements, model, weighting, held=held, start=start)
+        evaluations += solution.evaluations
+        moved = max(
+            abs(solution.values[name] - previous.values[name]) / (abs(previous.values[name]) + 1e-9)
+            for name in solution.values
+        )
+        if moved < 1e-6:
+            break
+    return Solution(solution.values, solution.objective, evaluations, solution.at_bound)
+
+
+def _huber_weights(
+    model: AlgebraicModel, measurements: Sequence[Measurement], solution: Solution
+) -> tuple[np.ndarray[Any, np.dtype[np.float64]], ...]:
+    """Square roots of Huber's weights (1964), scaled by each test's median absolute residual."""
+    from rig.identification.model_slope import modelled_force
+
+    weights = []
+    for each in measurements:
+        residual = np.abs(each.force_N - modelled_force(model, solution.values, each))
+        limit = HUBER * float(np.median(residual[each.scored])) / 0.6744897501960817
+        weights.append(np.sqrt(np.minimum(1.0, limit / np.maximum(residual, 1e-300))))
+    return tuple(weights)
+
+
+def _search(model: DamperModel, measurements: Sequence[Measurement], method: Method) -> Solution:
+    """One of the papers' algorithms on equation (12), within the parameters' bounds.
+
+    Raises:
+        IdentificationFailed: no candidate gave a finite force.
+    """
+    from rig.identification.algorithms import minimise
+
+    problem = Problem(measurements, model, method.weighting().weight)
+    result = minimise(
+        problem,
+        method=method.name,
+        start=problem.start,
+        bounds=problem.bounds,
+        population=method.population,
+        budget=method.budget,
+        seed=method.seed,
+        callback=method.callback,
+        executor=method.executor,
+    )
+    if not np.isfinite(result.value):
+        raise IdentificationFailed(
+            f"{method.name} found no candidate with a finite force within {method.budget} evaluations"
+        )
+    return Solution(problem.values(result.best), float(result.value), result.evaluations)

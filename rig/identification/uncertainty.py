@@ -1,0 +1,190 @@
+"""What the data say about the parameters: covariance, intervals, correlation, and what they cannot say.
+
+Covariance of the weighted least-squares estimate (sandwich form):
+C = A^-1 (sum_t q_t s_t^2 B_t + sum_k d_k d_k') A^-1, with A = sum J'W^2 J and B_t = J'W^4 J of test t, s_t its
+residual's standard deviation, q_t >= 1 the sum of the residual's autocorrelation (1 + 2 sum rho_k up to the first lag within
+noise; Bartlett 1946), and d_k the effect J'W^2 dF/dk of each declared error k: the skew left in each test, the scale of
+force and displacement, the position of mid-stroke. A skew is taken as shared by all tests, which is the larger of the
+two possible effects. Where the model does not reach the noise, the misfit repeats every cycle: q_t is then multiplied
+by the number of cycles, because repeating a cycle adds nothing to what is known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.model import DamperModel
+from rig.identification.measurement import Measurement
+from rig.identification.model_slope import modelled_force, parameter_slopes, place_slope, scale_slope, time_slope
+from rig.identification.projection import Weighting
+
+FloatArray = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+INSEPARABLE = 1e-8  # smallest share of a parameter's own information that must be its alone
+
+
+@dataclass(frozen=True)
+class DeclaredErrors:
+    """Standard uncertainties that the data themselves do not show.
+
+    Attributes:
+        force_gain: relative error of the force's scale (1).
+        displacement_gain: relative error of the displacement's scale (1).
+        mid_stroke_m: error of the mid-stroke position (m).
+    """
+
+    force_gain: float = 0.0
+    displacement_gain: float = 0.0
+    mid_stroke_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Information:
+    """The data's information about some parameters, in the order of `names`.
+
+    Attributes:
+        names: the parameters.
+        covariance: their covariance (units of the parameters), shape (p, p); rows of inseparable ones are infinite.
+        correlation: their correlation, shape (p, p).
+        alone: share of each parameter's information that no other parameter can imitate (1 / variance inflation), (p,).
+        condition: condition number of the scaled normal matrix.
+        partners: for each inseparable parameter, those it cannot be told from.
+        inflation: factor by which correlated residuals widen the variance, one a test.
+    """
+
+    names: tuple[str, ...]
+    covariance: FloatArray
+    correlation: FloatArray
+    alone: FloatArray
+    condition: float
+    partners: Mapping[str, tuple[str, ...]]
+    inflation: tuple[float, ...]
+
+    def standard_error(self, name: str) -> float:
+        """Standard error in the parameter's unit; infinite where it cannot be told from others."""
+        return float(np.sqrt(self.covariance[self.names.index(name), self.names.index(name)]))
+
+
+def information(
+    model: DamperModel,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    measurements: Sequence[Measurement],
+    weighting: Weighting,
+    declared: DeclaredErrors | None = None,
+    *,
+    fits: bool = True,
+) -> Information:
+    """Information about `names` at `values`.
+
+    Args:
+        model: the fitted model.
+        values: all its parameters (SI).
+        names: those that were fitted.
+        measurements: the tests of the fit.
+        weighting: the weights of the fit.
+        declared: errors the data do not show; none by default.
+        fits: whether the residual is noise; when it is not, its correlation over cycles is taken into account.
+    """
+    declared = declared or DeclaredErrors()
+    size = len(names)
+    normal, meat, inflation = np.zeros((size, size)), np.zeros((size, size)), []
+    shared = np.zeros((4, size))
+    for index, each in enumerate(measurements):
+        squared = weighting.of(each, index) ** 2
+        slopes = parameter_slopes(model, values, names, each)
+        force = modelled_force(model, values, each)
+        weighted = slopes * squared[:, None]
+        normal += slopes.T @ weighted
+        residual = (each.force_N - force)[squared > 0.0]
+        widening = autocorrelation_sum(residual)
+        if not fits and each.samples_per_cycle > 0:
+            widening *= max(1.0, each.u_m.size / each.samples_per_cycle)
+        inflation.append(widening)
+        meat += widening * float(np.mean(residual**2)) * (weighted.T @ weighted)
+        if each.skew_std_s > 0.0:
+            shared[0] += each.skew_std_s * (weighted.T @ time_slope(model, values, each))
+        if declared.force_gain > 0.0:
+            shared[1] += declared.force_gain * (weighted.T @ force)
+        if declared.displacement_gain > 0.0:
+            shared[2] += declared.displacement_gain * (weighted.T @ scale_slope(model, values, each))
+        if declared.mid_stroke_m > 0.0:
+            shared[3] += declared.mid_stroke_m * (weighted.T @ place_slope(model, values, each))
+    meat += shared.T @ shared
+    return _invert(tuple(names), normal, meat, tuple(inflation))
+
+
+def _invert(names: tuple[str, ...], normal: FloatArray, meat: FloatArray, inflation: tuple[float, ...]) -> Information:
+    size = len(names)
+    scale = np.sqrt(np.diag(normal))
+    seen = scale > 0.0
+    safe = np.where(seen, scale, 1.0)
+    scaled = normal / np.outer(safe, safe)
+    scaled[~seen, ~seen] = 0.0
+    eigenvalues, vectors = np.linalg.eigh(scaled)
+    empty = eigenvalues < INSEPARABLE * max(float(eigenvalues[-1]), 1e-300)
+    partners = _partners(names, vectors[:, empty], seen)
+    told = np.array([name not in partners for name in names])
+    inverse = np.where(empty, 0.0, 1.0 / np.where(empty, 1.0, eigenvalues))
+    half = (vectors * inverse) @ vectors.T / np.outer(safe, safe)
+    covariance = np.asarray(half @ meat @ half)
+    covariance[~told, :] = covariance[:, ~told] = 0.0
+    deviation = np.sqrt(np.diag(covariance))
+    spread = np.where(deviation > 0.0, deviation, 1.0)
+    correlation = covariance / np.outer(spread, spread)
+    covariance[~told, ~told] = np.inf
+    alone = np.zeros(size)
+    full = np.diag((vectors * inverse) @ vectors.T)
+    alone[told] = 1.0 / np.maximum(full[told], 1.0)
+    condition = float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0.0 else math.inf
+    return Information(names, covariance, correlation, alone, condition, partners, inflation)
+
+
+def _partners(names: tuple[str, ...], null: FloatArray, seen: NDArray[np.bool_]) -> dict[str, tuple[str, ...]]:
+    """Members of the directions without information; a parameter without any effect has no partner."""
+    partners: dict[str, tuple[str, ...]] = {}
+    for k, name in enumerate(names):
+        if not seen[k]:
+            partners[name] = ()
+    for direction in null.T:
+        members = [name for k, name in enumerate(names) if seen[k] and abs(direction[k]) > 0.02]
+        for name in members:
+            others = {other for other in members if other != name} | set(partners.get(name, ()))
+            partners[name] = tuple(sorted(others, key=names.index))
+    return partners
+
+
+def autocorrelation_sum(residual: FloatArray) -> float:
+    """1 + 2 sum of the residual's autocorrelations up to the first one within noise; at least 1."""
+    n = residual.size
+    centred = residual - float(np.mean(residual))
+    power = float(centred @ centred)
+    if n < 10 or power == 0.0:
+        return 1.0
+    total = 1.0
+    for lag in range(1, n // 2):
+        correlation = float(centred[lag:] @ centred[:-lag]) / power
+        if correlation < 2.0 / math.sqrt(n):
+            break
+        total += 2.0 * correlation
+    return total
+
+
+def quantile(intervals: int = 1, freedom: float = math.inf) -> float:
+    """Factor on the standard error for two-sided 95 % intervals that hold together for `intervals` parameters.
+
+    Bonferroni's share of the error probability; Student's t by its expansion in 1/freedom (Fisher and Cornish 1960).
+    """
+    z = NormalDist().inv_cdf(1.0 - (1.0 - CONFIDENCE) / (2.0 * max(1, intervals)))
+    if math.isinf(freedom):
+        return z
+    first = (z**3 + z) / 4.0
+    second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0
+    return z + first / freedom + second / freedom**2
