@@ -13,14 +13,14 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Protocol, TypeVar
 
-from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused
+from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from protocols.actuator import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, State
 from protocols.register_map import Value
 from rig.clock import monotonic_ns
 from rig.station.config import ActuatorConfig
 from rig.station.device_thread import DeviceThread
-from rig.station.interlocks import Finding
+from rig.station.interlocks import CONSECUTIVE, Finding
 from rig.station.roles import Travel
 from rig.station.safe_stop import STILL_S, Action
 from rig.station.status_judge import ControllerJudge
@@ -31,6 +31,7 @@ T = TypeVar("T")
 COUNTER_MODULUS = 1 << 16
 CLOCK_MODULUS = 1 << 32
 OPEN_PATIENCE_S = 2.0
+MOTION_M_S = 0.01
 COMMANDS = {
     Action.FADE: Command.FADE_STOP,
     Action.HALT: Command.HALT,
@@ -102,6 +103,7 @@ class ActuatorThread(DeviceThread):
         self._actions: deque[Action] = deque()
         self._jobs: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._counter = 0
+        self._unechoed = 0
         self._stale_ns = int(config.stale_after_s * 1e9)
         self._last_ns = monotonic_ns()
         self._linked = True
@@ -190,6 +192,11 @@ class ActuatorThread(DeviceThread):
         low = off or not status.inputs & Input.HYDRAULICS_ON
         return self.judge.moving(STILL_S), self.judge.clock_s, low, off
 
+    def in_motion(self) -> bool:
+        """The controller's last status shows speed."""
+        status = self.judge.status
+        return status is not None and abs(status.velocity_m_s) > MOTION_M_S
+
     @property
     def state_name(self) -> str | None:
         """The controller's state by name, None without a fresh status."""
@@ -254,6 +261,7 @@ class ActuatorThread(DeviceThread):
         if self._supervisor.may_feed(monotonic_ns()):
             self._counter = (self._counter + 1) % COUNTER_MODULUS
             status = self._driver.exchange(self._counter)
+            self._follow_echo(status)
         else:
             status = self._driver.read_status()
         self.polls += 1
@@ -265,6 +273,14 @@ class ActuatorThread(DeviceThread):
         with self.status_changed:
             self.status_changed.notify_all()
 
+    def _follow_echo(self, status: ActuatorStatus) -> None:
+        """The counter was written before the status was read, so its echo must be there."""
+        self._unechoed = self._unechoed + 1 if status.watchdog_echo != self._counter else 0
+        if self._unechoed == CONSECUTIVE:
+            detail = f"wrote watchdog counter {self._counter}, the controller still has {status.watchdog_echo}"
+            finding = Finding("modbus-write-lost", detail, status.received_ns, status.watchdog_echo, self._counter)
+            self._supervisor.report([finding])
+
     def _is(self, wanted: Callable[[ActuatorStatus], bool]) -> bool:
         return self.judge.status is not None and wanted(self.judge.status)
 
@@ -273,10 +289,16 @@ class ActuatorThread(DeviceThread):
         now_ns = monotonic_ns()
         self._linked = self._driver.is_open
         if isinstance(error, RequestRefused):
-            slug = "modbus-busy" if "busy" in str(error) else "modbus-reject"
-            if slug == "modbus-reject" or now_ns - self._last_ns > self._stale_ns:
-                self._supervisor.report([Finding(slug, str(error), now_ns)])
-        elif not isinstance(error, NoAnswer):
+            if "busy" in str(error):
+                # Nothing was done and nothing is broken: it counts once the status is stale.
+                self.slug = "modbus-busy"
+            else:
+                self._supervisor.report([Finding("modbus-reject", str(error), now_ns)])
+        elif isinstance(error, WrongAnswer):
+            self.slug = "modbus-mismatch"
+        elif isinstance(error, NoAnswer):
+            self.slug = "modbus-halfopen"
+        else:
             self._supervisor.report([Finding("modbus-reset", str(error), now_ns)])
 
     def _reopen(self) -> None:

@@ -47,6 +47,7 @@ class CoilThread(DeviceThread):
         self._timeout_s = min(0.05, config.stale_after_s)
         self._last_ns = monotonic_ns()
         self._foreign = 0
+        self._bus_errors = 0
         self._zeroed = True
         self._command_lock = threading.Lock()
         self._progress = threading.Condition()
@@ -205,6 +206,7 @@ class CoilThread(DeviceThread):
         findings: list[Finding] = []
         for status in batch.statuses:
             self._last_ns = now_ns
+            self._bus_errors = self._driver.bus_errors
             findings += self.judge.judge_status(status, now_ns)
         for temperature in batch.temperatures:
             findings += self.judge.judge_temperature(temperature, now_ns)
@@ -220,7 +222,8 @@ class CoilThread(DeviceThread):
         age_ns = now_ns - self._last_ns
         if age_ns > self._stale_ns:
             detail = f"ecu: no status for {age_ns / 1e6:.0f} ms, allowed {self._stale_ns / 1e6:.0f} ms"
-            findings.append(Finding("ecu-silent", detail, now_ns, age_ns / 1e9, self._stale_ns / 1e9))
+            slug = "can-busoff" if self._driver.bus_errors > self._bus_errors else "ecu-silent"
+            findings.append(Finding(slug, detail, now_ns, age_ns / 1e9, self._stale_ns / 1e9))
         return findings
 
     def _is_clear(self) -> bool:

@@ -87,6 +87,8 @@ class Devices:
         )
         self.actuator = ActuatorThread(config.actuator, driver, judge, self.lvdt, supervisor, append)
         self.actuator.speed_source = lambda: self.lvdt.speed_m_s
+        for sensor in (self.load_cell, self.lvdt):
+            sensor.in_motion = self.actuator.in_motion
 
     def _sensor(
         self,

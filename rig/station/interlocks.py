@@ -58,6 +58,7 @@ class ChannelJudge:
         self.spike_jump = spike_jump
         self.unit = unit
         self.last_value = math.nan
+        self.repeats = 0
         self._jumps = 0
         self._saturated = 0
         self._faulty = 0
@@ -74,12 +75,22 @@ class ChannelJudge:
         if not records:
             return records, []
         values = [record[2] for record in records]
+        self._count_repeats(values)
         plain = not any(record[5] for record in records)
         if plain and self._quiet(min(values), max(values)):
             self.last_value = values[-1]
             return records, []
         findings: list[Finding] = []
         return [self._one(record, findings) for record in records], findings
+
+    def _count_repeats(self, values: list[float]) -> None:
+        """Follow for how many samples the value has been the same to the last bit."""
+        if min(values) != max(values):
+            self.repeats = 0
+        elif values[-1] == self.last_value:
+            self.repeats += len(values)
+        else:
+            self.repeats = len(values) - 1
 
     def _quiet(self, lowest: float, highest: float) -> bool:
         if self._jumps or self._saturated or self._faulty:

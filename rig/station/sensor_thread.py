@@ -19,6 +19,8 @@ from rig.station.supervisor import Supervisor
 READ_TIMEOUT_S = 0.05
 BACKSTOP_NS = 250_000_000
 COUNTED = 1000
+STUCK_S = 0.08
+STUCK_SAMPLES = 10
 
 
 class SensorDriver(Protocol):
@@ -67,6 +69,9 @@ class SensorThread(DeviceThread):
         self.lost = 0
         self.samples = 0
         self.port_lost: str | None = None
+        self.in_motion: Callable[[], bool] = lambda: False
+        self._stuck_samples = max(STUCK_SAMPLES, round(STUCK_S * config.rate_Hz))
+        self._damaged = 0
         self._channel = int(channel)
         self._again = threading.Event()
         self._progress = threading.Condition()
@@ -173,10 +178,14 @@ class SensorThread(DeviceThread):
         records, findings = self.judge.judge(samples)
         if self.motion is not None:
             findings += self.motion.judge(records)
+        if self.judge.repeats >= self._stuck_samples and self.in_motion():
+            detail = f"{self.name}: {self.judge.repeats} samples of exactly {self.judge.last_value:g} during motion"
+            findings.append(Finding("sensor-stuck", detail, records[-1][0], self.judge.last_value))
         if findings:
             self._supervisor.report(findings)
         self._append(records)
         self._last_ns = records[-1][0]
+        self._damaged = self._driver.bad_frames + self._driver.skipped_bytes
         self.samples += len(records)
         if self._recent_count < COUNTED:
             self._count(records)
@@ -195,7 +204,9 @@ class SensorThread(DeviceThread):
         age_ns = now_ns - self._last_ns
         if age_ns > self._stale_ns:
             detail = f"{self.name}: no sample for {age_ns / 1e6:.0f} ms, allowed {self._stale_ns / 1e6:.0f} ms"
-            self._supervisor.report([Finding(self.slug, detail, now_ns, age_ns / 1e9, self._stale_ns / 1e9)])
+            garbage = self._driver.bad_frames + self._driver.skipped_bytes > self._damaged
+            slug = "serial-garbage" if garbage else self.slug
+            self._supervisor.report([Finding(slug, detail, now_ns, age_ns / 1e9, self._stale_ns / 1e9)])
 
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
         """Age of the last sample, and the age at which the supervisor itself calls it stale (ns)."""
