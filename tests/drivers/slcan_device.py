@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 from typing import Self
@@ -41,13 +42,17 @@ class SlcanDevice:
             return self._changed.wait_for(lambda: wanted(self.lines), timeout_s)
 
     def pull(self) -> None:
-        """Unplug the adapter."""
+        """Unplug the adapter; harmless when the host has left already."""
         self._connected.wait(5)
         if self._connection is not None:
-            self._connection.shutdown(socket.SHUT_RDWR)
+            with contextlib.suppress(OSError):
+                self._connection.shutdown(socket.SHUT_RDWR)
 
     def _serve(self) -> None:
-        self._connection, _ = self._server.accept()
+        try:
+            self._connection, _ = self._server.accept()
+        except OSError:
+            return
         self._connected.set()
         rest = b""
         with self._connection as connection:
@@ -69,4 +74,7 @@ class SlcanDevice:
     def __exit__(self, *_: object) -> None:
         if self._connection is not None:
             self.pull()
+        with contextlib.suppress(OSError):
+            self._server.shutdown(socket.SHUT_RDWR)
         self._server.close()
+        self._thread.join(5)

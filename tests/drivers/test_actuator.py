@@ -283,7 +283,9 @@ def test_a_write_acknowledged_for_other_registers_is_not_believed(
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(pdu=st.binary(min_size=1, max_size=80))
-def test_any_answer_gives_a_status_or_a_driver_error(device: ModbusDevice, actuator: ModbusActuator, pdu: bytes) -> None:
+def test_any_answer_gives_a_status_or_a_driver_error(
+    device: ModbusDevice, actuator: ModbusActuator, pdu: bytes
+) -> None:
     device.faults = [lambda frame, right: [framed(frame, pdu)]] * 2
     actuator._link._timeout_s = 0.02
     actuator.close()

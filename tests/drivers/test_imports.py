@@ -30,7 +30,8 @@ else:
 def run(path: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": path}
     return subprocess.run(
-        [sys.executable, "-c", SCRIPT], cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=60
+        [sys.executable, "-c", SCRIPT],
+        cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=60,
     )
 
 
@@ -41,7 +42,7 @@ def test_drivers_load_no_numeric_package_and_stay_small() -> None:
 
 def test_neither_do_they_with_python_cans_mf4_extra_installed(tmp_path: Path) -> None:
     (tmp_path / "asammdf").mkdir()
-    (tmp_path / "asammdf" / "__init__.py").write_text("marker = True\nif 'can' not in __import__('sys').modules: pass\n")
+    (tmp_path / "asammdf" / "__init__.py").write_text("marker = True\n")
     (tmp_path / "asammdf" / "mdf.py").write_text("import numpy\n")
     done = run(f"{tmp_path}{os.pathsep}{ROOT}")
     assert done.returncode == 0, done.stderr
