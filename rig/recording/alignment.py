@@ -60,7 +60,8 @@ class Alignment:
         values: aligned channels (n,) by name.
         flags: (n,) `Quality` of each sample, all channels joined.
         timed: every channel with its own sample times (still on the controller's clock).
-        skew_s: by how much force lagged displacement when paired by arrival; taken out here.
+        skew_s: by how much force lagged displacement when paired by arrival; taken out here. None where the device
+            clocks do not run at wall speed, since arrivals then say nothing.
         skew_std_s: one standard deviation of what remains.
         skew_method: the clock models that were used.
         host: the map from host time to the controller's clock.
@@ -71,7 +72,7 @@ class Alignment:
     values: Mapping[str, FloatArray]
     flags: NDArray[np.int8]
     timed: Mapping[str, TimedChannel]
-    skew_s: float
+    skew_s: float | None
     skew_std_s: float
     skew_method: str
     host: HostMap
@@ -97,7 +98,7 @@ def align(records: NDArray[Any], context: PointContext) -> Alignment:
     values, flags = _on_base(timed, context)
     return Alignment(
         time_s=base.time_s - base.time_s[0], origin_s=float(base.time_s[0]), values=values, flags=flags, timed=timed,
-        skew_s=force.latency_s - base.latency_s,
+        skew_s=force.latency_s - base.latency_s if context.device_rate == 1.0 else None,
         skew_std_s=float(np.hypot(force.clock.std_s, base.clock.std_s)),
         skew_method=f"force by {force.clock.method}, displacement by {base.clock.method}",
         host=host,

@@ -45,7 +45,7 @@ class FinishedPoint:
     verdict: str = "invalid"
     reasons: tuple[str, ...] = ()
     lost_samples: int = 0
-    skew_s: float = 0.0
+    skew_s: float | None = None
     skew_std_s: float = 0.0
     error: str = ""
 

@@ -28,6 +28,7 @@ from rig.recording.velocity import velocity_of
 from rig.recording.verdict import Findings, SensorCounts, Verdict, judge
 
 FEWEST_CYCLES = 3
+SOFTWARE = f"mr-damper-rig {rig.__version__}"
 NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
 
@@ -89,7 +90,7 @@ def import_tests(
         entries.append({"id": name, "source": test.source.name, "sha256": test.sha256})
     description = {
         "id": folder.name, "imported": True, "specimen": specimen, "created": utc_now().isoformat(timespec="seconds"),
-        "software": f"mr-damper-rig {rig.__version__}", "columns": {key: choice.text for key, choice in choices.items()},
+        "software": SOFTWARE, "columns": {key: choice.text for key, choice in choices.items()},
         "points": entries,
     }
     write_text_durably(folder / "campaign.json", json.dumps(description, indent=1) + "\n")
@@ -199,7 +200,7 @@ def _point_file(
             "measured_cycles": 0 if motion is None else motion.cycles, **measured,
         },
         provenance={
-            "software": f"mr-damper-rig {rig.__version__}", "source_file": test.source.name, "source_sha256": test.sha256,
+            "software": SOFTWARE, "source_file": test.source.name, "source_sha256": test.sha256,
             "imported_utc": utc_now().isoformat(timespec="seconds"),
             "current": "measured" if test.current_measured else "as given, not measured",
         },

@@ -6,6 +6,7 @@ attached dimension scale, float32 channels, parallel one-dimensional arrays for 
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -193,7 +194,14 @@ def _dataset(group: h5py.Group, name: str, values: NDArray[Any]) -> h5py.Dataset
     if len(values) == 0:
         return group.create_dataset(name, data=values)
     chunk = min(len(values), CHUNK_SAMPLES)
-    return group.create_dataset(name, data=values, chunks=(chunk,), **FILTERS)
+    dataset = group.create_dataset(name, data=values, chunks=(chunk,), **FILTERS)
+    dataset.attrs["crc32"] = check_of(values)
+    return dataset
+
+
+def check_of(values: NDArray[Any]) -> int:
+    """CRC-32 of a dataset's values: HDF5 checks its chunks, but not the index that finds them."""
+    return zlib.crc32(np.ascontiguousarray(values).tobytes())
 
 
 def _set_attributes(place: h5py.Group | h5py.Dataset, attributes: Mapping[str, Attribute]) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rig.errors import FileProblem
 from rig.recording.guard import check_file
-from rig.recording.layout import FORMAT_VERSION
+from rig.recording.layout import FORMAT_VERSION, check_of
 
 if TYPE_CHECKING:
     import h5py
@@ -167,6 +167,10 @@ def _number(value: object) -> float | None:
 
 def _values(path: Path, dataset: h5py.Dataset) -> NDArray[Any]:
     try:
-        return np.asarray(dataset[...])
+        values = np.asarray(dataset[...])
     except OSError as error:
         raise FileProblem(str(path), [f"{dataset.name}: damaged: {error}"]) from error
+    wanted = dataset.attrs.get("crc32")
+    if wanted is not None and int(wanted) != check_of(values):
+        raise FileProblem(str(path), [f"{dataset.name}: damaged: its values do not match their check"])
+    return values

@@ -48,8 +48,9 @@ class RecordedPoint:
     """One recorded test point. Lengths in m, force in N, times in s; arrays (n,) float64 with NaN where nothing is.
 
     The wanted values are those of `rig.matrix.point.TestPoint`. `verdict` is `valid`, `suspect` or `invalid`, with
-    `reasons`. `skew_s` is by how much force lagged displacement when paired by arrival; it is corrected in the arrays,
-    and `skew_std_s` is what remains uncertain (one standard deviation). `mid_stroke_m` None: use the measured mean.
+    `reasons`. `skew_s` is by how much force lagged displacement when paired by arrival (0 where unknown, as in
+    simulated runs faster than real time); it is corrected in the arrays, and `skew_std_s` is what remains uncertain
+    (one standard deviation). `mid_stroke_m` None: use the measured mean.
     """
 
     id: str

@@ -83,7 +83,8 @@ def points_table(views: Sequence[PointView]) -> str:
         ]))
     note = (
         '<p class="lead">Error: 100 \N{MULTIPLICATION SIGN} RMS error / largest deviation of the force from its mean. '
-        "Skew: by how much force would have lagged displacement if paired by arrival; it is corrected, and "
+        "Skew: by how much force would have lagged displacement if paired by arrival (not seen when a simulated rig "
+        "runs faster than real time); it is corrected, and "
         "\N{PLUS-MINUS SIGN} is one standard deviation of what remains.</p>"
     )
     return "<h2>Test points</h2>" + note + table(head, rows, (2, 3, 4, 5, 6, 7, 8, 9, 11))
@@ -92,7 +93,8 @@ def points_table(views: Sequence[PointView]) -> str:
 def _skew(point: RecordedPoint) -> str:
     if point.imported:
         return NOTHING
-    return f"{number(1e3 * point.skew_s, 3)} \N{PLUS-MINUS SIGN} {number(1e3 * point.skew_std_s, 2)}"
+    known = number(1e3 * point.skew_s, 3) if "skew_s" in point.quality else "not seen"
+    return f"{known} \N{PLUS-MINUS SIGN} {number(1e3 * point.skew_std_s, 2)}"
 
 
 def _scaled(value: object, factor: float) -> float | None:

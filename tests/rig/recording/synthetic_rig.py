@@ -120,7 +120,8 @@ class SyntheticRig:
         rng = np.random.default_rng((self.seed, seed))
         time_s = self.start_s - 0.6 + np.arange(int((self.length_s + 1.2) * rate_Hz)) / rate_Hz
         records = np.zeros(len(time_s), RECORD_DTYPE)
-        records["host_ns"] = np.round(1e9 * np.maximum.accumulate(time_s + 0.0003 + 2e-4 * rng.exponential(1.0, len(time_s))))
+        arrival_s = time_s + 0.0003 + 2e-4 * rng.exponential(1.0, len(time_s))
+        records["host_ns"] = np.round(1e9 * np.maximum.accumulate(arrival_s))
         records["device_us"] = np.floor(1e6 * (time_s + clock_offset_s))
         records["value"], records["channel"] = value, channel
         return records

@@ -33,15 +33,18 @@ def test_a_lapped_reader_counts_what_it_lost_and_goes_on(tmp_path: Path) -> None
 
 
 def test_only_the_recorder_moves_the_cursor_the_station_watches(tmp_path: Path) -> None:
-    with RingWriter(tmp_path / "ring", 16) as writer:
-        with RingReader(tmp_path / "ring") as viewer, RingReader(tmp_path / "ring", recorder=True) as recorder:
-            writer.append([record(n) for n in range(5)])
-            assert len(viewer.read()) == 5
-            assert writer.recorder_cursor == 0
-            assert len(recorder.read(3)) == 3
-            assert writer.recorder_cursor == 3
-            assert recorder.unread == 2
-            assert recorder.writer_pid == writer.pid
+    with (
+        RingWriter(tmp_path / "ring", 16) as writer,
+        RingReader(tmp_path / "ring") as viewer,
+        RingReader(tmp_path / "ring", recorder=True) as recorder,
+    ):
+        writer.append([record(n) for n in range(5)])
+        assert len(viewer.read()) == 5
+        assert writer.recorder_cursor == 0
+        assert len(recorder.read(3)) == 3
+        assert writer.recorder_cursor == 3
+        assert recorder.unread == 2
+        assert recorder.writer_pid == writer.pid
 
 
 def test_a_file_that_is_no_ring_is_refused(tmp_path: Path) -> None:

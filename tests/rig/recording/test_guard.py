@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rig.errors import FileProblem
+from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.recording.run import RecordedPoint, Run
+
+TEST = {"id": "p001", "waveform": "sine", "amplitude_m": 0.05, "frequency_Hz": 1.0, "current_A": 0.5}
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "p001.h5"
+    time_s = np.arange(500) / 250.0
+    write_file(path, PointFile(time_s, 250.0, [AlignedChannel("force", np.sin(time_s), "N", "Force")], test=TEST))
+    return path
+
+
+def refused(file: Path) -> str:
+    with pytest.raises(FileProblem) as caught:
+        RecordedPoint.open(file)
+    return str(caught.value)
+
+
+def test_an_external_link_is_refused_without_opening_its_target(file: Path, tmp_path: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened["entry/data/velocity"] = h5py.ExternalLink(str(tmp_path / "secret.h5"), "/x")
+    assert "/entry/data/velocity: ExternalLink refused" in refused(file)
+
+
+def test_a_soft_link_is_refused(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened["entry/data/velocity"] = h5py.SoftLink("/entry/data/force")
+    assert "SoftLink refused" in refused(file)
+
+
+def test_external_storage_is_refused(file: Path, tmp_path: Path) -> None:
+    (tmp_path / "passwords").write_bytes(bytes(4000))
+    with h5py.File(file, "a") as opened:
+        opened["entry/data"].create_dataset(
+            "velocity", (500,), "f8", external=[(str(tmp_path / "passwords"), 0, 4000)])
+    assert "external storage refused" in refused(file)
+
+
+def test_a_virtual_dataset_is_refused(file: Path) -> None:
+    layout = h5py.VirtualLayout((500,), "f8")
+    layout[:] = h5py.VirtualSource("other.h5", "x", (500,))
+    with h5py.File(file, "a") as opened:
+        opened["entry/data"].create_virtual_dataset("velocity", layout)
+    assert "virtual dataset refused" in refused(file)
+
+
+def test_a_filter_we_do_not_use_is_refused(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened["entry/data"].create_dataset("velocity", data=np.zeros(500), compression="lzf")
+    assert "filter 32000" in refused(file)
+
+
+def test_a_decompression_bomb_is_refused(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened["entry/data"].create_dataset("velocity", (90_000_000,), "f8", chunks=(1_000_000,), compression="gzip")
+    assert "decompression bomb" in refused(file)
+
+
+def test_more_samples_than_any_point_has_are_refused(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened["entry/data"].create_dataset("velocity", (10**12,), "f8", chunks=(1000,))
+    assert "declares 1000000000000 values" in refused(file)
+
+
+def test_references_and_nested_arrays_are_refused(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened["entry/data"].create_dataset("velocity", data=np.zeros((500, 2)))
+        opened["entry/data"].create_dataset("other", (3,), h5py.ref_dtype)
+    message = refused(file)
+    assert "2 dimensions" in message
+    assert "type object refused" in message
+
+
+def test_a_newer_format_is_refused(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened.attrs["format_version"] = 99
+    assert "format_version: 99; this software reads up to 1" in refused(file)
+
+
+def test_wrong_attributes_are_named_all_at_once(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        test = opened["entry/test"]
+        del test.attrs["waveform"]
+        test.attrs["amplitude_m"] = np.nan
+        opened["entry/quality"].attrs["verdict"] = "splendid"
+    message = refused(file)
+    assert "waveform is missing" in message
+    assert "amplitude_m = nan; expected a finite number" in message
+    assert "verdict = 'splendid'; expected one of valid, suspect, invalid" in message
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"\x89HDF\r\n\x1a\n" + bytes(600)])
+def test_what_is_no_hdf5_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "p.h5").write_bytes(content)
+    assert "cannot be read as HDF5" in refused(tmp_path / "p.h5")
+
+
+def test_damaged_files_are_refused_or_read_as_they_were_but_never_crash(file: Path, tmp_path: Path) -> None:
+    data, source = file.read_bytes(), random.Random(4)
+    true = RecordedPoint.open(file)
+    wanted = true.force_N
+    caught = 0
+    for number in range(150):
+        damaged = bytearray(data)
+        for _ in range(source.randint(1, 4)):
+            damaged[source.randrange(len(data))] ^= 1 << source.randrange(8)
+        if number % 5 == 0:
+            del damaged[source.randrange(len(data)):]
+        path = tmp_path / f"damaged{number}.h5"
+        path.write_bytes(damaged)
+        try:
+            point = RecordedPoint.open(path)
+            force = point.force_N
+        except FileProblem:
+            caught += 1
+            continue
+        assert len(force) == len(wanted)
+        assert np.all(np.isnan(force)) or np.array_equal(force, wanted)
+    assert caught > 25
+
+
+def test_a_run_with_a_damaged_file_names_it(file: Path, tmp_path: Path) -> None:
+    points = tmp_path / "run" / "points"
+    points.mkdir(parents=True)
+    (points / "p001.h5").write_bytes(file.read_bytes())
+    (points / "p002.h5").write_bytes(file.read_bytes()[:1000])
+    with pytest.raises(FileProblem, match=r"points/p002\.h5: cannot be read as HDF5"):
+        Run.open(tmp_path / "run")
