@@ -63,15 +63,26 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         finaliser = Finaliser.start(folder)
         ends.callback(finaliser.close)
         copy_into(options.matrix_path, folder, "matrix.toml")
-        bench_path = ends.enter_context(_rig(folder, options, matrix.specimen, display))
-        copy_into(bench_path, folder, "bench.toml")
-        bench = Bench.load(bench_path)
+        rig = ends.enter_context(_rig(folder, options, matrix.specimen, display))
+        copy_into(rig.bench_path, folder, "bench.toml")
+        bench = Bench.load(rig.bench_path)
         start = _Start(folder, matrix, bench, _accepted(matrix, bench), options)
         check_room(folder, start.plan, bench)
         write_description(folder, bench, matrix, options)
         display.planned(start.plan)
         ends.enter_context(locked(bench))
-        return _run(start, log, finaliser, signals, display)
+        result = _run(start, log, finaliser, signals, display)
+        if result.rig_state == RigState.UNKNOWN:
+            rig.settle_s = _dead_men_s(bench, start.plan)
+        return result
+
+
+@dataclass
+class _Rig:
+    """The rig in use, and how long a simulated one is left alone before it is ended (wall s)."""
+
+    bench_path: Path
+    settle_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -117,18 +128,26 @@ def _refusals_in(log: CampaignLog) -> Iterator[None]:
 
 
 @contextmanager
-def _rig(folder: Path, options: CampaignOptions, specimen: Specimen, display: Display) -> Iterator[Path]:
-    """The bench file of the rig to use; a simulated one runs while the block does, and leaves its truth."""
+def _rig(folder: Path, options: CampaignOptions, specimen: Specimen, display: Display) -> Iterator[_Rig]:
+    """The rig to use; a simulated one runs while the block does, and leaves its truth."""
     if options.bench_path is not None:
-        yield options.bench_path
+        yield _Rig(options.bench_path)
         return
     display.phase("starting the simulated rig")
     simulated = SimulatedRig.start(folder, options, specimen)
+    rig = _Rig(simulated.bench_path)
     try:
-        yield simulated.bench_path
+        yield rig
     finally:
-        if not simulated.stop():
+        if not simulated.stop(rig.settle_s):
             display.message("warning", f"the simulated rig still runs (process {simulated.process.pid})")
+
+
+def _dead_men_s(bench: Bench, accepted: Plan) -> float:
+    """How long the controller needs to notice a silent host, fade out and hold (wall s), with a second to spare."""
+    period_s = max(1.0 / item.point.frequency_Hz for item in accepted.points)
+    fade_s = (bench.actuator.fade_out_cycles + 1.0) * period_s
+    return bench.actuator.watchdog_s + fade_s / bench.clock.device_rate + 1.0
 
 
 @contextmanager

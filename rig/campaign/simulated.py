@@ -64,9 +64,17 @@ class SimulatedRig:
             )
         return cls(process, Path(line), truth_path)
 
-    def stop(self) -> bool:
-        """End it and wait for its truth file; True when it ended by itself in time."""
-        self.process.terminate()
+    def stop(self, settle_s: float = 0.0) -> bool:
+        """End it and wait for its truth file; True when it ended by itself in time.
+
+        Args:
+            settle_s: wall seconds it is given first, when nobody proved standstill: its dead-men act on their own, and
+                what they do belongs to the truth.
+        """
+        try:
+            self.process.wait(settle_s)
+        except subprocess.TimeoutExpired:
+            self.process.terminate()
         try:
             self.process.wait(STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:

@@ -1,0 +1,200 @@
+"""The main job stopped by the operator, by a dying process, by a refusal: end state on the true physics and on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from protocols.actuator import State
+from rig.recording.campaign_log import read_log
+from rig.recording.run import RecordedPoint
+
+if TYPE_CHECKING:
+    from conftest import Campaign, Truth
+
+pytestmark = pytest.mark.wire
+
+Start = Callable[..., "Campaign"]
+
+MATRIX = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+amplitude = ["40 mm"]
+frequency = ["1 Hz"]
+current = ["1.5 A", "1 A"]
+cycles = 6
+"""
+COIL_LAG_S = 0.25
+FADE_S = 1.0 + 0.2
+
+
+def assert_stopped(truth: Truth, at_s: float) -> None:
+    """0 A within the coil's lag and standstill within one cycle of fade-out after `at_s`, and for good."""
+    assert_no_current(truth, at_s)
+    assert np.abs(truth.velocity_m_s[truth.after(at_s + FADE_S)]).max() < 2e-3
+
+
+def assert_no_current(truth: Truth, at_s: float) -> None:
+    """0 A within the coil's lag after `at_s`, and for good."""
+    assert np.abs(truth.current_A[truth.after(at_s + COIL_LAG_S)]).max() < 0.05
+
+
+def causes(folder: Path) -> list[str]:
+    return [line["slug"] for line in read_log(folder) if line.get("what") == "trip"]
+
+
+@pytest.mark.parametrize("storm", [False, True], ids=["once", "storm"])
+def test_ctrl_c_stops_at_once_keeps_the_point_as_invalid_and_further_ones_change_nothing(
+    start_campaign: Start, storm: bool
+) -> None:
+    campaign = start_campaign(MATRIX)
+    campaign.wait_for("cycles 5")
+    campaign.process.send_signal(signal.SIGINT)
+    if storm:
+        campaign.wait_for("phase stopping")
+        for _ in range(5):
+            campaign.process.send_signal(signal.SIGINT)
+        campaign.wait_for("phase hydraulics off")
+        campaign.process.send_signal(signal.SIGINT)
+    assert campaign.finish() == 4
+    truth = campaign.truth()
+    assert_stopped(truth, truth.when("FADE_STOP"))
+    assert abs(truth.when("SET_CURRENT", "0.000 A") - truth.when("FADE_STOP")) < 0.1
+    assert causes(campaign.folder) == ["sigint"]
+    point = RecordedPoint.open(campaign.folder / "points" / "p001.h5")
+    assert point.verdict == "invalid"
+    assert "sigint" in point.reasons[0]
+    assert np.ptp(point.displacement_m) > 0.07
+
+
+def test_sigterm_also_takes_the_pressure_away(start_campaign: Start) -> None:
+    campaign = start_campaign(MATRIX)
+    campaign.wait_for("cycles 2")
+    campaign.process.send_signal(signal.SIGTERM)
+    assert campaign.finish() == 4
+    truth = campaign.truth()
+    assert_stopped(truth, truth.when("FADE_STOP"))
+    assert truth.state[-1] == State.OFF
+    stops = [line for line in read_log(campaign.folder) if line.get("what") == "trip"]
+    assert [(line["slug"], line["stop"]) for line in stops] == [("sigterm", "S1")]
+
+
+def test_ctrl_c_before_the_rig_is_armed_moves_nothing(start_campaign: Start) -> None:
+    campaign = start_campaign(MATRIX)
+    campaign.wait_for("phase starting the station")
+    campaign.process.send_signal(signal.SIGINT)
+    assert campaign.finish() == 4
+    truth = campaign.truth()
+    assert np.ptp(truth.displacement_m) < 1e-6
+    assert "START" not in [name for _, name, _ in truth.commands]
+
+
+def test_a_killed_station_leaves_the_rig_to_its_dead_men_and_exits_with_state_unknown(start_campaign: Start) -> None:
+    campaign = start_campaign(MATRIX)
+    campaign.wait_for("cycles 2")
+    station = int(subprocess.check_output(["pgrep", "-P", str(campaign.process.pid), "-f", "rig.station"]))
+    os.kill(station, signal.SIGKILL)
+    assert campaign.finish() == 7
+    truth = campaign.truth()
+    starved = [at_s for at_s, name, text in truth.commands if name == "TRIP" and "WATCHDOG" in text]
+    assert len(starved) == 2, "once in the preflight, once now"
+    assert_stopped(truth, starved[1])
+    assert_no_current(truth, truth.when("ECU_FAULT", "COMMAND_TIMEOUT"))
+    assert RecordedPoint.open(campaign.folder / "points" / "p001.h5").verdict == "invalid"
+
+
+def test_a_killed_application_leaves_the_station_to_stop_the_rig_and_the_truth_is_completed(
+    start_campaign: Start,
+) -> None:
+    campaign = start_campaign(MATRIX)
+    campaign.wait_for("cycles 2")
+    campaign.process.send_signal(signal.SIGKILL)
+    assert campaign.finish() == -signal.SIGKILL
+    truth = campaign.truth()
+    assert_stopped(truth, truth.when("FADE_STOP"))
+    assert truth.state[-1] == State.OFF
+
+
+def test_a_fault_of_the_coil_ends_the_campaign_by_name_with_the_finished_point_kept(start_campaign: Start) -> None:
+    campaign = start_campaign(MATRIX, "--fault", "coil-open-short@14")
+    assert campaign.finish() == 4
+    truth = campaign.truth()
+    assert_stopped(truth, truth.when("FADE_STOP"))
+    assert causes(campaign.folder) == ["coil-open-short"]
+    points = campaign.folder / "points"
+    assert RecordedPoint.open(points / "p001.h5").verdict == "valid"
+    assert RecordedPoint.open(points / "p002.h5").verdict == "invalid"
+
+
+def started_rig(folder: Path) -> tuple[subprocess.Popen[str], Path]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "simulators", "--speed", "5", "--truth", str(folder / "hand.h5")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert process.stdout is not None
+    return process, Path(process.stdout.readline().strip())
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "named"),
+    [
+        ('serial_number = "SIM-ACT-1"', 'serial_number = "ANOTHER"', "ANOTHER"),
+        ("serial_number = 1001", "serial_number = 1002", "1002"),
+    ],
+    ids=["actuator", "ecu"],
+)
+def test_another_device_than_the_benchs_is_refused_before_anything_moves(
+    start_campaign: Start, tmp_path: Path, truth_of: Callable[[Path], Truth], good: str, bad: str, named: str
+) -> None:
+    rig, bench_path = started_rig(tmp_path)
+    try:
+        text = bench_path.read_text(encoding="utf-8")
+        assert good in text
+        bench = tmp_path / "bench.toml"
+        bench.write_text(text.replace(good, bad), encoding="utf-8")
+        campaign = start_campaign(MATRIX, bench=bench)
+        assert campaign.finish() == 3
+        result = next(line for line in read_log(campaign.folder) if line["event"] == "result")
+        assert result["stopped_by"] == "wrong-identity"
+        assert named in result["detail"]
+        assert {point["verdict"] for point in result["points"]} == {"not run"}
+        described = json.loads((campaign.folder / "campaign.json").read_text(encoding="utf-8"))
+        assert described["simulated"] is None
+    finally:
+        rig.terminate()
+        rig.communicate(timeout=60)
+    truth = truth_of(tmp_path / "hand.h5")
+    assert np.ptp(truth.displacement_m) < 1e-6
+    assert not truth.commands
+
+
+def test_a_rig_started_by_hand_runs_the_same_job(
+    start_campaign: Start, tmp_path: Path, truth_of: Callable[[Path], Truth]
+) -> None:
+    rig, bench = started_rig(tmp_path)
+    try:
+        campaign = start_campaign(MATRIX, bench=bench)
+        assert campaign.finish() == 0
+    finally:
+        rig.terminate()
+        rig.communicate(timeout=60)
+    assert [point.verdict for point in map(RecordedPoint.open, sorted((campaign.folder / "points").glob("*.h5")))] == [
+        "valid",
+        "valid",
+    ]
+    assert len(truth_of(tmp_path / "hand.h5").runs()) == 2
