@@ -221,7 +221,7 @@ class Run:
         place = Path(path)
         if place.is_file():
             return cls(place.parent, (RecordedPoint.open(place),), read_campaign(place.parent.parent))
-        files = sorted((place / "points").glob("*.h5"))
+        files = sorted((place / "points").glob("*.h5"), key=lambda file: file.stem)
         if not files:
             raise FileProblem(str(place), [_why_no_run(place)])
         points, problems = [], []

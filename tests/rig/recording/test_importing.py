@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.errors import FileProblem
+from rig.recording.importing import import_tests
+from rig.recording.run import Run
+
+COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F:kN"}
+MEASURED = Path(os.environ.get("RIG_MEASURED_DATA", Path(__file__).parents[4] / "shared/data/utfsm"))
+
+
+def sine_file(folder: Path, name: str = "a_0.50A.csv", *, header: str = "t_s,x_mm,F", rows: int = 2000) -> Path:
+    time_s = np.arange(rows) * 0.005
+    motion = 12.0 + 5.0 * np.sin(2 * np.pi * 1.02 * np.clip(time_s - 1.0, 0.0, 8.0))
+    force_kN = 0.3 * np.cos(2 * np.pi * 1.02 * (time_s - 1.0))
+    lines = [f"{t:.6f},{x:.6f},{f:.6f}" for t, x, f in zip(time_s, motion, force_kN, strict=True)]
+    path = folder / name
+    path.write_text("\n".join([header, *lines]) + "\n")
+    return path
+
+
+def changed(path: Path, line: int, text: str) -> Path:
+    lines = path.read_text().split("\n")
+    lines[line - 1] = text
+    path.write_text("\n".join(lines))
+    return path
+
+
+def refused(tmp_path: Path, path: Path, **options: object) -> str:
+    given = {"columns": COLUMNS, "current_A": 0.5, **options}
+    with pytest.raises(FileProblem) as caught:
+        import_tests([path], out=tmp_path / "out", **given)  # type: ignore[arg-type]  # options vary by test
+    assert not (tmp_path / "out").exists()
+    return str(caught.value)
+
+
+def test_a_foreign_test_becomes_a_point_in_si_with_nominal_values_from_the_data(tmp_path: Path) -> None:
+    run = Run.open(import_tests([sine_file(tmp_path)], columns=COLUMNS, out=tmp_path / "out",
+                                current_from_name="_(?P<current>[0-9.]+)A", specimen="D 7"))
+    (point,) = run.points
+    assert point.id == "a_0.50A"
+    assert (point.amplitude_m, point.frequency_Hz, point.current_A) == (0.005, 1.0, 0.5)
+    assert point.quality["measured_frequency_Hz"] == pytest.approx(1.02, rel=1e-3)
+    assert np.max(point.force_N) == pytest.approx(300.0, rel=1e-6)
+    assert point.displacement_m[0] == pytest.approx(0.012)
+    assert point.verdict == "valid"
+    assert point.imported
+    assert len(point.provenance["source_sha256"]) == 64
+    assert run.campaign["imported"] is True
+    assert "D-7" in run.path.name
+
+
+def test_numbers_of_imported_tests_match_a_filter_within_five_percent(tmp_path: Path) -> None:
+    run = Run.open(import_tests([sine_file(tmp_path)], columns=COLUMNS, out=tmp_path / "out", current_A=0.0))
+    assert len(run.select("frequency_Hz=1.02,amplitude_m=0.0051")) == 1
+    assert run.select("frequency_Hz=1.2") == ()
+
+
+def test_a_measured_current_column_is_kept_sample_by_sample(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    lines = path.read_text().split()
+    path.write_text("\n".join([lines[0] + ",i_mA", *(line + ",750" for line in lines[1:])]))
+    run = Run.open(import_tests([path], columns={**COLUMNS, "current": "i_mA"}, out=tmp_path / "out"))
+    assert run.points[0].current_A == 0.75
+    assert np.allclose(run.points[0].current_measured_A, 0.75)
+
+
+def test_missing_rows_and_empty_values_are_flagged_and_stay_missing(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    lines = path.read_text().split("\n")
+    lines[500] = lines[500].rsplit(",", 1)[0] + ","
+    del lines[800:803]
+    path.write_text("\n".join(lines))
+    (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
+    assert np.isnan(point.force_N[499])
+    assert point.channel("flags")[499] == 8
+    assert point.channel("flags")[799] == 4
+    assert point.lost_samples == 3
+    assert point.samples == 1997
+    assert point.verdict == "invalid"
+    assert point.reasons[0].startswith("sample-gap: 3 of 2000")
+
+
+def test_a_word_among_the_numbers_is_named_with_line_column_and_value(tmp_path: Path) -> None:
+    message = refused(tmp_path, changed(sine_file(tmp_path), 42, "0.2,abc,1.0"))
+    assert "line 42, column 'x_mm': 'abc' is not a number" in message
+
+
+def test_time_that_does_not_increase_is_named_with_its_line(tmp_path: Path) -> None:
+    message = refused(tmp_path, changed(sine_file(tmp_path), 42, "0.1,12.0,0.1"))
+    assert "line 42: time" in message
+    assert "does not come after" in message
+
+
+def test_infinite_values_are_refused(tmp_path: Path) -> None:
+    assert "line 42, column 'F': infinite" in refused(tmp_path, changed(sine_file(tmp_path), 42, "0.2,12.0,inf"))
+
+
+@pytest.mark.parametrize(("columns", "message"), [
+    ({**COLUMNS, "displacement": "stroke_mm"}, "no column 'stroke_mm'; columns: t_s, x_mm, F"),
+    ({**COLUMNS, "force": "F"}, "its unit is not known"),
+    ({**COLUMNS, "force": "F:mm"}, "'mm' is no unit of force; units: N"),
+    ({"time": "t_s", "force": "F:kN"}, "displacement: no column named"),
+    ({**COLUMNS, "speed": "v_m_s"}, "speed=v_m_s: unknown quantity; known: time"),
+])
+def test_wrong_columns_say_what_would_fit(tmp_path: Path, columns: dict[str, str], message: str) -> None:
+    assert message in refused(tmp_path, sine_file(tmp_path), columns=columns)
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"current_A": None}, "the coil current is not known"),
+    ({"current_from_name": "_(?P<current>[0-9]+)mA"}, "the name does not match"),
+    ({"current_from_name": "_([0-9.]+)A"}, "no group"),
+    ({"current_from_name": "("}, "not a regular expression"),
+])
+def test_a_current_that_cannot_be_told_is_refused(tmp_path: Path, options: dict[str, object], message: str) -> None:
+    assert message in refused(tmp_path, sine_file(tmp_path), **options)
+
+
+def test_files_that_are_no_text_or_not_there_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "b.csv").write_bytes(b"t_s,x_mm,F\n\0\0")
+    (tmp_path / "c.csv").write_bytes(b"t_s,x_mm,F\n1,2,\xff\n")
+    assert "zero bytes" in refused(tmp_path, tmp_path / "b.csv")
+    assert "line 2: not UTF-8" in refused(tmp_path, tmp_path / "c.csv")
+    assert "no such file" in refused(tmp_path, tmp_path / "d.csv")
+
+
+def test_one_bad_file_among_good_ones_imports_nothing(tmp_path: Path) -> None:
+    good, bad = sine_file(tmp_path), changed(sine_file(tmp_path, "b_0.50A.csv"), 9, "x,x,x")
+    with pytest.raises(FileProblem, match=r"b_0\.50A\.csv: line 9"):
+        import_tests([good, bad], columns=COLUMNS, out=tmp_path / "out", current_A=0.0)
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_files_of_one_name_become_two_points(tmp_path: Path) -> None:
+    (tmp_path / "x").mkdir()
+    files = [sine_file(tmp_path), sine_file(tmp_path / "x")]
+    run = Run.open(import_tests(files, columns=COLUMNS, out=tmp_path / "out", current_A=0.0))
+    assert [point.id for point in run.points] == ["a_0.50A", "a_0.50A-2"]
+
+
+@pytest.mark.measured
+@pytest.mark.skipif(not MEASURED.is_dir(), reason="the measured UTFSM tests are not on this machine")
+def test_every_measured_test_is_imported_with_its_droop_and_true_frequency(tmp_path: Path) -> None:
+    files = sorted(MEASURED.glob("*.csv"))
+    folder = import_tests(
+        files, columns={"time": "t_s", "displacement": "x_m", "force": "force_N"}, out=tmp_path,
+        current_from_name="_(?P<current>[0-9.]+)A",
+    )
+    run = Run.open(folder)
+    assert len(run.points) == len(files) > 0
+    assert all(point.verdict == "valid" for point in run.points)
+    fast = [point for point in run.points if point.id.startswith("5mm3Hz")]
+    assert all(point.quality["measured_frequency_Hz"] == pytest.approx(3.05, rel=0.01) for point in fast)
+    assert all(0.0043 < point.quality["measured_amplitude_m"] < 0.0048 for point in fast)
+    assert {point.current_A for point in run.points} == {0.0, 0.25, 0.5, 0.75, 1.0}

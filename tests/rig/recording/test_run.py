@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.errors import FileProblem
+from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.recording.run import RecordedPoint, Run
+
+
+def write_point(folder: Path, name: str, waveform: str, current_A: float, verdict: str = "valid") -> None:
+    time_s = np.arange(100) / 250.0
+    write_file(folder / "points" / f"{name}.h5", PointFile(
+        time_s, 250.0, [AlignedChannel("force", time_s, "N", "Force")], quality={"verdict": verdict},
+        test={"id": name, "waveform": waveform, "amplitude_m": 0.05, "frequency_Hz": 1.5, "current_A": current_A},
+    ))
+
+
+@pytest.fixture
+def run(campaign: Path) -> Run:
+    write_point(campaign, "p001", "sine", 0.0)
+    write_point(campaign, "p002", "sine", 1.0, "invalid")
+    write_point(campaign, "p003", "triangle", 1.0)
+    return Run.open(campaign)
+
+
+def ids(points: tuple[RecordedPoint, ...]) -> list[str]:
+    return [point.id for point in points]
+
+
+def test_points_come_in_the_order_of_their_names_and_invalid_ones_are_told_apart(run: Run) -> None:
+    assert ids(run.points) == ["p001", "p002", "p003"]
+    assert ids(run.valid) == ["p001", "p003"]
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("waveform=triangle", ["p003"]),
+    ("current_A=1", ["p002", "p003"]),
+    ("current_A=1,waveform=sine", ["p002"]),
+    ("id=p001|p003", ["p001", "p003"]),
+    ("frequency_Hz=1.5, verdict=valid", ["p001", "p003"]),
+    ("current_A=0.5", []),
+])
+def test_a_filter_selects_the_points_that_meet_every_condition(run: Run, text: str, expected: list[str]) -> None:
+    assert ids(run.select(text)) == expected
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("wavform=sine", "did you mean waveform"),
+    ("waveform", "is not a condition"),
+    ("current_A=high", "current_A = 'high' is not a number"),
+    ("", "is not a condition"),
+])
+def test_a_wrong_filter_says_what_would_fit(run: Run, text: str, message: str) -> None:
+    with pytest.raises(FileProblem, match=message):
+        run.select(text)
+
+
+def test_a_single_file_is_a_run_of_one(run: Run) -> None:
+    assert ids(Run.open(run.path / "points" / "p003.h5").points) == ["p003"]
+
+
+def test_paths_that_are_no_run_are_told_apart(run: Run, tmp_path: Path) -> None:
+    with pytest.raises(FileProblem, match="no such directory"):
+        Run.open(tmp_path / "nowhere")
+    with pytest.raises(FileProblem, match=r"did you mean .*campaign"):
+        Run.open(run.path.parent)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileProblem, match="not a run"):
+        Run.open(tmp_path / "empty")
+    leftover = tmp_path / "broken" / "points"
+    leftover.mkdir(parents=True)
+    (leftover / "p001.journal").touch()
+    with pytest.raises(FileProblem, match="rig recover"):
+        Run.open(tmp_path / "broken")
+
+
+def test_a_run_becomes_a_table_of_points(run: Run) -> None:
+    table = run.to_pandas()
+    assert list(table["id"]) == ["p001", "p002", "p003"]
+    assert list(table["verdict"]) == ["valid", "invalid", "valid"]
+
+
+def test_channels_a_file_lacks_are_nan_not_zero(run: Run) -> None:
+    assert np.all(np.isnan(run.points[0].current_measured_A))
+
+
+def test_a_point_made_in_memory_has_the_wanted_current_and_central_differences() -> None:
+    time_s = np.arange(1000) / 1000.0
+    point = RecordedPoint.from_arrays(
+        time_s=time_s, displacement_m=0.01 * np.sin(2 * np.pi * time_s), force_N=np.zeros(1000), id="x",
+        waveform="sine", amplitude_m=0.01, frequency_Hz=1.0, current_A=0.7,
+    )
+    assert np.all(point.current_measured_A == 0.7)
+    assert np.max(point.velocity_m_s) == pytest.approx(0.02 * np.pi, rel=1e-3)
+    assert np.array_equal(point.force_samples.time_s, time_s)

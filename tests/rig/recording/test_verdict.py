@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from rig.recording.verdict import Findings, SensorCounts, judge
+
+GOOD = Findings(
+    sensors={"force": SensorCounts(2500), "displacement": SensorCounts(2500)}, wanted_cycles=10,
+    wanted_amplitude_m=0.05, wanted_frequency_Hz=1.0, current_tolerance_A=0.02, measured_cycles=10,
+    measured_amplitude_m=0.0499, measured_frequency_Hz=1.001, current_error_A=0.002,
+)
+
+
+def with_force(**counts: int) -> Findings:
+    return replace(GOOD, sensors={"force": SensorCounts(2500, **counts), "displacement": SensorCounts(2500)})
+
+
+def test_a_point_with_nothing_found_is_valid() -> None:
+    assert judge(GOOD).verdict == "valid"
+    assert judge(GOOD).reasons == ()
+
+
+@pytest.mark.parametrize(("findings", "verdict", "slug"), [
+    (with_force(lost=2), "valid", ""),
+    (with_force(lost=3), "invalid", "sample-gap"),
+    (with_force(not_a_number=3), "invalid", "sensor-nan"),
+    (with_force(saturated=2), "valid", ""),
+    (with_force(saturated=3), "invalid", "sensor-saturated"),
+    (with_force(faulty=1), "invalid", "sensor-fault"),
+    (with_force(spikes=1), "suspect", "sensor-spike"),
+    (replace(GOOD, sensors={"force": SensorCounts(0)}), "invalid", "no-samples"),
+    (replace(GOOD, stopped_by="estop"), "invalid", "estop"),
+    (replace(GOOD, tripped=True), "invalid", "trip"),
+    (replace(GOOD, interrupted=True), "invalid", "INTERRUPTED"),
+    (replace(GOOD, overrun_records=1), "invalid", "recorder-overrun"),
+    (replace(GOOD, damaged_bytes=1), "invalid", "journal-damaged"),
+    (replace(GOOD, measured_cycles=9), "valid", ""),
+    (replace(GOOD, measured_cycles=8), "invalid", "too-few-cycles"),
+    (replace(GOOD, measured_cycles=None), "invalid", "too-few-cycles"),
+    (replace(GOOD, measured_amplitude_m=0.0470), "suspect", "amplitude"),
+    (replace(GOOD, measured_amplitude_m=0.0440), "invalid", "amplitude"),
+    (replace(GOOD, measured_amplitude_m=0.0560), "invalid", "amplitude"),
+    (replace(GOOD, measured_frequency_Hz=1.05), "suspect", "frequency"),
+    (replace(GOOD, current_error_A=0.021), "invalid", "current-tracking"),
+    (replace(GOOD, current_error_A=None), "suspect", "no-current"),
+    (replace(GOOD, skew_std_s=0.004), "suspect", "skew"),
+    (replace(GOOD, skew_std_s=0.002), "valid", ""),
+])
+def test_each_finding_has_its_verdict_and_its_slug(findings: Findings, verdict: str, slug: str) -> None:
+    found = judge(findings)
+    assert found.verdict == verdict
+    assert [reason.split(":")[0] for reason in found.reasons] == ([slug] if slug else [])
+
+
+def test_invalid_reasons_come_before_suspect_ones_and_all_are_kept() -> None:
+    found = judge(replace(GOOD, stopped_by="estop", current_error_A=None, measured_amplitude_m=0.04))
+    assert found.verdict == "invalid"
+    assert [reason.split(":")[0] for reason in found.reasons] == ["estop", "amplitude", "no-current"]

@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rig.dampers
+from rig.errors import FileProblem
+from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.report import write_report
+from rig.report.__main__ import main
+
+TRUE = rig.dampers.parameter_set("demo").values
+LARGEST_BYTES = 1_500_000
+
+
+def record(folder: Path, name: str, frequency_Hz: float, current_A: float, *, verdict: str = "valid") -> None:
+    """A point of the demo damper, 6 cycles between two rests, as the finaliser writes it."""
+    time_s = np.arange(round((6 / frequency_Hz + 0.4) * 250)) / 250.0
+    phase = 2 * np.pi * frequency_Hz * np.clip(time_s - 0.2, 0.0, 6 / frequency_Hz)
+    moving = (phase > 0) & (phase < 12 * np.pi)
+    u, w = 0.02 * np.sin(phase), 2 * np.pi * frequency_Hz
+    v, a = 0.02 * w * np.cos(phase) * moving, -(w**2) * u
+    force = rig.dampers.model("asymmetric").force(TRUE, u, v, a, np.full(len(u), current_A), 0.004)
+    write_file(folder / "points" / f"{name}.h5", PointFile(
+        time_s, 250.0,
+        [AlignedChannel("displacement", u, "m", "Damper extension"), AlignedChannel("force", force, "N", "Force"),
+         AlignedChannel("current", np.full(len(u), current_A), "A", "Current")],
+        test={"id": name, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": frequency_Hz,
+              "current_A": current_A, "mid_stroke_m": 0.0},
+        quality={"verdict": verdict, "reasons": ("estop: <stopped> & held",) if verdict == "invalid" else ()},
+        provenance={"bench": "a bench", "specimen": "MR-<001>"},
+    ))
+
+
+def fit_of(**changes: object) -> dict[str, Any]:
+    model = rig.dampers.model("asymmetric")
+    parameters = {
+        name: {"value": value, "unit": model.parameter(name).unit, "low": value - 1.0, "high": value + 1.0,
+               "identifiable": name != "eta"} for name, value in TRUE.items()
+    }
+    parameters["eta"] |= {"low": None, "high": None, "reason": "every test held its current constant"}
+    per_test = [{"id": "p001", "file": "", "rmse_N": 1.0, "nrmse_percent_of_peak": 0.321}]
+    return {
+        "model": "asymmetric", "method": "separable", "hysteresis": "kwok", "parameters": parameters,
+        "error": {"rmse_N": 1.0, "mae_N": 0.8, "nrmse_percent_of_peak": 0.3, "per_test": per_test, "holdout": None},
+        "selection": [], "adequate": True, "warnings": [], "evaluations": 10, "wall_s": 0.1, **changes,
+    }
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    folder = tmp_path / "20260101T000000Z-MR-001-abcd"
+    (folder / "points").mkdir(parents=True)
+    record(folder, "p001", 1.0, 0.0)
+    record(folder, "p002", 2.0, 0.5)
+    record(folder, "p003", 1.0, 0.5, verdict="invalid")
+    return folder
+
+
+def written(run: Path, fit: Mapping[str, Any] | None) -> str:
+    if fit is not None:
+        (run / "fit.json").write_text(json.dumps(fit))
+    return write_report(run).read_text(encoding="utf-8")
+
+
+def lines(page: str, style: str) -> list[np.ndarray]:
+    """The points (k, 2) of each drawn line of one style."""
+    found = re.findall(rf'<path class="{style}"[^>]* d="([^"]*)"', page)
+    return [np.array([[float(n) for n in pair.split()] for pair in re.split("[ML]", d)[1:]]) for d in found]
+
+
+def test_the_fitted_loops_lie_on_the_measured_ones_when_the_fit_is_the_truth(run: Path) -> None:
+    page = written(run, fit_of())
+    cards = page[page.index("Loops of every point"):]
+    measured, fitted = lines(cards, "m"), lines(cards, "p")
+    assert len(measured) == len(fitted) == 4
+    for one, other in zip(measured, fitted, strict=True):
+        assert np.quantile(np.abs(one - other), 0.98) < 1.0
+
+
+def test_a_wrong_fit_is_seen_beside_the_measured_loops(run: Path) -> None:
+    fit = fit_of()
+    fit["parameters"]["Fyb"]["value"] = 900.0
+    page = written(run, fit)
+    cards = page[page.index("<h3>0.5 A</h3>"):]
+    distance = np.max(np.abs(lines(cards, "m")[0] - lines(cards, "p")[0]))
+    assert distance > 30.0
+
+
+def test_verdicts_reasons_and_errors_of_every_point_are_in_the_table(run: Path) -> None:
+    page = written(run, fit_of())
+    assert page.count('class="chip valid"') >= 4
+    assert '<span class="chip invalid">invalid</span>' in page
+    assert "estop: &lt;stopped&gt; &amp; held" in page
+    assert "0.321" in page
+    assert "2 of 3" in page
+
+
+def test_what_cannot_be_identified_stands_apart_with_its_reason(run: Path) -> None:
+    page = written(run, fit_of())
+    apart = page[page.index("Not identifiable"):]
+    assert "eta" in apart
+    assert "every test held its current constant" in apart
+    assert "the coil" in apart or "lag" in apart
+
+
+def test_an_inadequate_model_and_warnings_come_first(run: Path) -> None:
+    page = written(run, fit_of(adequate=False, warnings=["one frequency only"]))
+    assert page.index("The model does not fit") < page.index("Test points")
+    assert page.index("one frequency only") < page.index("Test points")
+
+
+def test_held_out_tests_are_scored_apart(run: Path) -> None:
+    fit = fit_of()
+    apart = {"id": "p002", "file": "", "rmse_N": 5.0, "nrmse_percent_of_peak": 4.56}
+    fit["error"]["holdout"] = {"rmse_N": 5.0, "mae_N": 4.0, "nrmse_percent_of_peak": 4.56, "per_test": [apart]}
+    page = written(run, fit)
+    assert "error on held-out tests" in page
+    assert "held out of the fit" in page
+    assert '<span class="chip plain">held out</span>' in page
+
+
+def test_a_run_without_a_fit_is_reported_as_measured(run: Path) -> None:
+    page = written(run, None)
+    assert "No fit is in this run" in page
+    assert lines(page, "p") == []
+    assert len(lines(page, "m")) > 3
+
+
+def test_a_model_nobody_knows_leaves_the_measured_loops(run: Path) -> None:
+    page = written(run, fit_of(model="miracle"))
+    assert "curves are not drawn" in page
+    assert lines(page, "p") == []
+
+
+def test_the_page_is_one_small_file_that_loads_nothing(run: Path) -> None:
+    page = written(run, fit_of())
+    assert len(page) < LARGEST_BYTES
+    assert not re.search(r"<script|<link|<img|<iframe|@import|url\(|src=|href=", page)
+    assert "http" not in page
+
+
+def test_the_page_is_well_formed_and_every_chart_has_a_text_alternative(run: Path) -> None:
+    page = written(run, fit_of())
+    for svg in re.findall(r"<svg.*?</svg>", page):
+        assert ElementTree.fromstring(svg).attrib["aria-label"]
+
+    class Balanced(HTMLParser):
+        def __init__(self) -> None:
+            super().__init__()
+            self.open: list[str] = []
+
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            if tag not in {"meta", "br"}:
+                self.open.append(tag)
+
+        def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            return
+
+        def handle_endtag(self, tag: str) -> None:
+            assert self.open.pop() == tag
+
+    parser = Balanced()
+    parser.feed(page)
+    assert parser.open == []
+
+
+def test_text_from_files_cannot_become_markup(run: Path) -> None:
+    page = written(run, fit_of(warnings=["<script>alert(1)</script>"]))
+    assert "<script>" not in page
+    assert "MR-&lt;001&gt;" in page
+
+
+def test_the_command_prints_the_path_and_refuses_what_is_no_run(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main([str(run)]) == 0
+    assert capsys.readouterr().out.strip() == str((run / "report.html").resolve())
+    assert main([str(tmp_path / "nowhere")]) == 2
+    assert "no such directory" in capsys.readouterr().err
+    assert main([]) == 2
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"model": "asymmetric"}'])
+def test_a_damaged_fit_is_refused_by_name(run: Path, content: str) -> None:
+    (run / "fit.json").write_text(content)
+    with pytest.raises(FileProblem, match=r"fit\.json"):
+        write_report(run)
