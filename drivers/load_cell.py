@@ -15,7 +15,7 @@ class LoadCell(SerialSensor):
         baudrate: Bd.
         line_format: "frame16", a line format preset's name, or a `LineFormat`.
         sensitivity: N per unit on the wire.
-        offset: what it shows at zero, N; subtracted after scaling.
+        offset: N, added after scaling: minus what it shows at zero.
         rate_Hz: nominal samples a second of the device's clock.
         device_rate: device seconds a second of the host's clock.
 

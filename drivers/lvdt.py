@@ -15,7 +15,7 @@ class Lvdt(SerialSensor):
         baudrate: Bd.
         line_format: "frame16", a line format preset's name, or a `LineFormat`.
         sensitivity: m per unit on the wire; 0.001 for a conditioner that sends mm.
-        offset: what it shows at zero, m; subtracted after scaling.
+        offset: m, added after scaling: minus what it shows at zero.
         rate_Hz: nominal samples a second of the device's clock.
         device_rate: device seconds a second of the host's clock.
 
@@ -36,5 +36,5 @@ class Lvdt(SerialSensor):
     ) -> None:
         super().__init__(
             url, baudrate, name="lvdt", channel=Channel.DISPLACEMENT, line_format=line_format,
-            wire_unit="mm", sensitivity=sensitivity, offset=offset, rate_Hz=rate_Hz, device_rate=device_rate,
+            sensitivity=sensitivity, offset=offset, rate_Hz=rate_Hz, device_rate=device_rate,
         )

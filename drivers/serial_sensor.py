@@ -13,6 +13,7 @@ from protocols.frame_format import FrameDecoder
 from protocols.line_format import LineDecoder, LineFormat, preset
 
 FRAME16 = "frame16"
+WIRE_UNITS = {Channel.FORCE: "N", Channel.DISPLACEMENT: "mm"}
 
 
 class SerialSensor:
@@ -24,9 +25,10 @@ class SerialSensor:
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
         line_format: "frame16", the name of a line format preset, or a `LineFormat`.
-        wire_unit: unit a line format preset writes behind the number, where it writes one.
+        wire_unit: unit a line format preset writes behind the number, where it writes one; N for force, mm for
+            displacement and the preset's own otherwise, when not given.
         sensitivity: SI unit per unit on the wire.
-        offset: what the sensor shows at zero, SI unit; subtracted after scaling.
+        offset: SI unit, added after scaling: minus what the sensor shows at zero.
         rate_Hz: nominal samples a second of the device's clock; None when not known.
         device_rate: device seconds a second of the host's clock.
 
@@ -42,7 +44,7 @@ class SerialSensor:
         name: str,
         channel: Channel,
         line_format: str | LineFormat = FRAME16,
-        wire_unit: str = "N",
+        wire_unit: str | None = None,
         sensitivity: float = 1.0,
         offset: float = 0.0,
         rate_Hz: float | None = None,
@@ -55,7 +57,8 @@ class SerialSensor:
         if isinstance(line_format, LineFormat):
             self._format = line_format
         elif line_format != FRAME16:
-            self._format = replace(preset(line_format), unit=wire_unit)
+            shipped = preset(line_format)
+            self._format = replace(shipped, unit=wire_unit or WIRE_UNITS.get(channel, shipped.unit))
         self._decoder: Decoder = FrameDecoder() if self._format is None else LineDecoder(self._format)
         if rate_Hz is None and self._format is not None:
             rate_Hz = self._format.nominal_rate_Hz

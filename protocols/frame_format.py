@@ -36,6 +36,8 @@ Reading = tuple[int, int, float, int, int]
 """(sequence, device_us, value, status, edge_count) as on the wire: nothing unwrapped, nothing scaled."""
 
 _FRAME = struct.Struct("<HBBHIfH")
+_CHECKED = struct.Struct("<14sH")
+_FIELDS = struct.Struct("<2xBBHIf2x")
 _SYNC_WORD = 0x5AA5
 _CRC_START = 0xFFFF
 
@@ -92,25 +94,35 @@ class FrameDecoder:
             One `Reading` tuple a frame. The unfinished tail is kept for the next call.
         """
         data = self._rest + chunk if self._rest else chunk
-        unpack, crc = _FRAME.unpack_from, crc_hqx
+        end = len(data) - len(data) % SIZE
+        whole = data if end == len(data) else data[:end]
+        if _all_valid(whole):
+            self._rest = data[end:]
+            return [
+                (sequence, device_us, value, status, edge_count)
+                for status, edge_count, sequence, device_us, value in _FIELDS.iter_unpack(whole)
+            ]
+        return self._search(data)
+
+    def clear(self) -> None:
+        """Forget the unfinished tail (after the port was reopened or its input discarded)."""
+        self._rest = b""
+
+    def _search(self, data: bytes) -> list[Reading]:
+        """Frame by frame through data in which not everything is a frame."""
         readings: list[Reading] = []
-        add = readings.append
         at, last = 0, len(data) - SIZE
         while at <= last:
-            sync, status, edge_count, sequence, device_us, value, check = unpack(data, at)
+            sync, status, edge_count, sequence, device_us, value, check = _FRAME.unpack_from(data, at)
             if sync == _SYNC_WORD:
-                if crc(data[at : at + 14], _CRC_START) == check:
-                    add((sequence, device_us, value, status, edge_count))
+                if crc_hqx(data[at : at + 14], _CRC_START) == check:
+                    readings.append((sequence, device_us, value, status, edge_count))
                     at += SIZE
                     continue
                 self.bad_frames += 1
             at = self._resynchronise(data, at)
         self._rest = data[at:]
         return readings
-
-    def clear(self) -> None:
-        """Forget the unfinished tail (after the port was reopened or its input discarded)."""
-        self._rest = b""
 
     def _resynchronise(self, data: bytes, at: int) -> int:
         """Place of the next possible frame start after `at`; counts what is skipped."""
@@ -120,3 +132,11 @@ class FrameDecoder:
             found = max(found, at + 1)
         self.skipped_bytes += found - at
         return found
+
+
+def _all_valid(data: bytes) -> bool:
+    """Whether the data, a whole number of frame lengths, are valid frames from first to last."""
+    count = len(data) // SIZE
+    if data[::SIZE] != SYNC[:1] * count or data[1::SIZE] != SYNC[1:] * count:
+        return False
+    return False not in [crc_hqx(body, _CRC_START) == check for body, check in _CHECKED.iter_unpack(data)]

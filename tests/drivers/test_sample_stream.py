@@ -24,7 +24,7 @@ def frames(numbers: list[int], period_us: int = 4000) -> bytes:
 
 
 def test_values_become_si_by_sensitivity_and_offset() -> None:
-    batch = stream(sensitivity=0.001, offset=0.25).take(encode(1250.0, 1, 5) + encode(2250.0, 2, 9), NOW)
+    batch = stream(sensitivity=0.001, offset=-0.25).take(encode(1250.0, 1, 5) + encode(2250.0, 2, 9), NOW)
     assert batch.records == [(NOW, 5, 1.0, 1, 1, 0), (NOW, 9, 2.0, 2, 1, 0)]
 
 

@@ -69,7 +69,7 @@ def collect(sensor: SerialSensor, count: int, timeout_s: float = 5.0) -> list[Re
 
 def test_a_load_cell_gives_newtons_with_arrival_time_and_age(wire: Wire) -> None:
     url, send, _, _ = wire
-    with closing(LoadCell(url, sensitivity=2.0, offset=1.0, rate_Hz=250)) as cell:
+    with closing(LoadCell(url, sensitivity=2.0, offset=-1.0, rate_Hz=250)) as cell:
         cell.open()
         assert cell.age_ns() is None
         before = time.monotonic_ns()
