@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np
@@ -26,10 +28,13 @@ class Bench:
         self.plant = Plant(options)
         self.log: list[tuple[str, str]] = []
         clock = DeviceClock(0.0, 0.0)
-        self.actuator = Actuator(self.plant, options.controller, clock, lambda code, text: self.log.append((code, text)))
+        self.actuator = Actuator(self.plant, options.controller, clock, self._note)
         self.bank = RegisterBank(self.actuator, options.servo, np.random.default_rng(0))
         self.sequence = 0
         self.events: list[tuple[float, int, float]] = []
+
+    def _note(self, code: str, text: str) -> None:
+        self.log.append((code, text))
 
     def command(self, command: Command, owner: int = OWNER, **values: Value) -> Result:
         self.sequence += 1
@@ -56,7 +61,7 @@ class Bench:
             left -= steps
         return np.concatenate(rows)
 
-    def ready(self) -> "Bench":
+    def ready(self) -> Bench:
         for command in (Command.ACQUIRE, Command.HYDRAULICS_LOW, Command.HYDRAULICS_ON):
             assert self.command(command) is Result.DONE
         self.run(3.0)

@@ -1,27 +1,36 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
 from protocols import actuator as wire
 from protocols.actuator import Command, FaultBit, Input, ProgramPhase, Result, State
 
+if TYPE_CHECKING:
+    from tests.simulators.conftest import Bench
+
+
 X, V = 1, 2
 
 
-def test_identity_proves_word_order_and_layout(bench):
+def test_identity_proves_word_order_and_layout(bench: Bench) -> None:
     identity = wire.decode_identity(bench.bank.read(0, wire.IDENTITY.count))
     assert (identity.signature_u32, identity.signature_f32) == (0x01020304, 1234.5)
     assert identity.serial_number == "SIM-ACT-1"
     assert bench.bank.read(0, 2) == [0x0102, 0x0304]
 
 
-def test_registers_between_blocks_are_not_there(bench):
+def test_registers_between_blocks_are_not_there(bench: Bench) -> None:
     assert bench.bank.read(38, 1) is None
     assert bench.bank.read(130, 8) is None
     assert bench.bank.write(100, [0]) is None
     assert bench.bank.write(350, [1, 2]) is None
 
 
-def test_commands_need_the_lease(make_bench):
+def test_commands_need_the_lease(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench()
     assert bench.command(Command.HYDRAULICS_LOW) is Result.REFUSED_OWNER
     assert bench.command(Command.ACQUIRE, owner=0) is Result.REFUSED_VALUE
@@ -31,7 +40,7 @@ def test_commands_need_the_lease(make_bench):
     assert bench.command(Command.ACQUIRE, owner=8) is Result.DONE
 
 
-def test_a_silent_owners_lease_can_be_taken_over(make_bench):
+def test_a_silent_owners_lease_can_be_taken_over(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench()
     bench.command(Command.ACQUIRE)
     bench.actuator.tick(10.0)
@@ -39,7 +48,7 @@ def test_a_silent_owners_lease_can_be_taken_over(make_bench):
     assert bench.status().owner == 8
 
 
-def test_a_sequence_number_executes_once(bench):
+def test_a_sequence_number_executes_once(bench: Bench) -> None:
     fields = {"command": Command.MOVE_TO, "sequence": 500, "owner_id": 7, "target_position": 0.01, "speed": 0.05}
     words = wire.COMMAND.encode(fields)
     bench.bank.write(300, words)
@@ -57,7 +66,7 @@ def test_a_sequence_number_executes_once(bench):
     assert bench.status().state == State.HOLD
 
 
-def test_motion_is_refused_without_pressure_and_beyond_limits(make_bench):
+def test_motion_is_refused_without_pressure_and_beyond_limits(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench()
     bench.command(Command.ACQUIRE)
     assert bench.start(0.01, 1.0, 1) is Result.REFUSED_STATE
@@ -71,14 +80,14 @@ def test_motion_is_refused_without_pressure_and_beyond_limits(make_bench):
     assert bench.status().state == State.HOLD
 
 
-def test_not_a_number_in_a_command_is_refused(bench):
+def test_not_a_number_in_a_command_is_refused(bench: Bench) -> None:
     words = wire.COMMAND.encode({"command": Command.MOVE_TO, "sequence": 900, "owner_id": 7, "speed": 0.1})
     words[4:6] = [0x7FC0, 0]
     bench.bank.write(300, words)
     assert bench.status().result == Result.REFUSED_VALUE
 
 
-def test_a_program_reports_its_phases_and_returns_to_centre(bench):
+def test_a_program_reports_its_phases_and_returns_to_centre(bench: Bench) -> None:
     bench.start(0.02, 2.0, 3)
     seen = []
     for _ in range(60):
@@ -94,7 +103,7 @@ def test_a_program_reports_its_phases_and_returns_to_centre(bench):
     assert abs(bench.plant.value("position_m")) < 1e-6
 
 
-def test_move_keeps_its_speed_and_arrives(bench):
+def test_move_keeps_its_speed_and_arrives(bench: Bench) -> None:
     bench.command(Command.MOVE_TO, target_position=0.03, speed=0.02)
     rows = bench.run(3.0)
     assert np.median(rows[800:8000, V]) == pytest.approx(0.02, rel=1e-3)
@@ -103,7 +112,7 @@ def test_move_keeps_its_speed_and_arrives(bench):
     assert bench.status().state == State.HOLD
 
 
-def test_fade_stop_takes_one_cycle_around_the_centre_and_holds_there(bench):
+def test_fade_stop_takes_one_cycle_around_the_centre_and_holds_there(bench: Bench) -> None:
     bench.start(0.03, 1.0, 10)
     bench.run(3.3)
     assert bench.command(Command.FADE_STOP, owner=0) is Result.DONE
@@ -116,7 +125,7 @@ def test_fade_stop_takes_one_cycle_around_the_centre_and_holds_there(bench):
     assert bench.status().fault_bits == 0
 
 
-def test_halt_brakes_with_the_halt_deceleration_and_holds_where_it_stopped(bench):
+def test_halt_brakes_with_the_halt_deceleration_and_holds_where_it_stopped(bench: Bench) -> None:
     bench.start(0.05, 1.0, 10)
     bench.run(3.0)
     speed_m_s = abs(bench.plant.value("velocity_m_s"))
@@ -129,7 +138,7 @@ def test_halt_brakes_with_the_halt_deceleration_and_holds_where_it_stopped(bench
     assert bench.status().state == State.HOLD
 
 
-def test_move_stops_within_the_halt_deceleration(bench):
+def test_move_stops_within_the_halt_deceleration(bench: Bench) -> None:
     bench.command(Command.MOVE_TO, target_position=0.08, speed=0.3)
     bench.run(0.2)
     bench.command(Command.FADE_STOP)
@@ -138,16 +147,16 @@ def test_move_stops_within_the_halt_deceleration(bench):
     assert rows[-1, X] < 0.07
 
 
-def feed(bench, counter):
+def feed(bench: Bench, counter: int) -> None:
     assert bench.bank.write(350, [counter]) is True
 
 
-def arm(bench, action=1, watchdog_ms=500):
+def arm(bench: Bench, action: int = 1, watchdog_ms: int = 500) -> None:
     limits = wire.ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 5000.0, 1.0, 20.0, watchdog_ms, action)
     assert bench.bank.write(200, wire.encode_limits(limits)) is True
 
 
-def test_a_starved_watchdog_fades_out_and_latches(bench):
+def test_a_starved_watchdog_fades_out_and_latches(bench: Bench) -> None:
     arm(bench)
     feed(bench, 1)
     bench.start(0.03, 1.0, 10)
@@ -164,7 +173,7 @@ def test_a_starved_watchdog_fades_out_and_latches(bench):
     assert bench.status().state == State.HOLD
 
 
-def test_only_changed_counters_feed_and_reads_do_not(bench):
+def test_only_changed_counters_feed_and_reads_do_not(bench: Bench) -> None:
     arm(bench)
     feed(bench, 1)
     for now_s in (0.2, 0.4, 0.6):
@@ -175,7 +184,7 @@ def test_only_changed_counters_feed_and_reads_do_not(bench):
 
 
 @pytest.mark.parametrize(("action", "watchdog_ms"), [(0, 500), (1, 0)])
-def test_a_watchdog_without_action_or_time_lets_the_rod_go_on(bench, action, watchdog_ms):
+def test_a_watchdog_without_action_or_time_lets_the_rod_go_on(bench: Bench, action: int, watchdog_ms: int) -> None:
     arm(bench, action, watchdog_ms)
     feed(bench, 1)
     bench.start(0.03, 1.0, 10)
@@ -183,7 +192,7 @@ def test_a_watchdog_without_action_or_time_lets_the_rod_go_on(bench, action, wat
     assert bench.status().state == State.RUNNING
 
 
-def test_the_force_limit_halts_within_one_step_and_names_itself(bench):
+def test_the_force_limit_halts_within_one_step_and_names_itself(bench: Bench) -> None:
     limits = wire.ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 600.0, 1.0, 20.0, 0, 1)
     assert bench.bank.write(200, wire.encode_limits(limits)) is True
     bench.plant.order(coil_A=2.0)
@@ -195,7 +204,7 @@ def test_the_force_limit_halts_within_one_step_and_names_itself(bench):
     assert bench.plant.value("velocity_m_s") == 0.0
 
 
-def test_limits_are_read_back_hashed_and_refused_when_absurd(bench):
+def test_limits_are_read_back_hashed_and_refused_when_absurd(bench: Bench) -> None:
     before = wire.decode_identity(bench.bank.read(0, wire.IDENTITY.count)).config_hash
     arm(bench)
     assert wire.decode_limits(bench.bank.read(200, wire.CONFIG.count)).speed_max_m_s == pytest.approx(0.8)
@@ -206,7 +215,7 @@ def test_limits_are_read_back_hashed_and_refused_when_absurd(bench):
     assert bench.bank.write(200, bench.bank.read(200, wire.CONFIG.count)) is False
 
 
-def test_a_table_waveform_plays_the_samples_it_was_given(bench):
+def test_a_table_waveform_plays_the_samples_it_was_given(bench: Bench) -> None:
     samples = 0.01 * np.sin(2 * np.pi * np.arange(60) / 60)
     values = {"table_index": 0, "table_count": 60} | {f"table_value_{i}": float(v) for i, v in enumerate(samples)}
     assert bench.bank.write(400, wire.TABLE.encode(values)) is True
@@ -216,7 +225,7 @@ def test_a_table_waveform_plays_the_samples_it_was_given(bench):
     assert bench.start(0.0, 0.0, 3, waveform=2, table_length=600, table_interval=0.01) is Result.REFUSED_STATE
 
 
-def test_the_e_stop_opens_the_chain_and_refuses_reset(bench):
+def test_the_e_stop_opens_the_chain_and_refuses_reset(bench: Bench) -> None:
     bench.actuator.faults.e_stop_open = True
     bench.actuator.tick(0.0)
     status = bench.status()
@@ -226,7 +235,7 @@ def test_the_e_stop_opens_the_chain_and_refuses_reset(bench):
     assert bench.command(Command.RESET) is Result.REFUSED_STATE
 
 
-def test_a_reboot_forgets_the_lease_and_the_limits(bench):
+def test_a_reboot_forgets_the_lease_and_the_limits(bench: Bench) -> None:
     arm(bench)
     bench.actuator.boot()
     assert bench.status().owner == 0

@@ -1,3 +1,5 @@
+from __future__ import annotations
+
 import struct
 
 import numpy as np
@@ -6,7 +8,7 @@ import pytest
 from protocols import ecu as wire
 from protocols.ecu import EcuFault, EcuState
 from simulators.clock import DeviceClock
-from simulators.ecu import Ecu
+from simulators.ecu import Ecu, Frame
 from simulators.options import CoilOptions, RigOptions
 from simulators.plant.plant import Plant
 
@@ -14,20 +16,20 @@ from simulators.plant.plant import Plant
 class Coil:
     """An ECU on its plant, without a bus."""
 
-    def __init__(self, noise_A=0.0):
+    def __init__(self, noise_A: float = 0.0) -> None:
         self.plant = Plant(RigOptions())
-        self.log = []
+        self.log: list[tuple[str, str]] = []
         options = CoilOptions(current_noise_A=noise_A)
         self.ecu = Ecu(self.plant, options, 23.0, DeviceClock(0.0, 0.0), np.random.default_rng(0),
                        lambda code, text: self.log.append((code, text)))
         self.counter = 0
 
-    def command(self, current_A, enable=True, clear=False):
+    def command(self, current_A: float, enable: bool = True, clear: bool = False) -> None:
         self.counter = (self.counter + 1) % 15
         self.ecu.receive(0x120, wire.encode_command(wire.CoilCommand(self.counter, enable, clear, current_A)))
 
-    def run(self, seconds):
-        frames = []
+    def run(self, seconds: float) -> list[Frame]:
+        frames: list[Frame] = []
         for _ in range(round(seconds / 0.002)):
             self.plant.advance(16)
             frames += self.ecu.frames()
@@ -35,15 +37,15 @@ class Coil:
 
 
 @pytest.fixture
-def coil():
+def coil() -> Coil:
     return Coil()
 
 
-def statuses(frames):
+def statuses(frames: list[Frame]) -> list[wire.CoilStatus]:
     return [wire.decode_status(data) for identifier, data in frames if identifier == 0x121]
 
 
-def test_periods_follow_the_device_clock(coil):
+def test_periods_follow_the_device_clock(coil: Coil) -> None:
     frames = coil.run(2.0)
     by_id = {identifier: sum(1 for each, _ in frames if each == identifier) for identifier in (0x121, 0x122, 0x123)}
     assert by_id[0x121] in {200, 201}
@@ -53,12 +55,12 @@ def test_periods_follow_the_device_clock(coil):
     assert set(np.diff(times).tolist()) == {100}
 
 
-def test_counters_run_0_to_14_and_every_crc_is_right(coil):
+def test_counters_run_0_to_14_and_every_crc_is_right(coil: Coil) -> None:
     counters = [status.counter for status in statuses(coil.run(0.4))]
     assert counters[:16] == [*range(15), 0]
 
 
-def test_it_drives_the_commanded_current_with_the_coils_lag(coil):
+def test_it_drives_the_commanded_current_with_the_coils_lag(coil: Coil) -> None:
     coil.command(1.5)
     last = statuses(coil.run(0.04))[-1]
     assert last.state == EcuState.ENABLED
@@ -67,14 +69,14 @@ def test_it_drives_the_commanded_current_with_the_coils_lag(coil):
     assert statuses(coil.run(0.5))[-1].current_A == pytest.approx(1.5, abs=0.001)
 
 
-def test_measured_current_is_quantised_to_a_milliampere():
+def test_measured_current_is_quantised_to_a_milliampere() -> None:
     coil = Coil(noise_A=0.002)
     frames = [data for identifier, data in coil.run(1.0) if identifier == 0x121]
     raw = [struct.unpack_from("<h", data, 2)[0] for data in frames]
     assert 1.0 < np.std(raw) < 3.5
 
 
-def test_silence_of_the_host_means_0_A_by_itself(coil):
+def test_silence_of_the_host_means_0_A_by_itself(coil: Coil) -> None:
     coil.command(2.0)
     coil.ecu.tick(0.099)
     assert coil.ecu.state is EcuState.ENABLED
@@ -85,7 +87,7 @@ def test_silence_of_the_host_means_0_A_by_itself(coil):
     assert abs(last.current_A) < 0.001
 
 
-def test_a_fault_latches_until_it_is_cleared(coil):
+def test_a_fault_latches_until_it_is_cleared(coil: Coil) -> None:
     coil.command(2.0)
     coil.ecu.tick(0.2)
     coil.command(2.0)
@@ -94,7 +96,7 @@ def test_a_fault_latches_until_it_is_cleared(coil):
     assert coil.ecu.setpoint_A == 2.0
 
 
-def test_bad_commands_are_ignored_and_the_third_in_a_row_is_a_fault(coil):
+def test_bad_commands_are_ignored_and_the_third_in_a_row_is_a_fault(coil: Coil) -> None:
     coil.command(1.0)
     good = wire.encode_command(wire.CoilCommand(5, True, False, 3.0))
     for expected in (EcuState.ENABLED, EcuState.ENABLED, EcuState.FAULT):
@@ -103,14 +105,14 @@ def test_bad_commands_are_ignored_and_the_third_in_a_row_is_a_fault(coil):
     assert coil.ecu.fault_bits == EcuFault.COMMAND_CHECK
 
 
-def test_a_repeated_counter_is_a_bad_command(coil):
+def test_a_repeated_counter_is_a_bad_command(coil: Coil) -> None:
     frame = wire.encode_command(wire.CoilCommand(3, True, False, 1.0))
     for _ in range(4):
         coil.ecu.receive(0x120, frame)
     assert coil.ecu.fault_bits == EcuFault.COMMAND_CHECK
 
 
-def test_a_short_command_is_no_command(coil):
+def test_a_short_command_is_no_command(coil: Coil) -> None:
     coil.ecu.receive(0x120, b"\x00\x01")
     assert coil.ecu.state is EcuState.INIT
 
@@ -119,7 +121,7 @@ def test_a_short_command_is_no_command(coil):
     ("switch", "bit"),
     [("coil_open", EcuFault.OPEN), ("coil_short", EcuFault.SHORT), ("over_temperature", EcuFault.OVER_TEMPERATURE)],
 )
-def test_coil_faults_are_seen_and_drive_0_A(coil, switch, bit):
+def test_coil_faults_are_seen_and_drive_0_A(coil: Coil, switch: str, bit: EcuFault) -> None:
     coil.command(1.0)
     coil.run(0.3)
     setattr(coil.ecu.faults, switch, True)
@@ -129,14 +131,14 @@ def test_coil_faults_are_seen_and_drive_0_A(coil, switch, bit):
     assert abs(coil.plant.value("current_A")) < 0.001
 
 
-def test_undervoltage_is_a_fault(coil):
+def test_undervoltage_is_a_fault(coil: Coil) -> None:
     coil.command(1.0)
     coil.ecu.supply_V = 8.0
     coil.ecu.tick(0.05)
     assert coil.ecu.fault_bits & EcuFault.UNDERVOLTAGE
 
 
-def test_a_stuck_output_keeps_its_current(coil):
+def test_a_stuck_output_keeps_its_current(coil: Coil) -> None:
     coil.command(1.0)
     coil.run(0.5)
     coil.ecu.faults.stuck_current = True
@@ -147,7 +149,7 @@ def test_a_stuck_output_keeps_its_current(coil):
     assert coil.plant.value("current_A") == pytest.approx(1.0, abs=0.01)
 
 
-def test_a_restart_counts_and_says_so(coil):
+def test_a_restart_counts_and_says_so(coil: Coil) -> None:
     coil.command(1.0)
     coil.run(0.3)
     coil.ecu.restart()

@@ -1,4 +1,8 @@
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -9,10 +13,14 @@ from simulators.options import DamperOptions, RigOptions, with_option
 from simulators.plant.plant import MAXIMUM_STEPS, Plant, specimen_model
 from simulators.plant.records import EVENT_PULSE
 
-T, X, V, F, I, TEMPERATURE = range(6)
+if TYPE_CHECKING:
+    from tests.simulators.conftest import Bench
 
 
-def harmonic(time_s, x, frequency_Hz):
+T, X, V, F, CURRENT, TEMPERATURE = range(6)
+
+
+def harmonic(time_s: np.ndarray, x: np.ndarray, frequency_Hz: float) -> tuple[float, float]:
     """Amplitude and phase (rad, against sin(2 pi f t)) of the fundamental."""
     turn = 2 * np.pi * frequency_Hz * time_s
     design = np.column_stack([np.sin(turn), np.cos(turn), np.ones_like(turn)])
@@ -21,7 +29,7 @@ def harmonic(time_s, x, frequency_Hz):
 
 
 @pytest.mark.parametrize("frequency_Hz", [1.0, 2.0, 5.0, 10.0])
-def test_servo_droops_and_lags_as_its_second_order_loop_says(bench, frequency_Hz):
+def test_servo_droops_and_lags_as_its_second_order_loop_says(bench: Bench, frequency_Hz: float) -> None:
     bench.start(0.005, frequency_Hz, 8)
     began_s = bench.plant.time_s
     rows = bench.run(10 / frequency_Hz)
@@ -33,7 +41,7 @@ def test_servo_droops_and_lags_as_its_second_order_loop_says(bench, frequency_Hz
     assert phase == pytest.approx(np.angle(expected), abs=2e-3)
 
 
-def test_triangle_holds_the_speed_4fA_between_its_corners(bench):
+def test_triangle_holds_the_speed_4fA_between_its_corners(bench: Bench) -> None:
     bench.start(0.02, 0.5, 4, waveform=1)
     rows = bench.run(12.0)
     began_s = next(time_s for time_s, kind, _ in bench.events if kind == EVENT_PULSE)
@@ -44,7 +52,7 @@ def test_triangle_holds_the_speed_4fA_between_its_corners(bench):
     assert rows[falling, V] == pytest.approx(-4 * 0.5 * 0.02, rel=1e-3)
 
 
-def test_pulses_mark_each_cycle_start_and_the_end_to_the_microsecond(bench):
+def test_pulses_mark_each_cycle_start_and_the_end_to_the_microsecond(bench: Bench) -> None:
     bench.start(0.01, 1.3, 3)
     bench.run(6.0)
     pulses = [time_s for time_s, kind, _ in bench.events if kind == EVENT_PULSE]
@@ -52,7 +60,7 @@ def test_pulses_mark_each_cycle_start_and_the_end_to_the_microsecond(bench):
     assert np.diff(pulses) == pytest.approx(np.full(5, 1 / 1.3), abs=1e-6)
 
 
-def test_force_is_the_models_own_along_the_motion_that_happened(bench):
+def test_force_is_the_models_own_along_the_motion_that_happened(bench: Bench) -> None:
     bench.plant.order(coil_A=1.0)
     bench.run(1.0)
     bench.start(0.03, 1.0, 3)
@@ -61,11 +69,11 @@ def test_force_is_the_models_own_along_the_motion_that_happened(bench):
     model = dampers.model(chosen.model)
     dt_s = bench.plant.dt_s
     acceleration = np.diff(rows[:, V], prepend=rows[0, V]) / dt_s
-    expected = model.force(chosen.values, rows[:, X], rows[:, V], acceleration, rows[:, I], dt_s)
+    expected = model.force(chosen.values, rows[:, X], rows[:, V], acceleration, rows[:, CURRENT], dt_s)
     assert rows[1:, F] == pytest.approx(expected[1:], abs=1e-6)
 
 
-def test_dissipated_energy_is_the_loop_area_and_heats_the_damper(bench):
+def test_dissipated_energy_is_the_loop_area_and_heats_the_damper(bench: Bench) -> None:
     bench.start(0.05, 1.0, 5)
     before_J, before_degC = bench.plant.value("dissipated_J"), bench.plant.value("temperature_degC")
     rows = bench.run(8.0)
@@ -76,7 +84,7 @@ def test_dissipated_energy_is_the_loop_area_and_heats_the_damper(bench):
 
 
 @pytest.mark.parametrize("model", sorted(dampers.MODELS))
-def test_every_model_drives_the_plant_and_dissipates(make_bench, model):
+def test_every_model_drives_the_plant_and_dissipates(make_bench: Callable[..., Bench], model: str) -> None:
     bench = make_bench(f'damper.model="{model}"', "plant_rate_Hz=4000.0").ready()
     bench.plant.order(coil_A=0.5)
     bench.run(0.5)
@@ -88,21 +96,21 @@ def test_every_model_drives_the_plant_and_dissipates(make_bench, model):
     assert np.trapezoid(rows[whole, F], rows[whole, X]) > 1.0
 
 
-def test_coil_follows_its_first_order_lag_exactly(bench):
+def test_coil_follows_its_first_order_lag_exactly(bench: Bench) -> None:
     bench.plant.order(coil_A=2.0)
     began_s = bench.plant.time_s
     rows = bench.run(0.2)
-    assert rows[:, I + 0] == pytest.approx(2.0 * (1 - np.exp(-25.0 * (rows[:, T] - began_s))), abs=1e-9)
+    assert rows[:, CURRENT] == pytest.approx(2.0 * (1 - np.exp(-25.0 * (rows[:, T] - began_s))), abs=1e-9)
 
 
-def test_coil_current_is_bounded_by_supply_over_resistance(bench):
+def test_coil_current_is_bounded_by_supply_over_resistance(bench: Bench) -> None:
     bench.plant.order(coil_A=20.0)
     bench.run(1.0)
     warmer_K = bench.plant.value("temperature_degC") - 20.0
     assert bench.plant.value("current_A") == pytest.approx(13.5 / (1.5 * (1 + 0.0039 * warmer_K)), rel=1e-3)
 
 
-def test_load_cell_sees_the_moving_mass(make_bench):
+def test_load_cell_sees_the_moving_mass(make_bench: Callable[..., Bench]) -> None:
     light, heavy = make_bench().ready(), make_bench("moving_mass_kg=10.0").ready()
     for each in (light, heavy):
         each.start(0.02, 2.0, 3)
@@ -111,7 +119,7 @@ def test_load_cell_sees_the_moving_mass(make_bench):
     assert (b[:, F] - a[:, F])[1:] == pytest.approx(10.0 * acceleration[1:], abs=0.5)
 
 
-def test_low_pressure_and_load_limit_the_speed(make_bench):
+def test_low_pressure_and_load_limit_the_speed(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench("servo.rated_speed_m_s=0.2", "controller.following_error_max_m=0.5").ready()
     bench.start(0.05, 1.0, 3)
     rows = bench.run(5.0)
@@ -119,7 +127,7 @@ def test_low_pressure_and_load_limit_the_speed(make_bench):
     assert np.abs(rows[:, V]).max() > 0.15
 
 
-def test_the_rod_drifts_when_hydraulics_are_off(bench):
+def test_the_rod_drifts_when_hydraulics_are_off(bench: Bench) -> None:
     from protocols.actuator import Command
 
     bench.command(Command.HYDRAULICS_OFF)
@@ -129,7 +137,7 @@ def test_the_rod_drifts_when_hydraulics_are_off(bench):
     assert abs(late_m_s) < abs(rows[4000, V])
 
 
-def test_compliance_lets_the_damper_move_less_than_the_rod(make_bench):
+def test_compliance_lets_the_damper_move_less_than_the_rod(make_bench: Callable[..., Bench]) -> None:
     stiff, soft = make_bench("plant_rate_Hz=4000.0").ready(), make_bench(
         "plant_rate_Hz=4000.0", "damper.mount_stiffness_N_m=5e5").ready()
     for each in (stiff, soft):
@@ -141,7 +149,7 @@ def test_compliance_lets_the_damper_move_less_than_the_rod(make_bench):
     assert stretch_m == pytest.approx(soft.plant.value("damper_force_N") / 5e5, abs=1e-6)
 
 
-def test_free_play_carries_no_force_inside_its_gap(make_bench):
+def test_free_play_carries_no_force_inside_its_gap(make_bench: Callable[..., Bench]) -> None:
     bench = make_bench("plant_rate_Hz=4000.0", "damper.free_play_m=0.004", 'damper.values.F0=0.0').ready()
     bench.start(0.02, 1.0, 2)
     rows = bench.run(4.0)
@@ -149,7 +157,7 @@ def test_free_play_carries_no_force_inside_its_gap(make_bench):
     assert np.mean(np.abs(rows[moving, F]) < 1e-9) > 0.02
 
 
-def test_warm_oil_weakens_the_damper_only_where_the_file_asks(make_bench):
+def test_warm_oil_weakens_the_damper_only_where_the_file_asks(make_bench: Callable[..., Bench]) -> None:
     peaks = []
     for change in (0.0, -0.005):
         bench = make_bench(f"damper.force_change_per_K={change}", "damper.start_degC=63.0").ready()
@@ -161,7 +169,7 @@ def test_warm_oil_weakens_the_damper_only_where_the_file_asks(make_bench):
     assert peaks[1] / peaks[0] == pytest.approx(1 - 0.005 * 40, abs=0.02)
 
 
-def test_physics_does_not_depend_on_how_it_is_sliced():
+def test_physics_does_not_depend_on_how_it_is_sliced() -> None:
     whole, sliced = Plant(RigOptions()), Plant(RigOptions())
     for plant in (whole, sliced):
         plant.order(mode=3, pressure=2, amplitude_m=0.01, frequency_Hz=3.0, full_cycles=50, ramp_in_cycles=1,
@@ -173,12 +181,12 @@ def test_physics_does_not_depend_on_how_it_is_sliced():
     assert whole.state.tobytes() == sliced.state.tobytes()
 
 
-def test_a_slice_longer_than_the_output_is_refused():
+def test_a_slice_longer_than_the_output_is_refused() -> None:
     with pytest.raises(ValueError, match="at most"):
         Plant(RigOptions()).advance(MAXIMUM_STEPS + 1)
 
 
-def test_unknown_models_and_mismatched_sets_are_named():
+def test_unknown_models_and_mismatched_sets_are_named() -> None:
     with pytest.raises(RigError, match="did you mean"):
         specimen_model(DamperOptions(set="demoo"))
     with pytest.raises(ValueError, match="belongs to model"):

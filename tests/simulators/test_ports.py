@@ -1,9 +1,13 @@
+from __future__ import annotations
+
 import asyncio
+import errno
 import os
 import select
 import socket
 import termios
 import tty
+from collections.abc import Iterator
 
 import pytest
 
@@ -13,11 +17,11 @@ from simulators.serial_port import CAPACITY, PtyPort, SocketPort, open_port
 FRAME = 16
 
 
-def frames(first, count):
+def frames(first: int, count: int) -> bytes:
     return b"".join(i.to_bytes(FRAME, "big") for i in range(first, first + count))
 
 
-def read_all(descriptor, wanted):
+def read_all(descriptor: int, wanted: int) -> bytes:
     data = b""
     while len(data) < wanted and select.select([descriptor], [], [], 2.0)[0]:
         data += os.read(descriptor, 65536)
@@ -25,13 +29,13 @@ def read_all(descriptor, wanted):
 
 
 @pytest.fixture
-def pty():
+def pty() -> Iterator[PtyPort]:
     port = PtyPort()
     yield port
     port.close()
 
 
-def test_a_pty_holds_4_KiB_then_drops_whole_frames_and_counts_them(pty):
+def test_a_pty_holds_4_KiB_then_drops_whole_frames_and_counts_them(pty: PtyPort) -> None:
     for first in range(0, 1000, 10):
         pty.write(frames(first, 10), FRAME)
         # The line discipline takes bytes over on its own thread; its count is what bounds the port.
@@ -48,7 +52,7 @@ def test_a_pty_holds_4_KiB_then_drops_whole_frames_and_counts_them(pty):
     os.close(host)
 
 
-def test_the_host_may_come_and_go_on_a_pty(pty):
+def test_the_host_may_come_and_go_on_a_pty(pty: PtyPort) -> None:
     for number in range(3):
         host = os.open(pty.url, os.O_RDWR | os.O_NOCTTY)
         pty.write(frames(number, 1), FRAME)
@@ -57,7 +61,7 @@ def test_the_host_may_come_and_go_on_a_pty(pty):
     assert pty.dropped_frames == 0
 
 
-def test_bytes_from_the_host_are_swallowed_without_an_echo(pty):
+def test_bytes_from_the_host_are_swallowed_without_an_echo(pty: PtyPort) -> None:
     host = os.open(pty.url, os.O_RDWR | os.O_NOCTTY)
     tty.setraw(host, termios.TCSANOW)
     os.write(host, b"\x03\x04tare\r\n")
@@ -66,23 +70,25 @@ def test_bytes_from_the_host_are_swallowed_without_an_echo(pty):
     os.close(host)
 
 
-def test_a_pulled_cable_ends_the_hosts_read(pty):
+def test_a_pulled_cable_ends_the_hosts_read(pty: PtyPort) -> None:
     host = os.open(pty.url, os.O_RDONLY | os.O_NOCTTY)
     pty.close()
     pty.write(frames(0, 1), FRAME)
     try:
-        assert os.read(host, 16) == b""
+        rest = os.read(host, 16)
     except OSError as error:
-        assert error.errno == 5
+        rest = errno.errorcode[error.errno].encode()
+    assert rest in {b"", b"EIO"}
     os.close(host)
 
 
-def test_a_socket_port_is_bounded_too_and_never_blocks():
-    async def story():
+def test_a_socket_port_is_bounded_too_and_never_blocks() -> None:
+    async def story() -> None:
         port = SocketPort()
         host = socket.create_connection(("127.0.0.1", int(port.url.rsplit(":", 1)[1])))
-        while not port.read_once:
-            await asyncio.sleep(0.001)
+        async with asyncio.timeout(2.0):
+            while not port.read_once:  # noqa: ASYNC110 (the port has no event; it is polled as the rig does)
+                await asyncio.sleep(0.001)
         port.write(frames(0, 2), FRAME)
         host.settimeout(2.0)
         assert host.recv(64) == frames(0, 2)
@@ -99,8 +105,8 @@ def test_a_socket_port_is_bounded_too_and_never_blocks():
     asyncio.run(story())
 
 
-def test_a_socket_port_drops_while_nobody_is_connected():
-    async def story():
+def test_a_socket_port_drops_while_nobody_is_connected() -> None:
+    async def story() -> None:
         port = open_port("socket")
         port.write(frames(0, 300), FRAME)
         assert port.sent_bytes == CAPACITY
@@ -110,7 +116,7 @@ def test_a_socket_port_drops_while_nobody_is_connected():
     asyncio.run(story())
 
 
-def test_simulated_time_never_outruns_its_speed():
+def test_simulated_time_never_outruns_its_speed() -> None:
     pace = Pace(10.0, 1e-4, 0.002, 8192)
     assert pace.due(0, 0) == 0
     step = 0
@@ -120,7 +126,7 @@ def test_simulated_time_never_outruns_its_speed():
     assert step == pytest.approx(0.199 * 10 / 1e-4, rel=0.01)
 
 
-def test_a_short_stall_is_caught_up_at_speed_1_and_a_long_one_is_not():
+def test_a_short_stall_is_caught_up_at_speed_1_and_a_long_one_is_not() -> None:
     for stall_s, kept in ((0.1, True), (3.0, False)):
         pace = Pace(1.0, 1e-4, 0.002, 8192)
         step = pace.due(0, 0)
@@ -132,7 +138,7 @@ def test_a_short_stall_is_caught_up_at_speed_1_and_a_long_one_is_not():
         assert (behind_s < 0.01) is kept
 
 
-def test_one_slice_is_bounded():
+def test_one_slice_is_bounded() -> None:
     pace = Pace(50.0, 1 / 8000, 0.002, 8192)
     pace.due(0, 0)
     assert pace.due(10_000_000_000, 0) <= 4 * 50 * 0.002 * 8000
@@ -141,21 +147,21 @@ def test_one_slice_is_bounded():
 class SlowReader:
     """A port whose reader is slow, as far as back-pressure can see."""
 
-    def __init__(self, unread, read_once=True):
+    def __init__(self, unread: int, read_once: bool = True) -> None:
         self.url, self.dropped_frames, self.sent_bytes = "", 0, 10_000
         self.left, self.read_once = unread, read_once
 
-    def unread(self):
+    def unread(self) -> int:
         return self.left
 
-    def write(self, data, frame_size):
+    def write(self, data: bytes, frame_size: int) -> None:
         raise NotImplementedError
 
-    def close(self):
+    def close(self) -> None:
         raise NotImplementedError
 
 
-def test_the_clock_waits_for_a_reader_a_quarter_second_after_its_last_read():
+def test_the_clock_waits_for_a_reader_a_quarter_second_after_its_last_read() -> None:
     port = SlowReader(3000)
     pressure = Backpressure([port])
     pressure.holds(0, False)
@@ -169,11 +175,11 @@ def test_the_clock_waits_for_a_reader_a_quarter_second_after_its_last_read():
     assert not pressure.holds(290_000_000, False)
 
 
-def test_a_port_nobody_reads_holds_nothing_up():
+def test_a_port_nobody_reads_holds_nothing_up() -> None:
     assert not Backpressure([SlowReader(4000, read_once=False)]).holds(0, False)
 
 
-def test_a_full_bus_holds_the_clock_up_for_a_quarter_second():
+def test_a_full_bus_holds_the_clock_up_for_a_quarter_second() -> None:
     pressure = Backpressure([])
     pressure.holds(0, False)
     assert pressure.holds(100_000_000, True)

@@ -1,0 +1,229 @@
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from protocols import actuator as wire
+from protocols import ecu
+from protocols.actuator import State
+from rig.errors import FileProblem
+from simulators.faults import ROWS, TESTED, missing_reason
+from simulators.injection import INJECTORS, ScheduledFault, parse_fault
+from simulators.options import RigOptions
+from simulators.plant.records import MODE_PROGRAM
+from simulators.rig import RunOptions, SimulatedRig
+
+
+def test_the_matrix_has_sixty_rows_and_every_injector_belongs_to_one() -> None:
+    assert len(ROWS) == 60
+    assert set(INJECTORS) <= set(ROWS)
+    assert set(ROWS) >= TESTED
+
+
+def test_every_row_without_a_test_gives_its_reason() -> None:
+    for slug, row in ROWS.items():
+        assert bool(missing_reason(row, slug in INJECTORS)) is (slug not in TESTED)
+
+
+IN_THE_RIG = sorted(slug for slug, row in ROWS.items() if row.where not in {"process", "file", "rtu"})
+
+
+@pytest.mark.parametrize("slug", IN_THE_RIG)
+def test_every_row_of_the_rig_itself_has_an_injector(slug: str) -> None:
+    assert slug in INJECTORS
+
+
+def test_a_fault_is_given_with_or_without_its_time() -> None:
+    assert parse_fault("estop@2.5") == ScheduledFault("estop", 2.5)
+    assert parse_fault("register-layout") == ScheduledFault("register-layout", None)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("ecu-silnt", "did you mean 'ecu-silent'"), ("sigkill", "where = process"), ("rtu-crc@1", "not injected yet"),
+     ("estop@soon", "not a number"), ("estop@-1", "0 s or more"), ("estop@nan", "0 s or more")],
+)
+def test_a_fault_that_cannot_be_injected_is_refused(text: str, message: str) -> None:
+    with pytest.raises(FileProblem, match=message):
+        parse_fault(text)
+
+
+def on_a_rig(story: Callable[[SimulatedRig], None], *faults: ScheduledFault) -> None:
+    async def run() -> None:
+        rig = SimulatedRig(RigOptions(), RunOptions(ports="socket", faults=faults))
+        rig.warm_up()
+        await rig.open()
+        try:
+            story(rig)
+        finally:
+            await rig.close()
+
+    asyncio.run(run())
+
+
+def moving(rig: SimulatedRig) -> None:
+    """Start a program directly in the plant; the fault schedule counts from here."""
+    rig.plant.order(mode=MODE_PROGRAM, pressure=2, amplitude_m=0.01, frequency_Hz=1.0, full_cycles=50, ramp_in_cycles=1)
+    rig.plant.state["accumulator_Pa"] = 210e5
+    rig.advance(8)
+
+
+def status(rig: SimulatedRig) -> wire.ActuatorStatus:
+    words = rig.bank.read(wire.STATUS.address, wire.STATUS.count)
+    assert words is not None
+    return wire.decode_status(words, 0)
+
+
+@pytest.mark.parametrize("slug", sorted(INJECTORS))
+def test_every_injector_runs_in_a_moving_rig_and_physics_goes_on(slug: str) -> None:
+    def story(rig: SimulatedRig) -> None:
+        moving(rig)
+        INJECTORS[slug](rig)
+        before_s = rig.plant.time_s
+        for step in range(40):
+            rig.actuator.tick(0.002 * step)
+            rig.ecu.tick(0.002 * step)
+            for action in rig.every_tick:
+                action()
+            rig.advance(80)
+        assert rig.plant.time_s == pytest.approx(before_s + 0.4)
+        assert np.all(np.isfinite(rig.plant.out))
+
+    on_a_rig(story)
+
+
+def test_a_scheduled_fault_waits_for_its_time_after_the_first_cycle() -> None:
+    def story(rig: SimulatedRig) -> None:
+        rig.advance(4000)
+        rig.tick()
+        moving(rig)
+        rig.tick()
+        assert not rig.actuator.faults.e_stop_open
+        while rig.plant.time_s < rig.first_cycle_s + 0.5:
+            rig.advance(80)
+        rig.tick()
+        assert rig.actuator.faults.e_stop_open
+
+    on_a_rig(story, ScheduledFault("estop", 0.5))
+
+
+def test_a_fault_without_a_time_is_there_before_the_first_connection() -> None:
+    def story(rig: SimulatedRig) -> None:
+        assert rig.bank.read(0, 2) == [0x0304, 0x0102]
+
+    on_a_rig(story, ScheduledFault("register-layout", None))
+
+
+def test_a_frozen_position_register_stays_while_the_rod_moves() -> None:
+    def story(rig: SimulatedRig) -> None:
+        moving(rig)
+        rig.advance(1000)
+        frozen_m = status(rig).position_m
+        INJECTORS["actuator-frozen"](rig)
+        rig.advance(1500)
+        assert status(rig).position_m == frozen_m
+        assert abs(rig.plant.value("position_m") - frozen_m) > 1e-3
+        assert status(rig).heartbeat > 0
+
+    on_a_rig(story)
+
+
+def test_a_lost_write_is_acknowledged_and_changes_nothing() -> None:
+    def story(rig: SimulatedRig) -> None:
+        before = rig.bank.read(200, 16)
+        INJECTORS["modbus-write-lost"](rig)
+        assert rig.bank.write(214, [123]) is True
+        assert rig.bank.read(200, 16) == before
+
+    on_a_rig(story)
+
+
+def test_an_ignored_stop_is_acknowledged_while_the_program_runs_on() -> None:
+    def story(rig: SimulatedRig) -> None:
+        moving(rig)
+        INJECTORS["stop-ignored"](rig)
+        rig.bank.write(300, wire.COMMAND.encode({"command": wire.Command.FADE_STOP, "sequence": 9}))
+        rig.advance(4000)
+        assert status(rig).result == wire.Result.DONE
+        assert status(rig).state == State.RUNNING
+
+    on_a_rig(story)
+
+
+def test_the_e_stop_stops_the_rod_and_the_current() -> None:
+    def story(rig: SimulatedRig) -> None:
+        moving(rig)
+        rig.ecu.receive(0x120, ecu.encode_command(ecu.CoilCommand(1, True, False, 1.0)))
+        rig.advance(2000)
+        assert rig.plant.value("current_A") > 0.9
+        INJECTORS["estop"](rig)
+        for step in range(50):
+            rig.actuator.tick(0.002 * step)
+            rig.ecu.tick(0.002 * step)
+            rig.advance(40)
+        assert abs(rig.plant.value("velocity_m_s")) < 1e-3
+        assert abs(rig.plant.value("current_A")) < 0.05
+
+    on_a_rig(story)
+
+
+@pytest.mark.parametrize(("slug", "seen"), [("ecu-silent", 0), ("ecu-crc", 0), ("can-malformed", 0)])
+def test_no_valid_status_leaves_a_broken_ecu(slug: str, seen: int) -> None:
+    def story(rig: SimulatedRig) -> None:
+        INJECTORS[slug](rig)
+        valid = 0
+        for _ in range(100):
+            rig.plant.advance(16)
+            for identifier, data in rig.ecu.frames():
+                if identifier == ecu.STATUS_ID and len(data) == 8:
+                    good = data[0] == ecu.encode_status(ecu.decode_status(data))[0] if slug != "ecu-crc" else False
+                    valid += good
+        assert valid == seen
+
+    on_a_rig(story)
+
+
+def test_late_frames_come_in_lumps_with_one_repeated() -> None:
+    def story(rig: SimulatedRig) -> None:
+        INJECTORS["ecu-late"](rig)
+        lumps = []
+        for _ in range(300):
+            rig.plant.advance(16)
+            lumps.append([data for identifier, data in rig.ecu.frames() if identifier == ecu.STATUS_ID])
+        delivered = [data for lump in lumps for data in lump]
+        assert sum(1 for lump in lumps if lump) < 5
+        assert len(delivered) > len(set(delivered))
+
+    on_a_rig(story)
+
+
+def test_swapped_sensors_put_millimetres_on_the_force_port() -> None:
+    def story(rig: SimulatedRig) -> None:
+        port = rig.channel("load_cell").port
+        INJECTORS["sensors-swapped"](rig)
+        assert rig.channel("load_cell").sensor.options.unit == "mm"
+        assert rig.channel("load_cell").port is port
+
+    on_a_rig(story)
+
+
+def test_a_loose_joint_changes_the_force_at_reversal() -> None:
+    forces = []
+    for loose in (False, True):
+        def story(rig: SimulatedRig, loose: bool = loose) -> None:
+            moving(rig)
+            if loose:
+                INJECTORS["load-train"](rig)
+            rows = []
+            for _ in range(20):
+                rig.advance(800)
+                rows.append(rig.plant.out[:, 2].copy())
+            forces.append(np.concatenate(rows))
+
+        on_a_rig(story)
+    assert np.abs(forces[1]).min() == 0.0
+    assert np.mean(forces[1] == 0.0) > 0.002
+    assert np.mean(forces[0] == 0.0) == 0.0
