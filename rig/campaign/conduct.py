@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from rig.bench.model import Bench
 from rig.campaign.crew import Crew
+from rig.campaign.guarded_display import GuardedDisplay
 from rig.campaign.options import CampaignOptions, CampaignResult, Display
 from rig.campaign.runner import Runner
 from rig.campaign.setup import (
@@ -24,7 +26,7 @@ from rig.campaign.setup import (
 from rig.campaign.signals import Signals
 from rig.campaign.simulated import SimulatedRig
 from rig.campaign.state import RigState
-from rig.errors import Refused, RigError
+from rig.errors import Refused, RigError, UnknownRigState
 from rig.matrix.model import Matrix, Specimen, load_matrix
 from rig.matrix.plan import Plan, plan
 from rig.recording.campaign_log import CampaignLog
@@ -48,20 +50,22 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
     Raises:
         FileProblem: matrix or bench file cannot be used; nothing was connected.
         Refused: infeasible points, no room on the disk, a locked rig, a simulated rig that does not start.
+        UnknownRigState: this process failed twice over; the station was left to stop the rig by itself.
         RigError: `options` name neither or both of bench and simulation.
     """
     if (options.bench_path is None) != options.simulate:
         raise RigError("give either a bench file or --simulate, not both and not neither")
+    display = GuardedDisplay(display)
     matrix = load_matrix(options.matrix_path)
     if options.bench_path is not None:
         _accepted(matrix, Bench.load(options.bench_path))
     with Signals() as signals, contextlib.ExitStack() as ends:
         folder = make_campaign_folder(options.out, matrix.specimen.serial_number)
         log = CampaignLog(folder)
-        ends.callback(log.close)
+        ends.callback(_or_say, display, log.close)
         ends.enter_context(_refusals_in(log))
         finaliser = Finaliser.start(folder)
-        ends.callback(finaliser.close)
+        ends.callback(_or_say, display, finaliser.close)
         copy_into(options.matrix_path, folder, "matrix.toml")
         rig = ends.enter_context(_rig(folder, options, matrix.specimen, display))
         copy_into(rig.bench_path, folder, "bench.toml")
@@ -111,6 +115,14 @@ def _accepted(matrix: Matrix, bench: Bench) -> Plan:
     if lines:
         raise Refused("matrix-infeasible", "the matrix does not fit the rig, nothing was moved:\n" + "\n".join(lines))
     return judged
+
+
+def _or_say(display: Display, what: Callable[[], None]) -> None:
+    """Do what belongs to the end of a campaign; a disk that refuses it takes nothing from the result."""
+    try:
+        what()
+    except (OSError, subprocess.TimeoutExpired) as error:
+        display.message("error", f"at the campaign's end: {error}")
 
 
 @contextmanager
@@ -183,10 +195,14 @@ def _run(start: _Start, log: CampaignLog, finaliser: Finaliser, signals: Signals
         runner = Runner(crew, signals, finaliser)
         try:
             runner.run()
-        finally:
+        except Exception as error:
             client.close()
+            text = f"the campaign's loop failed; the station was left to stop the rig: {error!r}"
+            _or_say(display, lambda: log.write("ended", rig_state="unknown", text=text))
+            raise UnknownRigState(text) from error
+        client.close()
     result = _result(start.folder, runner)
-    log.write("result", **result.to_json(), detail=result.detail)
+    _or_say(display, lambda: log.write("result", **result.to_json(), detail=result.detail))
     return result
 
 

@@ -28,11 +28,6 @@ class Signals:
         self._caught: deque[int] = deque()
         self._before: dict[int, Any] = {}
 
-    @property
-    def caught(self) -> bool:
-        """A signal waits to be taken."""
-        return bool(self._caught)
-
     def take(self) -> list[ev.Event]:
         """The aborts that came since the last call, oldest first."""
         aborts: list[ev.Event] = []

@@ -1,0 +1,98 @@
+"""What the caller of a campaign gets: exit codes, keys, a display that cannot hurt, books that add up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rig.campaign import CampaignResult, PointResult
+from rig.campaign.cause import Cause
+from rig.campaign.guarded_display import GuardedDisplay
+from rig.campaign.ledger import Ledger, attempt_name
+from rig.matrix.plan import Plan
+from rig.matrix.point import TestPoint
+
+RESULT = CampaignResult(Path("c"), (), 2, 2, "safe", None, "", refused=False, wall_s=1.0, motion_s=1.0)
+POINTS = (TestPoint("p001", "sine", 0.02, 2.0, 0.5), TestPoint("p002", "sine", 0.02, 1.0, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("result", "code"),
+    [
+        (RESULT, 0),
+        (replace(RESULT, valid=1), 5),
+        (replace(RESULT, valid=1, stopped_by="sigint"), 4),
+        (replace(RESULT, valid=0, stopped_by="wrong-identity", refused=True), 3),
+        (replace(RESULT, valid=1, stopped_by="ecu-silent", rig_state="unknown"), 7),
+        (replace(RESULT, valid=0, stopped_by="task-dies", refused=True, rig_state="unknown"), 7),
+    ],
+    ids=["done", "not-all-valid", "stopped", "refused", "unknown-after-stop", "unknown-first"],
+)
+def test_the_exit_code_that_matters_most_wins(result: CampaignResult, code: int) -> None:
+    assert result.exit_code == code
+
+
+class Broken:
+    """A display whose terminal went away."""
+
+    calls = 0
+
+    def planned(self, plan: Plan) -> None:
+        raise BrokenPipeError
+
+    def phase(self, text: str) -> None:
+        self.calls += 1
+        raise BrokenPipeError("no terminal")
+
+    progress = point_done = message = planned
+
+
+def test_a_broken_display_goes_dark_and_is_not_asked_again() -> None:
+    broken = Broken()
+    display = GuardedDisplay(broken)
+    display.phase("running")
+    display.phase("stopping")
+    display.message("error", "anything")
+    assert broken.calls == 1
+    assert "no terminal" in display.failed
+
+
+def test_a_point_never_begun_is_in_the_books_as_not_run() -> None:
+    ledger = Ledger(POINTS)
+    ledger.judged(POINTS[0], Path("p001.h5"), "valid", (), 0)
+    assert [(result.id, result.verdict) for result in ledger.all_results()] == [("p001", "valid"), ("p002", "not run")]
+    assert ledger.valid == 1
+    assert ledger.all_results()[1].to_json()["file"] is None
+
+
+def test_a_second_attempt_replaces_a_broken_first_and_never_a_valid_one() -> None:
+    ledger = Ledger(POINTS)
+    ledger.judged(POINTS[0], Path("p001.h5"), "invalid", ("ecu-silent",), 3)
+    ledger.judged(POINTS[0], Path("p001-attempt2.h5"), "valid", (), 0)
+    ledger.given_up(POINTS[0], Cause("current-tracking", "never settled"))
+    (first, _) = ledger.all_results()
+    assert (first.verdict, first.file) == ("valid", Path("p001-attempt2.h5"))
+
+
+def test_wall_time_runs_from_the_first_points_start_to_the_last_points_end() -> None:
+    ledger = Ledger(POINTS)
+    assert ledger.wall_s == 0.0
+    ledger.begun(1_000_000_000)
+    ledger.ended(POINTS[0], 2_000_000_000)
+    ledger.begun(3_000_000_000)
+    ledger.ended(POINTS[1], 6_500_000_000)
+    assert ledger.wall_s == pytest.approx(5.5)
+    assert ledger.motion_s == pytest.approx(6.0 + 12.0)
+
+
+def test_every_attempt_has_files_of_its_own() -> None:
+    assert [attempt_name(POINTS[0], attempt) for attempt in (1, 2, 3)] == ["p001", "p001-attempt2", "p001-attempt3"]
+
+
+def test_a_points_json_has_an_absolute_file_and_plain_lists(tmp_path: Path) -> None:
+    result = PointResult("p001", tmp_path / "p001.h5", "suspect", ("a", "b"), "sine", 0.02, 2.0, 0.5, 4)
+    answer = result.to_json()
+    assert answer["file"] == str((tmp_path / "p001.h5").resolve())
+    assert answer["reasons"] == ["a", "b"]

@@ -1,0 +1,42 @@
+"""The operator's signals become events and nothing else."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+
+from rig.campaign import event as ev
+from rig.campaign.cause import StopKind
+from rig.campaign.signals import Signals
+
+
+def test_signals_become_aborts_in_order_and_the_process_lives() -> None:
+    with Signals() as signals:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            os.kill(os.getpid(), number)
+        aborts = signals.take()
+        assert signals.take() == []
+    assert all(isinstance(abort, ev.Abort) for abort in aborts)
+    kinds = [(abort.stop, abort.cause.slug) for abort in aborts if isinstance(abort, ev.Abort)]
+    assert kinds == [(StopKind.S2, "sigint"), (StopKind.S1, "sigterm"), (StopKind.S1, "sigterm")]
+
+
+def test_handlers_are_given_back() -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    with Signals():
+        assert signal.getsignal(signal.SIGINT) not in before
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+
+
+def test_outside_the_main_thread_nothing_is_caught_and_nothing_breaks() -> None:
+    before, seen = signal.getsignal(signal.SIGINT), []
+
+    def enter() -> None:
+        with Signals() as signals:
+            seen.append((signal.getsignal(signal.SIGINT), signals.take()))
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    assert seen == [(before, [])]
