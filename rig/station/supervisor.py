@@ -95,7 +95,8 @@ class Supervisor:
         self._watched = tuple(watched)
 
     def start(self) -> None:
-        """Start the ticking thread."""
+        """Start the ticking thread; readers of the ring see the writer's beat from now on."""
+        self._ring_beat(monotonic_ns())
         self._thread.start()
 
     def end(self) -> None:

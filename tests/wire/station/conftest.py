@@ -59,7 +59,7 @@ class Truth:
 class StationRig:
     """One simulated rig and one station on it; `stop_beating` makes the application fall silent."""
 
-    def __init__(self, folder: Path, speed: float, arguments: tuple[str, ...], **changes: Any) -> None:
+    def __init__(self, folder: Path, speed: float, arguments: tuple[str, ...], **changes: object) -> None:
         self.folder = folder
         self.truth_path = folder / "truth.h5"
         with (folder / "simulators.log").open("w") as log:
@@ -120,7 +120,7 @@ class StationRig:
         self.client.request("hydraulics", level="low")
         self.client.request("hydraulics", level="on")
 
-    def run(self, **changes: Any) -> dict[str, Any]:
+    def run(self, **changes: object) -> dict[str, Any]:
         """Start a sine of 10 mm at 2 Hz under 1 A that lasts longer than any test."""
         self.client.request("set_current", current_A=1.0)
         program: dict[str, Any] = {
@@ -155,7 +155,7 @@ def station_rig(tmp_path: Path) -> Iterator[Callable[..., StationRig]]:
     """Makes stations on simulated rigs: `station_rig("--fault", "estop@1", speed=1.0, **config_changes)`."""
     made: list[StationRig] = []
 
-    def make(*arguments: str, speed: float = 1.0, **changes: Any) -> StationRig:
+    def make(*arguments: str, speed: float = 1.0, **changes: object) -> StationRig:
         folder = tmp_path / str(len(made))
         folder.mkdir()
         made.append(StationRig(folder, speed, arguments, **changes))

@@ -24,7 +24,7 @@ MOVING_A_WHILE_S = 1.2
 FADE_S = 0.5
 
 
-def moved(rig: Any) -> None:
+def moved(rig: Any) -> None:  # noqa: ANN401 - its class lives in conftest, which tests cannot import
     """Wait until the program has really moved the rod."""
     rig.prepare()
     rig.run()
