@@ -42,6 +42,7 @@ class PlainDisplay:
         self.total = 0
         self.done = 0
         self.time_left_s = 0.0
+        self._seen: set[str] = set()
 
     def __enter__(self) -> Self:
         return self
@@ -58,8 +59,9 @@ class PlainDisplay:
             self.console.print(part)
 
     def phase(self, text: str) -> None:
-        """Print the phase, but not those that every point goes through."""
-        if self.done == 0 or self.done == self.total:
+        """Print a phase when it is entered for the first time; every point goes through most of them."""
+        if text not in self._seen:
+            self._seen.add(text)
             self.console.print(Text(f"  {text}", style="dim"))
 
     def progress(self, point_id: str, cycles_done: int, time_left_s: float, live: Mapping[str, float]) -> None:

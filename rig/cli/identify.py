@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from rig.cli.output import Command, console, json_option, write_json
 from rig.errors import EXIT_DONE
+from rig.matrix.methods import METHODS
+
+if TYPE_CHECKING:
+    from rig.dampers.algebraic import Hysteresis
 
 
 @click.command(
@@ -22,40 +26,46 @@ from rig.errors import EXIT_DONE
 )
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option("--model", default="asymmetric", show_default=True, help="Damper model, or `all` to let the data choose.")
-@click.option("--method", default="separable", show_default=True, help="Identification method.")
+@click.option("--method", type=click.Choice(METHODS), default="separable", show_default=True)
 @click.option("--holdout", help="What the fit must not see and is scored on: a run, or a filter (waveform=triangle).")
 @click.option(
-    "--weight", type=click.Choice(["1", "v"]), default="1", show_default=True,
-    help="Weight of a residual: 1, or the speed as in the paper's objective.",
+    "--hysteresis", type=click.Choice(["kwok", "printed"]), default="kwok", show_default=True,
+    help="Argument of the tanh models: Kwok's, or as the c-FOA paper prints it.",
 )  # fmt: skip
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of methods that draw lots.")
-@click.option("--budget", type=click.IntRange(1), help="Most evaluations of the objective (methods that search).")
+@click.option("--weight", type=click.Choice(["1", "v"]), help="Of a residual: 1, or the speed; default is the method's.")
+@click.option("--loss", type=click.Choice(["squares", "huber"]), default="squares", show_default=True)
+@click.option("--budget", type=click.IntRange(1), default=16_000, show_default=True, help="Evaluations (search methods).")
+@click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates a generation.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of methods that draw lots.")
 @json_option
 def command(
     runs: tuple[Path, ...],
     model: str,
     method: str,
     holdout: str | None,
-    weight: str,
+    hysteresis: Hysteresis,
+    weight: str | None,
+    loss: str,
+    budget: int,
+    population: int,
     seed: int,
-    budget: int | None,
     as_json: bool,
 ) -> int:
     """Fit a damper model to RUNS (campaign directories) and write fit.json into the first.
 
     Says what the data cannot identify instead of guessing it; exit 6 when nothing can be fitted.
     """
-    from rig.identification import identify_run
+    from rig.identification import Method, identify_run
 
-    fit = identify_run(runs, model=model, method=method, holdout=holdout, weight=weight, seed=seed, budget=budget)
-    found = fit.to_json()
+    settings = Method(method, weight=weight, loss=loss, budget=budget, population=population, seed=seed)
+    fit = identify_run(runs, model=model, method=settings, holdout=holdout, hysteresis=hysteresis).to_json()
     if as_json:
-        write_json(found)
+        write_json(fit)
         return EXIT_DONE
     from rig.cli.tables import fit_tables
 
     shown = console()
-    for part in fit_tables(json.loads(json.dumps(found))):
+    for part in fit_tables(fit):
         shown.print(part)
     click.echo((runs[0] / "fit.json").resolve())
     return EXIT_DONE

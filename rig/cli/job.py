@@ -38,8 +38,10 @@ class JobResult:
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig run --json`."""
+        said = {"error": self.campaign.detail} if self.campaign.detail else {}
         return {
             **self.campaign.to_json(),
+            **said,
             "fit": None if self.fit is None else str(self.fit),
             "report": None if self.report is None else str(self.report),
             "identification_error": self.error,

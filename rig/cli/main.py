@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 
@@ -98,6 +99,15 @@ def main(arguments: Sequence[str]) -> int:
         if as_json:
             write_json(_described(error))
         return error.exit_code
+    except BrokenPipeError:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - whoever read the output has left; nothing more is said
+        return EXIT_DONE
+    except OSError as error:
+        text = f"{error.filename or 'input or output'}: {error.strerror or error}"
+        click.echo(f"rig: {text}", err=True)
+        if as_json:
+            write_json({"error": text, "exit_code": EXIT_USAGE})
+        return EXIT_USAGE
     except (click.Abort, KeyboardInterrupt):
         click.echo("rig: stopped by the operator", err=True)
         if as_json:

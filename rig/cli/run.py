@@ -104,13 +104,15 @@ def show_result(result: JobResult, shown: Console) -> None:
     from rig.cli.tables import duration, fit_tables
 
     campaign = result.campaign
-    colour = "green" if campaign.valid == campaign.total else "yellow"
-    line = Text(f"{campaign.valid} of {campaign.total} points valid", style=colour)
-    line.append(f"; {duration(campaign.wall_s)} for {duration(campaign.motion_s)} of motion", style="none")
-    shown.print(line)
-    if campaign.stopped_by is not None or campaign.refused:
-        cause = f"{campaign.stopped_by}: {campaign.detail}" if campaign.stopped_by else campaign.detail
-        shown.print(Text(f"{'refused' if campaign.refused else 'stopped'} by {cause}", style="red"))
+    if campaign.refused:
+        shown.print(Text(f"refused before anything moved: {campaign.stopped_by}", style="red"))
+    else:
+        colour = "green" if campaign.valid == campaign.total else "yellow"
+        line = Text(f"{campaign.valid} of {campaign.total} points valid", style=colour)
+        line.append(f"; {duration(campaign.wall_s)} for {duration(campaign.motion_s)} of motion", style="none")
+        shown.print(line)
+    if campaign.stopped_by is not None and not campaign.refused:
+        shown.print(Text(f"stopped by {campaign.stopped_by}; finished points are kept", style="red"))
     if campaign.rig_state == "unknown":
         text = "THE RIG'S STATE IS UNKNOWN: standstill or 0 A could not be proved. Go and look."
         shown.print(Text(text, style="bold red"))

@@ -14,6 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from rig.bench.problems import load_section
 from rig.bench.quantity import Quantity, Section
+from rig.matrix.methods import METHODS
 from rig.matrix.point import TestPoint
 
 POINT_LIMIT = 10_000
@@ -25,11 +26,6 @@ CoilCurrent = Annotated[float, Quantity("current", "0 A", "20 A")]
 Cycles = Annotated[int, Field(ge=3, le=10_000, description="at full amplitude; first and last are dropped")]
 RampCycles = Annotated[float, Field(ge=0.5, le=20.0)]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
-
-METHODS = (
-    "separable", "hybrid", "zhu_three_step", "c_foa", "foa", "ga", "de", "pso", "i_abc", "ga_standard", "ga_kwok",
-    "ga_novel",
-)  # fmt: skip
 
 
 class Specimen(Section):

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from rig.errors import FileProblem
+from rig.identification.solving import known_methods
+from rig.matrix.methods import METHODS
 from rig.matrix.model import Matrix, load_matrix
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -156,3 +158,7 @@ def test_the_digest_follows_the_points_and_the_specimen_only(tmp_path: Path) -> 
     assert load(tmp_path, "# comment\n" + HEAD + SWEEP + '[identify]\nmodel = "kwok"').digest == reference
     assert load(tmp_path, HEAD + SWEEP.replace("50 mm", "49 mm")).digest != reference
     assert load(tmp_path, HEAD.replace("170", "160") + SWEEP).digest != reference
+
+
+def test_the_methods_a_file_may_name_are_those_there_are() -> None:
+    assert known_methods() == METHODS
