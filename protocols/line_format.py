@@ -138,14 +138,23 @@ class LineFormat:
             raise LocalProtocolError(f"line format {self.name!r} has no template to write with")
         if not math.isfinite(value):
             raise LocalProtocolError(f"{self.name}: cannot write {value}")
-        text = self.template.format(value=value * 10**self.decimals, unit=self.unit, checksum="00")
+        text = self._written(value, "00")
         if self.checksum != "none":
-            text = self.template.format(
-                value=value * 10**self.decimals, unit=self.unit, checksum=self._checksum(text)
-            )
+            text = self._written(value, self._checksum(text))
         if self._regex.fullmatch(text) is None:
             raise LocalProtocolError(f"{self.name}: {value} {self.unit} does not fit: {text!r} breaks the pattern")
         return text.encode("ascii") + self.terminator
+
+    def _written(self, value: float, checksum: str) -> str:
+        """The template filled in.
+
+        Raises:
+            LocalProtocolError: the template asks for something else than value, unit and checksum.
+        """
+        try:
+            return self.template.format(value=value * 10**self.decimals, unit=self.unit, checksum=checksum)
+        except (KeyError, IndexError, ValueError, AttributeError) as error:
+            raise LocalProtocolError(f"line format {self.name!r}: template {self.template!r}: {error!r}") from error
 
     def _value(self, text: str) -> tuple[float, int]:
         """Number or token.

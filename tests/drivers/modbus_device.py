@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import threading
@@ -50,11 +51,14 @@ class ModbusDevice:
             self._connection.close()
 
     def close(self) -> None:
-        """Stop serving."""
+        """Stop serving; stopping twice is harmless."""
+        if self._server.fileno() < 0:
+            return
         self._server.shutdown(socket.SHUT_RDWR)
         self._server.close()
-        if self._connection is not None:
-            self._connection.close()
+        if self._connection is not None and self._connection.fileno() >= 0:
+            with contextlib.suppress(OSError):
+                self._connection.shutdown(socket.SHUT_RDWR)
         self._thread.join(5)
 
     def _serve(self) -> None:

@@ -19,8 +19,9 @@ from drivers.errors import (
     WrongAnswer,
     WrongIdentity,
 )
-from protocols.actuator import ActuatorLimits, Command, Waveform
+from protocols.actuator import CONFIG, MAP, STATUS, ActuatorLimits, Command, Waveform
 from protocols.errors import LocalProtocolError
+from protocols.register_map import Block, Register, RegisterMap
 
 TIMEOUT_S = 0.1
 LIMITS = ActuatorLimits(-0.085, 0.085, 0.75, 60.0, 5000.0, 1.5, 20.0, 500)
@@ -178,6 +179,30 @@ def test_a_command_that_never_gets_through_is_told_and_its_number_is_not_used_ag
     device.faults = []
     assert actuator.send(Command.HALT) == first + 2
     assert device.executed == [Command.ACQUIRE, Command.HALT]
+
+
+def test_a_controller_that_went_away_is_a_lost_link(device: ModbusDevice, actuator: ModbusActuator) -> None:
+    actuator.send(Command.ACQUIRE)
+    device.close()
+    with pytest.raises(LinkLost, match="command 2: outcome unknown"):
+        actuator.send(Command.FADE_STOP)
+    assert not actuator.is_open
+
+
+def test_text_that_is_not_text_in_a_status_is_a_wrong_answer(device: ModbusDevice) -> None:
+    status = Block("status", (*STATUS.registers, Register(140, "note", "string", length=1)))
+    config = Block("config", (*CONFIG.registers, Register(216, "note", "string", length=1)))
+    blocks = {**MAP.blocks, "status": status, "config": config}
+    actuator = ModbusActuator(device.url, RegisterMap("mine", blocks.values()), timeout_s=TIMEOUT_S)
+    actuator.open()
+    assert actuator.read_status().state == 0
+    device.put(140, [0xFFFF])
+    device.put(216, [0xFFFF])
+    with pytest.raises(WrongAnswer, match="status block: register 'note'"):
+        actuator.read_status()
+    with pytest.raises(WrongAnswer, match="config block: register 'note'"):
+        actuator.read_limits()
+    actuator.close()
 
 
 def test_a_value_the_register_cannot_hold_is_never_sent(device: ModbusDevice, actuator: ModbusActuator) -> None:

@@ -147,7 +147,7 @@ def test_a_described_format_reads_its_lines() -> None:
         ({}, "'pattern' is missing"),
         ({"pattern": "(?P<value>x", "name": "q"}, "line format 'q': pattern"),
         ({"pattern": "x"}, r"needs a group \(\?P<value>"),
-        ({"patern": "x"}, "unknown key 'patern'; known are name, pattern"),
+        ({"patterns": "x"}, "unknown key 'patterns'; known are name, pattern"),
         ({"pattern": 5}, "pattern = 5, expected text"),
         ({"pattern": "(?P<value>x)", "terminator": ""}, "terminator must not be empty"),
         ({"pattern": "(?P<value>x)", "terminator": "€"}, "expected ASCII text"),
@@ -184,3 +184,9 @@ def test_a_value_the_line_cannot_carry_is_our_own_error(value: float) -> None:
 def test_a_format_without_template_cannot_write() -> None:
     with pytest.raises(LocalProtocolError, match="no template"):
         LineFormat("free", r"(?P<value>\d+)").encode(1.0)
+
+
+@pytest.mark.parametrize("template", ["{weight}", "{}", "{value:Q}", "{value"])
+def test_a_template_that_asks_for_something_else_is_our_own_error(template: str) -> None:
+    with pytest.raises(LocalProtocolError, match="template"):
+        LineFormat("free", r"(?P<value>\d+)", template=template).encode(1.0)
