@@ -23,6 +23,8 @@ LARGEST_DRIFT = 1e-3
 EDGE_PRIOR_S = 5e-6
 """Latching scatter assumed before any is measured; weighs like `EDGE_PRIOR_COUNT` pairs."""
 EDGE_PRIOR_COUNT = 2
+CLOCK_RESOLUTION_S = 0.5e-6
+"""Both clocks count whole microseconds: no number of edges shows less."""
 UNKNOWN_LATENCY_S = 1e-3
 """One standard deviation of the least latency of a link that offers no edge: adapters, drivers, the host's wake-up."""
 ENVELOPE_BLOCKS = 40
@@ -115,7 +117,8 @@ def by_edges(local_s: FloatArray, reference_s: FloatArray) -> ClockModel:
     squares = float(np.sum(residual[keep] ** 2)) if freedom else 0.0
     scatter = np.sqrt((squares + EDGE_PRIOR_COUNT * EDGE_PRIOR_S**2) / (freedom + EDGE_PRIOR_COUNT))
     offset, slope, origin = line
-    return ClockModel(origin, origin + offset, 1.0 + slope, float(scatter / np.sqrt(count)), "edges")
+    std_s = max(float(scatter / np.sqrt(count)), CLOCK_RESOLUTION_S)
+    return ClockModel(origin, origin + offset, 1.0 + slope, std_s, "edges")
 
 
 def _median_slope(x: FloatArray, y: FloatArray) -> float:

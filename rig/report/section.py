@@ -17,11 +17,9 @@ def header(run: Run, fit: JsonObject | None) -> str:
     """Title, what was tested, and the result in a few numbers."""
     campaign = run.campaign
     origin = "imported tests" if _any(run, "imported") else "simulated rig" if _simulated(run) else "test rig"
+    started = campaign.get("created") or _first(run, "started_utc")
     described = " \N{MIDDLE DOT} ".join(
-        text(part) for part in (
-            _specimen(run), origin, _first(run, "bench"), campaign.get("created") or _first(run, "start_utc"),
-            campaign.get("id") or run.path.name,
-        ) if part
+        text(part) for part in dict.fromkeys((origin, _first(run, "bench"), started, run.path.name)) if part
     )
     facts = [_fact(f"{_count(run, 'valid')} of {len(run.points)}", "points valid")]
     facts += [
@@ -93,8 +91,8 @@ def points_table(views: Sequence[PointView]) -> str:
 def _skew(point: RecordedPoint) -> str:
     if point.imported:
         return NOTHING
-    known = number(1e3 * point.skew_s, 3) if "skew_s" in point.quality else "not seen"
-    return f"{known} \N{PLUS-MINUS SIGN} {number(1e3 * point.skew_std_s, 2)}"
+    known = f"{number(1e3 * point.skew_s, 3)} " if "skew_s" in point.quality else ""
+    return f"{known}\N{PLUS-MINUS SIGN} {number(1e3 * point.skew_std_s, 2)}"
 
 
 def _scaled(value: object, factor: float) -> float | None:
