@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     "--hysteresis", type=click.Choice(["kwok", "printed"]), default="kwok", show_default=True,
     help="Argument of the tanh models: Kwok's, or as the c-FOA paper prints it.",
 )  # fmt: skip
-@click.option("--weight", type=click.Choice(["1", "v"]), help="Of a residual: 1, or the speed; default is the method's.")
+@click.option("--weight", type=click.Choice(["1", "v"]), help="Of a residual: 1 or the speed; default: the method's.")
 @click.option("--loss", type=click.Choice(["squares", "huber"]), default="squares", show_default=True)
-@click.option("--budget", type=click.IntRange(1), default=16_000, show_default=True, help="Evaluations (search methods).")
+@click.option("--budget", type=click.IntRange(1), default=16_000, show_default=True, help="Evaluations of a search.")
 @click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates a generation.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of methods that draw lots.")
 @json_option

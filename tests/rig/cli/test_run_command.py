@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -77,3 +78,15 @@ def test_a_matrix_beyond_the_simulated_rig_is_refused_before_anything_moves(tmp_
     assert refused.get("slug", refused.get("stopped_by")) == "matrix-infeasible"
     assert "63.66 mm would fit" in err + out
     assert not list(tmp_path.glob("*/points/*.h5"))
+
+
+def test_the_demo_covers_the_simulated_truth_and_says_what_cannot_be_identified(tmp_path: Path) -> None:
+    code, out, err = finish(start("demo", "--out", str(tmp_path)))
+    assert code == 0, err
+    for expected in ("Plan: DEMO", "8 points feasible", "p008", "truth", "eta cannot be", "report.html", "fit.json"):
+        assert expected in out, expected
+    held = re.search(r"(\d+) of (\d+) identifiable parameters have the truth inside", out)
+    assert held is not None
+    assert int(held[2]) >= 10
+    assert held[1] == held[2], out
+    assert (next(tmp_path.iterdir()) / "report.html").is_file()

@@ -1,0 +1,139 @@
+"""What the operator reads while a campaign runs and when it has ended."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from rig.bench.model import Bench
+from rig.campaign.options import CampaignResult, PointResult
+from rig.cli.display import LiveDisplay, PlainDisplay, display_for
+from rig.cli.job import JobResult
+from rig.cli.run import show_result
+from rig.cli.tables import duration, fit_tables, inside
+from rig.matrix.model import load_matrix
+from rig.matrix.plan import plan
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+PLAN = plan(load_matrix(EXAMPLES / "quick.toml"), Bench.load(EXAMPLES / "demo-bench.toml"))
+LIVE = {"position_m": 0.0123, "force_N": -512.4, "current_A": 0.998, "coil_temperature_degC": 31.25}
+
+
+def terminal(*, is_terminal: bool) -> tuple[Console, io.StringIO]:
+    text = io.StringIO()
+    return Console(file=text, force_terminal=is_terminal, width=132, color_system=None), text
+
+
+def result(verdict: str, *reasons: str) -> PointResult:
+    return PointResult("p001", Path("p001.h5"), verdict, reasons, "sine", 0.03, 2.0, 0.5, 0)
+
+
+def campaign(
+    *points: PointResult, rig_state: str = "safe", stopped_by: str | None = None, refused: bool = False
+) -> CampaignResult:
+    valid = sum(point.verdict == "valid" for point in points)
+    detail = "" if stopped_by is None else f"{stopped_by} was seen"
+    return CampaignResult(
+        Path("run"), points, valid, len(points), rig_state, stopped_by, detail, refused, wall_s=1.0, motion_s=9.0
+    )
+
+
+def test_a_terminal_gets_the_live_display_and_a_file_the_plain_one() -> None:
+    assert isinstance(display_for(terminal(is_terminal=True)[0]), LiveDisplay)
+    assert not isinstance(display_for(terminal(is_terminal=False)[0]), LiveDisplay)
+
+
+def test_the_live_display_shows_point_cycles_numbers_and_time_left() -> None:
+    console, text = terminal(is_terminal=True)
+    with LiveDisplay(console) as display:
+        display.planned(PLAN)
+        display.phase("running")
+        display.progress("p002", 4, 83.0, LIVE)
+    shown = text.getvalue()
+    for expected in ("12.3 mm", "-512 N", "1.00 A", "31.2 °C", "4/9", "sine 30 mm 2 Hz 1.5 A", "83 s left", "running"):
+        assert expected in shown, expected
+
+
+def test_the_plain_display_says_each_phase_once_and_each_point_with_verdict_reasons_and_time_left() -> None:
+    console, text = terminal(is_terminal=False)
+    with PlainDisplay(console) as display:
+        display.planned(PLAN)
+        for phase in ("settling the current", "running", "settling the current", "running"):
+            display.phase(phase)
+        display.progress("p001", 3, 200.0, LIVE)
+        display.point_done(result("invalid", "lost samples: 12"))
+        display.message("warning", "station without real-time rights")
+    shown = text.getvalue()
+    assert shown.count("running") == 1
+    assert re.search(r"✗ p001 +sine 30 mm 2 Hz 0.5 A +invalid; lost samples: 12 +1/2, 3 min 20 s left", shown)
+    assert "warning: station without real-time rights" in shown
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(4.5, "4.5 s"), (83.0, "83 s"), (200.0, "3 min 20 s"), (3599.7, "1 h 0 min"), (4320.0, "1 h 12 min")],
+)
+def test_durations_read_as_people_say_them(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("ended", "error", "code"),
+    [
+        (campaign(result("valid")), None, 0),
+        (campaign(result("valid")), "no model", 6),
+        (campaign(result("valid"), result("invalid")), "no model", 5),
+        (campaign(result("invalid"), stopped_by="sigint"), None, 4),
+        (campaign(result("invalid"), stopped_by="unreachable", refused=True), None, 3),
+        (campaign(result("invalid"), stopped_by="sigkill", rig_state="unknown"), "no model", 7),
+    ],
+)
+def test_of_several_exit_codes_the_gravest_wins(ended: CampaignResult, error: str | None, code: int) -> None:
+    assert JobResult(ended, None, None, error).exit_code == code
+
+
+def test_an_unknown_rig_state_is_shouted() -> None:
+    console, text = terminal(is_terminal=False)
+    ended = campaign(result("invalid"), stopped_by="sigkill", rig_state="unknown")
+    show_result(JobResult(ended, None, None, None), console)
+    assert "Go and look" in text.getvalue()
+    assert "stopped by sigkill" in text.getvalue()
+
+
+FIT = {
+    "model": "asymmetric",
+    "method": "separable",
+    "parameters": {
+        "m": {"value": 3.8, "unit": "kg", "low": 3.7, "high": 3.9, "simultaneous_low": 3.6, "simultaneous_high": 4.0,
+              "identifiable": True},
+        "eta": {"value": None, "unit": "1/s", "low": None, "high": None, "identifiable": False,
+                "reason": "constant current"},
+    },
+    "error": {"rmse_N": 5.0, "mae_N": 4.0, "nrmse_percent_of_peak": 1.0, "per_test": [{}],
+              "holdout": {"rmse_N": 6.0, "nrmse_percent_of_peak": 2.0, "per_test": [{}]}},
+    "adequate": False,
+    "warnings": ["saturated"],
+}  # fmt: skip
+
+
+def test_a_fit_beside_the_truth_says_what_is_inside_what_cannot_be_found_and_what_does_not_fit() -> None:
+    console, text = terminal(is_terminal=False)
+    for part in fit_tables(FIT, {"m": 4.5, "eta": 25.0}):
+        console.print(part)
+    shown = text.getvalue()
+    for expected in ("simultaneous 95 % interval", "3.6 to 4", "NO", "eta cannot be identified: constant current",
+                     "held-out", "does not describe", "warning: saturated"):  # fmt: skip
+        assert expected in shown, expected
+
+
+def test_inside_is_judged_by_the_simultaneous_interval_and_only_where_there_is_one() -> None:
+    parameters = FIT["parameters"]
+    assert isinstance(parameters, dict)
+    assert inside(parameters["m"], 3.95) is True
+    assert inside(parameters["m"], 4.05) is False
+    assert inside(parameters["m"], None) is None
+    assert inside(parameters["eta"], 25.0) is None
