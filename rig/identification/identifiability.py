@@ -57,6 +57,7 @@ def examine(model: DamperModel, measurements: Sequence[Measurement]) -> Findings
     """What the set of tests leaves undetermined, whatever their noise."""
     found = Findings()
     _lag(model, found)
+    _scale(model, found)
     _current(model, measurements, found)
     _inertia(model, measurements, found)
     _speed(model, measurements, found)
@@ -68,6 +69,18 @@ def _lag(model: DamperModel, found: Findings) -> None:
         found.reasons["eta"] = (
             "eta cannot be found: every test held its current constant over the kept cycles; add a current step"
         )
+
+
+def _scale(model: DamperModel, found: Findings) -> None:
+    """A scales z, and alpha, beta, gamma with it; they are known for one choice of A only."""
+    if "A" not in model.names:
+        return
+    for name in model.names:
+        if name in {"A", "alpha", "alpha_a", "alpha_b", "beta", "gamma"}:
+            found.reasons[name] = (
+                f"{name} cannot be told alone: A only scales alpha, beta and gamma; the values given are for A = 1 "
+                "(normalized_bouc_wen has no such freedom)"
+            )
 
 
 def _current(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:

@@ -63,7 +63,8 @@ def identify(
     fitted, held_out, warnings = _split(tests, holdout)
     names = list(rig.dampers.MODELS) if model == ALL else [model]
     models = [_model(name, hysteresis) for name in names]
-    candidates = [_candidate(each, fitted, settings) for each in models]
+    candidates, refused = _candidates(models, fitted, settings)
+    warnings += refused
     ranking, best = compare(candidates, fitted, held_out, settings)
     return _fit(best, fitted, held_out, ranking, settings, warnings, declared, started)
 
@@ -158,9 +159,24 @@ def _split(
     return fitted, held_out, warnings
 
 
-def _candidate(model: DamperModel, fitted: Sequence[Measurement], method: Method) -> Candidate:
-    findings = examine(model, fitted)
-    return Candidate(model, findings, solve(model, fitted, method, findings))
+def _candidates(
+    models: Sequence[DamperModel], fitted: Sequence[Measurement], method: Method
+) -> tuple[list[Candidate], list[str]]:
+    """Every model that the method can fit, and a line for each that it cannot.
+
+    Raises:
+        IdentificationFailed: no model can be fitted.
+    """
+    candidates, refused = [], []
+    for model in models:
+        findings = examine(model, fitted)
+        try:
+            candidates.append(Candidate(model, findings, solve(model, fitted, method, findings)))
+        except IdentificationFailed as error:
+            refused.append(str(error))
+    if not candidates:
+        raise IdentificationFailed("; ".join(refused))
+    return candidates, refused
 
 
 def _fit(
@@ -175,7 +191,7 @@ def _fit(
 ) -> Fit:
     """Judge the chosen candidate: errors, intervals, what cannot be found, warnings."""
     model, values = best.model, best.solution.values
-    weighting = method.weighting()
+    weighting = method.weighting(model)
     fits = describes(model, values, fitted, weighting)
     free = [name for name in model.names if name in values and name not in best.findings.held]
     known = information(model, values, free, fitted, weighting, declared, fits=fits is not False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +33,13 @@ class Weighting:
         weight: "v" weighs each sample by its speed (equation 12), "1" does not.
         guard_s: time (s) around u = 0 whose samples do not count: the sensor's filter and the clocks do not let one say
             on which side of the tanh models' jump they lie.
+        reversal_guard_s: time (s) around v = 0 whose samples do not count, for models that jump there.
         extra: further weights, one array (n,) a measurement (robust losses).
     """
 
     weight: Weight = "1"
     guard_s: float = 0.0
+    reversal_guard_s: float = 0.0
     extra: tuple[FloatArray, ...] | None = None
 
     def of(self, each: Measurement, index: int) -> FloatArray:
@@ -45,6 +47,8 @@ class Weighting:
         weights = np.abs(each.v_m_s) if self.weight == "v" else np.ones_like(each.v_m_s)
         if self.guard_s > 0.0:
             weights[np.abs(each.u_m) < self.guard_s * np.abs(each.v_m_s)] = 0.0
+        if self.reversal_guard_s > 0.0:
+            weights[np.abs(each.v_m_s) < self.reversal_guard_s * np.abs(each.a_m_s2)] = 0.0
         if each.usable is not None:
             weights[~each.usable] = 0.0
         return weights if self.extra is None else weights * self.extra[index]
@@ -52,14 +56,74 @@ class Weighting:
 
 @dataclass(frozen=True)
 class Piece:
-    """Weighted samples: regressors X w (n, k), force F w, and what the yield shape needs."""
+    """Weighted samples: regressors X w (n, k), force F w, and the rows of the measurement they come from."""
 
     fixed: FloatArray
     force: FloatArray
     weight: FloatArray
-    u_m: FloatArray
-    v_m_s: FloatArray
-    current_A: FloatArray
+    source: Measurement
+    rows: slice
+
+    @property
+    def current_A(self) -> FloatArray:
+        """Coil current (A) of the samples."""
+        return self.source.current_A[self.rows]
+
+
+class Form(Protocol):
+    """A model split for projection: what is linear without the shape, and the yield shape times (1, I).
+
+    Attributes:
+        fixed_names: linear parameters whose regressors need no shape parameter.
+        yield_names: linear parameters of the yield shape, at zero current and per ampere.
+        shape_names: the nonlinear parameters.
+        logarithmic: for each of them, whether it is positive and searched by its logarithm.
+        pointwise: whether a sample's regressors need no other sample, so that samples may be left out.
+    """
+
+    @property
+    def fixed_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
+    @property
+    def yield_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
+    @property
+    def shape_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
+    @property
+    def logarithmic(self) -> tuple[bool, ...]: ...  # noqa: D102 - described above
+    @property
+    def pointwise(self) -> bool: ...  # noqa: D102 - described above
+
+    def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
+        """Regressors of `fixed_names`, shape (n, k), from extension (m), velocity, acceleration and current (A)."""
+
+    def yielding(self, source: Measurement, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
+        """The yield shape of some rows, shape (n,), and with `slope` its derivative for each shape parameter."""
+
+
+class AlgebraicForm:
+    """An algebraic model split for projection."""
+
+    pointwise = True
+
+    def __init__(self, model: AlgebraicModel) -> None:
+        self.model = model
+        self.fixed_names: tuple[str, ...] = model.fixed_names
+        self.yield_names: tuple[str, ...] = model.yield_names
+        self.shape_names = model.shape_names
+        self.logarithmic = tuple(name == "beta" for name in model.shape_names)
+
+    def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
+        """See `Form.fixed_columns`."""
+        return self.model.fixed_columns(u, v, a, current)
+
+    def yielding(self, source: Measurement, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
+        """See `Form.yielding`."""
+        values = dict(zip(self.shape_names, shape, strict=True))
+        u, v = source.u_m[rows], source.v_m_s[rows]
+        yielding = self.model.yield_shape(values, u, v)
+        if not slope or not isinstance(self.model, TanhModel):
+            return [yielding]
+        rate = 1.0 - yielding**2
+        return [yielding, *(rate * each for each in self.model.argument_slopes(values, u, v))]
 
 
 @dataclass(frozen=True)
@@ -79,21 +143,21 @@ class Projection:
     """Equation (12) as a function of the shape parameters alone; the linear ones are solved for.
 
     Attributes:
-        model: the algebraic model.
+        form: the model, split.
         evaluations: how many passes over the samples were made, one counting as one evaluation of equation (12).
         samples: number of samples that count.
     """
 
     def __init__(
         self,
-        model: AlgebraicModel,
+        form: Form,
         measurements: Sequence[Measurement],
         weighting: Weighting,
         *,
         every: int = 1,
         without: frozenset[str] = frozenset(),
     ) -> None:
-        self.model = model
+        self.form = form
         self._measurements = tuple(measurements)
         self._weighting = weighting
         self._every = every
@@ -102,14 +166,14 @@ class Projection:
         self._kept: list[Piece] | None = None
         if sum(each.u_m.size for each in measurements) // every <= KEEP_BELOW:
             self._kept = list(self._stream())
-        width = len(model.fixed_names)
+        width = len(form.fixed_names)
         self._normal, self._right, self._power = np.zeros((width, width)), np.zeros(width), 0.0
         for piece in self.pieces():
             self._normal += piece.fixed.T @ piece.fixed
             self._right += piece.fixed.T @ piece.force
             self._power += float(piece.force @ piece.force)
             self.samples += int(np.count_nonzero(piece.weight))
-        names = (*model.fixed_names, *model.yield_names)
+        names = (*form.fixed_names, *form.yield_names)
         self._free = np.array([name not in without for name in names])
 
     def pieces(self) -> Iterator[Piece]:
@@ -119,12 +183,13 @@ class Projection:
     def _stream(self) -> Iterator[Piece]:
         for index, each in enumerate(self._measurements):
             weights = self._weighting.of(each, index)
-            for start in range(0, each.u_m.size, PIECE * self._every):
-                rows = slice(start, min(start + PIECE * self._every, each.u_m.size), self._every)
+            length = PIECE * self._every if self.form.pointwise else each.u_m.size
+            for start in range(0, each.u_m.size, length):
+                rows = slice(start, min(start + length, each.u_m.size), self._every)
                 u, v, a, current = each.u_m[rows], each.v_m_s[rows], each.a_m_s2[rows], each.current_A[rows]
                 weight = weights[rows]
-                fixed = self.model.fixed_columns(u, v, a, current) * weight[:, None]
-                yield Piece(fixed, each.force_N[rows] * weight, weight, u, v, current)
+                fixed = self.form.fixed_columns(u, v, a, current) * weight[:, None]
+                yield Piece(fixed, each.force_N[rows] * weight, weight, each, rows)
 
     def objective(self, shape: FloatArray) -> float:
         """The least objective at this shape; shape (s,) in the order of the model's `shape_names`."""
@@ -148,13 +213,9 @@ class Projection:
 
     def _block(self, piece: Piece, shape: FloatArray, *, slope: bool) -> FloatArray:
         """Columns of the yield shape and of its slopes, each times 1 and times the current, shape (n, 2 + 2 s)."""
-        values = dict(zip(self.model.shape_names, shape, strict=True))
-        yielding = self.model.yield_shape(values, piece.u_m, piece.v_m_s)
-        columns = [yielding * piece.weight]
-        if slope and isinstance(self.model, TanhModel):
-            rate = (1.0 - yielding**2) * piece.weight
-            columns += [rate * each for each in self.model.argument_slopes(values, piece.u_m, piece.v_m_s)]
-        return np.column_stack([part for column in columns for part in (column, column * piece.current_A)])
+        columns = self.form.yielding(piece.source, piece.rows, shape, slope=slope)
+        weighted = [column * piece.weight for column in columns]
+        return np.column_stack([part for column in weighted for part in (column, column * piece.current_A)])
 
     def _reduce(self, normal: FloatArray, right: FloatArray, columns: int) -> Inner:
         active = np.flatnonzero(self._free)

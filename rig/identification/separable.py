@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rig.dampers.algebraic import AlgebraicModel
 from rig.identification.measurement import Measurement
-from rig.identification.projection import Inner, Projection, Weighting
+from rig.identification.projection import AlgebraicForm, Inner, Projection, Weighting
 
 FloatArray = NDArray[np.float64]
 
@@ -67,25 +67,26 @@ def solve_separable(
         The best solution found; `values` in SI by name.
     """
     weighting = weighting or Weighting()
-    full = Projection(model, measurements, weighting, without=held)
+    form = AlgebraicForm(model)
+    full = Projection(form, measurements, weighting, without=held)
     cost = 0.0
     if not model.shape_names:
         shape, inner = np.zeros(0), full.solve(np.zeros(0), slope=False)
     else:
-        starts = [start]
-        if start is None:
+        starts = [] if start is None else [start]
+        if not starts:
             every = max(1, full.samples // THINNED_SAMPLES)
-            thin = Projection(model, measurements, weighting, every=every, without=held)
+            thin = Projection(form, measurements, weighting, every=every, without=held)
             starts = _starts(thin, max(float(np.max(np.abs(each.v_m_s))) for each in measurements))
             cost = thin.evaluations / every
-        found = [_levenberg_marquardt(full, each) for each in starts]
+        found = [levenberg_marquardt(full, each) for each in starts]
         shape, inner = min(found, key=lambda each: each[1].objective)
     names = (*model.fixed_names, *model.yield_names)
     bound = tuple(name for name, value in zip(names, inner.linear, strict=True) if name in non_negative and value < 0.0)
     evaluations = full.evaluations + int(np.ceil(cost))
     if bound:
-        rest = Projection(model, measurements, weighting, without=held | frozenset(bound))
-        shape, inner = _levenberg_marquardt(rest, shape) if shape.size else (shape, rest.solve(shape, slope=False))
+        rest = Projection(form, measurements, weighting, without=held | frozenset(bound))
+        shape, inner = levenberg_marquardt(rest, shape) if shape.size else (shape, rest.solve(shape, slope=False))
         evaluations += rest.evaluations
     pairs = (*zip(names, inner.linear, strict=True), *zip(model.shape_names, shape, strict=True))
     return Solution({name: float(value) for name, value in pairs}, inner.objective, evaluations, bound)
@@ -93,7 +94,7 @@ def solve_separable(
 
 def _starts(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
     """The two best distinct minima of the thinned data."""
-    refined = [_levenberg_marquardt(thin, each) for each in _best_of_grid(thin, top_speed_m_s)]
+    refined = [levenberg_marquardt(thin, each) for each in _best_of_grid(thin, top_speed_m_s)]
     kept: list[FloatArray] = []
     for shape, _ in sorted(refined, key=lambda found: found[1].objective):
         if not any(np.allclose(shape, other, rtol=0.02, atol=1e-3) for other in kept):
@@ -103,7 +104,7 @@ def _starts(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
 
 def _best_of_grid(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
     """The best local minima of a grid over steepness and loop width."""
-    printed = thin.model.shape_names[1] == "lambda"
+    printed = thin.form.shape_names[1] == "lambda"
     values = np.empty((STEEPNESS.size, WIDTHS.size))
     shapes = np.empty((STEEPNESS.size, WIDTHS.size, 2))
     for i, steepness in enumerate(STEEPNESS):
@@ -122,20 +123,21 @@ def _best_of_grid(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
 AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
 
-def _levenberg_marquardt(projection: Projection, start: FloatArray) -> tuple[FloatArray, Inner]:
-    """Minimise the projected objective from `start`, over the logarithm of the steepness and the loop width itself."""
+def levenberg_marquardt(projection: Projection, start: FloatArray) -> tuple[FloatArray, Inner]:
+    """Minimise the projected objective from `start` (s,); positive parameters are searched by their logarithms."""
     shape, inner = start, projection.solve(start)
+    logarithmic = np.array(projection.form.logarithmic)
     damping = 1e-3
     for _ in range(ITERATIONS):
-        chain = np.array([shape[0], 1.0])
+        chain = np.where(logarithmic, shape, 1.0)
         gradient, curvature = inner.gradient * chain, inner.curvature * np.outer(chain, chain)
         scale = np.maximum(np.diag(curvature), 1e-300)
-        step = np.linalg.solve(curvature + damping * np.diag(scale) + 1e-300 * np.eye(2), gradient)
-        step[0] = np.clip(step[0], -1.5, 1.5)
+        step = np.linalg.solve(curvature + damping * np.diag(scale), gradient)
+        step = np.where(logarithmic, np.clip(step, -1.5, 1.5), step)
         promised = float(step @ gradient)
         if not np.all(np.isfinite(step)) or promised <= TOLERANCE * inner.objective:
             break
-        trial = np.array([shape[0] * np.exp(step[0]), shape[1] + step[1]])
+        trial = np.where(logarithmic, shape * np.exp(np.where(logarithmic, step, 0.0)), shape + step)
         found = projection.solve(trial)
         if found.objective < inner.objective:
             shape, inner, damping = trial, found, damping * 0.2

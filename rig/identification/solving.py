@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.algebraic import AlgebraicModel, BinghamModel, TanhModel
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.identifiability import Findings
@@ -19,6 +19,7 @@ from rig.identification.projection import Weighting
 from rig.identification.separable import Solution, solve_separable
 
 SEPARABLE = "separable"
+PARTLY_SEPARABLE = ("normalized_bouc_wen", "bouc_wen")
 GUARD_S = 1e-3
 HUBER = 1.345  # standard deviations beyond which Huber's loss grows linearly; 95 % efficient on normal noise
 ROBUST_ROUNDS = 8
@@ -48,10 +49,15 @@ class Method:
     callback: Callable[[Any], bool | None] | None = None
     executor: Executor | None = None
 
-    def weighting(self) -> Weighting:
-        """Which samples count, and how much."""
+    def weighting(self, model: DamperModel) -> Weighting:
+        """Which samples count for a model, and how much; those at its jumps do not."""
         weight = self.weight or ("1" if self.name == SEPARABLE else "v")
-        return Weighting("v" if weight == "v" else "1", GUARD_S if self.name == SEPARABLE else 0.0)
+        guard_s = GUARD_S if self.name == SEPARABLE else 0.0
+        return Weighting(
+            "v" if weight == "v" else "1",
+            guard_s if isinstance(model, TanhModel) else 0.0,
+            guard_s if isinstance(model, BinghamModel) else 0.0,
+        )
 
 
 def known_methods() -> tuple[str, ...]:
@@ -76,9 +82,7 @@ def solve(model: DamperModel, measurements: Sequence[Measurement], method: Metho
     if method.name == SEPARABLE:
         if isinstance(model, AlgebraicModel):
             return _separable(model, measurements, method, frozenset(findings.held))
-        from rig.identification.hysteretic import solve_hysteretic
-
-        return solve_hysteretic(measurements, model, method.weighting(), held=frozenset(findings.held))
+        return _partly_separable(model, measurements, method, frozenset(findings.held))
     if method.name not in known_methods():
         raise IdentificationFailed(f"unknown method {method.name!r}; known: {', '.join(known_methods())}")
     return _search(model, measurements, method)
@@ -87,13 +91,13 @@ def solve(model: DamperModel, measurements: Sequence[Measurement], method: Metho
 def _separable(
     model: AlgebraicModel, measurements: Sequence[Measurement], method: Method, held: frozenset[str]
 ) -> Solution:
-    weighting = method.weighting()
+    weighting = method.weighting(model)
     solution = solve_separable(measurements, model, weighting, held=held)
     if method.loss != "huber":
         return solution
     evaluations = solution.evaluations
     for _ in range(ROBUST_ROUNDS):
-        weighting = Weighting(weighting.weight, weighting.guard_s, _huber_weights(model, measurements, solution))
+        weighting = replace(weighting, extra=_huber_weights(model, measurements, solution))
         start = np.array([solution.values[name] for name in model.shape_names])
         previous, solution = solution, solve_separable(measurements, model, weighting, held=held, start=start)
         evaluations += solution.evaluations
@@ -104,6 +108,23 @@ def _separable(
         if moved < 1e-6:
             break
     return Solution(solution.values, solution.objective, evaluations, solution.at_bound)
+
+
+def _partly_separable(
+    model: DamperModel, measurements: Sequence[Measurement], method: Method, held: frozenset[str]
+) -> Solution:
+    """The models with internal states that separate in part.
+
+    Raises:
+        IdentificationFailed: the model does not separate.
+    """
+    if model.name not in PARTLY_SEPARABLE:
+        raise IdentificationFailed(
+            f"{model.name} does not separate; use a method that needs only its force: {', '.join(known_methods()[1:])}"
+        )
+    from rig.identification.bouc_wen import solve_bouc_wen
+
+    return solve_bouc_wen(measurements, model, method.weighting(model), held)
 
 
 def _huber_weights(
@@ -128,7 +149,7 @@ def _search(model: DamperModel, measurements: Sequence[Measurement], method: Met
     """
     from rig.identification.algorithms import minimise
 
-    problem = Problem(measurements, model, method.weighting().weight)
+    problem = Problem(measurements, model, method.weighting(model).weight)
     result = minimise(
         problem,
         method=method.name,

@@ -2,11 +2,11 @@
 
 Covariance of the weighted least-squares estimate (sandwich form):
 C = A^-1 (sum_t q_t s_t^2 B_t + sum_k d_k d_k') A^-1, with A = sum J'W^2 J and B_t = J'W^4 J of test t, s_t its
-residual's standard deviation, q_t >= 1 the sum of the residual's autocorrelation (1 + 2 sum rho_k up to the first lag within
-noise; Bartlett 1946), and d_k the effect J'W^2 dF/dk of each declared error k: the skew left in each test, the scale of
-force and displacement, the position of mid-stroke. A skew is taken as shared by all tests, which is the larger of the
-two possible effects. Where the model does not reach the noise, the misfit repeats every cycle: q_t is then multiplied
-by the number of cycles, because repeating a cycle adds nothing to what is known.
+residual's standard deviation, q_t >= 1 the sum of the residual's autocorrelation (1 + 2 sum rho_k up to the first lag
+within noise; Bartlett 1946), and d_k the effect J'W^2 dF/dk of each declared error k: the skew left in each test, the
+scale of force and displacement, the position of mid-stroke. A skew is taken as shared by all tests, which is the larger
+of the two possible effects. Where the model does not reach the noise, the misfit repeats every cycle: q_t is then
+multiplied by the number of cycles, because repeating a cycle adds nothing to what is known.
 """
 
 from __future__ import annotations

@@ -1,0 +1,125 @@
+"""Partial separation of the Bouc-Wen models: given the hysteretic shape, the force is linear in the rest.
+
+Both are fitted in the normalised form (Ikhouane and Rodellar 2005):
+w' = rho [v - sigma |v| |w|^(n-1) w + (sigma - 1) v |w|^n] has three shape parameters, rho, sigma, n, and
+F = kx u + kv v + kw w + f0 is linear in the others. A grid over the
+three on one cycle of each test is the start; Levenberg-Marquardt on the projected objective finishes on all.
+For `bouc_wen`: z = z0 w, z0 = (A/(beta + gamma))^(1/n), rho = A/z0, sigma = gamma/(beta + gamma), alpha = kw/z0, with
+A = 1, because A only scales alpha, beta and gamma.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers import model as damper_model
+from rig.dampers.kernels import force_series
+from rig.dampers.kinds import KIND_NORMALIZED_BOUC_WEN
+from rig.dampers.model import DamperModel
+from rig.identification.measurement import Measurement
+from rig.identification.projection import Projection, Weighting
+from rig.identification.separable import Solution, levenberg_marquardt
+from rig.identification.shortening import first_cycle
+
+FloatArray = NDArray[np.float64]
+
+YIELD_LENGTHS = np.geomspace(0.004, 0.5, 6)  # 1/rho, as a share of the smallest amplitude
+SIGMAS = (0.55, 1.0, 2.5)
+EXPONENTS = (1.2, 2.0, 4.0)
+STARTS = 3
+SLOPE_STEP = 1e-4
+LOWEST_EXPONENT = 1.0
+
+
+class BoucWenForm:
+    """The normalised Bouc-Wen model split for projection; n is searched as n - 1, which is positive."""
+
+    pointwise = False
+    fixed_names: tuple[str, ...] = ("kx", "kv", "kv_b", "f0")
+    yield_names: tuple[str, ...] = ("kw", "kw_b")
+    shape_names: tuple[str, ...] = ("rho", "sigma", "n - 1")
+    logarithmic: tuple[bool, ...] = (True, True, True)
+
+    def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
+        """See `Form.fixed_columns`."""
+        del a
+        return np.column_stack((u, v, v * current, np.ones_like(u)))
+
+    def yielding(self, source: Measurement, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
+        """See `Form.yielding`; derivatives by central differences in the logarithms."""
+        columns = [hysteresis(source, shape)[rows]]
+        for k in range(shape.size if slope else 0):
+            factor = np.ones(shape.size)
+            factor[k] += SLOPE_STEP
+            difference = hysteresis(source, shape * factor) - hysteresis(source, shape * (2.0 - factor))
+            columns.append(difference[rows] / (2.0 * SLOPE_STEP * shape[k]))
+        return columns
+
+
+def hysteresis(source: Measurement, shape: FloatArray) -> FloatArray:
+    """w(t), shape (n,), after one cycle of warm-up; `shape` is rho (1/m), sigma, n - 1."""
+    vector = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, shape[0], shape[1], LOWEST_EXPONENT + shape[2]])
+    state, warm = np.zeros(1), source.samples_per_cycle
+    motion = (source.u_m, source.v_m_s, source.a_m_s2, source.current_A)
+    if warm > 1:
+        u, v, a, current = (each[:warm] for each in motion)
+        force_series(KIND_NORMALIZED_BOUC_WEN, vector, state, u, v, a, current, source.dt_s)
+    w: FloatArray = force_series(KIND_NORMALIZED_BOUC_WEN, vector, state, *motion, dt=source.dt_s)
+    return w
+
+
+def solve_bouc_wen(
+    measurements: Sequence[Measurement], model: DamperModel, weighting: Weighting, held: frozenset[str]
+) -> Solution:
+    """Fit `normalized_bouc_wen` or `bouc_wen`.
+
+    Args:
+        measurements: the tests.
+        model: one of the two.
+        weighting: which samples count, and how much.
+        held: linear parameters left out, held at zero.
+    """
+    without = frozenset({"kv_b", "kw_b"}) if held else frozenset()
+    form = BoucWenForm()
+    short = Projection(form, [first_cycle(each) for each in measurements], weighting, without=without)
+    amplitude = min(float(np.ptp(each.u_m)) / 2.0 for each in measurements)
+    grid = [
+        np.array([1.0 / (share * amplitude), sigma, n - LOWEST_EXPONENT])
+        for share, sigma, n in product(YIELD_LENGTHS, SIGMAS, EXPONENTS)
+    ]
+    order = np.argsort([short.objective(shape) for shape in grid])[:STARTS]
+    refined = [levenberg_marquardt(short, grid[k]) for k in order]
+    start = min(refined, key=lambda found: found[1].objective)[0]
+    full = Projection(form, measurements, weighting, without=without)
+    shape, inner = levenberg_marquardt(full, start)
+    names = (*form.fixed_names, *form.yield_names)
+    values = {name: float(value) for name, value in zip(names, inner.linear, strict=True)}
+    values |= {"rho": float(shape[0]), "sigma": float(shape[1]), "n": LOWEST_EXPONENT + float(shape[2])}
+    share = sum(first_cycle(each).u_m.size for each in measurements) / sum(each.u_m.size for each in measurements)
+    evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
+    if model.name == "bouc_wen":
+        values = to_bouc_wen(values)
+    return Solution(values, inner.objective, evaluations)
+
+
+def to_bouc_wen(normalised: dict[str, float]) -> dict[str, float]:
+    """Parameters of `bouc_wen` with A = 1 from those of `normalized_bouc_wen`, both in SI."""
+    z0, n, sigma = 1.0 / normalised["rho"], normalised["n"], normalised["sigma"]
+    total = z0**-n
+    stiffness = normalised["kx"]
+    return {
+        "c0": normalised["kv"],
+        "c0_b": normalised["kv_b"],
+        "k0": stiffness,
+        "x0": -normalised["f0"] / stiffness if stiffness != 0.0 else 0.0,
+        "alpha": normalised["kw"] / z0,
+        "alpha_b": normalised["kw_b"] / z0,
+        "gamma": sigma * total,
+        "beta": (1.0 - sigma) * total,
+        "A": damper_model("bouc_wen").parameter("A").start,
+        "n": n,
+    }

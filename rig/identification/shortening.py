@@ -1,0 +1,24 @@
+"""Shorter measurements for searches: one cycle says nearly what many say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rig.identification.measurement import Measurement
+
+
+def first_cycle(each: Measurement) -> Measurement:
+    """The first whole cycle of a measurement; the measurement itself when it has no more."""
+    stop = each.samples_per_cycle
+    if not 1 < stop < each.u_m.size:
+        return each
+    return replace(
+        each,
+        u_m=each.u_m[:stop],
+        v_m_s=each.v_m_s[:stop],
+        a_m_s2=each.a_m_s2[:stop],
+        force_N=each.force_N[:stop],
+        current_A=each.current_A[:stop],
+        usable=None if each.usable is None else each.usable[:stop],
+        commanded_A=None if each.commanded_A is None else each.commanded_A[:stop],
+    )
