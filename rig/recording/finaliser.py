@@ -116,6 +116,13 @@ class Finaliser:
         self._process.wait(timeout_s)
         self._reader.join(timeout_s)
 
+    def kill(self) -> None:
+        """End the process at once, whatever it is doing; journals not yet finished stay for `rig recover`."""
+        self._process.kill()
+        self._process.wait()
+        with contextlib.suppress(BrokenPipeError):
+            self._input.close()
+
     def _taken(self, answer: FinishedPoint) -> FinishedPoint:
         if answer.id in self._pending:
             self._pending.remove(answer.id)
@@ -124,14 +131,17 @@ class Finaliser:
     def _listen(self) -> None:
         from rig.recording.conversion import FinishedPoint
 
+        answered = set()
         with self._output:
             for line in self._output:
                 answer = json.loads(line)
                 answer["reasons"] = tuple(answer["reasons"])
+                answered.add(answer["id"])
                 self._answers.put(FinishedPoint(**answer))
+        gone = "the finaliser process ended before it was finished; `rig recover` will"
         for point_id in list(self._pending):
-            gone = "the finaliser process ended before it was finished; `rig recover` will"
-            self._answers.put(FinishedPoint(point_id, error=gone))
+            if point_id not in answered:
+                self._answers.put(FinishedPoint(point_id, error=gone))
 
 
 def warm_up() -> None:

@@ -79,13 +79,14 @@ def points_table(views: Sequence[PointView]) -> str:
             chip(point.verdict, point.verdict), number(view.error.get("nrmse_percent_of_peak"), 3),
             "<br>".join(text(remark) for remark in remarks),
         ]))
-    note = (
-        '<p class="lead">Error: 100 \N{MULTIPLICATION SIGN} RMS error / largest deviation of the force from its mean. '
-        "Skew: by how much force would have lagged displacement if paired by arrival (not seen when a simulated rig "
-        "runs faster than real time); it is corrected, and "
-        "\N{PLUS-MINUS SIGN} is one standard deviation of what remains.</p>"
-    )
-    return "<h2>Test points</h2>" + note + table(head, rows, (2, 3, 4, 5, 6, 7, 8, 9, 11))
+    note = "Error: 100 \N{MULTIPLICATION SIGN} RMS error / largest deviation of the force from its mean."
+    if not all(view.point.imported for view in views):
+        note += (
+            " Skew: by how much force would have lagged displacement if paired by arrival (not seen when a simulated "
+            "rig runs faster than real time); it is corrected, and \N{PLUS-MINUS SIGN} is one standard deviation of "
+            "what remains."
+        )
+    return f'<h2>Test points</h2><p class="lead">{note}</p>' + table(head, rows, (2, 3, 4, 5, 6, 7, 8, 9, 11))
 
 
 def _skew(point: RecordedPoint) -> str:

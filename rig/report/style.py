@@ -22,6 +22,7 @@ p.lead {{ margin:0 0 14px; color:var(--soft); }}
 .fact {{ padding:10px 16px; min-width:150px; }}
 .fact b {{ display:block; font-size:22px; line-height:1.25; }}
 .fact span {{ color:var(--soft); font-size:14px; }}
+.wide + p.lead {{ margin-top:10px; }}
 .wide {{ overflow-x:auto; background:var(--paper); border:1px solid var(--line); border-radius:8px; }}
 table {{ border-collapse:collapse; width:100%; font-size:15px; }}
 th,td {{ padding:5px 12px; text-align:left; border-bottom:1px solid var(--line); vertical-align:top; }}

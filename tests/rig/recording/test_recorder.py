@@ -135,6 +135,36 @@ def test_an_answer_comes_even_when_the_finaliser_is_gone(campaign: Path) -> None
     assert "gone" in finaliser.wait("p001", WAIT_S).error
 
 
+def test_closing_the_finaliser_finishes_what_it_was_given_and_answers_each_point_once(campaign: Path) -> None:
+    from rig.recording.recorder import PointJournal
+
+    journal = recorded(campaign, SyntheticRig())
+    names = [f"p00{number}" for number in range(1, 5)]
+    for name in names[1:]:
+        (campaign / "points" / f"{name}.journal").write_bytes(journal.read_bytes())
+    finaliser = Finaliser.start(campaign)
+    for name in names:
+        finaliser.submit(PointJournal(name, campaign / "points" / f"{name}.journal", 0, 0))
+    finaliser.close()
+    assert [(answer.id, answer.error) for answer in finaliser.results()] == [(name, "") for name in names]
+    assert finaliser.pending == ()
+    assert len(Run.open(campaign).points) == 4
+
+
+def test_a_killed_finaliser_leaves_journals_that_can_be_recovered(campaign: Path) -> None:
+    from rig.recording.recorder import PointJournal
+
+    journal = recorded(campaign, SyntheticRig())
+    finaliser = Finaliser.start(campaign)
+    finaliser.submit(PointJournal("p001", journal, 0, 0))
+    finaliser.kill()
+    answer = finaliser.wait("p001", WAIT_S)
+    if answer.error:
+        assert "rig recover" in answer.error
+        assert [point.error for point in recover(campaign)] == [""]
+    assert Run.open(campaign).points[0].verdict == "valid"
+
+
 RECORD_FOR_EVER = """
 import sys, time
 from pathlib import Path
