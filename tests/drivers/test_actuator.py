@@ -311,7 +311,8 @@ def test_a_write_acknowledged_for_other_registers_is_not_believed(
 def test_any_answer_gives_a_status_or_a_driver_error(
     device: ModbusDevice, actuator: ModbusActuator, pdu: bytes
 ) -> None:
-    device.faults = [lambda frame, right: [framed(frame, pdu)]] * 2
+    # More than enough: a request of the example before may still be on its way to the device.
+    device.faults = [lambda frame, right: [framed(frame, pdu)]] * 100
     actuator._link._timeout_s = 0.02
     actuator.close()
     actuator.open()
@@ -319,8 +320,6 @@ def test_any_answer_gives_a_status_or_a_driver_error(
         status = actuator.read_status()
     except DriverError:
         return
-    finally:
-        device.faults = []
     assert pdu[:2] == b"\x03\x44"
     assert status.heartbeat == int.from_bytes(pdu[2:4], "big")
 
