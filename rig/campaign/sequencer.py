@@ -66,7 +66,8 @@ def _check_zeros(state: State) -> Step:
 def _zeros(state: State, event: ev.ZerosJudged) -> Step:
     if event.cause is not None:
         return stopping.refuse(state, event.cause)
-    return stopping.enter(replace(state, proved=True), Phase.PRESSURE_LOW, act.Ask(Request.HYDRAULICS_LOW))
+    state = replace(state, proved=True, pressurised=True)
+    return stopping.enter(state, Phase.PRESSURE_LOW, act.Ask(Request.HYDRAULICS_LOW))
 
 
 def _pressure_on(state: State) -> Step:
@@ -84,7 +85,9 @@ PROVED: dict[tuple[Phase, Request], Callable[[State], Step]] = {
     (Phase.PRESSURE_LOW, Request.HYDRAULICS_LOW): _pressure_on,
     (Phase.PRESSURE_ON, Request.HYDRAULICS_ON): _powered,
     (Phase.RESETTING, Request.RESET): lambda state: _arm(state.unlatched()),
-    (Phase.FINISHING, Request.DISARM): lambda state: stopping.end(replace(state, armed=False, powered=False)),
+    (Phase.FINISHING, Request.DISARM): lambda state: stopping.end(
+        replace(state, armed=False, pressurised=False, powered=False)
+    ),
 }
 
 

@@ -64,6 +64,7 @@ class State:
         recording: the current point's journal is open.
         armed: the station was asked to arm; only a proved disarm undoes it.
         proved: watchdog and zeros were proved since the last arming.
+        pressurised: pressure was asked for, and is not proved gone.
         powered: the hydraulics are at full pressure.
         moved: something was moved in this campaign.
         pause_asked: stop at the next point boundary.
@@ -84,6 +85,7 @@ class State:
     recording: bool = False
     armed: bool = False
     proved: bool = False
+    pressurised: bool = False
     powered: bool = False
     moved: bool = False
     pause_asked: bool = False

@@ -69,6 +69,8 @@ def stopped(state: State, event: ev.Safe) -> Step:
     if state.latch is None:
         return state, ()
     stop, cause = state.latch.stop, state.latch.cause
+    if stop is StopKind.S1:
+        state = replace(state, pressurised=False, powered=False)
     if state.queue and not state.recording:
         state = replace(state, attempts=(*state.attempts, state.point.id))
     state, actions = end_recording(state, cause)
@@ -125,7 +127,12 @@ def declined(state: State, event: ev.Declined) -> Step:
 
 
 def disarm_declined(state: State, cause: Cause) -> Step:
-    """A rig that cannot be shut down in good order is stopped; when that was done already, nothing is known."""
+    """A rig that cannot be shut down in good order is stopped; when that was done already, nothing is known.
+
+    Without pressure there is nothing to shut down.
+    """
+    if not state.pressurised:
+        return end(state)
     if state.latch is not None:
         return lost(state, cause)
     return latch(state, StopKind.S1, cause, act.Stop(StopKind.S1, cause))

@@ -87,6 +87,7 @@ def job(tmp_path_factory: pytest.TempPathFactory, truth_of: Callable[[Path], Tru
     seen, before = Seen(), signal.getsignal(signal.SIGINT)
     result = run_campaign(CampaignOptions(matrix, folder / "out", simulate=True, speed=SPEED, seed=7), seen)
     assert signal.getsignal(signal.SIGINT) is before
+    assert result.exit_code == 0, f"{result.stopped_by}: {result.detail}; {seen.messages}"
     return Job(result, seen, truth_of(result.campaign / "truth.h5"), Run.open(result.campaign))
 
 

@@ -194,10 +194,18 @@ def test_the_end_is_said_once_and_absorbs_everything(edges: list[Edge]) -> None:
         )
 
 
-def test_an_armed_rig_is_disarmed_or_its_state_is_unknown_at_the_end(edges: list[Edge]) -> None:
+def test_at_the_end_the_pressure_is_gone_or_the_rigs_state_is_unknown(edges: list[Edge]) -> None:
     for edge in edges:
         if edge.after.phase is Phase.ENDED:
-            assert not edge.after.armed or edge.after.rig_state is RigState.UNKNOWN
+            assert not edge.after.pressurised or edge.after.rig_state is RigState.UNKNOWN
+
+
+def test_pressure_is_only_gone_when_a_disarm_or_a_stop_with_hydraulics_off_was_proved(edges: list[Edge]) -> None:
+    gone = [edge for edge in edges if edge.before.pressurised and not edge.after.pressurised]
+    assert gone
+    for edge in gone:
+        stopped = edge.event == ev.Safe() and edge.before.latch is not None and edge.before.latch.stop is StopKind.S1
+        assert stopped or edge.event == ev.Done(Request.DISARM)
 
 
 def test_every_state_can_still_reach_the_end(edges: list[Edge]) -> None:
