@@ -237,6 +237,7 @@ class ActuatorThread(DeviceThread):
             self._retry = action
             self._driver.send(COMMANDS[action])
             self._retry = None
+            self._supervisor.note_sent(action)
         if self._jobs:
             self._run_job()
         self._poll()

@@ -34,12 +34,16 @@ class StationClient:
 
     The process runs in its own session, so that a terminal's Ctrl-C reaches only the application. When this client goes
     away without `close`, the station sees the end of its input and stops the rig by itself.
+
+    Attributes:
+        ready: the station's first event: `pid`, `ring`, `real_time` and, when that was refused, `real_time_reason`.
     """
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         if process.stdin is None or process.stdout is None:
             raise ValueError("the station process needs pipes at stdin and stdout")
         self.process = process
+        self.ready: dict[str, Any] = {}
         self._stdin_fd = process.stdin.fileno()
         os.set_blocking(self._stdin_fd, False)
         self._write_lock = threading.Lock()
@@ -78,6 +82,7 @@ class StationClient:
             early = client.events(timeout_s=waiting_s)
             ready = [event for event in early if event.get("event") == "ready"]
             if ready:
+                client.ready = ready[0]
                 client._events.extendleft(reversed([event for event in early if event not in ready]))
                 return client
         client.close(timeout_s=1.0)

@@ -16,6 +16,9 @@ _FAULT_SLUGS = (
     (FaultBit.E_STOP, "estop"),
     (FaultBit.SUPPLY_PRESSURE, "supply-pressure"),
     (FaultBit.WATCHDOG, "host-silent"),
+    (FaultBit.POSITION_LIMIT, "stroke-limit"),
+    (FaultBit.SPEED_LIMIT, "speed-limit"),
+    (FaultBit.FORCE_LIMIT, "force-limit"),
 )
 _ECU_SLUGS = (
     (EcuFault.OPEN | EcuFault.SHORT, "coil-open-short"),

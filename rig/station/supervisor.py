@@ -204,6 +204,10 @@ class Supervisor:
         now_ns = monotonic_ns()
         self._trip(Finding(slug, detail, now_ns), TABLE.get(slug, TABLE["operator"]), kind, asked=True)
 
+    def note_sent(self, action: Action) -> None:
+        """A stop action has been taken by the controller's link; tells the application when."""
+        self._emit({"event": "sent", "action": action.name.lower(), "t_ns": monotonic_ns()})
+
     def reset(self) -> None:
         """Forget a trip whose stop has ended; the caller has proved standstill, 0 A and a cleared controller."""
         with self._lock:

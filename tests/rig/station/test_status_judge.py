@@ -44,7 +44,7 @@ def slugs(made: ControllerJudge, answer: ActuatorStatus, lvdt_m: float | None = 
         (FaultBit.WATCHDOG, "host-silent"),
         (FaultBit.E_STOP, "estop"),
         (FaultBit.SUPPLY_PRESSURE, "supply-pressure"),
-        (FaultBit.POSITION_LIMIT, "controller-trip"),
+        (FaultBit.POSITION_LIMIT, "stroke-limit"),
         (FaultBit.FOLLOWING_ERROR, "controller-trip"),
         (1 << 20, "controller-trip"),
     ],
@@ -55,7 +55,7 @@ def test_every_fault_bit_is_named(bits: int, slug: str) -> None:
 
 def test_several_fault_bits_give_several_findings() -> None:
     both = int(FaultBit.WATCHDOG | FaultBit.FORCE_LIMIT)
-    assert slugs(judge(), status(0, fault_bits=both, state=State.TRIPPED)) == ["host-silent", "controller-trip"]
+    assert slugs(judge(), status(0, fault_bits=both, state=State.TRIPPED)) == ["host-silent", "force-limit"]
 
 
 def test_open_e_stop_chain_is_seen_in_the_inputs() -> None:
