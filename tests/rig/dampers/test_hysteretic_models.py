@@ -1,0 +1,151 @@
+"""The models with internal states against an independent integrator, limits and invariances."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rig.dampers import model, parameter_set
+from rig.dampers.kernels import advance
+
+OMEGA, AMPLITUDE, CURRENT = 2.0 * np.pi * 1.5, 0.02, 0.8
+
+
+def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return (
+        AMPLITUDE * np.sin(OMEGA * t),
+        AMPLITUDE * OMEGA * np.cos(OMEGA * t),
+        -AMPLITUDE * OMEGA**2 * np.sin(OMEGA * t),
+    )
+
+
+def bouc_wen_rate(p: dict[str, float], z: float, v: float) -> float:
+    return -p["gamma"] * abs(v) * z * abs(z) ** (p["n"] - 1) - p["beta"] * v * abs(z) ** p["n"] + p["A"] * v
+
+
+def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], Callable[..., float], list[float]]:
+    """Right-hand side, force, and state at rest, written from the equations a second time."""
+    if name == "bouc_wen":
+        return (
+            lambda u, v, s: [bouc_wen_rate(p, s[0], v)],
+            lambda u, v, s: (
+                (p["c0"] + p["c0_b"] * CURRENT) * v
+                + p["k0"] * (u - p["x0"])
+                + (p["alpha"] + p["alpha_b"] * CURRENT) * s[0]
+            ),
+            [0.0],
+        )
+    if name == "modified_bouc_wen":
+        alpha, c0, c1 = (p[f"{key}a"] + p[f"{key}b"] * CURRENT for key in ("alpha_", "c0", "c1"))
+
+        def y_rate(u: float, v: float, s: list[float]) -> float:
+            return (alpha * s[1] + c0 * v + p["k0"] * (u - s[0])) / (c0 + c1)
+
+        return (
+            lambda u, v, s: [y_rate(u, v, s), bouc_wen_rate(p, s[1], v - y_rate(u, v, s))],
+            lambda u, v, s: c1 * y_rate(u, v, s) + p["k1"] * (u - p["x0"]),
+            [0.0, 0.0],
+        )
+    fc, c0 = p["fc"] + p["fc_b"] * CURRENT, p["c0"] + p["c0_b"] * CURRENT
+
+    def slip(u: float, s: list[float]) -> float:
+        spring = p["k2"] * (u - s[1])
+        return (spring - fc * np.sign(spring)) / c0 if abs(spring) > fc else 0.0
+
+    return (
+        lambda u, v, s: [slip(u, s), slip(u, s) + (p["k2"] * (u - s[1]) - p["k1"] * (s[1] - s[0])) / p["c1"]],
+        lambda u, v, s: p["k2"] * (u - s[1]) + p["f0"],
+        [0.0, 0.0],
+    )
+
+
+@pytest.mark.parametrize(
+    "name", ["demo-bouc-wen", "demo-modified-bouc-wen", "demo-viscoelastic-plastic", "spencer-modified"]
+)
+def test_series_agrees_with_an_independent_integrator(name: str) -> None:
+    chosen = parameter_set(name)
+    values = dict(chosen.values)
+    right, force, rest = slopes(chosen.model, values)
+    t = np.arange(0.0, 1.0, 0.002)
+
+    def derivative(time: float, state: list[float]) -> list[float]:
+        u, v, _ = motion(np.array(time))
+        return right(float(u), float(v), state)
+
+    reference = solve_ivp(derivative, (0.0, t[-1]), rest, "LSODA", t, rtol=1e-9, atol=1e-12, max_step=5e-4)
+    u, v, a = motion(t)
+    expected = np.array([force(u[k], v[k], reference.y[:, k]) for k in range(t.size)])
+    found = model(chosen.model).force(values, u, v, a, CURRENT, 0.002)
+    assert np.sqrt(np.mean((found - expected) ** 2)) < 2e-3 * np.max(np.abs(expected))
+
+
+@pytest.mark.parametrize(
+    "name", ["demo-bouc-wen", "demo-normalized-bouc-wen", "demo-modified-bouc-wen", "demo-viscoelastic-plastic"]
+)
+def test_plant_steps_follow_the_series(name: str) -> None:
+    chosen = parameter_set(name)
+    damper = model(chosen.model)
+    t = np.arange(0.0, 1.0, 1.0 / 8000.0)
+    u, v, a = motion(t)
+    series = damper.force(chosen.values, u, v, a, CURRENT, 1.0 / 8000.0)
+    vector, state = damper.vector(chosen.values), damper.initial_state()
+    steps = [
+        advance(damper.kind, vector, state, u[k], v[k], a[k], CURRENT, 0.0 if k == 0 else 1.0 / 8000.0)
+        for k in range(t.size)
+    ]
+    assert np.max(np.abs(np.array(steps) - series)) < 1e-3 * np.max(np.abs(series))
+
+
+def test_bouc_wen_saturates_at_z0() -> None:
+    values = {**parameter_set("spencer-bouc-wen").values, "c0": 0.0, "k0": 0.0}
+    u = np.linspace(0.0, 0.05, 501)
+    force = model("bouc_wen").force(values, u, np.full(501, 0.1), np.zeros(501), 0.0, 0.001)
+    z0 = (values["A"] / (values["beta"] + values["gamma"])) ** (1.0 / values["n"])
+    assert force[-1] == pytest.approx(values["alpha"] * z0, rel=1e-4)
+
+
+def test_normalised_form_is_the_same_damper_as_bouc_wen() -> None:
+    bw = parameter_set("spencer-bouc-wen").values
+    z0 = (bw["A"] / (bw["beta"] + bw["gamma"])) ** (1.0 / bw["n"])
+    normalised = {
+        "kx": bw["k0"],
+        "kv": bw["c0"],
+        "kv_b": 0.0,
+        "kw": bw["alpha"] * z0,
+        "kw_b": 0.0,
+        "f0": -bw["k0"] * bw["x0"],
+        "rho": bw["A"] / z0,
+        "sigma": bw["gamma"] / (bw["beta"] + bw["gamma"]),
+        "n": bw["n"],
+    }
+    u, v, a = motion(np.arange(0.0, 2.0, 0.001))
+    first = model("bouc_wen").force(bw, u, v, a, 0.0, 0.001)
+    second = model("normalized_bouc_wen").force(normalised, u, v, a, 0.0, 0.001)
+    assert np.max(np.abs(first - second)) < 1e-6 * np.max(np.abs(first))
+
+
+def test_hysteresis_of_bouc_wen_does_not_depend_on_speed() -> None:
+    values = {**parameter_set("demo-bouc-wen").values, "c0": 0.0, "c0_b": 0.0}
+    forces = []
+    for stretch in (1.0, 5.0):
+        t = np.arange(0.0, 1.0, 0.0005)
+        u, v, a = motion(t)
+        forces.append(model("bouc_wen").force(values, u, v / stretch, a / stretch**2, 1.0, 0.0005 * stretch))
+    assert np.max(np.abs(forces[0] - forces[1])) < 2e-3 * np.max(np.abs(forces[0]))
+
+
+def test_below_yield_the_viscoelastic_plastic_model_does_not_slip() -> None:
+    values = {**parameter_set("demo-viscoelastic-plastic").values, "fc": 1e5}
+    u, v, a = motion(np.arange(0.0, 4.0, 0.001))
+    force = model("viscoelastic_plastic").force(values, u, v, a, 0.0, 0.001) - values["f0"]
+    spring, dashpot, series = values["k1"], 1j * OMEGA * values["c1"], values["k2"]
+    stiffness = series * (spring + dashpot) / (series + spring + dashpot)
+    assert np.max(np.abs(force[2000:])) == pytest.approx(abs(stiffness) * AMPLITUDE, rel=1e-3)
+
+
+def test_sliding_force_of_a_hysteretic_model_is_its_saturated_branch() -> None:
+    values = parameter_set("demo-normalized-bouc-wen").values
+    force = model("normalized_bouc_wen").force_at(values, 0.1, 1.0)
+    assert float(force) == pytest.approx(0.1 * 810.0 + 330.0 - 150.0, abs=0.5)
+    assert float(model("normalized_bouc_wen").force_at(values, 0.0, 1.0)) == pytest.approx(-150.0)
