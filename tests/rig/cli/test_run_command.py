@@ -30,7 +30,7 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
 
 def test_a_simulated_run_ends_in_exit_0_with_the_documented_json_and_its_files(tmp_path: Path) -> None:
     code, out, err = finish(start("run", QUICK, "--simulate", "--speed", "20", "--out", str(tmp_path), "--json"))
-    assert code == 0, err
+    assert code == 0, out + err
     result: dict[str, Any] = json.loads(out)
     assert {
         "campaign", "points", "valid", "total", "rig_state", "stopped_by", "fit", "report", "wall_s", "motion_s",
@@ -62,7 +62,7 @@ def test_ctrl_c_in_motion_ends_in_exit_4_with_the_rig_safe_and_the_point_not_val
     process.send_signal(signal.SIGINT)
     process.send_signal(signal.SIGINT)
     code, out, err = finish(process)
-    assert code == 4, err
+    assert code == 4, out + err
     result = json.loads(out)
     assert (result["stopped_by"], result["rig_state"], result["valid"]) == ("sigint", "safe", 0)
     assert [point["verdict"] == "valid" for point in result["points"]] == [False, False]
@@ -73,7 +73,7 @@ def test_a_matrix_beyond_the_simulated_rig_is_refused_before_anything_moves(tmp_
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(Path(QUICK).read_text().replace('"30 mm"', '"80 mm"'))
     code, out, err = finish(start("run", str(matrix), "--simulate", "--speed", "20", "--out", str(tmp_path), "--json"))
-    assert code == 3, err
+    assert code == 3, out + err
     refused = json.loads(out)
     assert refused.get("slug", refused.get("stopped_by")) == "matrix-infeasible"
     assert "63.66 mm would fit" in err + out
@@ -82,7 +82,7 @@ def test_a_matrix_beyond_the_simulated_rig_is_refused_before_anything_moves(tmp_
 
 def test_the_demo_covers_the_simulated_truth_and_says_what_cannot_be_identified(tmp_path: Path) -> None:
     code, out, err = finish(start("demo", "--out", str(tmp_path)))
-    assert code == 0, err
+    assert code == 0, out + err
     for expected in ("Plan: DEMO", "8 points feasible", "p008", "truth", "eta cannot be", "report.html", "fit.json"):
         assert expected in out, expected
     held = re.search(r"(\d+) of (\d+) identifiable parameters have the truth inside", out)
