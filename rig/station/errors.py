@@ -1,7 +1,5 @@
 """What this room raises: each error is named after the condition."""
 
-# ruff: noqa: N818 - errors are named after the condition, as everywhere in this project
-
 from __future__ import annotations
 
 

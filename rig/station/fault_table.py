@@ -41,7 +41,7 @@ class FaultRow:
 
 _ROWS = (
     FaultRow("stroke-limit", 1, Stop.S2, "LVDT sample beyond the stroke limit, or the controller's own bit", halt=True),
-    FaultRow("force-limit", 2, Stop.S2, "load-cell sample beyond the force limit, or the controller's own bit", halt=True),
+    FaultRow("force-limit", 2, Stop.S2, "load-cell sample beyond its limit, or the controller's own bit", halt=True),
     FaultRow("speed-limit", 3, Stop.S2, "LVDT slew over a window, three times in a row, or the controller's own bit"),
     FaultRow("overcurrent", 4, Stop.S2, "measured coil current beyond the limit"),
     FaultRow("coil-temperature", 5, Stop.S2, "coil temperature beyond the limit"),
@@ -75,7 +75,7 @@ _ROWS = (
     FaultRow("position-disagreement", 35, Stop.SO, "controller position and LVDT apart"),
     FaultRow("actuator-reboot", 36, Stop.S1, "controller clock or state fell back"),
     FaultRow("second-master", 37, Stop.S2, "controller's lease is held by another"),
-    FaultRow("controller-trip", 38, Stop.S2, "controller tripped by itself (following error, sensor, acceleration, internal)"),
+    FaultRow("controller-trip", 38, Stop.S2, "controller tripped by itself, not at a limit above"),
     FaultRow("host-silent", 39, Stop.S2, "controller's watchdog tripped"),
     FaultRow("estop", 40, Stop.S1, "e-stop chain open"),
     FaultRow("supply-pressure", 41, Stop.S1, "controller's supply-pressure bit"),

@@ -40,8 +40,8 @@ class Preparation:
         """
         devices, config = self._devices, self._config
         identity = devices.actuator.identity
-        if identity is None:
-            raise StationRefused("no-answer", "actuator: no identity")
+        if identity is None or devices.actuator.wait_status(lambda _: True, FIRST_DATA_S) is None:
+            raise StationRefused("no-answer", f"actuator: no status within {FIRST_DATA_S:g} s")
         if config.actuator.serial_number not in {None, identity.serial_number}:
             expected = config.actuator.serial_number
             raise StationRefused(
