@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from synthetic_rig import SyntheticRig
+
+from rig.recording.campaign_log import CampaignLog, read_log
+from rig.recording.context import PointContext
+
+
+def test_events_are_appended_one_readable_line_each(tmp_path: Path) -> None:
+    first = CampaignLog(tmp_path)
+    first.write("started", bench="demo")
+    first.close()
+    second = CampaignLog(tmp_path)
+    second.write("trip", slug="force-limit", value_N=5100.0)
+    second.close()
+    lines = (tmp_path / "journal.jsonl").read_text().splitlines()
+    assert [json.loads(line)["event"] for line in lines] == ["started", "trip"]
+    assert json.loads(lines[1])["slug"] == "force-limit"
+    assert json.loads(lines[0])["host_ns"] < json.loads(lines[1])["host_ns"]
+    assert json.loads(lines[0])["utc"].endswith("+00:00")
+
+
+def test_a_line_cut_off_by_a_crash_does_not_hide_the_others(tmp_path: Path) -> None:
+    log = CampaignLog(tmp_path)
+    log.write("started")
+    log.write("finished")
+    log.close()
+    data = (tmp_path / "journal.jsonl").read_bytes()
+    (tmp_path / "journal.jsonl").write_bytes(data[:-20])
+    assert [event["event"] for event in read_log(tmp_path)] == ["started"]
+
+
+def test_a_point_s_context_survives_its_journal_header() -> None:
+    context = SyntheticRig().context(mid_stroke_m=None, device_rate=50.0)
+    assert PointContext.from_json(context.to_json()) == context
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"sensors": {"force": {"rate": 1}}, "point": {}}'])
+def test_a_header_of_another_shape_is_refused(text: str) -> None:
+    with pytest.raises(ValueError):  # noqa: PT011 - JSON's own error and ours are both right
+        PointContext.from_json(text)
