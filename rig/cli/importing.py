@@ -96,7 +96,7 @@ def command(
         mid_stroke_m=mid_stroke,
     )
     run = Run.open(folder)
-    valid = len(run.valid)
+    valid = sum(point.verdict == "valid" for point in run.points)
     if as_json:
         points = [
             {"id": point.id, "file": point.path, "verdict": point.verdict, "reasons": point.reasons,
