@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import dataclasses
 import gc
 import math
@@ -101,7 +100,7 @@ class SimulatedRig:
         self._pending_faults = list(run.faults)
         self._served = ServedTime()
         self._pace = Pace(run.speed, self.plant.dt_s, TICK_S, MAXIMUM_STEPS)
-        self._stop = asyncio.Event()
+        self._stopping = False
         self._parent = os.getppid()
         self._idle_since_ns = -1
 
@@ -141,15 +140,14 @@ class SimulatedRig:
             loop.add_signal_handler(number, self.stop)
         gc.freeze()
         deadline_s = loop.time()
-        while not self._stop.is_set():
+        while not self._stopping:
             self.tick()
             deadline_s = max(deadline_s + TICK_S, loop.time())
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._stop.wait(), deadline_s - loop.time())
+            await asyncio.sleep(deadline_s - loop.time())
 
     def stop(self) -> None:
         """End `run` at its next tick."""
-        self._stop.set()
+        self._stopping = True
 
     async def close(self) -> None:
         """Hang up on everyone and complete the truth file.

@@ -4,6 +4,8 @@ Set-point (PHYSICS section 1): sine `A sin(2 pi f t)`, the exact triangle or a t
 linearly in phase over the ramp-in cycles and falls over the ramp-out cycles. Servo (section 11):
 `x'' = wn^2 (r - x) - 2 zeta wn x'`, integrated by the trapezoidal rule, its speed limited to
 `rated sqrt((Ps - |pL|)/Ps)` with `pL = F/area`, its acceleration to the controller's limit.
+
+Nothing here is cached by itself: the cached loop of `step.py` contains it.
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ def _shape(waveform: int, phase: float, table: Record) -> float:
     return value + (place - index) * (following - value)
 
 
-shape = njit(cache=True)(_shape)
+shape = njit(cache=False)(_shape)
 
 
 def _envelope(phase: float, ramp_in: float, full: float, ramp_out: float) -> float:
@@ -66,7 +68,7 @@ def _envelope(phase: float, ramp_in: float, full: float, ramp_out: float) -> flo
     return 1.0
 
 
-envelope = njit(cache=True)(_envelope)
+envelope = njit(cache=False)(_envelope)
 
 
 def _note(events: Record, count: int, time_s: float, kind: int, value: float) -> int:
@@ -79,7 +81,7 @@ def _note(events: Record, count: int, time_s: float, kind: int, value: float) ->
     return count
 
 
-note = njit(cache=True)(_note)
+note = njit(cache=False)(_note)
 
 
 def _pulse(s: Record, events: Record, count: int, time_s: float) -> int:
@@ -89,7 +91,7 @@ def _pulse(s: Record, events: Record, count: int, time_s: float) -> int:
     return note(events, count, time_s, EVENT_PULSE, s.pulses)
 
 
-pulse = njit(cache=True)(_pulse)
+pulse = njit(cache=False)(_pulse)
 
 
 def _advance_phase(p: Record, c: Record, s: Record, end_s: float, last: float, events: Record, count: int) -> int:
@@ -107,7 +109,7 @@ def _advance_phase(p: Record, c: Record, s: Record, end_s: float, last: float, e
     return count
 
 
-advance_phase = njit(cache=True)(_advance_phase)
+advance_phase = njit(cache=False)(_advance_phase)
 
 
 def _program_setpoint(p: Record, c: Record, s: Record, table: Record, end_s: float, events: Record, count: int) -> int:
@@ -137,7 +139,7 @@ def _program_setpoint(p: Record, c: Record, s: Record, table: Record, end_s: flo
     return count
 
 
-program_setpoint = njit(cache=True)(_program_setpoint)
+program_setpoint = njit(cache=False)(_program_setpoint)
 
 
 def _move_setpoint(p: Record, c: Record, s: Record) -> None:
@@ -161,7 +163,7 @@ def _move_setpoint(p: Record, c: Record, s: Record) -> None:
         c.mode = MODE_HOLD
 
 
-move_setpoint = njit(cache=True)(_move_setpoint)
+move_setpoint = njit(cache=False)(_move_setpoint)
 
 
 def _closed_loop(p: Record, c: Record, s: Record, before_m: float, speed_limit_m_s: float) -> float:
@@ -180,7 +182,7 @@ def _closed_loop(p: Record, c: Record, s: Record, before_m: float, speed_limit_m
     return limited
 
 
-closed_loop = njit(cache=True)(_closed_loop)
+closed_loop = njit(cache=False)(_closed_loop)
 
 
 def _open_loop(p: Record, c: Record, s: Record) -> float:
@@ -198,7 +200,7 @@ def _open_loop(p: Record, c: Record, s: Record) -> float:
     return drifting
 
 
-open_loop = njit(cache=True)(_open_loop)
+open_loop = njit(cache=False)(_open_loop)
 
 
 def _move_rod(p: Record, c: Record, s: Record, table: Record, end_s: float, events: Record, count: int) -> int:
@@ -230,4 +232,4 @@ def _move_rod(p: Record, c: Record, s: Record, table: Record, end_s: float, even
     return count
 
 
-move_rod = njit(cache=True)(_move_rod)
+move_rod = njit(cache=False)(_move_rod)

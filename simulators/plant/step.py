@@ -1,23 +1,24 @@
 """One slice of the plant: motion, damper in its mounting, coil, heat, the controller's limits; one compiled loop.
 
 The damper's force comes from `rig.dampers.kernels.advance`, inlined by the compiler. Numba does not notice when a
-function that a cached one calls has changed, so the loop is built in a closure over the sources' fingerprint: another
-fingerprint, another cache entry.
+function that a cached one calls has changed, so only the whole loop is cached, and it is built in a closure over the
+sources' fingerprint: another fingerprint, another cache entry.
 """
 
 from __future__ import annotations
 
+import inspect
 import math
+import sys
 import zlib
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from numba import njit
 
-import rig.dampers.kernels
+from rig.dampers import algebraic, kernels, kinds
 from rig.dampers.kernels import advance
-from simulators.plant import motion
+from simulators.plant import motion, records
 from simulators.plant.motion import Record, move_rod, note
 from simulators.plant.records import (
     BIT_FOLLOWING,
@@ -49,7 +50,7 @@ def _fittings_force(p: Record, u: float, v: float) -> float:
     return force
 
 
-fittings_force = njit(cache=True)(_fittings_force)
+fittings_force = njit(cache=False)(_fittings_force)
 
 
 def _mount_force(p: Record, stretch_m: float) -> float:
@@ -61,7 +62,7 @@ def _mount_force(p: Record, stretch_m: float) -> float:
     return force
 
 
-mount_force = njit(cache=True)(_mount_force)
+mount_force = njit(cache=False)(_mount_force)
 
 
 def _rigid_force(p: Record, s: Record, kind: int, dp: Record, ds: Record) -> float:
@@ -73,7 +74,7 @@ def _rigid_force(p: Record, s: Record, kind: int, dp: Record, ds: Record) -> flo
     return total
 
 
-rigid_force = njit(cache=True)(_rigid_force)
+rigid_force = njit(cache=False)(_rigid_force)
 
 
 def _mounted_force(p: Record, s: Record, kind: int, dp: Record, ds: Record, scratch: Record) -> float:
@@ -103,7 +104,7 @@ def _mounted_force(p: Record, s: Record, kind: int, dp: Record, ds: Record, scra
     return mount_force(p, rod_u - u)
 
 
-mounted_force = njit(cache=True)(_mounted_force)
+mounted_force = njit(cache=False)(_mounted_force)
 
 
 def _coil_and_heat(p: Record, c: Record, s: Record) -> None:
@@ -119,7 +120,7 @@ def _coil_and_heat(p: Record, c: Record, s: Record) -> None:
     s.temperature_degC += heat_W * p.dt_s / p.heat_capacity_J_K
 
 
-coil_and_heat = njit(cache=True)(_coil_and_heat)
+coil_and_heat = njit(cache=False)(_coil_and_heat)
 
 
 def _crossed_limit(c: Record, s: Record) -> int:
@@ -137,7 +138,7 @@ def _crossed_limit(c: Record, s: Record) -> int:
     return -1
 
 
-crossed_limit = njit(cache=True)(_crossed_limit)
+crossed_limit = njit(cache=False)(_crossed_limit)
 
 
 def _guard(c: Record, s: Record, end_s: float, events: Record, count: int) -> int:
@@ -154,16 +155,14 @@ def _guard(c: Record, s: Record, end_s: float, events: Record, count: int) -> in
     return note(events, count, end_s, EVENT_TRIP, bit)
 
 
-guard = njit(cache=True)(_guard)
+guard = njit(cache=False)(_guard)
 
 
 def _sources() -> int:
     """CRC-32 over every source the compiled loop is made of."""
-    folder = Path(rig.dampers.kernels.__file__).parent
-    files = [*sorted(folder.glob("*.py")), Path(motion.__file__), Path(__file__)]
     crc = 0
-    for file in files:
-        crc = zlib.crc32(file.read_bytes(), crc)
+    for module in (kernels, kinds, algebraic, records, motion, sys.modules[__name__]):
+        crc = zlib.crc32(inspect.getsource(module).encode(), crc)
     return crc
 
 
