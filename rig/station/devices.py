@@ -10,7 +10,7 @@ from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity
 from drivers.ring import Channel, Record
 from drivers.serial_sensor import SerialSensor
 from protocols.errors import ProtocolError
-from protocols.line_format import LineFormat
+from protocols.line_format import LineFormat, from_description
 from rig.station.actuator_thread import ActuatorThread
 from rig.station.coil_thread import CoilThread
 from rig.station.config import SensorConfig, StationConfig
@@ -180,4 +180,4 @@ def _judge(given: SensorConfig, slug: str, low: float, high: float, unit: str) -
 
 
 def _line_format(given: SensorConfig) -> str | LineFormat:
-    return given.format if isinstance(given.format, str) else LineFormat(**given.format)
+    return given.format if isinstance(given.format, str) else from_description(given.format)
