@@ -40,6 +40,7 @@ class Observer:
         self._last: dict[int, float] = {}
         self._last_host_ns: dict[int, int] = {}
         self._wait: Wait | None = None
+        self._program_seen = False
         self.device_s = 0.0
         """The controller's clock at its last status (s); 0 before the first one."""
 
@@ -74,6 +75,11 @@ class Observer:
         """When the last record of a channel arrived (monotonic ns); None before the first."""
         return self._last_host_ns.get(channel)
 
+    @property
+    def cycles_done(self) -> int:
+        """Whole cycles done of the program last awaited, ramps included; 0 until it was seen."""
+        return int(self.value(Channel.CYCLES_DONE, 0.0)) if self._program_seen else 0
+
     def live(self) -> dict[str, float]:
         """Last values for the display, by name, those known."""
         return {name: self._last[channel] for name, channel in LIVE.items() if channel in self._last}
@@ -96,13 +102,13 @@ class Observer:
         A program too short to be seen running is known by its cycle pulses.
         """
         pulses = self.value(Channel.PULSE, 0.0)
-        ran = False
+        self._program_seen = False
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
-            nonlocal ran
             states = records["value"][(records["channel"] == Channel.STATE) & (records["host_ns"] > since_ns)]
-            ran = ran or bool(np.any(states == ControllerState.RUNNING)) or self.value(Channel.PULSE, 0.0) != pulses
-            if ran and self._holds(since_ns):
+            seen = bool(np.any(states == ControllerState.RUNNING)) or self.value(Channel.PULSE, 0.0) != pulses
+            self._program_seen = self._program_seen or seen
+            if self._program_seen and self._holds(since_ns):
                 return ev.ProgramEnded(at_centre=self._near(centre_m))
             return None
 

@@ -206,7 +206,7 @@ class Runner:
         self._progress_ns = now_ns
         state, observer = self.state, self._hands.observer
         running = state.phase is Phase.RUNNING
-        cycles = int(observer.value(Channel.CYCLES_DONE, 0.0)) if running else 0
+        cycles = observer.cycles_done if running else 0
         left_s = sum(point.motion_s + point.rest_s for point in state.queue)
         left_s -= cycles / state.point.frequency_Hz if running else 0.0
         point_id = state.point.id if state.queue else ""

@@ -60,6 +60,16 @@ def test_a_program_too_short_to_be_seen_is_known_by_its_pulses() -> None:
     assert observer.observe(status(200, State.HOLD, pulses=12)) == ev.ProgramEnded(at_centre=True)
 
 
+def test_cycles_of_the_program_before_are_not_counted() -> None:
+    observer = Observer()
+    observer.observe(records((Channel.STATE, 50, State.HOLD), (Channel.CYCLES_DONE, 50, 12.0)))
+    observer.await_program(0.0, since_ns=100)
+    observer.observe(records((Channel.STATE, 150, State.HOLD), (Channel.CYCLES_DONE, 150, 12.0)))
+    assert observer.cycles_done == 0
+    observer.observe(records((Channel.STATE, 200, State.RUNNING), (Channel.CYCLES_DONE, 200, 1.0)))
+    assert observer.cycles_done == 1
+
+
 def test_a_program_that_tripped_has_not_ended() -> None:
     observer = Observer()
     observer.await_program(0.0, since_ns=100)
