@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import subprocess
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from rig.bench.model import Bench
 from rig.campaign.crew import Crew
 from rig.campaign.guarded_display import GuardedDisplay
 from rig.campaign.options import CampaignOptions, CampaignResult, Display
+from rig.campaign.ring_place import ring_path_for
 from rig.campaign.runner import Runner
 from rig.campaign.setup import (
     check_room,
@@ -32,9 +32,6 @@ from rig.matrix.plan import Plan, plan
 from rig.recording.campaign_log import CampaignLog
 from rig.recording.finaliser import Finaliser
 from rig.station.client import StationClient, StationLost
-
-SHARED_MEMORY = Path("/dev/shm")
-"""The ring lies in memory where there is such a place: its pages must never wait for a disk."""
 
 
 def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
@@ -162,19 +159,8 @@ def _dead_men_s(bench: Bench, accepted: Plan) -> float:
     return bench.actuator.watchdog_s + fade_s / bench.clock.device_rate + 1.0
 
 
-@contextmanager
-def _ring_path(folder: Path) -> Iterator[Path]:
-    """Where the station puts its ring: shared memory where there is some, so that no disk can delay it."""
-    place = SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir())
-    path = place / f"mr-damper-rig-{folder.name}.ring"
-    try:
-        yield path
-    finally:
-        path.unlink(missing_ok=True)
-
-
 def _run(start: _Start, log: CampaignLog, finaliser: Finaliser, signals: Signals, display: Display) -> CampaignResult:
-    with _ring_path(start.folder) as ring_path:
+    with ring_path_for(start.folder.name) as ring_path:
         config = station_config(start.bench, start.matrix, ring_path)
         display.phase("starting the station")
         try:
