@@ -11,6 +11,8 @@ from simulators.options import RigOptions, SensorOptions
 SI_UNITS = {"N": "N", "mm": "m", "m/s^2": "m/s^2"}
 STALE_SAMPLES = 5
 RELAXED_STALE_S = 0.250
+RELAXED_COMMAND_TIMEOUT_S = 0.500
+"""The ECU's patience with its host where the host's limits are widened too."""
 
 
 @dataclass(frozen=True)
@@ -24,20 +26,16 @@ class Addresses:
     auxiliary_urls: Sequence[str]
 
 
-def bench_text(options: RigOptions, addresses: Addresses, speed: float, real_time: bool) -> str:
+def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed: bool) -> str:
     """The bench file as TOML text.
-
-    Time limits are those of the hardware when this rig runs in real time with real-time rights; otherwise they are
-    widened, since its answers then wait for other processes of the machine.
 
     Args:
         options: the rig's constants.
         addresses: its open ports.
         speed: rate of its device clocks against the wall.
-        real_time: whether this process has real-time priority at speed 1.
+        relaxed: time limits are widened against those of hardware.
     """
     limits, controller = options.limits, options.controller
-    relaxed = not real_time or speed > 1.0
     lines = [
         "format = 1",
         'name = "simulated rig"',

@@ -53,6 +53,7 @@ class Ecu:
     Attributes:
         faults: switches of the fault injectors.
         log: called with (what, value) when the commanded current or a fault changes, for the truth file.
+        command_timeout_s: wall seconds without a good command until it drives 0 A by itself.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Ecu:
         self.faults = EcuFaults()
         self.log = log
         self.options = options
+        self.command_timeout_s = options.command_timeout_s
         self.boot_count = options.boot_count
         self.supply_V = options.supply_V
         self._ambient_degC = ambient_degC
@@ -130,7 +132,7 @@ class Ecu:
         """Judge the command time-out (wall time, s) and the ECU's own sensors."""
         self._served_s = served_s
         waited_s = served_s - self._heard_s
-        if self.state is EcuState.ENABLED and waited_s > self.options.command_timeout_s:
+        if self.state is EcuState.ENABLED and waited_s > self.command_timeout_s:
             self._fail(EcuFault.COMMAND_TIMEOUT)
         if self.faults.over_temperature or self.plant.value("temperature_degC") > self.options.over_temperature_degC:
             self._fail(EcuFault.OVER_TEMPERATURE)

@@ -17,7 +17,7 @@ import numpy as np
 from protocols.actuator import State
 from rig.clock import monotonic_ns
 from simulators.actuator import Actuator
-from simulators.bench import Addresses, bench_text
+from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, bench_text
 from simulators.clock import DeviceClock, ServedTime
 from simulators.conditioner import condition
 from simulators.ecu import Ecu
@@ -130,8 +130,20 @@ class SimulatedRig:
         return Addresses(self.modbus.port, self.bus.port, urls[0], urls[1], urls[2:])
 
     def bench(self, addresses: Addresses, real_time: bool) -> str:
-        """The text of the bench file."""
-        return bench_text(self.options, addresses, self.run_options.speed, real_time)
+        """The text of the bench file.
+
+        Time limits are those of the hardware when this rig runs in real time with real-time rights; otherwise they are
+        widened, the ECU's own command time-out with them, since every answer then waits for other processes.
+
+        Args:
+            addresses: the open ports.
+            real_time: whether this process has real-time priority at speed 1.
+        """
+        speed = self.run_options.speed
+        relaxed = not real_time or speed > 1.0
+        if relaxed:
+            self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
+        return bench_text(self.options, addresses, speed, relaxed)
 
     async def run(self) -> None:
         """Run until `stop`, a termination signal, or (with `exit_when_idle`) standstill after the parent is gone."""

@@ -23,14 +23,15 @@ class Commander:
         self._supervisor = supervisor
 
     def fresh(self) -> ActuatorStatus:
-        """The controller's last status.
+        """The controller's last status; a stale one is waited for, since nothing moves before it.
 
         Raises:
-            StationRefused: it is stale.
+            StationRefused: none came.
         """
-        status = self._actuator.fresh_status(monotonic_ns())
+        actuator = self._actuator
+        status = actuator.wait_status(lambda _: actuator.fresh_status(monotonic_ns()) is not None, ACK_TIMEOUT_S)
         if status is None:
-            raise StationRefused("modbus-halfopen", "no fresh status from the controller")
+            raise StationRefused("modbus-halfopen", f"no fresh status from the controller within {ACK_TIMEOUT_S:g} s")
         return status
 
     def command(self, command: Command, **values: Value) -> ActuatorStatus:
