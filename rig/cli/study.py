@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rig.cli.output import Command, console, json_option, write_json
-from rig.errors import EXIT_DONE, FileProblem
+from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
     from rig.study.runner import StudyProgress
@@ -35,8 +35,6 @@ def command(file: Path, out: Path | None, processes: int | None, as_json: bool) 
     from rig.study.outputs import as_json as plain
 
     folder = out or Path("logs") / f"study-{file.stem}"
-    if not file.is_file():
-        raise FileProblem(str(file), ["there is no such file; examples/paper-tables.toml is one to start from"])
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"))
     with Progress(*columns, console=console(as_json=True)) as bar:
         task = bar.add_task("searches", total=None, left="")
@@ -51,9 +49,8 @@ def command(file: Path, out: Path | None, processes: int | None, as_json: bool) 
         write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **found})
     else:
         shown = console()
-        shown.print(
-            f"{outcome.facts['searches']} searches over {outcome.facts['samples']} samples, {len(outcome.tables)} tables"
-        )
+        counts = f"{outcome.facts['searches']} searches over {outcome.facts['samples']} samples"
+        shown.print(f"{counts}, {len(outcome.tables)} tables")
         shown.print(f"page: {outcome.page}")
         shown.print(f"tables: {folder / 'tables'}")
     return EXIT_DONE

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from multiprocessing import get_context
+from multiprocessing.synchronize import Event
 from typing import Any
 
 from rig.study.results_file import ResultsFile
@@ -18,6 +19,7 @@ from rig.study.workbench import Workbench
 QUEUED_PER_PROCESS = 2
 
 _bench: Workbench | None = None
+_stop: Event | None = None
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,9 @@ def run_cells(
     if not todo:
         return
     count = min(processes or os.cpu_count() or 1, len(todo))
-    pool = ProcessPoolExecutor(count, get_context("spawn"), initializer=_set_bench, initargs=(study,))
+    context = get_context("spawn")
+    stop = context.Event()
+    pool = ProcessPoolExecutor(count, context, initializer=_set_bench, initargs=(study, stop))
     try:
         waiting = list(reversed(todo))
         running: set[Future[dict[str, Any]]] = set()
@@ -77,6 +81,7 @@ def run_cells(
                 left = clock.finished(int(line["budget"]))
                 tell(StudyProgress(len(cells) - len(waiting) - len(running), len(cells), left, str(line["key"])))
     finally:
+        stop.set()
         pool.shutdown(wait=True, cancel_futures=True)
 
 
@@ -95,12 +100,13 @@ class _Clock:
         return elapsed_s * self._left / max(self._spent, 1)
 
 
-def _set_bench(study: StudyFile) -> None:
-    global _bench
-    _bench = Workbench(study)
+def _set_bench(study: StudyFile, stop: Event) -> None:
+    """In a worker: its recordings once, for all its searches, and the sign to abandon the one that runs."""
+    global _bench, _stop
+    _bench, _stop = Workbench(study), stop
 
 
 def _run(cell: SearchCell) -> dict[str, Any]:
     if _bench is None:
         raise RuntimeError("this worker has no recordings: its initializer did not run")
-    return _bench.run(cell)
+    return _bench.run(cell, lambda progress: _stop is not None and _stop.is_set())

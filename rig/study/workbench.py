@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.identification.algorithms import minimise
+from rig.identification.algorithms.search import Callback
 from rig.identification.measurement import Measurement
 from rig.identification.problem import Problem
 from rig.study.per_current import current_box, current_objective, three_steps
@@ -61,17 +62,18 @@ class Workbench:
             self._problems[model] = Problem(self.tests, model, wanted.weight, wanted.hysteresis)
         return self._problems[model]
 
-    def run(self, cell: SearchCell) -> dict[str, Any]:
+    def run(self, cell: SearchCell, callback: Callback | None = None) -> dict[str, Any]:
         """Run one search.
 
         Args:
             cell: The search.
+            callback: Called after every generation; True ends the search.
 
         Returns:
             A line of the results file.
         """
         if cell.problem.startswith("current:"):
-            return self._run_current(cell)
+            return self._run_current(cell, callback)
         problem = self.problem(cell.problem)
         name, settings = cell.algorithm
         found = minimise(
@@ -82,6 +84,7 @@ class Workbench:
             population=cell.population,
             budget=cell.budget,
             seed=cell.seed(self.study.seed),
+            callback=callback,
             **settings,
         )
         return result_line(cell, problem.names, found, **force_errors(problem, found.best))
@@ -116,7 +119,7 @@ class Workbench:
             case _:
                 return problem.bounds
 
-    def _run_current(self, cell: SearchCell) -> dict[str, Any]:
+    def _run_current(self, cell: SearchCell, callback: Callback | None) -> dict[str, Any]:
         wanted = self.study.current
         if wanted is None:
             raise ValueError(f"{cell.key}: the study has no per-current part")
@@ -132,6 +135,7 @@ class Workbench:
             population=cell.population,
             budget=cell.budget,
             seed=cell.seed(self.study.seed),
+            callback=callback,
             **settings,
         )
         whole = objective.whole(found.best[None, :])[0]

@@ -86,7 +86,10 @@ def roulette(errors: Array) -> Array:
     Returns:
         Shape (n,), sums to 1; equal shares when no error is finite.
     """
-    smallest = np.finfo(np.float64).tiny
-    fitness = np.where(np.isfinite(errors), 1.0 / np.maximum(errors / max(errors.min(), smallest), smallest), 0.0)
-    total = fitness.sum()
-    return fitness / total if total > 0.0 else np.full(len(errors), 1.0 / len(errors))
+    finite = np.isfinite(errors)
+    if not finite.any():
+        return np.full(len(errors), 1.0 / len(errors))
+    least = max(float(errors[finite].min()), float(np.finfo(np.float64).tiny))
+    fitness = np.zeros(len(errors))
+    fitness[finite] = least / np.maximum(errors[finite], least)
+    return np.asarray(fitness / fitness.sum())

@@ -1,0 +1,139 @@
+"""Both papers' genetic algorithms, step by step."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from rig.identification.algorithms import ga, ga_novel, minimise
+from rig.identification.algorithms.ga_standard import roulette
+from rig.identification.algorithms.inheritance import StatisticalStop, blend, pick, rank_weights
+
+if TYPE_CHECKING:
+    from conftest import Bowl
+
+
+def test_matlab_expectation_falls_with_the_square_root_of_rank() -> None:
+    shares = ga.expectation(4)
+    assert shares.sum() == pytest.approx(1.0)
+    assert shares[3] / shares[0] == pytest.approx(0.5)
+    assert shares[1] / shares[0] == pytest.approx(1.0 / math.sqrt(2.0))
+
+
+def test_stochastic_uniform_walks_the_wheel_in_equal_steps_from_one_offset() -> None:
+    shares = np.array([0.5, 0.3, 0.2])
+    assert ga.stochastic_uniform(shares, 4, 0.0).tolist() == [0, 0, 1, 1]  # at 0, 0.25, 0.5, 0.75
+    assert ga.stochastic_uniform(shares, 4, 0.5).tolist() == [0, 0, 1, 2]  # at 0.125, 0.375, 0.625, 0.875
+
+
+def test_a_child_is_a_weighted_average_of_its_parents() -> None:
+    child = ga.weighted_average(np.array([[0.0, 10.0]]), np.array([[4.0, 20.0]]), np.array([[0.25, 0.5]]))
+    assert child.tolist() == [[1.0, 15.0]]
+
+
+def test_a_generation_holds_the_elite_four_fifths_children_and_mutants_for_the_rest(bowl: Bowl) -> None:
+    found = minimise(bowl, method="ga", population=50, budget=50 + 3 * 47, seed=1)
+    assert found.generations == 3  # the elite, ceil(0.05 N) = 3, is not evaluated again
+    assert found.evaluations == 50 + 3 * 47
+
+
+def test_gaussian_mutation_has_shrunk_to_nothing_at_the_last_generation(bowl: Bowl) -> None:
+    minimise(bowl, method="ga", population=50, budget=50 + 100 * 47, seed=1, stall_generations=0)
+    points = np.array(bowl.points)
+    mutants_first, mutants_last = points[50 + 38 : 50 + 47], points[-9:]
+    assert np.std(mutants_first) > 5.0
+    assert np.std(mutants_last - mutants_last.mean(axis=0)) < 0.5
+
+
+def test_ga_stalls_when_nothing_changes_for_so_many_generations() -> None:
+    assert not ga.stalled([5.0, 5.0], 2, 1e-6)
+    assert ga.stalled([5.0, 5.0, 5.0], 2, 1e-6)
+    assert not ga.stalled([6.0, 5.5, 5.0], 2, 1e-6)
+    assert not ga.stalled([5.0] * 100, 0, 1e-6)
+
+
+def test_rank_weights_of_the_novel_ga_fall_linearly() -> None:
+    assert np.allclose(rank_weights(4), [0.4, 0.3, 0.2, 0.1])
+
+
+def test_the_parent_is_the_first_whose_cumulative_probability_reaches_the_draw() -> None:
+    assert pick(rank_weights(4), np.array([0.0, 0.39, 0.41, 0.71, 0.95])).tolist() == [0, 0, 1, 2, 3]
+
+
+def test_two_children_blend_their_parents_and_keep_the_sum() -> None:
+    first, second = blend(np.array([[10.0, 0.0]]), np.array([[2.0, 4.0]]), np.array([[0.25]]))
+    assert first.tolist() == [[8.0, 1.0]]
+    assert second.tolist() == [[4.0, 3.0]]
+
+
+def test_a_father_is_never_his_childs_mother() -> None:
+    mothers = np.zeros(500, dtype=np.int64)
+    fathers = ga_novel.other_parents(rank_weights(3), mothers, np.random.default_rng(1))
+    assert np.all(fathers != mothers)
+    share = np.mean(fathers == 1)
+    assert share == pytest.approx(2.0 / 3.0, abs=0.08)  # weights 2 : 1 remain of 3 : 2 : 1
+
+
+def test_mutation_replaces_single_variables_inside_the_bounds_and_spares_the_elite() -> None:
+    members = np.full((10, 4), 100.0)
+    rows = ga_novel.mutate(members, np.zeros(4), np.full(4, 2.0), 7, np.random.default_rng(2))
+    changed = members != 100.0
+    assert changed.sum() == 7
+    assert not changed[0].any()
+    assert np.flatnonzero(changed.any(axis=1)).tolist() == rows.tolist()
+    assert np.all((members[changed] >= 0.0) & (members[changed] <= 2.0))
+
+
+def test_the_novel_ga_evaluates_children_before_it_mutates_them(bowl: Bowl) -> None:
+    bounds = [(-10.0, 10.0)] * 4
+    minimise(bowl, method="ga_novel", bounds=bounds, population=8, budget=12, seed=3, mutation_rate=0.5)
+    first, children = np.array(bowl.points[:8]), np.array(bowl.points[8:12])
+    order = np.argsort(np.sum((first - bowl.target) ** 2, axis=1))
+    parents = first[order[:4]]
+    sums = [parents[i] + parents[j] for i in range(4) for j in range(4) if i != j]
+    for couple in range(2):
+        total = children[couple] + children[couple + 2]
+        assert min(np.abs(each - total).max() for each in sums) < 1e-12
+
+
+def test_the_statistical_stop_follows_the_exponential_distribution() -> None:
+    stop = StatisticalStop(q_min=3, p=0.05)
+    assert [stop.add(error) for error in (150.0, 1.0, 1.0)] == [False, False, False]
+    # mean 152/3, e_max 150
+    assert stop.chance() == pytest.approx(math.exp(-0.2 * 150.0 / (152.0 / 3.0)))
+    stopped_after = next(q for q in range(4, 1000) if stop.add(1.0))
+    # exp(-0.2 e_max / mean) <= 0.05 needs mean <= 150 * 0.2 / ln 20 = 10.01: (149 + q) / q <= 10.01
+    assert stopped_after == math.ceil(149.0 / (30.0 / math.log(20.0) - 1.0))
+
+
+def test_the_statistical_stop_waits_for_enough_generations_and_p_0_disables_it() -> None:
+    patient, never = StatisticalStop(q_min=50, p=0.05), StatisticalStop(q_min=1, p=0.0)
+    assert not any(patient.add(error) for error in [1e9] + [1e-9] * 48)
+    assert patient.add(1e-9)
+    assert not any(never.add(error) for error in [1e3] + [1.0] * 500)
+
+
+@pytest.mark.parametrize("method", ["ga_standard", "ga_kwok", "ga_novel"])
+def test_paper_2s_algorithms_stop_by_statistics_before_the_budget(bowl: Bowl, method: str) -> None:
+    found = minimise(bowl, method=method, bounds=[(-10.0, 10.0)] * 4, budget=100_000, seed=1)
+    assert found.stopped_by == "statistics"
+    assert found.generations >= 50
+    assert found.evaluations < 100_000
+
+
+def test_a_roulette_share_is_proportional_to_the_inverse_error() -> None:
+    assert np.allclose(roulette(np.array([1.0, 2.0, 4.0])), np.array([4.0, 2.0, 1.0]) / 7.0)
+    assert np.allclose(roulette(np.array([1.0, np.inf])), [1.0, 0.0])
+    assert np.allclose(roulette(np.array([np.inf, np.inf])), [0.5, 0.5])
+
+
+def test_kwoks_ga_replaces_its_worst_by_the_best(bowl: Bowl) -> None:
+    settings = {"crossover": 0.0, "mutation": 1.0, "width": 1e-9, "replaced": 0.5}
+    minimise(bowl, method="ga_kwok", bounds=[(-10.0, 10.0)] * 4, budget=150, seed=2, **settings)
+    best = min(bowl.points[:100], key=lambda point: float(np.sum((point - bowl.target) ** 2)))
+    third = np.array(bowl.points[100:150])
+    copies = np.sum(np.all(np.abs(third - best) < 1e-6, axis=1))
+    assert copies >= 25

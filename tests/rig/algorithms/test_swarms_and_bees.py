@@ -1,0 +1,133 @@
+"""PSO (20)-(22), DE rand/1 with dither and I-ABC, step by step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from rig.identification.algorithms import de, i_abc, minimise
+from rig.identification.algorithms.pso import Mood, ParticleSwarm, leaders_of, stopped_at_bounds
+
+if TYPE_CHECKING:
+    from conftest import Bowl
+
+
+def test_equation_20_adds_inertia_own_and_neighbours_pull() -> None:
+    speed, place, own, leader = (np.array([[value]]) for value in (2.0, 1.0, 3.0, -1.0))
+    draws = np.array([[[0.5]], [[0.25]]])
+    swarm = ParticleSwarm(self_weight=1.49, social_weight=1.49)
+    assert swarm.accelerated(speed, place, own, leader, draws, 0.8)[0, 0] == pytest.approx(1.6 + 1.49 - 0.745)
+
+
+@pytest.mark.parametrize(
+    ("stalls", "better", "stalls_after", "neighbours_after", "inertia_after"),
+    [
+        (0, True, 0, 12, 1.0),  # c = max(0, -1) < 2: w doubled
+        (2, True, 1, 12, 1.0),
+        (3, True, 2, 12, 0.5),  # between: w kept
+        (7, True, 6, 12, 0.25),  # c > 5: w halved
+        (5, False, 6, 24, 0.25),
+        (0, False, 1, 24, 1.0),
+    ],
+)
+def test_equations_21_and_22_follow_the_stall_counter(
+    stalls: int, better: bool, stalls_after: int, neighbours_after: int, inertia_after: float
+) -> None:
+    after = Mood(inertia=0.5, neighbours=12, stalls=stalls, smallest=12, particles=50).after(better=better)
+    assert (after.stalls, after.neighbours, after.inertia) == (stalls_after, neighbours_after, inertia_after)
+
+
+def test_inertia_and_neighbourhood_stay_inside_their_limits() -> None:
+    mood = Mood(inertia=1.1, neighbours=48, stalls=0, smallest=12, particles=50)
+    assert mood.after(better=True).inertia == 1.1
+    assert mood.after(better=False).neighbours == 50
+    assert Mood(0.15, 12, 9, 12, 50).after(better=False).inertia == 0.1
+
+
+def test_as_matlabs_page_words_it_inertia_waits_for_an_improvement() -> None:
+    mood = Mood(inertia=1.0, neighbours=12, stalls=9, smallest=12, particles=50)
+    assert mood.after(better=False, always=False).inertia == 1.0
+    assert mood.after(better=True, always=False).inertia == 0.5
+
+
+def test_a_leader_is_the_best_of_the_particle_itself_and_the_neighbours_drawn() -> None:
+    own_values = np.array([4.0, 3.0, 2.0, 1.0])
+    draws = np.array([[0.0, 0.1, 0.9, 0.8], [0.2, 0.0, 0.1, 0.9], [0.1, 0.2, 0.0, 0.9], [0.1, 0.2, 0.3, 0.0]])
+    assert leaders_of(own_values, draws, 2).tolist() == [1, 2, 2, 3]
+    assert leaders_of(own_values, draws, 4).tolist() == [3, 3, 3, 3]
+
+
+def test_a_particle_at_a_bound_loses_that_speed() -> None:
+    places, speeds = stopped_at_bounds(np.array([[5.0, 0.5]]), np.array([[2.0, 1.0]]), np.zeros(2), np.full(2, 3.0))
+    assert places.tolist() == [[3.0, 0.5]]
+    assert speeds.tolist() == [[0.0, 1.0]]
+
+
+def test_the_papers_inertia_rule_converges_where_the_pages_flies_apart(bowl: Bowl) -> None:
+    paper = minimise(bowl, method="pso", budget=8000, seed=1)
+    page = minimise(bowl, method="pso", budget=8000, seed=1, inertia_rule="when better")
+    assert paper.value < 1e-6 < page.value
+
+
+def test_de_partners_are_mutually_different_for_every_member() -> None:
+    rng = np.random.default_rng(1)
+    base, plus, minus = de.partners(rng.permutation(20), np.array([2, 3]))
+    assert np.all(base != plus)
+    assert np.all(base != minus)
+    assert np.all(plus != minus)
+    assert sorted(base.tolist()) == list(range(20))
+
+
+def test_de_mutants_are_rand_1() -> None:
+    members = np.array([[0.0], [1.0], [4.0]])
+    index = [np.array([0]), np.array([2]), np.array([1])]
+    assert de.mutants(members, *index, np.array([[0.9]]))[0, 0] == pytest.approx(2.7)
+
+
+@pytest.mark.parametrize(("strategy", "distinct"), [(4, True), (5, False)])
+def test_de_dithers_per_vector_or_per_generation(strategy: int, distinct: bool) -> None:
+    class Line:
+        n_parameters = 1
+
+        def __init__(self) -> None:
+            self.populations = []
+
+        def batch(self, population: np.ndarray) -> np.ndarray:
+            self.populations.append(population[:, 0].copy())
+            return np.full(len(population), 1.0 + len(self.populations))
+
+    line = Line()
+    minimise(line, method="de", strategy=strategy, population=6, budget=12, seed=2)
+    first, trials = line.populations
+    factors = set()
+    for trial in trials:
+        fits = [
+            (trial - base) / (plus - minus)
+            for base in first for plus in first for minus in first
+            if len({base, plus, minus}) == 3 and 0.85 <= (trial - base) / (plus - minus) <= 1.0
+        ]  # fmt: skip
+        assert fits
+        factors.add(tuple(np.round(fits, 9)))
+    shared = set.intersection(*(set(each) for each in factors))
+    assert (len(shared) == 0) is distinct
+
+
+def test_de_trials_come_back_between_bound_and_base() -> None:
+    trials = de.bounced(
+        np.array([[-3.0, 9.0]]), np.array([[1.0, 2.0]]), np.zeros(2), np.full(2, 4.0), np.full((1, 2), 0.5)
+    )
+    assert trials.tolist() == [[0.5, 3.0]]
+
+
+def test_i_abc_moves_one_component_as_its_equation_says() -> None:
+    sources = np.array([[2.0, 7.0], [5.0, 1.0]])
+    draws = i_abc.Draws(np.array([0]), np.array([1]), np.array([0.75]), np.array([0.5]))
+    tried = i_abc.neighbours(sources, np.array([0]), np.array([1.0, 0.0]), np.array([0.8]), np.array([1.0]), draws)
+    assert tried.tolist() == [[pytest.approx(1.6 - 1.2 - 0.5), 7.0]]
+    assert sources.tolist() == [[2.0, 7.0], [5.0, 1.0]]
+
+
+def test_i_abc_fitness_is_the_bees() -> None:
+    assert i_abc.fitness(np.array([0.0, 3.0, -2.0, np.inf])).tolist() == [1.0, 0.25, 3.0, 0.0]
