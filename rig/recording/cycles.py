@@ -75,11 +75,17 @@ def find_cycles(time_s: FloatArray, displacement_m: FloatArray, *, mean_m: float
 
 
 def full_cycles(cycles: Cycles) -> Cycles:
-    """The longest unbroken stretch of cycles at full amplitude: ramps and stray movements left out."""
+    """The longest unbroken stretch of cycles at full amplitude: ramps and stray movements left out.
+
+    Raises:
+        NoCycles: no two cycles agree on an amplitude, as in a test stopped while it ramped in.
+    """
     typical = float(np.median(cycles.amplitude_m[cycles.amplitude_m >= 0.8 * np.max(cycles.amplitude_m)]))
     full = np.abs(cycles.amplitude_m - typical) <= (1.0 - FULL_AMPLITUDE) * typical
     edges = np.diff(np.concatenate(([0], full.astype(np.int8), [0])))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if starts.size == 0:
+        raise NoCycles(f"none of {len(cycles)} cycles is at full amplitude; the motion was still ramping")
     longest = int(np.argmax(stops - starts))
     return cycles.between(int(starts[longest]), int(stops[longest]))
 

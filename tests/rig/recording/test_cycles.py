@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from rig.recording.achieved import achieved_motion
 from rig.recording.cycles import NoCycles, find_cycles, full_cycles, kept_cycles
 
 
@@ -64,3 +65,11 @@ def test_two_full_cycles_are_too_few_to_drop_the_first_and_last() -> None:
     t, u = ramped_sine(2, 1.0)
     with pytest.raises(NoCycles, match="2 cycles at full amplitude; more than 2"):
         kept_cycles(find_cycles(t, u))
+
+
+def test_a_motion_stopped_while_it_ramped_in_has_no_full_cycle() -> None:
+    t = np.arange(0.0, 6.6, 0.004)
+    u = 0.01 * t * np.sin(2.0 * np.pi * t)
+    with pytest.raises(NoCycles, match="full amplitude"):
+        find_cycles(t, u)
+    assert achieved_motion(t, u) is None

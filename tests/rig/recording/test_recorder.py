@@ -13,7 +13,7 @@ from synthetic_rig import SyntheticRig, put
 
 from drivers.ring import RingWriter
 from rig.recording.finaliser import Finaliser
-from rig.recording.journal import read_journal
+from rig.recording.journal import JournalWriter, read_journal
 from rig.recording.recorder import PointRecorder, RecorderFailed
 from rig.recording.recovery import recover
 from rig.recording.run import Run
@@ -205,3 +205,19 @@ def test_a_killed_recorder_loses_less_than_100_ms_and_never_lies(campaign: Path,
     assert finished.verdict == "invalid"
     assert any(reason.startswith("INTERRUPTED") for reason in finished.reasons)
     assert Run.open(campaign).points[0].quality["recovered"] == 1
+
+
+def test_a_point_stopped_at_any_moment_is_invalid_and_has_a_file(campaign: Path) -> None:
+    """Also one stopped before its first cycle, while it ramps in, or with a handful of samples."""
+    rig = SyntheticRig()
+    records = rig.records()
+    lengths = [40, 150, 400, 900, 1500, *range(2000, len(records), 700)]
+    for number, length in enumerate(lengths):
+        name = f"p{number:03d}"
+        point = {**rig.context().point, "id": name}
+        writer = JournalWriter(campaign / "points" / f"{name}.journal", rig.context(point=point).to_json())
+        writer.append(records[:length])
+        writer.close(stopped_by="sigint", lost_records=0)
+    finished = recover(campaign)
+    assert [(point.error, point.verdict) for point in finished] == [("", "invalid")] * len(lengths)
+    assert [len(point.time_s) > 0 for point in Run.open(campaign).points] == [True] * len(lengths)
