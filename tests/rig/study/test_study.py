@@ -1,0 +1,162 @@
+"""A whole study: cells, resuming, tables, pages, refusals."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.dampers import parameter_set
+from rig.errors import FileProblem
+from rig.study.comparison import run_study
+from rig.study.recordings import BOUC_WEN_TRUTH, bouc_wen, table1
+from rig.study.results_file import ResultsFile
+from rig.study.runner import StudyProgress
+from rig.study.search_cell import SearchCell, all_cells
+from rig.study.study_file import load_study
+from rig.study.workbench import Workbench
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "paper-tables.toml"
+
+
+def test_the_synthetic_table_1_has_the_papers_tests_and_only_noise_at_the_truth() -> None:
+    tests = table1("demo", 5.0, seed=1)
+    assert len(tests) == 20
+    assert sum(len(test.u_m) for test in tests) == 41_665
+    assert {(test.nominal_current_A, test.frequency_Hz) for test in tests} == {
+        (current, frequency) for current in (0.0, 0.5, 1.0, 1.5, 2.0) for frequency in (0.5, 1.0, 1.5, 2.0)
+    }
+    p = parameter_set("demo").values
+    test = next(each for each in tests if (each.nominal_current_A, each.frequency_Hz) == (1.5, 2.0))
+    viscous = np.where(test.v_m_s >= 0.0, p["Ca_plus"] + 1.5 * p["Cb_plus"], p["Ca_minus"] + 1.5 * p["Cb_minus"])
+    hysteretic = (p["Fya"] + 1.5 * p["Fyb"]) * np.tanh(p["beta"] * test.v_m_s + p["delta"] * np.sign(test.u_m))
+    force = p["m"] * test.a_m_s2 + viscous * test.v_m_s + (p["Ka"] + 1.5 * p["Kb"]) * test.u_m + hysteretic + p["F0"]
+    noise = test.force_N - force
+    assert np.std(noise) == pytest.approx(5.0, rel=0.1)
+    assert abs(np.mean(noise)) < 0.6
+
+
+def test_the_example_study_asks_for_every_table_of_both_papers() -> None:
+    study = load_study(EXAMPLE)
+    assert study.symmetry is not None
+    assert study.sensitivity is not None
+    assert study.parallel is not None
+    assert study.current is not None
+    assert {"ga", "de", "pso", "i_abc", "foa", "c_foa"} <= set(study.comparison.methods)
+    assert study.comparison.populations == (50, 100, 150)
+    assert study.comparison.budgets == (4000, 8000, 16_000)
+    cells = all_cells(study)
+    assert len({cell.key for cell in cells}) == len(cells)
+    assert [cell.repeat for cell in cells] == sorted(cell.repeat for cell in cells)
+
+
+def test_every_cell_has_a_seed_of_its_own_that_stays() -> None:
+    cells = [SearchCell("asymmetric", "pso", 50, 4000, repeat) for repeat in range(30)]
+    assert len({cell.seed(1) for cell in cells}) == 30
+    assert cells[0].seed(1) == SearchCell("asymmetric", "pso", 50, 4000, 0).seed(1) != cells[0].seed(2)
+
+
+def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_study: Path, tmp_path: Path) -> None:
+    seen: list[StudyProgress] = []
+    outcome = run_study(small_study, tmp_path / "out", processes=2, report=seen.append)
+    total = len(all_cells(load_study(small_study)))
+    assert (seen[0].done, seen[-1].done, seen[-1].total) == (0, total, total)
+    assert seen[-1].seconds_left == pytest.approx(0.0)
+    names = {table.name for table in outcome.tables}
+    assert {f"table-{n:02d}" for n in (1, 2, 3, 4, 5, 7, 8, 9, 11, 12, 14)} <= names
+    assert {"paper2-figure-13", "paper2-table-02", "paper2-relations-ga_novel"} <= names
+
+    again: list[StudyProgress] = []
+    second = run_study(small_study, tmp_path / "out", processes=2, report=again.append)
+    assert [(progress.done, progress.last) for progress in again] == [(total, "")]
+    assert second.tables == outcome.tables
+
+    lines = [json.loads(line) for line in (tmp_path / "out" / "results.jsonl").read_text().splitlines()[1:]]
+    values = [line["value"] for line in lines if (line["method"], line["population"], line["budget"]) == ("de", 8, 120)]
+    with (tmp_path / "out" / "tables" / "table-11.csv").open() as file:
+        row = next(row for row in csv.DictReader(file) if row["setting"] == "N=8, fun_evals=120")
+    assert float(row["BV"]) == min(values)
+    assert float(row["MV"]) == pytest.approx(np.mean(values))
+    assert float(row["SD"]) == pytest.approx(np.std(values, ddof=1))
+
+    page = outcome.page.read_text()
+    assert "Kruskal-Wallis" in page
+    assert page.count("<svg") == 3
+    plain = json.loads((tmp_path / "out" / "study.json").read_text())
+    assert plain["kruskal_wallis"]["all settings"]["p"] <= 1.0
+    assert len(plain["kruskal_wallis"]["all settings"]["mean_ranks"]) == 3 * 2 * 2
+
+
+def test_a_study_goes_on_after_a_torn_last_line(small_study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    whole = run_study(small_study, out, processes=1)
+    results = out / "results.jsonl"
+    lines = results.read_bytes().splitlines(keepends=True)
+    results.write_bytes(b"".join(lines[:-2]) + lines[-2][: len(lines[-2]) // 2])
+    seen: list[StudyProgress] = []
+    again = run_study(small_study, out, processes=1, report=seen.append)
+    assert seen[0].total - seen[0].done == 2
+    assert again.tables[1].rows == whole.tables[1].rows
+
+
+def test_results_of_other_recordings_are_not_mixed_in(small_study: Path, tmp_path: Path) -> None:
+    study = load_study(small_study)
+    with ResultsFile(tmp_path / "results.jsonl", Workbench(study).fingerprint):
+        pass
+    small_study.write_text(small_study.read_text().replace('noise = "5 N"', 'noise = "6 N"'))
+    with pytest.raises(FileProblem, match="belong to other recordings or settings; give another --out"):
+        ResultsFile(tmp_path / "results.jsonl", Workbench(load_study(small_study)).fingerprint)
+
+
+def test_raising_the_repeats_keeps_what_is_there(small_study: Path) -> None:
+    before = load_study(small_study)
+    small_study.write_text(small_study.read_text().replace("repeats = 2", "repeats = 5"))
+    after = load_study(small_study)
+    assert before.fingerprint == after.fingerprint
+    assert {cell.key for cell in all_cells(before)} < {cell.key for cell in all_cells(after)}
+
+
+def test_three_steps_find_the_bouc_wen_plant_at_every_current(small_study: Path) -> None:
+    study = load_study(small_study)
+    bench = Workbench(study)
+    z0 = (BOUC_WEN_TRUTH["A"] / (BOUC_WEN_TRUTH["beta"] + BOUC_WEN_TRUTH["gamma"])) ** (1.0 / BOUC_WEN_TRUTH["n"])
+    for current_A in (0.0, 0.5, 1.0):
+        line = bench.run(SearchCell(f"current:{current_A:g}", "zhu_three_step", 6, 24, 0))
+        alpha = BOUC_WEN_TRUTH["alpha"] + BOUC_WEN_TRUTH["alpha_b"] * current_A
+        assert line["parameters"]["kw"] == pytest.approx(alpha * z0, rel=0.02)
+        assert line["parameters"]["kx"] == pytest.approx(BOUC_WEN_TRUTH["k0"], rel=0.02)
+        assert line["parameters"]["f0"] == pytest.approx(-BOUC_WEN_TRUTH["k0"] * BOUC_WEN_TRUTH["x0"], rel=0.05)
+        assert line["rmse_N"] < 4.0
+
+
+def test_paper_2s_fitness_at_the_truth_is_the_noise_over_the_forces_variance(small_study: Path) -> None:
+    from rig.study.per_current import current_objective
+
+    study = load_study(small_study)
+    assert study.current is not None
+    test = bouc_wen([1.0], 5.0, seed=1)[0]
+    objective = current_objective(test, study.current)
+    truth = {**BOUC_WEN_TRUTH, "c0": 1200.0, "alpha": 80_000.0}
+    value = objective.batch(np.array([[truth[name] for name in objective.names]]))[0]
+    assert value == pytest.approx(25.0 / np.var(test.force_N), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"de", "pso"', '"de", "psso"', r"comparison\.methods\[2\]"),
+        ("populations = [8, 12]\nbudgets", "populations = [2]\nbudgets", r"comparison\.populations\[1\]"),
+        ('noise = "5 N"', "noise = 5", "noise"),
+        ('simulate = "table1"\n', "", 'give simulate = "table1" or runs'),
+        ("[symmetry]", '[comparision]\nx = 1\n[symmetry]', "comparision"),
+        ("[comparison]\n", '[comparison]\nmodels = ["asymetric"]\n', "no model; known: .*asymmetric"),
+    ],
+)  # fmt: skip
+def test_a_wrong_study_file_is_refused_with_line_and_key(small_study: Path, old: str, new: str, message: str) -> None:
+    small_study.write_text(small_study.read_text().replace(old, new, 1))
+    with pytest.raises(FileProblem, match=message) as refusal:
+        load_study(small_study)
+    assert "line " in str(refusal.value)
