@@ -12,8 +12,8 @@ from typing import Any, NoReturn
 import click
 
 from rig.errors import EXIT_USAGE, RigError
-from simulators.faults import ROWS, missing_reason
-from simulators.injection import INJECTORS, parse_fault
+from rig.fault_matrix import MATRIX
+from simulators.injection import parse_fault
 
 EPILOG = """\b
 Example:
@@ -25,15 +25,17 @@ Example:
 def list_faults(as_json: bool) -> None:
     """Print the fault matrix: slug, where, whether the fault suite proves it, and if not, why."""
     rows = []
-    for slug, row in ROWS.items():
-        reason = missing_reason(row, slug in INJECTORS)
-        entry = {"slug": slug, "where": row.where, "reaction": row.reaction, "tested": not reason, "reason": reason}
+    for slug, row in MATRIX.items():
+        entry = {
+            "slug": slug, "where": row.where, "place": row.place, "reaction": row.reaction, "limit": row.limit,
+            "tested": row.tested, "test": row.test, "reason": row.missing,
+        }
         rows.append(entry)
     if as_json:
         click.echo(json.dumps(rows, indent=1))
         return
     for entry in rows:
-        click.echo(f"{entry['slug']:18} {entry['where']:11} {entry['reaction']:28} {entry['reason'] or 'tested'}")
+        click.echo(f"{entry['slug']:18} {entry['where']:8} {entry['reaction']:28} {entry['reason'] or 'tested'}")
 
 
 def hints(bench: Path, text: str) -> str:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from protocols import ecu as wire
 from protocols.actuator import Command, Result
 from rig.errors import FileProblem
-from simulators.faults import ROWS
+from rig.fault_matrix import MATRIX
 from simulators.slcan_bus import standard_line
 
 if TYPE_CHECKING:
@@ -51,14 +51,13 @@ def parse_fault(text: str) -> ScheduledFault:
         FileProblem: an unknown slug, one without an injector here, or a time that is no number.
     """
     slug, at, time = text.partition("@")
-    if slug not in ROWS:
-        close = difflib.get_close_matches(slug, ROWS, n=1)
+    if slug not in MATRIX:
+        close = difflib.get_close_matches(slug, MATRIX, n=1)
         hint = f"; did you mean {close[0]!r}?" if close else "; --list-faults names them all"
         raise FileProblem("--fault", [f"{slug!r} is not in the fault matrix{hint}"])
     if slug not in INJECTORS:
-        where = ROWS[slug].where
-        outside = where in {"process", "file"}
-        reason = f"belongs to where = {where}, outside the rig" if outside else "not injected yet"
+        outside = MATRIX[slug].where == "process"
+        reason = "where = process, the fault suite injects it around the processes" if outside else "not injected yet"
         raise FileProblem("--fault", [f"{slug!r} has no injector in the simulated rig: {reason}"])
     try:
         after_s = float(time) if at else None

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from rig.fault_matrix import restarts_by_itself
+
 
 class StopKind(StrEnum):
     """How a stop goes; analogues of IEC 60204-1, as in the fault matrix."""
@@ -23,28 +25,8 @@ class Cause:
     detail: str = ""
 
 
-# Rows of the fault matrix whose resume is "a": the point may restart by itself from zero amplitude, where the matrix
-# file's `[campaign] retries` allows it.
-RESTARTS_BY_ITSELF = frozenset(
-    {
-        "modbus-busy",
-        "modbus-wrong-tid",
-        "rtu-stale",
-        "rtu-crc",
-        "modbus-mismatch",
-        "ecu-silent",
-        "ecu-late",
-        "ecu-crc",
-        "can-malformed",
-        "ecu-overtemp",
-        "current-tracking",
-        "serial-garbage",
-        "sensor-spike",
-        "sensor-nan",
-        "sample-gap",
-        "slow-consumer",
-    }
-)
+# The point may restart by itself from zero amplitude, where the matrix file's `[campaign] retries` allows it.
+RESTARTS_BY_ITSELF = restarts_by_itself()
 MOST_RETRIES = 2
 
 

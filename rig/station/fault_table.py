@@ -1,7 +1,8 @@
 """What the station can trip on, as data: one row a slug, with the stop it demands.
 
 The slug is the name used in events, in the journal and by tests; detectors report by slug and the row decides the
-reaction, so a detector is switched off (by tests, see `process`) at one place and a reaction is changed at one place.
+reaction, so a detector is switched off at one place. Slugs of the fault matrix take their stop from `rig.fault_matrix`;
+the others are the station's own.
 
 Reactions: S2 current to 0 A, controller fades out, hold powered. S1 = S2, then hydraulics off. SO (position no longer
 trusted): current to 0 A and the controller's open-loop halt. `halt` marks an S2 whose stop is the halt ramp, because a
@@ -12,6 +13,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+
+from rig.fault_matrix import stop_of
 
 
 class Stop(StrEnum):
@@ -39,51 +42,56 @@ class FaultRow:
     halt: bool = False
 
 
+def _matrix_row(slug: str, code: int, detector: str) -> FaultRow:
+    """A row of the fault matrix: its stop is the matrix's."""
+    return FaultRow(slug, code, Stop(stop_of(slug)), detector)
+
+
 _ROWS = (
     FaultRow("stroke-limit", 1, Stop.S2, "LVDT sample beyond the stroke limit, or the controller's own bit", halt=True),
     FaultRow("force-limit", 2, Stop.S2, "load-cell sample beyond its limit, or the controller's own bit", halt=True),
     FaultRow("speed-limit", 3, Stop.S2, "LVDT slew over a window, three times in a row, or the controller's own bit"),
     FaultRow("overcurrent", 4, Stop.S2, "measured coil current beyond the limit"),
     FaultRow("coil-temperature", 5, Stop.S2, "coil temperature beyond the limit"),
-    FaultRow("loadcell-pulled", 10, Stop.S2, "load cell's port ended, or no sample within its stale-after"),
-    FaultRow("lvdt-pulled", 11, Stop.S2, "LVDT's port ended, or no sample within its stale-after"),
+    _matrix_row("loadcell-pulled", 10, "load cell's port ended, or no sample within its stale-after"),
+    _matrix_row("lvdt-pulled", 11, "LVDT's port ended, or no sample within its stale-after"),
     FaultRow("auxiliary-pulled", 12, Stop.S2, "an auxiliary sensor's port ended, or no sample within its stale-after"),
-    FaultRow("sensor-saturated", 13, Stop.S2, "three samples in a row overloaded or at the end of the span"),
-    FaultRow("sensor-spike", 14, Stop.S2, "three samples in a row beyond a jump that physics cannot make"),
+    _matrix_row("sensor-saturated", 13, "three samples in a row overloaded or at the end of the span"),
+    _matrix_row("sensor-spike", 14, "three samples in a row beyond a jump that physics cannot make"),
     FaultRow("sensor-fault", 15, Stop.S2, "three samples in a row flagged by the sensor itself"),
-    FaultRow("sensor-stuck", 16, Stop.S2, "one value repeated while the controller moves"),
-    FaultRow("sensor-nan", 17, Stop.W, "sample that is not a number"),
-    FaultRow("sample-gap", 18, Stop.W, "hole in the sample counter"),
-    FaultRow("serial-garbage", 19, Stop.S2, "bytes of a sensor that make no valid frame within its stale-after"),
-    FaultRow("ecu-silent", 20, Stop.S2, "no ECU status within its stale-after"),
-    FaultRow("ecu-crc", 21, Stop.S2, "three ECU status frames in a row with a wrong counter or CRC"),
-    FaultRow("ecu-restart", 22, Stop.S2, "ECU boot count changed, or its restart bit"),
-    FaultRow("ecu-overtemp", 23, Stop.S2, "ECU over-temperature or undervoltage bit"),
-    FaultRow("coil-open-short", 24, Stop.S2, "ECU open or short bit"),
+    _matrix_row("sensor-stuck", 16, "one value repeated while the controller moves"),
+    _matrix_row("sensor-nan", 17, "sample that is not a number"),
+    _matrix_row("sample-gap", 18, "hole in the sample counter"),
+    _matrix_row("serial-garbage", 19, "bytes of a sensor that make no valid frame within its stale-after"),
+    _matrix_row("ecu-silent", 20, "no ECU status within its stale-after"),
+    _matrix_row("ecu-crc", 21, "three ECU status frames in a row with a wrong counter or CRC"),
+    _matrix_row("ecu-restart", 22, "ECU boot count changed, or its restart bit"),
+    _matrix_row("ecu-overtemp", 23, "ECU over-temperature or undervoltage bit"),
+    _matrix_row("coil-open-short", 24, "ECU open or short bit"),
     FaultRow("ecu-command", 25, Stop.S2, "ECU says that our command frames are late or wrong"),
-    FaultRow("can-foreign", 26, Stop.S2, "another sender on our command id"),
+    _matrix_row("can-foreign", 26, "another sender on our command id"),
     FaultRow("can-lost", 27, Stop.S2, "CAN port ended or refuses to send"),
-    FaultRow("can-busoff", 9, Stop.S2, "no ECU status while the CAN interface reports bus errors"),
-    FaultRow("current-stuck", 28, Stop.S1, "measured current after 0 A was commanded"),
-    FaultRow("modbus-busy", 30, Stop.S2, "controller answers busy beyond the bounded retries"),
-    FaultRow("modbus-reject", 31, Stop.S2, "controller refused a write or command while armed"),
-    FaultRow("modbus-write-lost", 29, Stop.S2, "written watchdog counter does not come back, three times in a row"),
-    FaultRow("modbus-reset", 32, Stop.S2, "connection to the controller ended"),
-    FaultRow("modbus-halfopen", 33, Stop.S2, "no status from the controller within its stale-after"),
-    FaultRow("modbus-mismatch", 8, Stop.S2, "answers that belong to no request, until the status is stale"),
-    FaultRow("actuator-frozen", 34, Stop.SO, "controller heartbeat or position stands still while time or LVDT move"),
+    _matrix_row("can-busoff", 9, "no ECU status while the CAN interface reports bus errors"),
+    _matrix_row("current-stuck", 28, "measured current after 0 A was commanded"),
+    _matrix_row("modbus-busy", 30, "controller answers busy beyond the bounded retries"),
+    _matrix_row("modbus-reject", 31, "controller refused a write or command while armed"),
+    _matrix_row("modbus-write-lost", 29, "written watchdog counter does not come back, three times in a row"),
+    _matrix_row("modbus-reset", 32, "connection to the controller ended"),
+    _matrix_row("modbus-halfopen", 33, "no status from the controller within its stale-after"),
+    _matrix_row("modbus-mismatch", 8, "answers that belong to no request, until the status is stale"),
+    _matrix_row("actuator-frozen", 34, "controller heartbeat or position stands still while time or LVDT move"),
     FaultRow("position-disagreement", 35, Stop.SO, "controller position and LVDT apart"),
-    FaultRow("actuator-reboot", 36, Stop.S1, "controller clock or state fell back"),
-    FaultRow("second-master", 37, Stop.S2, "controller's lease is held by another"),
+    _matrix_row("actuator-reboot", 36, "controller clock or state fell back"),
+    _matrix_row("second-master", 37, "controller's lease is held by another"),
     FaultRow("controller-trip", 38, Stop.S2, "controller tripped by itself, not at a limit above"),
-    FaultRow("host-silent", 39, Stop.S2, "controller's watchdog tripped"),
-    FaultRow("estop", 40, Stop.S1, "e-stop chain open"),
+    _matrix_row("host-silent", 39, "controller's watchdog tripped"),
+    _matrix_row("estop", 40, "e-stop chain open"),
     FaultRow("supply-pressure", 41, Stop.S1, "controller's supply-pressure bit"),
-    FaultRow("stop-ignored", 42, Stop.S1, "no standstill within the stop's deadline"),
-    FaultRow("sigkill", 50, Stop.S2, "application's link ended"),
-    FaultRow("host-stalled", 51, Stop.S2, "no beat from the application within the heartbeat time-out"),
+    _matrix_row("stop-ignored", 42, "no standstill within the stop's deadline"),
+    _matrix_row("sigkill", 50, "application's link ended"),
+    _matrix_row("host-stalled", 51, "no beat from the application within the heartbeat time-out"),
     FaultRow("recorder-unwell", 52, Stop.S2, "application says that its recorder is not well"),
-    FaultRow("task-dies", 53, Stop.S2, "a thread of the station ended"),
+    _matrix_row("task-dies", 53, "a thread of the station ended"),
     FaultRow("station-late", 54, Stop.S2, "the interlock loop itself stood still"),
     FaultRow("operator", 60, Stop.S2, "stop asked for by the application; its reason is in the detail"),
 )

@@ -10,30 +10,15 @@ from protocols import actuator as wire
 from protocols import ecu
 from protocols.actuator import State
 from rig.errors import FileProblem
-from simulators.faults import ROWS, TESTED, missing_reason
+from rig.fault_matrix import MATRIX
 from simulators.injection import INJECTORS, ScheduledFault, parse_fault
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM
 from simulators.rig import RunOptions, SimulatedRig
 
 
-def test_the_matrix_has_sixty_rows_and_every_injector_belongs_to_one() -> None:
-    assert len(ROWS) == 60
-    assert set(INJECTORS) <= set(ROWS)
-    assert set(ROWS) >= TESTED
-
-
-def test_every_row_without_a_test_gives_its_reason() -> None:
-    for slug, row in ROWS.items():
-        assert bool(missing_reason(row, slug in INJECTORS)) is (slug not in TESTED)
-
-
-IN_THE_RIG = sorted(slug for slug, row in ROWS.items() if row.where not in {"process", "file", "rtu"})
-
-
-@pytest.mark.parametrize("slug", IN_THE_RIG)
-def test_every_row_of_the_rig_itself_has_an_injector(slug: str) -> None:
-    assert slug in INJECTORS
+def test_exactly_the_rows_on_the_wire_have_an_injector() -> None:
+    assert {slug for slug, row in MATRIX.items() if row.where == "wire"} == set(INJECTORS)
 
 
 def test_a_fault_is_given_with_or_without_its_time() -> None:
@@ -43,7 +28,7 @@ def test_a_fault_is_given_with_or_without_its_time() -> None:
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("ecu-silnt", "did you mean 'ecu-silent'"), ("sigkill", "where = process"), ("rtu-crc@1", "not injected yet"),
+    [("ecu-silnt", "did you mean 'ecu-silent'"), ("sigkill", "where = process"),
      ("estop@soon", "not a number"), ("estop@-1", "0 s or more"), ("estop@nan", "0 s or more")],
 )
 def test_a_fault_that_cannot_be_injected_is_refused(text: str, message: str) -> None:

@@ -1,0 +1,316 @@
+"""The fault matrix as data: sixty rows, each with where it is injected, what must follow, and the test that proves it.
+
+One source: `python -m simulators --list-faults` prints it, the station takes its reactions from it, the campaign its
+retries, and the fault suite (`tests/faults`) its expectations. A row without a test fails the suite.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+_SECONDS = {"ms": 1e-3, "s": 1.0}
+
+
+@dataclass(frozen=True)
+class FaultRow:
+    """One fault.
+
+    Attributes:
+        slug: name in options, journal and test ids.
+        fault: what goes wrong.
+        where: "wire", injected by the simulated rig (`--fault SLUG@T`), or "process", injected around the processes.
+        place: what is hit: "modbus", "rtu", "controller", "can", "ecu", "sensor", "specimen" on the wire; "signal",
+            "silence", "starvation", "clock", "disk", "port look-up", "process", "file" around it.
+        detected_by: how the host notices.
+        limit: longest time from the fault to the stop command or flag, at speed 1 with real-time rights.
+        reaction: R refuse, W warn, P invalid point, S2, S1, SO stops, HW the hard-wired chain.
+        stop: how the fault ends when it stays: "R", "W", "P", or the host's stop "S2", "S1", "SO".
+        disk: J journal and INVALID, K the last flush survives, N a refusal record only.
+        resume: a automatic, c the operator confirms, n re-qualify.
+        test: file and function in `tests/faults` that prove the end state; empty while there is none.
+        reason: why a row without a test cannot have one on an ordinary machine.
+    """
+
+    slug: str
+    fault: str
+    where: str
+    place: str
+    detected_by: str
+    limit: str
+    reaction: str
+    stop: str
+    disk: str
+    resume: str
+    test: str
+    reason: str = ""
+
+    @property
+    def limit_s(self) -> float | None:
+        """The limit's time (s); None where it is no time but an occasion."""
+        found = re.search(r"([\d.]+) ?(ms|s)$", self.limit)
+        return float(found[1]) * _SECONDS[found[2]] if found else None
+
+    @property
+    def tested(self) -> bool:
+        """The fault suite proves its end state."""
+        return bool(self.test)
+
+    @property
+    def missing(self) -> str:
+        """Why the row is not tested; empty when it is."""
+        return "" if self.tested else self.reason or NO_TEST
+
+
+_ROWS = (
+    FaultRow(
+        "modbus-busy", "Modbus exception 06", "wire", "modbus", "bounded retries",
+        "150ms", "W→S2", "S2", "J", "a", "",
+    ),
+    FaultRow(
+        "modbus-reject", "Exception 02/03/04 on write", "wire", "modbus", "no positive ack",
+        "50ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "modbus-reset", "RST mid-response", "wire", "modbus", "outcome unknown: read back before resend",
+        "100ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "modbus-halfopen", "Half-open TCP: blackhole", "wire", "modbus", "request deadline",
+        "200ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "modbus-wrong-tid", "Wrong transaction id", "wire", "modbus", "discard; reconnect at second",
+        "100ms", "W", "W", "J", "a", "",
+    ),
+    FaultRow(
+        "rtu-stale", "Stale RTU reply (no id)", "wire", "rtu", "drain after timeout; verify effect",
+        "200ms", "P", "P", "J", "a", "",
+    ),
+    FaultRow(
+        "rtu-crc", "RTU CRC, truncated, extra bytes", "wire", "rtu", "strict frame; retry reads only",
+        "150ms", "W→S2", "S2", "J", "a", "",
+    ),
+    FaultRow(
+        "modbus-mismatch", "Wrong unit/function/count", "wire", "modbus", "match against request",
+        "50ms", "W→S2", "S2", "J", "a", "",
+    ),
+    FaultRow(
+        "modbus-write-lost", "Write acked, register unchanged", "wire", "controller", "readback plus motion",
+        "100ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "actuator-frozen", "Position register frozen", "wire", "controller", "controller heartbeat, LVDT disagreement",
+        "100ms", "SO", "SO", "J", "c", "",
+    ),
+    FaultRow(
+        "actuator-reboot", "Controller reboot, defaults", "wire", "controller", "boot counter, config hash",
+        "50ms", "S1", "S1", "J", "n", "",
+    ),
+    FaultRow(
+        "host-silent", "Host stops kicking", "process", "silence", "controller latches trip",
+        "500ms", "controller S2", "S2", "J/K", "c", "",
+    ),
+    FaultRow(
+        "watchdog-absent", "Watchdog disabled or 'freeze'", "wire", "controller", "starve it before each campaign",
+        "preflight", "R", "R", "N", "c", "",
+    ),
+    FaultRow(
+        "second-master", "Second Modbus master", "wire", "controller", "setpoint/owner mismatch",
+        "50ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "stop-ignored", "Stop ignored", "wire", "controller", "LVDT velocity after ramp",
+        "ramp+100ms", "S1→trip", "S1", "J", "n", "",
+    ),
+    FaultRow(
+        "register-layout", "Word order/scale wrong", "wire", "controller", "signature register",
+        "connect", "R", "R", "N", "c", "",
+    ),
+    FaultRow(
+        "can-busoff", "CAN bus-off", "wire", "can", "error state, status silence",
+        "30ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow("ecu-silent", "Status missing", "wire", "ecu", "timeout", "30ms", "S2", "S2", "J", "a", ""),
+    FaultRow(
+        "ecu-late", "Status late/duplicated", "wire", "ecu", "counter delta, age",
+        "30ms", "W→S2", "S2", "J", "a", "",
+    ),
+    FaultRow(
+        "ecu-crc", "Wrong counter/CRC", "wire", "ecu", "drop frame; third trips",
+        "30ms", "S2", "S2", "J", "a", "",
+    ),
+    FaultRow(
+        "can-malformed", "DLC short, RTR, extended id", "wire", "can", "check before decode",
+        "10ms", "as 20", "S2", "J", "a", "",
+    ),
+    FaultRow(
+        "can-babble", "Babbling node", "wire", "can", "bus load, status jitter",
+        "100ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "can-foreign", "Foreign sender on our command id", "wire", "can", "self-id seen",
+        "10ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "ecu-overtemp", "ECU over-temp/undervoltage", "wire", "ecu", "status bits",
+        "20ms", "S2, cool", "S2", "J", "a", "",
+    ),
+    FaultRow(
+        "coil-open-short", "Coil open/short", "wire", "ecu", "bits, measured current",
+        "20ms", "S2", "S2", "J", "n", "",
+    ),
+    FaultRow(
+        "current-tracking", "Current tracking error", "wire", "ecu", "tolerance after settling",
+        "50ms", "P; overcurrent S2", "P", "J", "a", "",
+    ),
+    FaultRow("ecu-restart", "ECU restart", "wire", "ecu", "counter/state reset", "30ms", "S2", "S2", "J", "c", ""),
+    FaultRow(
+        "current-stuck", "Current persists after zero", "wire", "ecu", "measured current",
+        "200ms", "S1, cut coil supply", "S1", "J", "n", "",
+    ),
+    FaultRow(
+        "loadcell-pulled", "Load-cell cable pulled", "wire", "sensor", "EOF, EIO or 5 missing samples",
+        "20ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "lvdt-pulled", "Host LVDT lost", "wire", "sensor", "same; controller position cross-check",
+        "20ms", "S2; also control feedback: SO", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "serial-garbage", "Garbage, byte loss, framing shift", "wire", "sensor", "checksum resync, error rate",
+        "100ms", "P→S2", "S2", "J", "a", "",
+    ),
+    FaultRow(
+        "serial-baud", "Baud mismatch (garbled bytes)", "wire", "sensor", "no valid frame",
+        "500ms", "R/S2", "S2", "N/J", "c", "",
+    ),
+    FaultRow(
+        "sensor-stuck", "Stuck value", "wire", "sensor", "repeats below noise floor while moving",
+        "100ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "sensor-saturated", "Saturation", "wire", "sensor", "rail/NE 43 band, 3 samples",
+        "12ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "sensor-spike", "Spike", "wire", "sensor", "slew; flag one, trip on 3",
+        "12ms", "W→S2", "S2", "J", "a", "",
+    ),
+    FaultRow(
+        "sensor-nan", "NaN/inf/comma text", "wire", "sensor", "strict parser: lost sample",
+        "4ms", "P", "P", "J", "a", "",
+    ),
+    FaultRow(
+        "sample-gap", "Sample-counter gap, device time backwards", "wire", "sensor",
+        "counter/order; store gap, never interpolate",
+        "4ms", "P >0.1%", "P >0.1%", "J", "a", "",
+    ),
+    FaultRow(
+        "clock-drift", "Clock drift ±500 ppm", "wire", "sensor", "counter–monotonic fit",
+        "60s", "W", "W", "J", "a", "",
+    ),
+    FaultRow(
+        "slow-consumer", "Slow consumer", "process", "starvation", "queue high-water; limits checked at reader",
+        "100ms", "P; limit lag S2", "P", "J", "a", "",
+    ),
+    FaultRow(
+        "usb-renumber", "USB re-enumerates", "process", "port look-up", "bind by serial number; no reopen in motion",
+        "20ms", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "sensors-swapped", "Sensors swapped, sign/scale wrong", "wire", "sensor", "low-level proof move",
+        "preflight", "R", "R", "N", "c", "",
+    ),
+    FaultRow(
+        "not-tared", "Not tared, LVDT unplugged", "wire", "sensor", "rest window, shunt cal",
+        "preflight", "R", "R", "N", "c", "",
+    ),
+    FaultRow("sigint", "SIGINT", "process", "signal", "handler posts event", "50ms", "S2", "S2", "J", "c", ""),
+    FaultRow(
+        "sigint-storm", "Repeated SIGINT", "process", "signal", "must not cut stop",
+        "50ms", "continue S2", "S2", "J", "c", "",
+    ),
+    FaultRow("sigterm", "SIGTERM/SIGHUP", "process", "signal", "explicit handlers", "50ms", "S1", "S1", "J", "c", ""),
+    FaultRow(
+        "sigkill", "SIGKILL, OOM, segfault", "process", "signal", "both devices time out",
+        "500ms", "controller S2, ECU 0 A", "S2", "K", "c", "",
+    ),
+    FaultRow(
+        "host-stalled", "GC/CPU starvation (SIGSTOP)", "process", "signal", "no kick; loop lag",
+        "500ms", "as 46", "S2", "K", "c", "",
+    ),
+    FaultRow(
+        "host-suspend", "Laptop suspend", "process", "clock", "BOOTTIME–MONOTONIC jump",
+        "500ms", "as 46; never continue", "S2", "K", "c", "",
+    ),
+    FaultRow(
+        "clock-step", "NTP step", "process", "clock", "monotonic control; log offset",
+        "1s", "W", "W", "J", "a", "",
+    ),
+    FaultRow(
+        "disk-full", "Disk full", "process", "disk", "forecast; write error; journal preallocated",
+        "1s", "S2", "S2", "J", "c", "",
+    ),
+    FaultRow(
+        "dir-readonly", "Read-only dir, existing file", "process", "disk", "preflight",
+        "start", "R", "R", "N", "c", "",
+    ),
+    FaultRow(
+        "fsync-error", "fsync error", "process", "disk", "abandon file; never retry-and-trust",
+        "1 flush", "S2", "S2", "K", "c", "",
+    ),
+    FaultRow(
+        "two-instances", "Two instances", "process", "process", "flock per rig, controller lease",
+        "start", "R second", "R", "N", "c", "",
+    ),
+    FaultRow("task-dies", "Any task dies", "process", "process", "supervisor", "100ms", "S2", "S2", "J", "c", ""),
+    FaultRow(
+        "config-absurd", "Absurd limits, wrong units", "process", "file", "typed units, rig envelope",
+        "load", "R", "R", "N", "c", "",
+    ),
+    FaultRow(
+        "matrix-infeasible", "Matrix exceeds stroke/velocity/force", "process", "file",
+        "A, 2πfA, (2πf)²A, F(I,v), flow, heat",
+        "before first move", "R all", "R", "N", "c", "",
+    ),
+    FaultRow(
+        "matrix-changed", "Duplicate ids, matrix changed", "process", "file", "hash",
+        "load", "R", "R", "N", "c", "",
+    ),
+    FaultRow(
+        "wrong-damper", "Wrong damper", "wire", "specimen", "serial plus 0 A signature",
+        "preflight", "R", "R", "N", "c", "",
+    ),
+    FaultRow(
+        "estop", "E-stop mid-test", "wire", "controller", "read-only input",
+        "HW; host 100ms", "HW; current→0, latch", "S1", "J",
+        "n", "test_controller.py::test_an_opened_e_stop_chain_is_mirrored_and_latched",
+    ),
+    FaultRow(
+        "load-train", "Load-train crack/looseness", "wire", "specimen", "peak, work, servo error per cycle",
+        "1 cycle", "S1", "S1", "J", "n", "",
+    ),
+)
+
+MATRIX: dict[str, FaultRow] = {row.slug: row for row in _ROWS}
+"""The rows by slug, in the order of the matrix."""
+
+NO_TEST = "the fault suite has no test of its end state yet"
+
+STOPS = frozenset({"S2", "S1", "SO"})
+
+
+def stop_of(slug: str) -> str:
+    """The host's stop for a fault that stays: "S2", "S1" or "SO"; "W" where it only flags or refuses.
+
+    Raises:
+        KeyError: not a slug of the matrix.
+    """
+    stop = MATRIX[slug].stop
+    return stop if stop in STOPS else "W"
+
+
+def restarts_by_itself() -> frozenset[str]:
+    """Slugs after which the point may restart without the operator (resume "a")."""
+    return frozenset(slug for slug, row in MATRIX.items() if row.resume == "a")
