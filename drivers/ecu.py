@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from drivers.can_port import can_port
+from drivers.can_port import CanPort
 from drivers.errors import DriverError, NoAnswer, WrongIdentity
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from protocols import ecu
@@ -65,7 +65,7 @@ class CanEcu:
     `command` and `send_now` may be called from any thread. Until `command` is called the frames ask for 0 A, disabled.
 
     Args:
-        interface: "slcan", or any python-can interface.
+        interface: any interface of python-can.
         channel: what that interface calls the bus; a serial URL for slcan.
         bitrate: bit/s.
         serial_number: refuse an ECU with another one; None takes any.
@@ -76,9 +76,6 @@ class CanEcu:
         temperature: last temperature frame.
         identity: last identity frame.
         send_error: what ended the command thread, None while it runs.
-
-    Raises:
-        LocalProtocolError: slcan has no code for the bit rate.
     """
 
     def __init__(
@@ -91,7 +88,7 @@ class CanEcu:
         self.send_error: DriverError | None = None
         self._name = f"{interface}:{channel}"
         self._serial_number = serial_number
-        self._port = can_port(interface, channel, bitrate)
+        self._port = CanPort(interface, channel, bitrate)
         self._is_open = False
         self._send_lock = threading.Lock()
         self._counter = 0

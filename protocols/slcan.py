@@ -6,7 +6,6 @@ r"""CAN frames as ASCII lines (Lawicel "slcan"), each ended by CR.
     T iiiiiiii l dd..   extended frame: 8 hex digits identifier
     r iii l             remote request, standard          R iiiiiiii l   remote request, extended
     [tttt]              4 hex digits of time stamp may follow where the adapter adds them
-    S6 / O / C          host -> adapter: 500 kbit/s, open, close
     z, Z, V.., N.., F.. adapter -> host: answers; a lone BEL (0x07) means an error
 """
 
@@ -19,12 +18,6 @@ from protocols.errors import LocalProtocolError
 Frame = tuple[int, bytes, bool, bool, int]
 """(identifier, data, extended, remote, stated length)."""
 
-BITRATES = {
-    10_000: "S0", 20_000: "S1", 50_000: "S2", 100_000: "S3", 125_000: "S4",
-    250_000: "S5", 500_000: "S6", 750_000: "S7", 1_000_000: "S8",
-}
-OPEN = b"O\r"
-CLOSE = b"C\r"
 LONGEST_LINE = 32
 
 _HEX = re.compile(rb"[0-9A-Fa-f]+")
@@ -32,26 +25,25 @@ _IDENTIFIER_DIGITS = {b"t": 3, b"r": 3, b"T": 8, b"R": 8}
 _ANSWERS = frozenset(b"zZVNF")
 
 
-def encode_bitrate(bitrate: int) -> bytes:
-    """Command that sets the bit rate.
+def encode_frame(identifier: int, data: bytes, extended: bool = False, remote: bool = False, length: int = -1) -> bytes:
+    """Line of one frame.
+
+    Args:
+        identifier: up to 0x7FF, or 0x1FFFFFFF when extended.
+        data: up to 8 bytes; none in a remote request.
+        extended: 29-bit identifier.
+        remote: remote request.
+        length: stated length of a remote request; of the data otherwise.
 
     Raises:
-        LocalProtocolError: slcan has no code for it.
+        LocalProtocolError: no classic CAN frame can carry it.
     """
-    if bitrate not in BITRATES:
-        raise LocalProtocolError(f"slcan: no code for {bitrate} bit/s; there are {', '.join(map(str, BITRATES))}")
-    return BITRATES[bitrate].encode() + b"\r"
-
-
-def encode_frame(identifier: int, data: bytes) -> bytes:
-    """Line of a standard data frame.
-
-    Raises:
-        LocalProtocolError: identifier above 0x7FF or more than 8 bytes.
-    """
-    if not 0 <= identifier <= 0x7FF or len(data) > 8:
-        raise LocalProtocolError(f"slcan: identifier 0x{identifier:X} with {len(data)} bytes is no standard frame")
-    return f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode("ascii")
+    stated = length if remote else len(data)
+    if not 0 <= identifier <= (0x1FFFFFFF if extended else 0x7FF) or not 0 <= stated <= 8:
+        raise LocalProtocolError(f"slcan: identifier 0x{identifier:X} with {stated} bytes is no classic frame")
+    kind = ("R" if remote else "T") if extended else ("r" if remote else "t")
+    carried = "" if remote else data.hex().upper()
+    return f"{kind}{identifier:0{8 if extended else 3}X}{stated}{carried}\r".encode("ascii")
 
 
 class SlcanDecoder:

@@ -9,10 +9,12 @@ ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import sys
 import drivers.actuator, drivers.ecu, drivers.load_cell, drivers.lvdt, drivers.ring
-from drivers.can_port import LibraryPort
-port = LibraryPort("virtual", "imports", 500000)
+from drivers.can_port import CanPort
+import drivers.can_port
+port = CanPort("virtual", "imports", 500000)
 port.open()
 port.close()
+import drivers.slcan_bus
 heavy = {"numpy", "pandas", "h5py", "scipy", "numba", "matplotlib", "asammdf", "cantools"} & set(sys.modules)
 assert not heavy, heavy
 rss_kB = int(next(line for line in open("/proc/self/status") if line.startswith("VmRSS")).split()[1])

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.errors import LocalProtocolError
-from protocols.slcan import SlcanDecoder, encode_bitrate, encode_frame
+from protocols.slcan import SlcanDecoder, encode_frame
 
 STREAM = b"\rz\rt12082713DC0500000000\rT1ABCDEF02A1B2\r\x07t12200001\rr1218\rR000001214\rV1013\rt123011234\r"
 FRAMES = [
@@ -57,7 +57,9 @@ def test_clear_forgets_the_unfinished_line() -> None:
 
 def test_frames_are_written_as_the_adapter_expects_them() -> None:
     assert encode_frame(0x120, bytes.fromhex("0013dc05")) == b"t12040013DC05\r"
-    assert encode_bitrate(500_000) == b"S6\r"
+    assert encode_frame(0x1ABCDEF0, b"\xa1", extended=True) == b"T1ABCDEF01A1\r"
+    assert encode_frame(0x121, b"", remote=True, length=8) == b"r1218\r"
+    assert encode_frame(0x121, b"", extended=True, remote=True, length=4) == b"R000001214\r"
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
@@ -73,11 +75,6 @@ def test_any_bytes_never_crash_and_give_only_possible_frames(noise: bytes) -> No
 
 
 @pytest.mark.parametrize(("identifier", "data"), [(0x800, b""), (-1, b""), (0x123, bytes(9))])
-def test_what_no_standard_frame_can_carry_is_our_own_error(identifier: int, data: bytes) -> None:
-    with pytest.raises(LocalProtocolError, match="no standard frame"):
+def test_what_no_frame_can_carry_is_our_own_error(identifier: int, data: bytes) -> None:
+    with pytest.raises(LocalProtocolError, match="no classic frame"):
         encode_frame(identifier, data)
-
-
-def test_an_unknown_bit_rate_is_our_own_error() -> None:
-    with pytest.raises(LocalProtocolError, match="no code for 123 bit/s"):
-        encode_bitrate(123)
