@@ -204,7 +204,7 @@ _ROWS = (
     FaultRow(
         "sample-gap", "Sample-counter gap, device time backwards", "wire", "sensor",
         "counter/order; store gap, never interpolate",
-        "4ms", "P >0.1%", "P >0.1%", "J", "a", "",
+        "4ms", "P >0.1%", "P", "J", "a", "",
     ),
     FaultRow(
         "clock-drift", "Clock drift ±500 ppm", "wire", "sensor", "counter–monotonic fit",

@@ -159,8 +159,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
 @click.option("--ports", type=click.Choice(["pty", "socket"]), default="pty", show_default=True,
               help="How sensors are reached.")
-@click.option("--fault", metavar="SLUG[@T]", multiple=True,
-              help="Inject a fault T s of simulated time after the first cycle begins (repeatable).")
+@click.option("--fault", metavar="SLUG[@T[+D]]", multiple=True,
+              help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")
 @click.option("--exit-when-idle", is_flag=True, help="When the starting process is gone, run to standstill and end.")
 @click.option("--list-faults", "listing", is_flag=True, help="List the fault matrix and end.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on standard output.")

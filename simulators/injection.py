@@ -1,12 +1,13 @@
 """How each fault is put into the running rig: one small function a slug.
 
 `--fault SLUG@T` switches it on T seconds of simulated time after the first program's first cycle begins; without `@T`
-it is there from the start.
+it is there from the start. `SLUG@T+D` takes it away again D seconds later, where its injector says how.
 """
 
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -20,7 +21,8 @@ from simulators.slcan_bus import standard_line
 if TYPE_CHECKING:
     from simulators.rig import SimulatedRig
 
-Injector = Callable[["SimulatedRig"], None]
+Undo = Callable[[], None]
+Injector = Callable[["SimulatedRig"], Undo | None]
 INJECTORS: dict[str, Injector] = {}
 
 FOREIGN_OWNER = 999
@@ -38,19 +40,20 @@ LOW_SUPPLY_V = 8.0
 
 @dataclass(frozen=True)
 class ScheduledFault:
-    """A fault and when it begins: seconds of simulated time after the first cycle, None from the start."""
+    """A fault, when it begins (simulated seconds after the first cycle, None from the start), how long it lasts."""
 
     slug: str
     after_s: float | None
+    lasts_s: float = math.inf
 
 
 def parse_fault(text: str) -> ScheduledFault:
-    """`SLUG` or `SLUG@T`.
+    """`SLUG`, `SLUG@T` or `SLUG@T+D`.
 
     Raises:
         FileProblem: an unknown slug, one without an injector here, or a time that is no number.
     """
-    slug, at, time = text.partition("@")
+    slug, at, times = text.partition("@")
     if slug not in MATRIX:
         close = difflib.get_close_matches(slug, MATRIX, n=1)
         hint = f"; did you mean {close[0]!r}?" if close else "; --list-faults names them all"
@@ -59,13 +62,26 @@ def parse_fault(text: str) -> ScheduledFault:
         outside = MATRIX[slug].where == "process"
         reason = "where = process, the fault suite injects it around the processes" if outside else "not injected yet"
         raise FileProblem("--fault", [f"{slug!r} has no injector in the simulated rig: {reason}"])
+    begin, plus, duration = times.partition("+")
     try:
-        after_s = float(time) if at else None
+        after_s = float(begin) if at else None
+        lasts_s = float(duration) if plus else math.inf
     except ValueError:
-        raise FileProblem("--fault", [f"{text!r}: {time!r} is not a number of seconds; write {slug}@5"]) from None
-    if after_s is not None and not 0 <= after_s < float("inf"):
+        raise FileProblem(
+            "--fault", [f"{text!r}: {times!r} is not a number of seconds; write {slug}@5, or {slug}@5+0.1"]
+        ) from None
+    if after_s is not None and not 0 <= after_s < math.inf:
         raise FileProblem("--fault", [f"{text!r}: the time must be 0 s or more"])
-    return ScheduledFault(slug, after_s)
+    if not lasts_s > 0:
+        raise FileProblem("--fault", [f"{text!r}: the duration must be above 0 s"])
+    return ScheduledFault(slug, after_s, lasts_s)
+
+
+def _switch(owner: object, name: str, value: object) -> Undo:
+    """Set an attribute; the answer sets it back."""
+    before = getattr(owner, name)
+    setattr(owner, name, value)
+    return lambda: setattr(owner, name, before)
 
 
 def _injects(slug: str) -> Callable[[Injector], Injector]:
@@ -77,13 +93,13 @@ def _injects(slug: str) -> Callable[[Injector], Injector]:
 
 
 @_injects("modbus-busy")
-def _modbus_busy(rig: SimulatedRig) -> None:
-    rig.modbus.faults.busy = True
+def _modbus_busy(rig: SimulatedRig) -> Undo:
+    return _switch(rig.modbus.faults, "busy", True)
 
 
 @_injects("modbus-reject")
-def _modbus_reject(rig: SimulatedRig) -> None:
-    rig.modbus.faults.reject_writes = True
+def _modbus_reject(rig: SimulatedRig) -> Undo:
+    return _switch(rig.modbus.faults, "reject_writes", True)
 
 
 @_injects("modbus-reset")
@@ -97,23 +113,23 @@ def _modbus_halfopen(rig: SimulatedRig) -> None:
 
 
 @_injects("modbus-wrong-tid")
-def _modbus_wrong_tid(rig: SimulatedRig) -> None:
-    rig.modbus.faults.wrong_transaction = True
+def _modbus_wrong_tid(rig: SimulatedRig) -> Undo:
+    return _switch(rig.modbus.faults, "wrong_transaction", True)
 
 
 @_injects("modbus-mismatch")
-def _modbus_mismatch(rig: SimulatedRig) -> None:
-    rig.modbus.faults.wrong_function = True
+def _modbus_mismatch(rig: SimulatedRig) -> Undo:
+    return _switch(rig.modbus.faults, "wrong_function", True)
 
 
 @_injects("modbus-write-lost")
-def _modbus_write_lost(rig: SimulatedRig) -> None:
-    rig.bank.writes_lost = True
+def _modbus_write_lost(rig: SimulatedRig) -> Undo:
+    return _switch(rig.bank, "writes_lost", True)
 
 
 @_injects("actuator-frozen")
-def _actuator_frozen(rig: SimulatedRig) -> None:
-    rig.actuator.faults.position_frozen = True
+def _actuator_frozen(rig: SimulatedRig) -> Undo:
+    return _switch(rig.actuator.faults, "position_frozen", True)
 
 
 @_injects("actuator-reboot")

@@ -22,7 +22,7 @@ from simulators.clock import DeviceClock, ServedTime
 from simulators.conditioner import condition
 from simulators.ecu import Ecu
 from simulators.frames import encode_frames
-from simulators.injection import INJECTORS, ScheduledFault
+from simulators.injection import INJECTORS, ScheduledFault, Undo
 from simulators.modbus_server import ModbusServer
 from simulators.options import RigOptions, SensorOptions
 from simulators.pace import Backpressure, Pace
@@ -98,6 +98,7 @@ class SimulatedRig:
         self.first_cycle_s: float | None = None
         self.every_tick: list[Callable[[], None]] = []
         self._pending_faults = list(run.faults)
+        self._undoings: list[tuple[float, str, Undo]] = []
         self._served = ServedTime()
         self._pace = Pace(run.speed, self.plant.dt_s, TICK_S, MAXIMUM_STEPS)
         self._stopping = False
@@ -248,7 +249,13 @@ class SimulatedRig:
                 continue
             self._pending_faults.remove(fault)
             self.note("FAULT", fault.slug)
-            INJECTORS[fault.slug](self)
+            undo = INJECTORS[fault.slug](self)
+            if undo is not None and fault.lasts_s < math.inf:
+                self._undoings.append((self.plant.time_s + fault.lasts_s, fault.slug, undo))
+        for undoing in [each for each in self._undoings if each[0] <= self.plant.time_s]:
+            self._undoings.remove(undoing)
+            self.note("FAULT_ENDS", undoing[1])
+            undoing[2]()
 
     def _leave_when_idle(self, now_ns: int) -> None:
         """Stop once the parent is gone and the rig has stood still without current for a while."""
