@@ -39,7 +39,7 @@ from rig.identification.algorithms.search import Array, Search, SearchError, req
 class ContrastFruitFly:
     """Settings of c-FOA, with the paper's values.
 
-    A search starts from `start`, or from all ones.
+    A search starts from `start`, or from all ones; a zero in the start is taken as one.
 
     Attributes:
         variant: `intended` or `printed`.
@@ -73,7 +73,6 @@ class ContrastFruitFly:
             Never: the search ends by its budget.
 
         Raises:
-            SearchError: The start has a zero, which absorbs.
             SearchEndedError: The budget is spent or the callback said stop.
         """
         attraction = coordinates(np.ones(search.n_parameters) if search.start is None else search.start)
@@ -118,21 +117,14 @@ def coordinates(point: Array) -> Array:
     """Coordinates of a design vector: (14) and (15) inverted with |X| = |Y|, the sign on X.
 
     Args:
-        point: Shape (p,), without zeros.
+        point: Shape (p,); a zero, which every fly near it would share for ever, is taken as one, the paper's start.
 
     Returns:
         Shape (2, p): X and Y.
-
-    Raises:
-        SearchError: A parameter is zero: every fly near it is zero, too.
     """
-    zeros = np.flatnonzero(point == 0.0)
-    if zeros.size:
-        raise SearchError(
-            f"c_foa: start[{zeros[0]}] = 0 can never be left; give it a small value with the sign it should have"
-        )
-    inverse = 1.0 / (np.sqrt(2.0) * np.abs(point))
-    return np.stack([np.sign(point) * inverse, inverse])
+    usable = np.where(point == 0.0, 1.0, point)
+    inverse = 1.0 / (np.sqrt(2.0) * np.abs(usable))
+    return np.stack([np.sign(usable) * inverse, inverse])
 
 
 def swarm(attraction: Array, radius: float, draws: npt.NDArray[np.int64], resolution: int) -> Array:

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.identification.algorithms.search import Array, Search, SearchError
+from rig.identification.algorithms.search import Array, Search
 
 
 @dataclass(frozen=True)
 class FruitFly:
-    """FOA has no settings. A `start`, all positive, places the swarm (X_0 = Y_0); without one X_0 and Y_0 are drawn."""
+    """FOA has no settings. Positive values of a `start` place the swarm (X_0 = Y_0); other coordinates are drawn."""
 
     def run(self, search: Search) -> str:
         """Search until the budget is spent (the only stop).
@@ -30,7 +30,6 @@ class FruitFly:
             Never: the search ends by its budget.
 
         Raises:
-            SearchError: The start has a value that is not positive.
             SearchEndedError: The budget is spent or the callback said stop.
         """
         centre = _centre(search)
@@ -46,14 +45,12 @@ class FruitFly:
 
 
 def _centre(search: Search) -> Array:
+    drawn = 10.0 * search.rng.random((2, search.n_parameters))
     if search.start is None:
-        return 10.0 * search.rng.random((2, search.n_parameters))
-    wrong = np.flatnonzero(search.start <= 0.0)
-    if wrong.size:
-        value = search.start[wrong[0]]
-        raise SearchError(f"foa: start[{wrong[0]}] = {value:g}, but FOA reaches positive values only; use c_foa")
-    inverse = 1.0 / (np.sqrt(2.0) * search.start)
-    return np.stack([inverse, inverse])
+        return drawn
+    reachable = search.start > 0.0
+    inverse = 1.0 / (np.sqrt(2.0) * np.where(reachable, search.start, 1.0))
+    return np.where(reachable, inverse, drawn)
 
 
 def swarm(centre: Array, draws: Array) -> Array:

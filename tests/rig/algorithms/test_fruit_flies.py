@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from rig.identification.algorithms import SearchError, c_foa, foa, minimise
+from rig.identification.algorithms import c_foa, foa, minimise
 
 if TYPE_CHECKING:
     from conftest import Bowl
@@ -98,9 +98,9 @@ def test_as_intended_a_negative_optimum_is_reached_from_all_ones(bowl: Bowl) -> 
     assert found.best[1] < 0.0
 
 
-def test_zero_absorbs_so_a_start_with_a_zero_is_refused(bowl: Bowl) -> None:
-    with pytest.raises(SearchError, match=r"start\[2\] = 0 can never be left"):
-        minimise(bowl, method="c_foa", start=[1.0, 1.0, 0.0, 1.0])
+def test_zero_absorbs_so_a_zero_of_the_start_is_taken_as_one(bowl: Bowl) -> None:
+    minimise(bowl, method="c_foa", start=[1.0, -1.0, 0.0, 1.0], budget=1)
+    assert bowl.points[0] == pytest.approx([1.0, -1.0, 1.0, 1.0])
 
 
 def test_foa_places_flies_one_either_side_and_takes_the_inverse_distance() -> None:
@@ -116,6 +116,9 @@ def test_foa_never_evaluates_a_negative_parameter(bowl: Bowl) -> None:
     assert found.value > 4.0  # the optimum's second parameter is -2
 
 
-def test_foa_refuses_a_start_it_cannot_represent(bowl: Bowl) -> None:
-    with pytest.raises(SearchError, match=r"foa: start\[1\] = -2"):
-        minimise(bowl, method="foa", start=[1.0, -2.0, 1.0, 1.0])
+def test_foa_starts_where_it_can_and_draws_what_it_cannot_represent(bowl: Bowl) -> None:
+    minimise(bowl, method="foa", start=[5e-3, -2.0, 4e-3, 0.0], budget=4, population=4, seed=1)
+    points = np.array(bowl.points)
+    assert np.all(np.abs(1.0 / points[:, 0] - 200.0) < 2.0)  # steps of one in the coordinates
+    assert np.all(np.abs(1.0 / points[:, 2] - 250.0) < 2.0)
+    assert np.all(points > 0.0)
