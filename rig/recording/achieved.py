@@ -1,13 +1,49 @@
-"""What the machine achieved, from measured displacement: full cycles, amplitude, mean and frequency."""
+"""What the machine achieved, from measured displacement: amplitude, mean, frequency, phase, distortion of every cycle.
+
+The recording's file and the campaign's amplitude compensation measure with the same functions.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from rig.recording.cycles import NoCycles, find_cycles, full_cycles
 from rig.recording.layout import FloatArray
+
+HARMONICS = 9
+PEAK_SHARE = 0.04
+"""Half width, as a share of the period, of the parabola that finds a sine's peak."""
+TRIANGLE_FUNDAMENTAL = 8.0 / math.pi**2
+"""Fundamental of the ideal triangle (2) relative to its amplitude."""
+WORST_CONDITION = 5.0
+"""Samples that fall on few phases of the period (1.4 when evenly spread) leave the phase open."""
+FEWEST_SAMPLES = 2 * HARMONICS + 4
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """Each full cycle's shape, arrays (k,).
+
+    Attributes:
+        amplitude_m: of a sine, half of peak to valley, each found by a parabola through the samples around it; of a
+            triangle, whose corners fall between samples and are rounded by any servo, that of the ideal triangle with
+            the measured fundamental, m.
+        mean_m: the cycle's mean (its zeroth harmonic), m.
+        frequency_Hz: of each cycle.
+        phase_rad: phase of the fundamental as a sine that begins at time 0 with the mean frequency, rad.
+        distortion: root of the summed squares of what harmonics 2 to 9 have beyond the ideal waveform's, relative to
+            the fundamental.
+    """
+
+    amplitude_m: FloatArray
+    mean_m: FloatArray
+    frequency_Hz: FloatArray
+    phase_rad: FloatArray
+    distortion: FloatArray
 
 
 @dataclass(frozen=True)
@@ -17,9 +53,10 @@ class Achieved:
     Attributes:
         cycles: number of full cycles.
         start_s: time of their first upward crossing of the mean; `end_s` of their last, s.
-        amplitude_m: mean over the cycles of half the peak-to-peak; `amplitude_std_m` its scatter from cycle to cycle.
+        amplitude_m: mean over the cycles of half of peak to valley; `amplitude_std_m` its scatter from cycle to cycle.
         mean_m: mean displacement over the cycles.
         frequency_Hz: cycles per second.
+        waveform: the single cycles.
     """
 
     cycles: int
@@ -29,14 +66,16 @@ class Achieved:
     amplitude_std_m: float
     mean_m: float
     frequency_Hz: float
+    waveform: Waveform
 
 
-def achieved_motion(time_s: FloatArray, displacement_m: FloatArray) -> Achieved | None:
+def achieved_motion(time_s: FloatArray, displacement_m: FloatArray, waveform: str = "sine") -> Achieved | None:
     """Measure the motion of one point.
 
     Args:
         time_s: (n,) s, increasing.
         displacement_m: (n,) m; NaN where nothing was measured.
+        waveform: the wanted one, `sine` or `triangle`: its own harmonics are no distortion.
 
     Returns:
         None when there is not one full cycle.
@@ -46,8 +85,93 @@ def achieved_motion(time_s: FloatArray, displacement_m: FloatArray) -> Achieved 
     except NoCycles:
         return None
     start_s, end_s = float(full.start_s[0]), float(full.start_s[-1])
+    frequency_Hz = len(full) / (end_s - start_s)
+    usable = np.isfinite(displacement_m)
+    t, u = time_s[usable], displacement_m[usable]
+    bounds = np.searchsorted(t, full.start_s)
+    shapes = [
+        _cycle(t[a:b], u[a:b], 1.0 / (end - start), waveform, frequency_Hz)
+        for a, b, start, end in zip(bounds, bounds[1:], full.start_s, full.start_s[1:], strict=False)
+    ]
+    columns = np.array(shapes, np.float64).reshape(len(shapes), 5).T
+    cycles = Waveform(*columns)
+    known = cycles.amplitude_m[np.isfinite(cycles.amplitude_m)]
+    amplitude_m = known if len(known) else full.amplitude_m
     return Achieved(
-        cycles=len(full), start_s=start_s, end_s=end_s, amplitude_m=float(np.mean(full.amplitude_m)),
-        amplitude_std_m=float(np.std(full.amplitude_m)), mean_m=full.mean_m,
-        frequency_Hz=len(full) / (end_s - start_s),
+        cycles=len(full), start_s=start_s, end_s=end_s, amplitude_m=float(np.mean(amplitude_m)),
+        amplitude_std_m=float(np.std(amplitude_m)), mean_m=full.mean_m, frequency_Hz=frequency_Hz, waveform=cycles,
     )
+
+
+def fundamental_phase(time_s: FloatArray, values: FloatArray, frequency_Hz: float) -> float | None:
+    """Phase (rad) of `sin(2 pi f t + phase)` in values sampled anyhow; None where the samples do not determine it.
+
+    Args:
+        time_s: (n,) s.
+        values: (n,), any unit.
+        frequency_Hz: known frequency.
+    """
+    usable = np.isfinite(values)
+    t, x = time_s[usable], values[usable]
+    design = np.column_stack((np.ones(len(t)), *_waves(t, frequency_Hz, 1)))
+    if len(t) < 8 or np.linalg.cond(design) > WORST_CONDITION:
+        return None
+    (_, sine, cosine), *_ = np.linalg.lstsq(design, x, rcond=None)
+    return math.atan2(float(cosine), float(sine))
+
+
+def wrapped(angle_rad: float) -> float:
+    """An angle brought to -pi .. pi."""
+    return (angle_rad + math.pi) % math.tau - math.pi
+
+
+def _cycle(
+    t: FloatArray, u: FloatArray, frequency_Hz: float, waveform: str, mean_frequency_Hz: float,
+) -> tuple[float, float, float, float, float]:
+    """Amplitude, mean, frequency, phase and distortion of one cycle; NaN where samples are missing."""
+    expected = len(t)
+    gap = float(np.max(np.diff(t))) if expected > 1 else math.inf
+    if expected < FEWEST_SAMPLES or gap > 2.5 / (frequency_Hz * expected):
+        return (math.nan, math.nan, frequency_Hz, math.nan, math.nan)
+    design = np.column_stack((np.ones(expected), *_waves(t - t[0], frequency_Hz, HARMONICS)))
+    found, *_ = np.linalg.lstsq(design, u, rcond=None)
+    harmonics = found[1::2] + 1j * found[2::2]
+    first = complex(harmonics[0])
+    phase = math.atan2(first.imag, first.real)
+    if waveform == "triangle":
+        amplitude_m = abs(first) / TRIANGLE_FUNDAMENTAL
+    else:
+        amplitude_m = 0.5 * (_peak(t, u, frequency_Hz) + _peak(t, -u, frequency_Hz))
+    orders = np.arange(1, HARMONICS + 1)
+    turned = harmonics * np.exp(-1j * orders * phase)
+    ideal = abs(first) * np.array([_ideal(waveform).get(order, 0.0) for order in orders.tolist()])
+    distortion = float(np.sqrt(np.sum(np.abs(turned - ideal)[1:] ** 2))) / abs(first)
+    phase = wrapped(phase - math.tau * mean_frequency_Hz * float(t[0]))
+    return (amplitude_m, float(found[0]), frequency_Hz, phase, distortion)
+
+
+def _waves(t: FloatArray, frequency_Hz: float, count: int) -> list[FloatArray]:
+    """Sine and cosine of each harmonic in turn."""
+    angles = [math.tau * frequency_Hz * order * t for order in range(1, count + 1)]
+    return [wave(angle) for angle in angles for wave in (np.sin, np.cos)]
+
+
+def _ideal(waveform: str) -> Mapping[int, float]:
+    """Harmonics of the ideal waveform relative to its fundamental; a triangle's are (-1)^j/k^2, k = 2 j + 1 (2)."""
+    if waveform != "triangle":
+        return {1: 1.0}
+    return {order: (-1.0) ** ((order - 1) // 2) / order**2 for order in range(1, HARMONICS + 1, 2)}
+
+
+def _peak(t: FloatArray, u: FloatArray, frequency_Hz: float) -> float:
+    """Height of the highest peak: vertex of a parabola through the samples around the largest one."""
+    top = int(np.argmax(u))
+    half = max(1, int(PEAK_SHARE * len(t)))
+    low, high = top - half, top + half + 1
+    if low < 0 or high > len(t):
+        return float(u[top])
+    x = (t[low:high] - t[top]) * frequency_Hz
+    curve, slope, height = np.polyfit(x, u[low:high], 2)
+    if curve >= 0.0:
+        return float(u[top])
+    return float(height - 0.25 * slope * slope / curve)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import rig
 from protocols.quality import Quality
 from rig.recording.achieved import Achieved, achieved_motion
+from rig.recording.achievement import current_attributes, motion_attributes
 from rig.recording.alignment import Alignment, NothingRecorded, TimedChannel, align
 from rig.recording.channel import RING_CHANNELS, Description
 from rig.recording.context import PointContext, SensorContext
@@ -93,12 +94,14 @@ def build(
         NothingRecorded: the journal holds no displacement or no force.
     """
     alignment = align(content.records, context)
-    motion = achieved_motion(alignment.time_s, alignment.values["displacement"])
+    waveform = str(context.point.get("waveform", "sine"))
+    motion = achieved_motion(alignment.time_s, alignment.values["displacement"], waveform)
     verdict = judge(_findings(content, context, alignment, motion))
     quality: dict[str, Attribute] = {
         "verdict": verdict.verdict, "reasons": verdict.reasons, "lost_samples": _lost(alignment),
         "skew_s": alignment.skew_s, "skew_std_s": alignment.skew_std_s, "skew_method": alignment.skew_method,
-        "recovered": recovered, **_motion_attributes(motion), **_clock_attributes(alignment),
+        "recovered": recovered, **motion_attributes(motion, alignment),
+        **current_attributes(motion, alignment), **_clock_attributes(alignment),
     }
     provenance: dict[str, Attribute] = {
         "software": f"mr-damper-rig {rig.__version__}", **context.provenance, "journal_check": journal_check,
@@ -161,16 +164,6 @@ def _current_error_A(alignment: Alignment, motion: Achieved | None, wanted_A: fl
 
 def _lost(alignment: Alignment) -> int:
     return sum(channel.lost for channel in alignment.timed.values())
-
-
-def _motion_attributes(motion: Achieved | None) -> dict[str, Attribute]:
-    if motion is None:
-        return {"measured_cycles": 0}
-    return {
-        "measured_cycles": motion.cycles, "measured_amplitude_m": motion.amplitude_m,
-        "measured_amplitude_std_m": motion.amplitude_std_m, "measured_mean_m": motion.mean_m,
-        "measured_frequency_Hz": motion.frequency_Hz, "cycles_start_s": motion.start_s, "cycles_end_s": motion.end_s,
-    }
 
 
 def _clock_attributes(alignment: Alignment) -> dict[str, Attribute]:
