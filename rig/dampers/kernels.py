@@ -25,6 +25,7 @@ from rig.dampers.kinds import (
     KIND_SYMMETRIC,
     KIND_VISCOELASTIC_PLASTIC,
 )
+from rig.dampers.rate_independent import travel_between
 
 FloatArray = NDArray[np.float64]
 
@@ -120,6 +121,23 @@ def _fastest_rate(kind: int, p: FloatArray, v: float, current: float) -> float:
 
 
 @njit(cache=True)
+def _travel(kind: int, p: FloatArray, state: FloatArray, u0: float, v0: float, u1: float, v1: float, dt: float) -> bool:
+    """Advance a rate-independent state along the path; False where the model or its parameters do not allow it."""
+    if kind == KIND_NORMALIZED_BOUC_WEN:
+        rho, sigma, n, scale = p[6], p[7], p[8], 1.0
+    elif kind == KIND_BOUC_WEN and p[6] + p[7] > 0.0 and p[8] > 0.0:
+        n = p[9]
+        scale = (p[8] / (p[6] + p[7])) ** (1.0 / n)
+        rho, sigma = p[8] / scale, p[6] / (p[6] + p[7])
+    else:
+        return False
+    if not (rho > 0.0 and sigma >= 0.0 and n >= 1.0):
+        return False
+    state[0] = scale * travel_between(state[0] / scale, u0, v0, u1, v1, dt, rho, sigma, n)
+    return True
+
+
+@njit(cache=True)
 def _integrate(
     kind: int,
     p: FloatArray,
@@ -131,6 +149,9 @@ def _integrate(
 ) -> None:
     """Advance `state` over one step; `motion` is u0, v0 and the coefficients of v(t) = v0 + c1 t + c2 t^2 + c3 t^3."""
     u0, v0, c1, c2, c3 = motion
+    u_end = u0 + dt * (v0 + dt * (c1 / 2.0 + dt * (c2 / 3.0 + dt * c3 / 4.0)))
+    if _travel(kind, p, state, u0, v0, u_end, v_end, dt):
+        return
     rate = _fastest_rate(kind, p, max(abs(v0), abs(v_end)), current)
     substeps = int(min(float(MAXIMUM_SUBSTEPS), max(1.0, math.ceil(rate * dt / SUBSTEP_RATE))))
     h = dt / substeps

@@ -44,6 +44,10 @@ class BoucWenForm:
     shape_names: tuple[str, ...] = ("rho", "sigma", "n - 1")
     logarithmic: tuple[bool, ...] = (True, True, True)
 
+    def __init__(self, smallest_amplitude_m: float) -> None:
+        steepest = 2.0 / (YIELD_LENGTHS[0] * smallest_amplitude_m)
+        self.limits = np.array([(1e-3 / smallest_amplitude_m, steepest), (0.5, 20.0), (1e-3, 15.0)])
+
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
         """See `Form.fixed_columns`."""
         del a
@@ -84,9 +88,9 @@ def solve_bouc_wen(
         held: linear parameters left out, held at zero.
     """
     without = frozenset({"kv_b", "kw_b"}) if held else frozenset()
-    form = BoucWenForm()
-    short = Projection(form, [first_cycle(each) for each in measurements], weighting, without=without)
     amplitude = min(float(np.ptp(each.u_m)) / 2.0 for each in measurements)
+    form = BoucWenForm(amplitude)
+    short = Projection(form, [first_cycle(each) for each in measurements], weighting, without=without)
     grid = [
         np.array([1.0 / (share * amplitude), sigma, n - LOWEST_EXPONENT])
         for share, sigma, n in product(YIELD_LENGTHS, SIGMAS, EXPONENTS)

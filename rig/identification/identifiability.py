@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.dampers.algebraic import TanhModel
 from rig.dampers.model import DamperModel
 from rig.identification.measurement import Measurement
 from rig.identification.uncertainty import Information
@@ -17,6 +18,9 @@ FloatArray = NDArray[np.float64]
 SAME_CURRENT_A = 0.03
 PROPORTIONAL = 1e-4  # share of the acceleration that displacement does not explain, below which m and K are one
 ONE_SPEED = 2e-3  # share of the velocity that its sign does not explain, below which C and Fy are one
+
+SATURATED = 0.999
+FEWEST_PASSING = 20  # samples on the slope of the tanh that its shape needs at least
 
 #: Parameters per ampere, and the value at zero current that each belongs to.
 PER_AMPERE: Mapping[str, str] = {
@@ -148,26 +152,24 @@ def _speed(model: DamperModel, measurements: Sequence[Measurement], found: Findi
 
 
 def explain(
-    model: DamperModel, found: Information, values: Mapping[str, float], top_speed_m_s: float
+    model: DamperModel, found: Information, values: Mapping[str, float], measurements: Sequence[Measurement]
 ) -> dict[str, str]:
     """Reasons for the parameters that the fitted model's own slopes cannot tell apart."""
     reasons = {}
     for name, partners in found.partners.items():
-        if name in {"beta", "delta", "lambda"} and _saturated(values, top_speed_m_s):
-            reasons[name] = (
-                f"{name} cannot be found: the tanh is saturated at every sample, so the force does not change with it; "
-                "the yield force is only a sign function here"
-            )
-        elif not partners:
+        if not partners:
             reasons[name] = f"{name} cannot be found: it has no effect on the force in these tests"
         else:
             reasons[name] = f"{name} cannot be told from {', '.join(partners)} in these tests"
+    if isinstance(model, TanhModel):
+        passing = sum(
+            int(np.count_nonzero(np.abs(model.yield_shape(values, each.u_m, each.v_m_s)) < SATURATED))
+            for each in measurements
+        )
+        if passing < FEWEST_PASSING:
+            for name in model.shape_names:
+                reasons[name] = (
+                    f"{name} cannot be found: the tanh is saturated at all but {passing} samples, so it hardly "
+                    "changes the force; the yield force is only a sign function here"
+                )
     return reasons
-
-
-def _saturated(values: Mapping[str, float], top_speed_m_s: float) -> bool:
-    offset = values["delta"] if "delta" in values else values.get("lambda", 0.0) * values.get("beta", 0.0)
-    return (
-        abs(abs(offset) - values.get("beta", 0.0) * top_speed_m_s) > 15.0
-        or values.get("beta", 0.0) * top_speed_m_s > 1e4
-    )

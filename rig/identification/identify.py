@@ -195,8 +195,7 @@ def _fit(
     fits = describes(model, values, fitted, weighting)
     free = [name for name in model.names if name in values and name not in best.findings.held]
     known = information(model, values, free, fitted, weighting, declared, fits=fits is not False)
-    top_speed = max(float(np.max(np.abs(each.v_m_s))) for each in fitted)
-    reasons = {**explain(model, known, values, top_speed), **best.findings.reasons}
+    reasons = {**explain(model, known, values, fitted), **best.findings.reasons}
     warnings = [*warnings, *(text for each in (*fitted, *held_out) for text in each.warnings)]
     warnings += _judgements(best.solution, fits, weighting.weight)
     return Fit(

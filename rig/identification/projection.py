@@ -20,6 +20,7 @@ from rig.identification.measurement import Measurement
 FloatArray = NDArray[np.float64]
 Weight = Literal["v", "1"]
 
+BETA_LIMITS = (1e-3, 1e9)  # s/m: from a straight line to a sign function
 PIECE = 32768
 KEEP_BELOW = 2_000_000  # samples up to which the regressors stay in memory
 SINGULAR = 1e-11  # directions of the scaled normal matrix below this share of the largest carry no information
@@ -78,6 +79,7 @@ class Form(Protocol):
         yield_names: linear parameters of the yield shape, at zero current and per ampere.
         shape_names: the nonlinear parameters.
         logarithmic: for each of them, whether it is positive and searched by its logarithm.
+        limits: lowest and highest value of each shape parameter, shape (s, 2).
         pointwise: whether a sample's regressors need no other sample, so that samples may be left out.
     """
 
@@ -89,6 +91,8 @@ class Form(Protocol):
     def shape_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
     @property
     def logarithmic(self) -> tuple[bool, ...]: ...  # noqa: D102 - described above
+    @property
+    def limits(self) -> FloatArray: ...  # noqa: D102 - described above
     @property
     def pointwise(self) -> bool: ...  # noqa: D102 - described above
 
@@ -110,6 +114,7 @@ class AlgebraicForm:
         self.yield_names: tuple[str, ...] = model.yield_names
         self.shape_names = model.shape_names
         self.logarithmic = tuple(name == "beta" for name in model.shape_names)
+        self.limits = np.array([BETA_LIMITS if name == "beta" else (-np.inf, np.inf) for name in model.shape_names])
 
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
         """See `Form.fixed_columns`."""

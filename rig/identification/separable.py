@@ -138,6 +138,7 @@ def levenberg_marquardt(projection: Projection, start: FloatArray) -> tuple[Floa
         if not np.all(np.isfinite(step)) or promised <= TOLERANCE * inner.objective:
             break
         trial = np.where(logarithmic, shape * np.exp(np.where(logarithmic, step, 0.0)), shape + step)
+        trial = np.clip(trial, projection.form.limits[:, 0], projection.form.limits[:, 1])
         found = projection.solve(trial)
         if found.objective < inner.objective:
             shape, inner, damping = trial, found, damping * 0.2

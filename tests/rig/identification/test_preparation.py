@@ -1,0 +1,118 @@
+"""From a recorded point to a measurement: what is kept, repaired, warned of, refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from protocols.quality import Quality
+from rig.errors import IdentificationFailed
+from rig.identification import prepare
+from rig.identification.preparation import prepare_all
+from rig.recording.cycles import NoCycles
+from rig.recording.run import ForceSamples, RecordedPoint
+
+
+def changed(point: RecordedPoint, **arrays: np.ndarray) -> RecordedPoint:
+    """The point with other arrays; force samples follow the force."""
+    copy = replace(point, arrays={**(point.arrays or {}), **arrays})
+    if "force" not in arrays:
+        copy.__dict__["force_samples"] = point.force_samples
+    return copy
+
+
+def with_force(point: RecordedPoint, force_N: np.ndarray, flags: np.ndarray | None = None) -> RecordedPoint:
+    copy = replace(point)
+    samples = point.force_samples
+    copy.__dict__["force_samples"] = ForceSamples(samples.time_s, force_N, samples.flags if flags is None else flags)
+    return copy
+
+
+def test_eight_cycles_about_mid_stroke_with_the_noise_of_the_sensor(demo_points: list[RecordedPoint]) -> None:
+    measurement = prepare(demo_points[1])
+    assert measurement.u_m.size == pytest.approx(2000, abs=2)
+    assert measurement.samples_per_cycle == 250
+    assert np.mean(measurement.u_m) == pytest.approx(0.0, abs=2e-5)
+    assert np.max(np.abs(measurement.v_m_s)) == pytest.approx(2.0 * np.pi * 0.05, rel=0.01)
+    assert measurement.noise_N == pytest.approx(5.0, rel=0.1)
+    assert measurement.warnings == ()
+    assert np.ptp(measurement.current_A) == 0.0
+
+
+def test_without_a_known_mid_stroke_the_mean_is_taken(demo_points: list[RecordedPoint]) -> None:
+    measurement = prepare(changed(replace(demo_points[1], mid_stroke_m=None)))
+    assert np.mean(measurement.u_m) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_flagged_and_lost_samples_do_not_count_and_time_stays_whole(demo_points: list[RecordedPoint]) -> None:
+    point = demo_points[1]
+    samples = point.force_samples
+    keep = np.ones(samples.time_s.size, dtype=bool)
+    keep[1000:1020] = False
+    flags = samples.flags.copy()
+    flags[1500:1505] = int(Quality.SPIKE)
+    copy = replace(point)
+    copy.__dict__["force_samples"] = ForceSamples(samples.time_s[keep], samples.force_N[keep], flags[keep])
+    measurement = prepare(copy)
+    whole = prepare(point)
+    assert measurement.usable is not None
+    assert np.count_nonzero(~measurement.usable) == 25
+    assert measurement.dt_s == pytest.approx(whole.dt_s, rel=1e-6)
+    assert measurement.u_m == pytest.approx(whole.u_m, abs=1e-6)
+
+
+def test_a_saturated_force_is_warned_of(demo_points: list[RecordedPoint]) -> None:
+    force = np.minimum(demo_points[4].force_samples.force_N, 50.0)
+    assert any("greatest value, 50.0 N" in text for text in prepare(with_force(demo_points[4], force)).warnings)
+
+
+def test_a_missing_current_falls_back_on_the_commanded_one(demo_points: list[RecordedPoint]) -> None:
+    point = changed(demo_points[4], current=np.full(demo_points[4].samples, np.nan))
+    measurement = prepare(point)
+    assert np.all(measurement.current_A == 1.0)
+    assert any("no current was measured" in text for text in measurement.warnings)
+
+
+def test_a_motion_that_fades_is_differentiated_locally(demo_points: list[RecordedPoint]) -> None:
+    point = demo_points[1]
+    fade = 1.0 - 0.004 * (point.time_s - point.time_s[0])
+    measurement = prepare(changed(point, displacement=0.003 + (point.displacement_m - 0.003) * fade))
+    assert any("does not repeat" in text for text in measurement.warnings)
+    assert np.max(np.abs(measurement.v_m_s)) == pytest.approx(2.0 * np.pi * 0.05, rel=0.02)
+
+
+def test_what_cannot_be_used_is_refused_by_name(demo_points: list[RecordedPoint]) -> None:
+    point = demo_points[1]
+    with pytest.raises(IdentificationFailed, match="recording is invalid \\(lost 12 samples\\)"):
+        prepare(replace(point, verdict="invalid", reasons=("lost 12 samples",)))
+    force = point.force_samples.force_N.copy()
+    force[::3] = np.nan
+    with pytest.raises(IdentificationFailed, match="33 % of the force samples"):
+        prepare(with_force(point, force))
+    with pytest.raises(IdentificationFailed, match="0 usable force samples"):
+        prepare(with_force(point, np.full_like(force, np.nan)))
+    with pytest.raises(NoCycles, match="usable displacement samples"):
+        prepare(changed(point, displacement=np.full(point.samples, np.nan)))
+    with pytest.raises(IdentificationFailed, match="nothing to identify from: t1 left out"):
+        prepare_all([replace(point, id="t1", verdict="invalid", reasons=("x",))])
+    with pytest.raises(IdentificationFailed, match="holds no point"):
+        prepare_all([])
+
+
+def test_one_bad_point_does_not_keep_the_others_from_being_used(demo_points: list[RecordedPoint]) -> None:
+    measurements, warnings = prepare_all(
+        [demo_points[1], replace(demo_points[2], verdict="invalid", reasons=("tripped",))]
+    )
+    assert len(measurements) == 1
+    assert warnings == [f"{demo_points[2].id} left out: its recording is invalid (tripped)"]
+
+
+def test_two_cycles_are_used_whole_with_a_warning(
+    demo_points: list[RecordedPoint],
+) -> None:
+    point = demo_points[0]
+    inside = point.time_s < 0.5 + 2.0 * 3.2
+    arrays = {name: values[inside] for name, values in (point.arrays or {}).items()}
+    measurement = prepare(replace(point, arrays=arrays))
+    assert any("none is dropped" in text for text in measurement.warnings)
+    assert measurement.u_m.size == pytest.approx(1000, abs=4)

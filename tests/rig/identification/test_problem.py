@@ -1,0 +1,106 @@
+"""Equation (12) evaluated in compiled batches, against the models' own forces."""
+
+import pickle
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from rig.dampers import model, parameter_set
+from rig.identification import Measurement, Problem
+
+Make = Callable[..., list[Measurement]]
+
+
+@pytest.mark.parametrize("weight", ["v", "1"])
+@pytest.mark.parametrize("name", ["demo", "demo-symmetric", "demo-kwok", "demo-bingham", "cfoa-table4-printed"])
+def test_objective_is_the_weighted_sum_of_squares(name: str, weight: str, make_synthetic: Make) -> None:
+    chosen = parameter_set(name)
+    tests = make_synthetic(dict(parameter_set("demo").values), (0.0, 1.0), (1.0, 2.0))
+    problem = Problem(tests, chosen.model, weight, chosen.hysteresis)  # type: ignore[arg-type] - parametrised as text
+    damper = model(chosen.model, chosen.hysteresis)
+    expected = 0.0
+    for test in tests:
+        force = damper.force(chosen.values, test.u_m, test.v_m_s, test.a_m_s2, test.current_A, test.dt_s)
+        expected += float(np.sum(((test.force_N - force) * (test.v_m_s if weight == "v" else 1.0)) ** 2))
+    assert problem.objective(problem.vector(chosen.values)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_batch_is_its_candidates_one_by_one(make_synthetic: Make) -> None:
+    problem = Problem(make_synthetic(dict(parameter_set("demo").values), (0.0, 1.0), (1.0,)))
+    rng = np.random.default_rng(0)
+    population = problem.vector(parameter_set("demo").values) * rng.uniform(0.5, 2.0, (7, problem.n_parameters))
+    assert problem.batch(population) == pytest.approx([problem.objective(each) for each in population])
+
+
+def test_hysteretic_objective_vanishes_at_the_truth(make_synthetic: Make) -> None:
+    chosen = parameter_set("demo-normalized-bouc-wen")
+    rested = make_synthetic(dict(chosen.values), (1.0,), (1.0,), name=chosen.model, noise_N=0.0, cycles=4)[0]
+    arrays = {name: getattr(rested, name)[250:] for name in ("u_m", "v_m_s", "a_m_s2", "force_N", "current_A")}
+    settled = Measurement(**{**vars(rested), **arrays})
+    problem = Problem([settled], chosen.model, "1")
+    whole = problem.objective(problem.vector(chosen.values))
+    assert whole < 1e-6 * float(np.sum(settled.force_N**2))
+    wrong = {**chosen.values, "rho": 800.0}
+    assert problem.objective(problem.vector(wrong)) > 100.0 * whole
+
+
+def test_samples_without_a_force_do_not_count(make_synthetic: Make) -> None:
+    test = make_synthetic(dict(parameter_set("demo").values), (1.0,), (1.0,), noise_N=0.0)[0]
+    lost = np.arange(test.u_m.size) % 7 != 0
+    broken = Measurement(**{**vars(test), "force_N": np.where(lost, test.force_N, 1e6), "usable": lost})
+    problem = Problem([broken])
+    assert problem.objective(problem.vector(parameter_set("demo").values)) < 1e-12
+
+
+def test_eta_is_found_where_the_current_steps(make_synthetic: Make) -> None:
+    values = dict(parameter_set("demo").values)
+    test = make_synthetic(values, (2.0,), (1.0,), noise_N=0.0)[0]
+    t = np.arange(test.u_m.size) * test.dt_s
+    current = 2.0 * (1.0 - np.exp(-25.0 * t))
+    force = model("asymmetric").force(values, test.u_m, test.v_m_s, test.a_m_s2, current, test.dt_s)
+    stepped = Measurement(**{**vars(test), "force_N": force, "current_A": current, "commanded_A": np.full(t.size, 2.0)})
+    problem = Problem([stepped], lag=True)
+    truth = problem.vector(values)
+    assert problem.names[-1] == "eta"
+    at_truth = problem.objective(truth)
+    slower, faster = truth.copy(), truth.copy()
+    slower[-1], faster[-1] = 24.0, 26.0
+    assert at_truth < 1e-12
+    assert min(problem.objective(slower), problem.objective(faster)) > 1.0
+
+
+def test_a_candidate_without_a_finite_force_scores_infinity(make_synthetic: Make) -> None:
+    problem = Problem(make_synthetic(dict(parameter_set("demo").values), (1.0,), (1.0,)))
+    broken = problem.start.copy()
+    broken[0] = np.inf
+    assert problem.objective(broken) == np.inf
+
+
+def test_wrong_shapes_and_weights_are_refused(make_synthetic: Make) -> None:
+    tests = make_synthetic(dict(parameter_set("demo").values), (1.0,), (1.0,))
+    with pytest.raises(ValueError, match="expected \\(N, 12\\)"):
+        Problem(tests).batch(np.zeros((3, 5)))
+    with pytest.raises(ValueError, match="expected 'v' or '1'"):
+        Problem(tests, weight="u")  # type: ignore[arg-type] - a user's typing error
+    with pytest.raises(ValueError, match="at least one test"):
+        Problem([])
+    with pytest.raises(ValueError, match="v_m_s has shape"):
+        Measurement(
+            id="x",
+            u_m=np.zeros(3),
+            v_m_s=np.zeros(2),
+            a_m_s2=np.zeros(3),
+            force_N=np.zeros(3),
+            current_A=np.zeros(3),
+            dt_s=1.0,
+        )
+
+
+def test_a_problem_travels_to_worker_processes(make_synthetic: Make) -> None:
+    problem = Problem(make_synthetic(dict(parameter_set("demo").values), (1.0,), (1.0,)))
+    copy = pickle.loads(pickle.dumps(problem))
+    assert copy.objective(problem.start) == problem.objective(problem.start)
+    assert problem.bounds.shape == (12, 2)
+    assert problem.n_samples == 2000
+    assert problem.values(problem.start)["beta"] == 40.0
