@@ -72,7 +72,7 @@ class SerialPort:
             else:
                 self._open_serial()
         except (OSError, ValueError) as error:  # serial.SerialException is an OSError
-            raise PortClosed(self.device, self.url, f"cannot open: {error}") from error
+            raise PortClosed(self.device, self.url, f"cannot open: {_reason(error)}") from error
         self.discard_input()
 
     def close(self) -> None:
@@ -226,3 +226,9 @@ class SerialPort:
             return os.write(self._fd, data)
         except BlockingIOError:
             return 0
+
+
+def _reason(error: OSError | ValueError) -> str:
+    """The system's words once; pyserial's own message repeats the port and the system's words around them."""
+    number = error.errno if isinstance(error, OSError) else None
+    return str(error) if number is None else os.strerror(number)

@@ -29,6 +29,15 @@ class FileProblem(RigError):
         super().__init__("\n".join(f"{file}: {problem}" for problem in problems))
 
 
+class FileProblems(FileProblem):
+    """More than one of a user's files cannot be used; `each` holds the problems of every file."""
+
+    def __init__(self, each: list[FileProblem]) -> None:
+        self.each = each
+        super().__init__(", ".join(one.file for one in each), [text for one in each for text in str(one).split("\n")])
+        self.args = ("\n".join(str(one) for one in each),)
+
+
 class Refused(RigError):
     """The rig refuses to start; nothing has moved."""
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rig.campaign.options import CampaignOptions
 from rig.clock import monotonic_ns
-from rig.errors import Refused
+from rig.errors import EXIT_USAGE, Refused, RigError
 from rig.matrix.model import Specimen
 
 START_TIMEOUT_S = 60.0
@@ -40,6 +40,7 @@ class SimulatedRig:
         process die.
 
         Raises:
+            RigError: it does not take `options.simulator_args`.
             Refused: it ended before it was ready, or was not ready in time; the end of its log is in the message.
         """
         truth_path, log_path = folder / "truth.h5", folder / "simulator.log"
@@ -59,6 +60,8 @@ class SimulatedRig:
             process.terminate()
             process.wait(STOP_TIMEOUT_S)
             tail = log_path.read_text(encoding="utf-8", errors="replace")[-2000:].strip()
+            if process.returncode == EXIT_USAGE:
+                raise RigError(f"arguments of the simulated rig (after --): {tail}")
             raise Refused(
                 "simulator", f"the simulated rig did not start (exit code {process.returncode}); it said:\n{tail}"
             )

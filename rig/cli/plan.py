@@ -21,13 +21,12 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 @json_option
 def command(matrix: Path, bench: Path, as_json: bool) -> int:
     """Judge every point of MATRIX on a bench; exit 3 if any cannot be done, with what would fit."""
-    from rig.bench.model import Bench
     from rig.cli.tables import plan_table
-    from rig.matrix.model import load_matrix
+    from rig.matrix.files import load_files
     from rig.matrix.plan import plan
 
-    loaded = Bench.load(bench)
-    result = plan(load_matrix(matrix), loaded)
+    tests, loaded = load_files(matrix, bench)
+    result = plan(tests, loaded)
     overdue = [f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date())]
     if as_json:
         write_json({**result.to_json(), "warnings": overdue})

@@ -54,9 +54,11 @@ def command(
     _check_usage(simulator_args, bench, speed, seed, simulate=simulate)
     from rig.campaign.options import CampaignOptions
     from rig.cli.job import run_job
+    from rig.matrix.files import load_files
     from rig.matrix.model import load_matrix
 
-    identify = load_matrix(matrix).identify
+    tests = load_matrix(matrix) if bench is None else load_files(matrix, bench)[0]
+    identify = tests.identify
     options = CampaignOptions(
         matrix_path=matrix,
         out=out,
