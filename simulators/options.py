@@ -117,7 +117,11 @@ class CoilOptions:
 
 @dataclass(frozen=True)
 class SensorOptions:
-    """One serial sensor. Values are in its wire unit (`unit`), `wire_per_si` of it for one SI unit."""
+    """One serial sensor. Values are in its wire unit (`unit`), `wire_per_si` of it for one SI unit.
+
+    `skew_s` is a delay of the measured quantity beyond the filter's, which neither the bench file nor the latched edges
+    show; `clip` is where the amplifier saturates without saying so; without `latches_edges` there are no edge frames.
+    """
 
     unit: str = "N"
     wire_per_si: float = 1.0
@@ -129,6 +133,9 @@ class SensorOptions:
     offset: float = 0.0
     gain: float = 1.0
     bandwidth_Hz: float = 1000.0
+    skew_s: float = 0.0
+    clip: float = math.inf
+    latches_edges: bool = True
     jitter_s: float = 2e-6
     latency_s: float = 0.5e-3
     burst_rate_Hz: float = 0.2
@@ -179,10 +186,10 @@ class RigOptions:
 POSITIVE = {
     "plant_rate_Hz", "truth_rate_Hz", "bandwidth_Hz", "rated_speed_m_s", "supply_Pa", "piston_area_m2", "rate_Hz",
     "accumulator_recovery_s", "accumulator_bleed_s", "valve_closing_s", "half_stroke_m", "ohm", "heat_capacity_J_K",
-    "range", "stroke_m", "seal_speed_m_s", "wire_per_si", "baudrate", "supply_V", "command_timeout_s", "damping",
+    "range", "stroke_m", "seal_speed_m_s", "wire_per_si", "baudrate", "clip", "supply_V", "command_timeout_s", "damping",
 }
-CEILINGS = {"rate_Hz": 10_000.0, "plant_rate_Hz": 100_000.0}
-FLOORS = {"plant_rate_Hz": 4000.0, "truth_rate_Hz": 1.0}
+CEILINGS = {"rate_Hz": 10_000.0, "plant_rate_Hz": 100_000.0, "skew_s": 0.1}
+FLOORS = {"plant_rate_Hz": 4000.0, "truth_rate_Hz": 1.0, "skew_s": 0.0}
 
 
 def load_options(path: Path) -> RigOptions:
@@ -279,6 +286,8 @@ def _misfit(key: str, present: object, value: object) -> str:
     """Why `value` cannot replace `present`, or nothing."""
     if isinstance(present, str):
         return "" if isinstance(value, str) else "expected a text in quotes"
+    if isinstance(present, bool):
+        return "" if isinstance(value, bool) else "expected true or false"
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return "expected a number"
     if isinstance(present, int) and not isinstance(value, int):

@@ -66,6 +66,7 @@ class Sensor:
         self._period_us = 1e6 / options.rate_Hz
         self._tick = math.ceil(clock.unwrapped_us(start_s) / self._period_us)
         self._filter = np.zeros(4)
+        self._past: FloatArray = np.zeros(0)
         self._started = False
         self._last_value = math.nan
         self._waiting: Bytes = np.zeros((0, self.frame_size), np.uint8)
@@ -86,7 +87,10 @@ class Sensor:
         """
         if not self._started and len(signal):
             self._filter[:] = (signal[0], 0.0, signal[0], signal[0])
+            self._past = np.full(math.ceil(self.options.skew_s / dt_s) + 1, signal[0])
             self._started = True
+        if self.options.skew_s > 0.0:
+            signal = self._delayed(signal, dt_s)
         end_s = start_s + len(signal) * dt_s
         ticks = self._due_ticks(end_s)
         nominal_us = ticks.astype(np.float64) * self._period_us
@@ -99,6 +103,16 @@ class Sensor:
         frames, frame_s = self._encode(value, status, nominal_us, nominal_s, pulses_s)
         self._queue(frames, frame_s)
         return self._damage(self._released(end_s))
+
+    def _delayed(self, signal: FloatArray, dt_s: float) -> FloatArray:
+        """The signal (n,) of `skew_s` earlier, straight between the plant's steps."""
+        known = np.concatenate((self._past, signal))
+        steps = self.options.skew_s / dt_s
+        whole = math.floor(steps)
+        share = steps - whole
+        newest = len(self._past) - whole + np.arange(len(signal))
+        self._past = known[len(signal):]
+        return np.asarray((1.0 - share) * known[newest] + share * known[newest - 1])
 
     def _due_ticks(self, end_s: float) -> NDArray[np.int64]:
         """Numbers of the sensor clock's sampling ticks whose sample, jitter included, lies before `end_s`."""
@@ -115,6 +129,7 @@ class Sensor:
         value += options.offset + faults.zero_offset
         if options.resolution > 0:
             value = np.round(value / options.resolution) * options.resolution
+        value = np.clip(value, -options.clip, options.clip)
         if faults.stuck and len(value):
             value[:] = self._last_value if math.isfinite(self._last_value) else value[0]
         if faults.saturated:
@@ -157,6 +172,7 @@ class Sensor:
         if self.faults.time_backwards:
             stamp_us = np.where(self._backwards(sequence), stamp_us - 50_000, stamp_us)
         edge_count = np.full(len(value), self.edges, np.int64)
+        pulses_s = pulses_s if self.options.latches_edges else []
         for pulse_s in pulses_s:
             edge_count[time_s >= pulse_s] += 1
         columns = [status.astype(np.int64), edge_count, sequence, stamp_us]

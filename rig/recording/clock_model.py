@@ -2,6 +2,7 @@
 
 Methods, best first:
 - `edges`: the controller's cycle pulse, latched in both clocks; straight line through the pairs.
+- `signals`: the sensor's samples laid over the controller's own record of the same quantity (`signal_match`).
 - `device clock`: lower envelope of arrival minus device time, since no sample arrives before it was taken.
 - `nominal rate`: the same with sample count / nominal rate in place of a device clock.
 - `arrival`: the arrival itself, for slow channels that carry neither.
@@ -27,22 +28,37 @@ CLOCK_RESOLUTION_S = 0.5e-6
 """Both clocks count whole microseconds: no number of edges shows less."""
 UNKNOWN_LATENCY_S = 1e-3
 """One standard deviation of the least latency of a link that offers no edge: adapters, drivers, the host's wake-up."""
+CRYSTAL_DRIFT = 1e-4
+"""Relative rate error of a clock about which nothing is known."""
+SHORTEST_SPAN_S = 0.2
+"""Edges nearer together than this tell nothing about the drift."""
 ENVELOPE_BLOCKS = 40
 
 
 @dataclass(frozen=True)
 class ClockModel:
-    """`controller time = offset_s + rate (local - origin_s)`, all s; `std_s`: one standard deviation at mid-test."""
+    """`controller time = offset_s + rate (local - origin_s)`, all s.
+
+    `std_s` is one standard deviation of the result, typical over the test; `rate_std` that of the rate.
+    """
 
     origin_s: float
     offset_s: float
     rate: float
     std_s: float
     method: str
+    rate_std: float = 0.0
 
     def time_s(self, local_s: FloatArray) -> FloatArray:
         """Controller time (n,) in s of local times (n,) in s."""
         return np.asarray(self.offset_s + self.rate * (local_s - self.origin_s))
+
+    def moved(self, lag_s: float, drift: float, middle_s: float, std_s: float, drift_std: float) -> ClockModel:
+        """The same clock once its times are known to be late by `lag_s + drift (time - middle_s)` (s)."""
+        late_s = lag_s + drift * (self.offset_s - middle_s)
+        return ClockModel(
+            self.origin_s, self.offset_s - late_s, self.rate * (1.0 - drift), std_s, "signals", drift_std,
+        )
 
 
 IDENTITY = ClockModel(0.0, 0.0, 1.0, 0.0, "controller clock")
@@ -98,7 +114,8 @@ def by_edges(local_s: FloatArray, reference_s: FloatArray) -> ClockModel:
     """Straight line through latched pairs (k,), s.
 
     The scatter is pooled with a prior (`EDGE_PRIOR_S`), so that two pairs, which always fit, claim no perfection. A
-    single pair fixes the offset only. Pairs more than 6 robust deviations off are left out.
+    single pair fixes the offset only, and the drift is then a crystal's (`CRYSTAL_DRIFT`). Pairs more than 6 robust
+    deviations off are left out.
 
     Raises:
         ValueError: there is no pair.
@@ -106,7 +123,7 @@ def by_edges(local_s: FloatArray, reference_s: FloatArray) -> ClockModel:
     if len(local_s) == 0:
         raise ValueError("no pair of edges to fit a clock to")
     difference = reference_s - local_s
-    slope_known = len(local_s) >= 3
+    slope_known = len(local_s) >= 2 and float(np.ptp(local_s)) >= SHORTEST_SPAN_S
     rough = difference - (_median_slope(local_s, difference) if slope_known else 0.0) * local_s
     rough -= np.median(rough)
     keep = np.abs(rough) <= 6.0 * max(1.4826 * float(np.median(np.abs(rough))), EDGE_PRIOR_S)
@@ -115,10 +132,12 @@ def by_edges(local_s: FloatArray, reference_s: FloatArray) -> ClockModel:
     count = int(keep.sum())
     freedom = max(count - 2, 0)
     squares = float(np.sum(residual[keep] ** 2)) if freedom else 0.0
-    scatter = np.sqrt((squares + EDGE_PRIOR_COUNT * EDGE_PRIOR_S**2) / (freedom + EDGE_PRIOR_COUNT))
+    scatter = float(np.sqrt((squares + EDGE_PRIOR_COUNT * EDGE_PRIOR_S**2) / (freedom + EDGE_PRIOR_COUNT)))
     offset, slope, origin = line
-    std_s = max(float(scatter / np.sqrt(count)), CLOCK_RESOLUTION_S)
-    return ClockModel(origin, origin + offset, 1.0 + slope, std_s, "edges")
+    spread = float(np.sum((local_s[keep] - origin) ** 2))
+    rate_std = scatter / np.sqrt(spread) if slope_known and spread > 0.0 else CRYSTAL_DRIFT
+    std_s = max(scatter / np.sqrt(count), CLOCK_RESOLUTION_S)
+    return ClockModel(origin, origin + offset, 1.0 + slope, std_s, "edges", float(rate_std))
 
 
 def _median_slope(x: FloatArray, y: FloatArray) -> float:
@@ -155,8 +174,10 @@ def by_envelope(local_s: FloatArray, arrival_s: FloatArray, *, device_rate: floa
     slope = _hull_slope(x - origin, y) if len(x) > 2 and device_rate == 1.0 else 0.0
     offset = float(np.min(y - slope * (x - origin)))
     scatter = float(np.median(y - slope * (x - origin) - offset))
+    span_s = max(float(np.ptp(local_s)), 1e-3)
     std = float(np.hypot(scatter, UNKNOWN_LATENCY_S * device_rate))
-    return ClockModel(origin, origin + offset, 1.0 + slope, std, "device clock")
+    rate_std = CRYSTAL_DRIFT if slope == 0.0 else 2.0 * scatter / span_s
+    return ClockModel(origin, origin + offset, 1.0 + slope, std, "device clock", rate_std)
 
 
 def _hull_slope(x: FloatArray, y: FloatArray) -> float:

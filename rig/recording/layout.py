@@ -7,21 +7,25 @@ attached dimension scale, float32 channels, parallel one-dimensional arrays for 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from rig.recording.durable import replace_durably
 
 if TYPE_CHECKING:
     import h5py
 
+    from rig.recording.column import Records, Values
+
 FORMAT_VERSION = 1
 CHUNK_SAMPLES = 16384
+PART_SAMPLES = 16 * CHUNK_SAMPLES
+"""So many rows of a dataset are in memory at a time."""
 FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}
 
 #: One record of the ring and of the journal (32 bytes, `drivers.ring.RECORD`).
@@ -42,7 +46,7 @@ class AlignedChannel:
     """
 
     name: str
-    values: NDArray[Any]
+    values: Values
     unit: str
     long_name: str
     sensor: str = ""
@@ -57,10 +61,10 @@ class RawChannel:
     """
 
     name: str
-    records: NDArray[Any]
+    records: Records
     unit: str
     long_name: str
-    time_s: FloatArray | None = None
+    time_s: Values | None = None
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
 
 
@@ -77,10 +81,10 @@ class Event:
 class PointFile:
     """Everything one file holds. `time_s` (n,) in seconds; `flags` (n,) as `protocols.quality.Quality`, None: all 0."""
 
-    time_s: FloatArray
+    time_s: Values
     sample_rate_hz: float
     channels: Sequence[AlignedChannel]
-    flags: NDArray[np.int8] | None = None
+    flags: Values | None = None
     signal: str = "force"
     raw: Sequence[RawChannel] = ()
     events: Sequence[Event] = ()
@@ -153,14 +157,14 @@ def _fill_data(group: h5py.Group, content: PointFile) -> None:
     _set_attributes(group, {
         "NX_class": "NXdata", "signal": content.signal, "axes": "time", "sample_rate_hz": content.sample_rate_hz,
     })
-    time = _dataset(group, "time", content.time_s.astype(np.float64))
+    time = _dataset(group, "time", content.time_s, np.float64)
     _set_attributes(time, {"units": "s", "long_name": "Time"})
     time.make_scale("time")
-    flags = np.zeros(len(content.time_s), np.int8) if content.flags is None else content.flags.astype(np.int8)
+    flags = np.zeros(len(content.time_s), np.int8) if content.flags is None else content.flags
     quality = AlignedChannel("flags", flags, "1", "Quality: 1 overload, 2 fault, 4 gap, 8 NaN, 16 spike, 32 stale")
     for channel in (*content.channels, quality):
-        values = channel.values if channel.values.dtype == np.int8 else channel.values.astype(np.float32)
-        dataset = _dataset(group, channel.name, values)
+        flagged = channel is quality or channel.values.dtype == np.int8
+        dataset = _dataset(group, channel.name, channel.values, np.int8 if flagged else np.float32)
         _set_attributes(dataset, {
             "units": channel.unit, "long_name": channel.long_name, "sensor": channel.sensor, **channel.attributes,
         })
@@ -168,34 +172,41 @@ def _fill_data(group: h5py.Group, content: PointFile) -> None:
 
 
 def _fill_raw(group: h5py.Group, channel: RawChannel) -> None:
-    columns: dict[str, tuple[NDArray[Any], str]] = {
-        "value": (channel.records["value"], channel.unit),
-        "sequence": (channel.records["sequence"], "1"),
-        "device_us": (channel.records["device_us"], "us"),
-        "host_ns": (channel.records["host_ns"], "ns"),
-        "flags": (channel.records["flags"].astype(np.int8), "1"),
-    }
+    units = {"value": channel.unit, "sequence": "1", "device_us": "us", "host_ns": "ns", "flags": "1"}
+    for name, unit in units.items():
+        kind = np.int8 if name == "flags" else RECORD_DTYPE[name]
+        _set_attributes(_dataset(group, name, channel.records[name], kind), {"units": unit})
     if channel.time_s is not None:
-        columns["time"] = (channel.time_s, "s")
-    for name, (values, unit) in columns.items():
-        _set_attributes(_dataset(group, name, values), {"units": unit})
+        _set_attributes(_dataset(group, "time", channel.time_s, np.float64), {"units": "s"})
     _set_attributes(group, {"long_name": channel.long_name, **channel.attributes})
 
 
 def _fill_events(group: h5py.Group, events: Sequence[Event]) -> None:
     times = np.array([event.time_ns for event in events], np.int64)
-    _set_attributes(_dataset(group, "time_ns", times), {"units": "ns"})
+    _set_attributes(_dataset(group, "time_ns", times, np.int64), {"units": "ns"})
     for name in ("code", "text"):
         texts, kind = _texts([getattr(event, name) for event in events] or [" "])
         group.create_dataset(name, data=texts[:len(events)], dtype=kind)
 
 
-def _dataset(group: h5py.Group, name: str, values: NDArray[Any]) -> h5py.Dataset:
+def parts(length: int) -> Iterator[slice]:
+    """Ranges of at most `PART_SAMPLES` rows that cover a column end to end; one empty range for an empty column."""
+    for start in range(0, max(length, 1), PART_SAMPLES):
+        yield slice(start, min(start + PART_SAMPLES, length))
+
+
+def _dataset(group: h5py.Group, name: str, values: Values, kind: DTypeLike) -> h5py.Dataset:
+    """A dataset of type `kind`, written a part at a time, with the check of its values."""
     if len(values) == 0:
-        return group.create_dataset(name, data=values)
+        return group.create_dataset(name, data=np.zeros(0, kind))
     chunk = min(len(values), CHUNK_SAMPLES)
-    dataset = group.create_dataset(name, data=values, chunks=(chunk,), **FILTERS)
-    dataset.attrs["crc32"] = check_of(values)
+    dataset = group.create_dataset(name, (len(values),), kind, chunks=(chunk,), **FILTERS)
+    check = 0
+    for rows in parts(len(values)):
+        part = np.ascontiguousarray(np.asarray(values[rows]).astype(kind))
+        dataset[rows] = part
+        check = zlib.crc32(part.tobytes(), check)
+    dataset.attrs["crc32"] = check
     return dataset
 
 
