@@ -30,7 +30,7 @@ def fast_tanh(y: float) -> float:
     tail = 1 / 720 + r * (1 / 5040 + r * (1 / 40320 + r * (1 / 362880 + r * (1 / 3628800))))
     power = 1.0 + r * (1.0 + r * (0.5 + r * (1 / 6 + r * (1 / 24 + r * (1 / 120 + r * tail)))))
     scale = np.int64((np.int64(n) + 1023) << 52).view(np.float64)
-    return 1.0 - 2.0 / (power * scale + 1.0)
+    return float(1.0 - 2.0 / (power * scale + 1.0))
 
 
 @njit(fastmath=True, error_model="numpy", cache=True, nogil=True)

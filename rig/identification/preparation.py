@@ -74,7 +74,7 @@ def prepare(point: RecordedPoint) -> Measurement:
         )
     mean_m = motion.harmonics.mean_m if motion.harmonics is not None else cycles.mean_m
     reference_m = mean_m if point.mid_stroke_m is None else point.mid_stroke_m
-    warnings += _saturation(point.id, force_N[usable])
+    warnings += _saturation(point.id, force_N[usable], len(cycles))
     dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
     per_cycle = round(float(np.mean(np.diff(cycles.start_s))) / dt_s)
     return Measurement(
@@ -168,16 +168,16 @@ def _current(point: RecordedPoint, wanted_s: FloatArray, warnings: list[str]) ->
     return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured])
 
 
-def _saturation(name: str, force_N: FloatArray) -> list[str]:
-    """A warning when the force stands still at its greatest or least value."""
+def _saturation(name: str, force_N: FloatArray, cycles: int) -> list[str]:
+    """A warning when the force stands still at its greatest or least value in at least half of the cycles."""
     warnings = []
     for word, extreme in (("greatest", np.max(force_N)), ("least", np.min(force_N))):
         same = np.concatenate(([0], (force_N == extreme).astype(np.int8), [0]))
         edges = np.flatnonzero(np.diff(same))
-        longest = int(np.max(edges[1::2] - edges[::2]))
-        if longest >= SATURATED_RUN:
+        standing = int(np.count_nonzero(edges[1::2] - edges[::2] >= SATURATED_RUN))
+        if 2 * standing >= cycles:
             warnings.append(
-                f"{name}: the force stands at its {word} value, {extreme:.1f} N, for {longest} samples in a row: it is "
+                f"{name}: the force stands still at its {word} value, {extreme:.1f} N, {standing} times; it is "
                 "probably saturated"
             )
     return warnings

