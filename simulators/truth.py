@@ -6,6 +6,7 @@ that a killed rig leaves them readable; at the end they become the HDF5 file and
 
 from __future__ import annotations
 
+import fcntl
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -71,6 +72,8 @@ class Truth:
         self._events_path = path.with_name(path.name + ".events.jsonl")
         path.parent.mkdir(parents=True, exist_ok=True)
         self._rows = self._rows_path.open("wb", buffering=0)
+        # Held until the HDF5 file is complete or this process dies: others can tell and wait.
+        fcntl.flock(self._rows, fcntl.LOCK_EX)
         self._events = self._events_path.open("w", encoding="utf-8")
         self._pending: list[NDArray[Any]] = []
         self._pending_rows = 0
@@ -107,12 +110,12 @@ class Truth:
             OSError: the file cannot be written; the pieces stay.
         """
         self._flush()
-        self._rows.close()
         self._events.close()
         rate_Hz = 1.0 / (self._plant.dt_s * self._every)
         convert(self.path, self._rows_path, self._events_path, rate_Hz, about)
         self._rows_path.unlink()
         self._events_path.unlink()
+        self._rows.close()
 
     def _flush(self) -> None:
         for rows in self._pending:

@@ -32,7 +32,7 @@ Problem = tuple[tuple[str | int, ...], str]
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f]+$")]
 ChannelName = Annotated[str, Field(max_length=32, pattern=r"^[a-z][a-z0-9_]*$")]
 SerialUrl = Annotated[str, Field(min_length=1, max_length=256, examples=["/dev/ttyUSB0", "socket://192.168.0.7:4001"])]
-ModbusUrl = Annotated[str, Field(max_length=256, pattern=r"^modbus-tcp://.+:\d{1,5}$")]
+ModbusUrl = Annotated[str, Field(max_length=256, pattern=r"^(modbus-tcp://.+:\d{1,5}|modbus-rtu:.+)$")]
 
 
 class Limits(Section):
@@ -54,9 +54,11 @@ class Limits(Section):
 
 
 class Actuator(Section):
-    """The servo-hydraulic controller, over Modbus TCP."""
+    """The servo-hydraulic controller, over Modbus TCP or RTU."""
 
-    url: ModbusUrl = Field(examples=["modbus-tcp://192.168.0.10:502"])
+    url: ModbusUrl = Field(examples=["modbus-tcp://192.168.0.10:502", "modbus-rtu:/dev/ttyUSB0"])
+    baudrate: int = Field(default=115_200, ge=1200, le=12_000_000, description="of a serial line (modbus-rtu)")
+    parity: Literal["N", "E", "O"] = Field(default="N", description="of a serial line (modbus-rtu)")
     device_id: int = Field(default=1, ge=0, le=247)
     register_map: Literal["demo"] = "demo"
     poll_s: Annotated[float, Quantity("time", "2 ms", "100 ms")] = Field(default=0.010, alias="poll")
@@ -252,14 +254,18 @@ class Bench(Section):
 
     @property
     def digest(self) -> str:
-        """SHA-256 (hex) of physics, limits, calibration and identities; addresses do not count."""
+        """SHA-256 (hex) of physics, limits, calibration and identities; addresses and time limits do not count."""
+        link = {"url", "baudrate", "stale_after_s"}
         text = self.model_dump_json(
             exclude={
-                "actuator": {"url", "device_id"},
-                "ecu": {"interface", "channel"},
-                "load_cell": {"url"},
-                "lvdt": {"url"},
-                "auxiliary": {"__all__": {"url"}},
+                "name": True,
+                "actuator": {"url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s"},
+                "ecu": {"interface", "channel", "bitrate", "command_period_s", "stale_after_s"},
+                "load_cell": link,
+                "lvdt": link,
+                "auxiliary": {"__all__": link},
+                "clock": True,
+                "station": True,
             }
         )
         return hashlib.sha256(text.encode()).hexdigest()

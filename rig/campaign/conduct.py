@@ -10,15 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.bench.model import Bench
+from rig.campaign import resume
 from rig.campaign.crew import Crew
 from rig.campaign.guarded_display import GuardedDisplay
+from rig.campaign.ledger import Ledger
+from rig.campaign.locks import locked
 from rig.campaign.options import CampaignOptions, CampaignResult, Display
 from rig.campaign.ring_place import ring_path_for
 from rig.campaign.runner import Runner
 from rig.campaign.setup import (
     check_room,
     copy_into,
-    locked,
     make_campaign_folder,
     station_config,
     write_description,
@@ -30,6 +32,7 @@ from rig.errors import Refused, RigError, UnknownRigState
 from rig.matrix.model import Matrix, Specimen, load_matrix
 from rig.matrix.plan import Plan, plan
 from rig.recording.campaign_log import CampaignLog
+from rig.recording.claim import campaign_held
 from rig.recording.finaliser import Finaliser
 from rig.station.client import StationClient, StationLost
 
@@ -45,37 +48,94 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         How it ended; also when the rig refused at connect or preflight, was stopped, or is in an unknown state.
 
     Raises:
-        FileProblem: matrix or bench file cannot be used; nothing was connected.
-        Refused: infeasible points, no room on the disk, a locked rig, a simulated rig that does not start.
+        FileProblem: matrix or bench file cannot be used, or there is no campaign to resume; nothing was connected.
+        Refused: a matrix or bench that is not the resumed campaign's, a campaign that still runs, infeasible points,
+            no room on the disk, a locked rig, a simulated rig that does not start.
         UnknownRigState: this process failed twice over; the station was left to stop the rig by itself.
         RigError: `options` name neither or both of bench and simulation.
     """
+    if options.resume_path is not None:
+        options = resume.as_before(options.resume_path, options)
     if (options.bench_path is None) != options.simulate:
         raise RigError("give either a bench file or --simulate, not both and not neither")
     display = GuardedDisplay(display)
     matrix = load_matrix(options.matrix_path)
     if options.bench_path is not None:
-        _accepted(matrix, Bench.load(options.bench_path))
+        bench = Bench.load(options.bench_path)
+        if options.resume_path is not None:
+            resume.same_campaign(options.resume_path, bench, matrix)
+        _accepted(matrix, bench)
     with Signals() as signals, contextlib.ExitStack() as ends:
-        folder = make_campaign_folder(options.out, matrix.specimen.serial_number)
+        folder = options.resume_path or make_campaign_folder(options.out, matrix.specimen.serial_number)
+        ends.enter_context(campaign_held(folder))
         log = CampaignLog(folder)
         ends.callback(_or_say, display, log.close)
         ends.enter_context(_refusals_in(log))
+        stock = _stock(folder, options, matrix, log, display)
+        if not stock.remaining:
+            return _nothing_left(folder, matrix, stock)
         finaliser = Finaliser.start(folder)
         ends.callback(_or_say, display, finaliser.close)
-        copy_into(options.matrix_path, folder, "matrix.toml")
+        if options.resume_path is None:
+            copy_into(options.matrix_path, folder, "matrix.toml")
         rig = ends.enter_context(_rig(folder, options, matrix.specimen, display))
-        copy_into(rig.bench_path, folder, "bench.toml")
         bench = Bench.load(rig.bench_path)
-        start = _Start(folder, matrix, bench, _accepted(matrix, bench), options)
+        start = _Start(folder, matrix, bench, _accepted(matrix, bench), options, stock)
         check_room(folder, start.plan, bench)
-        write_description(folder, bench, matrix, options)
+        _describe(start, rig.bench_path)
         display.planned(start.plan)
-        ends.enter_context(locked(bench))
-        result = _run(start, log, finaliser, signals, display)
-        if result.rig_state == RigState.UNKNOWN:
+        for result in stock.results:
+            display.point_done(result)
+        locks = ends.enter_context(locked(bench))
+        ended = _run(start, locks, log, finaliser, signals, display)
+        if ended.rig_state == RigState.UNKNOWN:
             rig.settle_s = _dead_men_s(bench, start.plan)
-        return result
+        return ended
+
+
+def _stock(
+    folder: Path, options: CampaignOptions, matrix: Matrix, log: CampaignLog, display: Display
+) -> resume.Stock:
+    """What is there and what remains: all of a new campaign; what is not valid yet of an earlier one.
+
+    Raises:
+        Refused: the matrix is not the earlier campaign's.
+    """
+    if options.resume_path is None:
+        return resume.Stock(matrix.points())
+    resume.same_matrix(folder, matrix)
+    display.phase("taking stock of the earlier session")
+    stock = resume.take_stock(folder, matrix.points())
+    log.write("resumed", kept=[each.id for each in stock.results], remaining=[each.id for each in stock.remaining])
+    for problem in stock.problems:
+        log.write("warning", text=problem)
+        display.message("warning", problem)
+    display.message("info", f"resuming: {len(stock.results)} points kept, {len(stock.remaining)} to run")
+    return stock
+
+
+def _nothing_left(folder: Path, matrix: Matrix, stock: resume.Stock) -> CampaignResult:
+    ledger = Ledger(matrix.points(), {each.id: each for each in stock.results})
+    return CampaignResult(
+        folder, ledger.all_results(), ledger.valid, len(ledger.points), str(RigState.SAFE), None, "", False, 0.0, 0.0
+    )
+
+
+def _describe(start: _Start, bench_path: Path) -> None:
+    """Keep the bench file and the description of a new campaign, or enter a further session of an earlier one.
+
+    Raises:
+        Refused: they cannot be written, or the rig is not the earlier campaign's.
+        FileProblem: the earlier campaign's description or the bench file cannot be read.
+    """
+    folder = start.folder
+    if start.options.resume_path is None:
+        copy_into(bench_path, folder, "bench.toml")
+        write_description(folder, start.bench, start.matrix, start.options)
+        return
+    resume.same_campaign(folder, start.bench, start.matrix)
+    session = resume.note_session(folder, start.options)
+    copy_into(bench_path, folder, f"bench-session{session}.toml")
 
 
 @dataclass
@@ -95,6 +155,7 @@ class _Start:
     bench: Bench
     plan: Plan
     options: CampaignOptions
+    stock: resume.Stock
 
 
 def _accepted(matrix: Matrix, bench: Bench) -> Plan:
@@ -105,7 +166,7 @@ def _accepted(matrix: Matrix, bench: Bench) -> Plan:
     """
     judged = plan(matrix, bench)
     lines = []
-    for item in judged.points:
+    for item in judged.judged:
         if not item.feasible:
             fit = "" if item.would_fit_m is None else f"; an amplitude of {1e3 * item.would_fit_m:g} mm would fit"
             lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")
@@ -143,7 +204,11 @@ def _rig(folder: Path, options: CampaignOptions, specimen: Specimen, display: Di
         yield _Rig(options.bench_path)
         return
     display.phase("starting the simulated rig")
-    simulated = SimulatedRig.start(folder, options, specimen)
+
+    def waiting(waited_s: float) -> None:
+        display.phase(f"starting the simulated rig ({waited_s:.0f} s; the first start on a machine compiles it)")
+
+    simulated = SimulatedRig.start(folder, options, specimen, waiting)
     rig = _Rig(simulated.bench_path)
     try:
         yield rig
@@ -159,12 +224,19 @@ def _dead_men_s(bench: Bench, accepted: Plan) -> float:
     return bench.actuator.watchdog_s + fade_s / bench.clock.device_rate + 1.0
 
 
-def _run(start: _Start, log: CampaignLog, finaliser: Finaliser, signals: Signals, display: Display) -> CampaignResult:
+def _run(
+    start: _Start,
+    locks: tuple[int, ...],
+    log: CampaignLog,
+    finaliser: Finaliser,
+    signals: Signals,
+    display: Display,
+) -> CampaignResult:
     with ring_path_for(start.folder.name) as ring_path:
         config = station_config(start.bench, start.matrix, ring_path)
         display.phase("starting the station")
         try:
-            client = StationClient.start(config, start.folder)
+            client = StationClient.start(config, start.folder, inherited=locks)
         except StationLost as error:
             raise Refused("task-dies", str(error)) from error
         crew = Crew(
@@ -177,6 +249,7 @@ def _run(start: _Start, log: CampaignLog, finaliser: Finaliser, signals: Signals
             log=log,
             display=display,
             simulated=start.options.simulate,
+            stock=start.stock,
         )
         runner = Runner(crew, signals, finaliser)
         try:

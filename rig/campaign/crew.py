@@ -11,6 +11,7 @@ from rig.bench.model import Bench, Sensor
 from rig.campaign.ledger import attempt_name
 from rig.campaign.options import Display
 from rig.campaign.preflight import RestLimits
+from rig.campaign.resume import Stock
 from rig.campaign.setup import campaign_hash, limits
 from rig.clock import utc_now
 from rig.matrix.model import Matrix
@@ -39,6 +40,7 @@ class Crew:
         log: the campaign's journal.
         display: what the operator sees.
         simulated: no real damper is tested.
+        stock: what is kept of earlier sessions, and what remains to be run.
         identities: what the devices said about themselves at connect.
     """
 
@@ -51,6 +53,7 @@ class Crew:
     log: CampaignLog
     display: Display
     simulated: bool
+    stock: Stock
     identities: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -92,7 +95,7 @@ class Crew:
             "campaign_hash": campaign_hash(self.bench, self.matrix),
             "specimen": self.matrix.specimen.serial_number,
             "point": point.id,
-            "attempt": str(attempt),
+            "attempt": str(self.stock.attempts.get(point.id, 0) + attempt),
             "started_utc": utc_now().isoformat(timespec="milliseconds"),
             **identities,
         }

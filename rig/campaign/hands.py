@@ -15,6 +15,7 @@ from rig.campaign.crew import Crew
 from rig.campaign.ledger import Ledger, attempt_name
 from rig.campaign.observer import Observer
 from rig.campaign.options import PointResult
+from rig.campaign.resume import set_aside
 from rig.clock import monotonic_ns
 from rig.matrix.point import TestPoint
 from rig.recording.finaliser import Finaliser
@@ -178,10 +179,23 @@ class Hands:
         if self._recorder is None:
             raise RecorderFailed("there is no recorder before the station is connected")
         point = action.point
+        if action.attempt == 1:
+            self._set_aside(point)
         expected_s = point.motion_s / self.crew.bench.clock.device_rate
         self._recorder.begin(self.crew.context(point, action.attempt), expected_s=expected_s)
         self.ledger.begun(monotonic_ns())
         self.note("point", point=point.id, attempt=action.attempt)
+
+    def _set_aside(self, point: TestPoint) -> None:
+        """What an earlier session left of the point makes room for this one's.
+
+        Raises:
+            RecorderFailed: the folder refuses it.
+        """
+        try:
+            set_aside(self.crew.folder, point.id)
+        except OSError as error:
+            raise RecorderFailed(f"{self.crew.folder / 'points'}: {error}") from error
 
     def _end_recording(self, action: act.EndRecording) -> None:
         if self._recorder is None:

@@ -23,6 +23,7 @@ class CampaignOptions:
         speed: simulated seconds per wall second, passed to the simulated rig.
         seed: seed of the simulated rig.
         simulator_args: further arguments for `python -m simulators`, as given.
+        resume_path: the directory of an earlier campaign to continue (then `out` does not count); None for a new one.
     """
 
     matrix_path: Path
@@ -32,6 +33,7 @@ class CampaignOptions:
     speed: float = 1.0
     seed: int = 0
     simulator_args: tuple[str, ...] = ()
+    resume_path: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,10 @@ class Runner:
 
     def __init__(self, crew: Crew, signals: Signals, finaliser: Finaliser) -> None:
         points = tuple(item.point for item in crew.plan.points)
-        self.state = start_state(points, crew.matrix.campaign.retries)
-        self.ledger = Ledger(points)
+        remaining = {point.id for point in crew.stock.remaining}
+        queue = tuple(point for point in points if point.id in remaining)
+        self.state = start_state(queue, crew.matrix.campaign.retries)
+        self.ledger = Ledger(points, {result.id: result for result in crew.stock.results})
         self._crew = crew
         self._signals = signals
         self._finaliser = finaliser

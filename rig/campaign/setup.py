@@ -1,17 +1,11 @@
-"""Before anything is connected: the campaign's directory, its description, the locks, the room on the disk."""
+"""Before anything is connected: the campaign's directory, its description, the room on the disk."""
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import hashlib
 import json
-import os
 import secrets
 import shutil
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +16,7 @@ from rig.clock import utc_now
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan
+from rig.recording.durable import write_text_durably
 from rig.recording.layout import RECORD_DTYPE
 from rig.station.config import ActuatorConfig, EcuConfig, Limits, SensorConfig, StationConfig
 
@@ -116,35 +111,9 @@ def write_description(folder: Path, bench: Bench, matrix: Matrix, options: Campa
         "points": [point.id for point in matrix.points()],
     }
     try:
-        (folder / "campaign.json").write_text(json.dumps(description, indent=1) + "\n", encoding="utf-8")
+        write_text_durably(folder / "campaign.json", json.dumps(description, indent=1) + "\n")
     except OSError as error:
         raise Refused("dir-readonly", f"{folder / 'campaign.json'}: cannot be written: {error}") from error
-
-
-@contextmanager
-def locked(bench: Bench) -> Iterator[None]:
-    """Hold the rig's devices for this process while the block runs: one lock a device address.
-
-    Raises:
-        Refused: another campaign on this machine holds one of them (slug `two-instances`).
-    """
-    addresses = (bench.actuator.url, bench.ecu.channel, bench.load_cell.url, bench.lvdt.url)
-    with contextlib.ExitStack() as held:
-        for address in addresses:
-            held.callback(os.close, _lock(address))
-        yield
-
-
-def _lock(address: str) -> int:
-    name = hashlib.sha256(address.encode()).hexdigest()[:16]
-    path = Path(tempfile.gettempdir()) / f"mr-damper-rig-{os.getuid()}-{name}.lock"
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(descriptor)
-        raise Refused("two-instances", f"{address} is in use by another campaign on this machine ({path})") from error
-    return descriptor
 
 
 def station_config(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConfig:
@@ -197,6 +166,8 @@ def _actuator(bench: Bench) -> ActuatorConfig:
     given = bench.actuator
     return ActuatorConfig(
         url=given.url,
+        baudrate=given.baudrate,
+        parity=given.parity,
         device_id=given.device_id,
         register_map=given.register_map,
         poll_s=given.poll_s,

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import select
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +17,13 @@ from rig.clock import monotonic_ns
 from rig.errors import EXIT_USAGE, Refused, RigError
 from rig.matrix.model import Specimen
 
-START_TIMEOUT_S = 60.0
+START_TIMEOUT_S = 180.0
+"""The first start on a machine compiles the simulated rig's loop: 45 s were seen on two busy cores."""
+SLOW_START_S = 3.0
 STOP_TIMEOUT_S = 60.0
+EARLIER_RIG_S = 120.0
+"""How long a simulated rig whose campaign was killed may need to come to rest and complete its truth file."""
+LOOK_AGAIN_S = 0.1
 
 
 @dataclass
@@ -33,17 +41,26 @@ class SimulatedRig:
     truth_path: Path
 
     @classmethod
-    def start(cls, folder: Path, options: CampaignOptions, specimen: Specimen) -> SimulatedRig:
+    def start(
+        cls, folder: Path, options: CampaignOptions, specimen: Specimen, waiting: Callable[[float], None]
+    ) -> SimulatedRig:
         """Start it with its truth file and log in `folder`; return when every one of its ports is open.
 
         It is given the specimen's serial number and mid-stroke, and told to end by itself, at standstill, should this
-        process die.
+        process die. The truth of an earlier session is kept under another name.
+
+        Args:
+            folder: the campaign's directory.
+            options: speed, seed and further arguments.
+            specimen: the damper.
+            waiting: told the seconds waited so far (s) while it takes long.
 
         Raises:
             RigError: it does not take `options.simulator_args`.
             Refused: it ended before it was ready, or was not ready in time; the end of its log is in the message.
         """
         truth_path, log_path = folder / "truth.h5", folder / "simulator.log"
+        keep_truth(truth_path)
         arguments = ["--speed", str(options.speed), "--seed", str(options.seed), "--truth", str(truth_path)]
         arguments += ["--exit-when-idle", "--specimen", f'serial_number="{specimen.serial_number}"']
         arguments += ["--specimen", f"mid_stroke_m={specimen.mid_stroke_m}"]
@@ -55,7 +72,7 @@ class SimulatedRig:
                 stderr=log,
                 start_new_session=True,
             )
-        line = _first_line(process, START_TIMEOUT_S)
+        line = _first_line(process, START_TIMEOUT_S, waiting)
         if not line:
             process.terminate()
             process.wait(STOP_TIMEOUT_S)
@@ -87,16 +104,59 @@ class SimulatedRig:
         return True
 
 
-def _first_line(process: subprocess.Popen[bytes], timeout_s: float) -> str:
+def keep_truth(truth_path: Path) -> None:
+    """Give the truth of an earlier session another name, once the rig that writes it has ended.
+
+    Raises:
+        Refused: that rig still moves.
+    """
+    pieces = [truth_path.with_name(truth_path.name + end) for end in (".part", ".events.jsonl", "")]
+    _await_end(pieces[0])
+    number = 1
+    while truth_path.with_name(f"truth-session{number}.h5").exists() or any(
+        truth_path.with_name(f"truth-session{number}{piece.name.removeprefix('truth')}").exists() for piece in pieces
+    ):
+        number += 1
+    for piece in pieces:
+        if piece.exists():
+            piece.rename(piece.with_name(f"truth-session{number}{piece.name.removeprefix('truth')}"))
+
+
+def _await_end(part: Path) -> None:
+    """Wait until no simulated rig writes `part` any more; it holds a lock on it while it lives.
+
+    Raises:
+        Refused: it still does after `EARLIER_RIG_S`.
+    """
+    try:
+        handle = os.open(part, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return
+    deadline_ns = monotonic_ns() + int(EARLIER_RIG_S * 1e9)
+    try:
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                return
+            except OSError as error:
+                if monotonic_ns() > deadline_ns:
+                    raise Refused("two-instances", f"{part}: the earlier session's simulated rig still runs") from error
+            # A lock cannot be waited for with a time limit.
+            time.sleep(LOOK_AGAIN_S)
+    finally:
+        os.close(handle)
+
+
+def _first_line(process: subprocess.Popen[bytes], timeout_s: float, waiting: Callable[[float], None]) -> str:
     """The first line of standard output without its end; empty when the process ends or is silent."""
     if process.stdout is None:
         return ""
-    deadline_ns = monotonic_ns() + int(timeout_s * 1e9)
+    began_ns = monotonic_ns()
     descriptor, line = process.stdout.fileno(), b""
-    while monotonic_ns() < deadline_ns:
-        left_s = max(0.0, (deadline_ns - monotonic_ns()) * 1e-9)
-        if not select.select([descriptor], [], [], left_s)[0]:
-            break
+    while (waited_s := (monotonic_ns() - began_ns) * 1e-9) < timeout_s:
+        if not select.select([descriptor], [], [], min(SLOW_START_S, timeout_s - waited_s))[0]:
+            waiting((monotonic_ns() - began_ns) * 1e-9)
+            continue
         chunk = os.read(descriptor, 4096)
         if not chunk:
             break

@@ -23,9 +23,10 @@ if TYPE_CHECKING:
         "rig run examples/table1.toml --bench my-bench.toml",
         "rig run examples/table1.toml --simulate --speed 50",
         "rig run examples/quick.toml --simulate -- --fault coil-open-short@3",
+        "rig run --resume logs/20260102T030405Z-MR-001-ab12cd",
     ),
 )
-@click.argument("matrix", type=click.Path(path_type=Path))
+@click.argument("matrix", type=click.Path(path_type=Path), required=False)
 @click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
 @click.option("--bench", type=click.Path(path_type=Path), help="Bench file of the rig.")
 @click.option("--simulate", is_flag=True, help="Start a simulated rig and run on that.")
@@ -33,40 +34,50 @@ if TYPE_CHECKING:
     "--speed", type=click.FloatRange(0.01, 1000.0), help="Simulated seconds per second (with --simulate; default 1)."
 )
 @click.option("--seed", type=click.IntRange(0), help="Seed of the simulated rig (with --simulate; default 0).")
+@click.option(
+    "--resume", type=click.Path(path_type=Path), metavar="RUN", help="Continue the campaign in RUN; valid points stay."
+)
 @click.option("--no-identify", is_flag=True, help="Record only, whatever the matrix file says.")
 @out_option
 @json_option
 def command(
-    matrix: Path,
+    matrix: Path | None,
     simulator_args: tuple[str, ...],
     bench: Path | None,
     simulate: bool,
     speed: float | None,
     seed: int | None,
+    resume: Path | None,
     no_identify: bool,
     out: Path,
     as_json: bool,
 ) -> int:
     """Run MATRIX: judge it, run it, record every point, fit the damper, write the report.
 
-    Ctrl-C stops the rig safely: current to 0 A, motion faded out by the controller; finished points are kept.
+    Ctrl-C stops the rig safely: current to 0 A, motion faded out by the controller; finished points are kept. Ctrl-Z
+    pauses after the running point and, pressed again, goes on. A campaign that was stopped, crashed or lost its rig is
+    continued by --resume: on its own bench, or on a simulated rig again if it ran on one.
     """
-    _check_usage(simulator_args, bench, speed, seed, simulate=simulate)
+    if resume is not None and matrix is not None and str(matrix).startswith("-"):
+        matrix, simulator_args = None, (str(matrix), *simulator_args)
+    _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate)
     from rig.campaign.options import CampaignOptions
     from rig.cli.job import run_job
     from rig.matrix.files import load_files
     from rig.matrix.model import load_matrix
 
-    tests = load_matrix(matrix) if bench is None else load_files(matrix, bench)[0]
+    path = _matrix_path(matrix, resume)
+    tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
     identify = tests.identify
     options = CampaignOptions(
-        matrix_path=matrix,
+        matrix_path=path,
         out=out,
         bench_path=bench,
         simulate=simulate,
-        speed=1.0 if speed is None else speed,
+        speed=_speed(speed, resume),
         seed=0 if seed is None else seed,
         simulator_args=simulator_args,
+        resume_path=resume,
     )
     shown = console(as_json=as_json)
     result = run_job(options, identify if identify.enabled and not no_identify else None, shown)
@@ -77,23 +88,58 @@ def command(
     return result.exit_code
 
 
+def _matrix_path(matrix: Path | None, resume: Path | None) -> Path:
+    """The matrix file: the one given, or the resumed campaign's own.
+
+    Raises:
+        UsageError: neither is given.
+    """
+    if matrix is not None:
+        return matrix
+    if resume is None:
+        raise click.UsageError("which matrix? rig run MATRIX --bench FILE, or rig run --resume RUN")
+    from rig.campaign.resume import described
+
+    described(resume)
+    return resume / "matrix.toml"
+
+
+def _speed(speed: float | None, resume: Path | None) -> float:
+    """The simulated rig's speed: as asked for, as in the resumed campaign, or 1."""
+    if speed is not None:
+        return speed
+    if resume is None:
+        return 1.0
+    from rig.campaign.resume import speed_before
+
+    return speed_before(resume)
+
+
 def _check_usage(
-    simulator_args: tuple[str, ...], bench: Path | None, speed: float | None, seed: int | None, *, simulate: bool
+    simulator_args: tuple[str, ...],
+    bench: Path | None,
+    speed: float | None,
+    seed: int | None,
+    resume: Path | None,
+    *,
+    simulate: bool,
 ) -> None:
     """Refuse contradictions before anything is read.
 
     Raises:
         UsageError: with what to write instead.
     """
-    if simulate == (bench is not None):
+    if simulate == (bench is not None) and (resume is None or simulate):
         raise click.UsageError("give either --bench FILE or --simulate")
+    if resume is not None and seed is not None:
+        raise click.UsageError("a resumed campaign keeps its seed; leave --seed out")
     if speed is not None and not math.isfinite(speed):
         raise click.UsageError("--speed takes a number between 0.01 and 1000")
     if simulator_args and not simulator_args[0].startswith("-"):
         raise click.UsageError(f"one matrix at a time; what is {simulator_args[0]}?")
     given = {"--speed": speed is not None, "--seed": seed is not None, "arguments after --": bool(simulator_args)}
     for name, present in given.items():
-        if present and not simulate:
+        if present and not simulate and (resume is None or bench is not None):
             raise click.UsageError(f"{name} belong to the simulated rig; with --bench give them to `rig simulate`")
 
 

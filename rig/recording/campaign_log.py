@@ -22,7 +22,11 @@ class CampaignLog:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "journal.jsonl"
+        torn = self.path.is_file() and self.path.read_bytes()[-1:] not in {b"", b"\n"}
         self._handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        if torn:
+            # A crash cut the last line off; the next one begins on its own.
+            os.write(self._handle, b"\n")
 
     def write(self, event: str, **fields: object) -> None:
         """Append one event with its wall time (UTC), host time (monotonic ns) and fields that JSON can carry.
@@ -32,7 +36,10 @@ class CampaignLog:
         """
         stamp = {"utc": utc_now().isoformat(timespec="milliseconds"), "host_ns": monotonic_ns()}
         line = {**stamp, "event": event, **fields}
-        os.write(self._handle, json.dumps(line, default=str).encode() + b"\n")
+        data = json.dumps(line, default=str).encode() + b"\n"
+        while data:
+            # A disk that fills up takes a part first and refuses the rest.
+            data = data[os.write(self._handle, data) :]
 
     def flush(self) -> None:
         """Make what was appended survive a power cut.

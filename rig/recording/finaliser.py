@@ -163,12 +163,12 @@ def warm_up() -> None:
 
 def main() -> int:
     """Serve standard input until it ends."""
-    from rig.recording.conversion import finish_point
+    from rig.recording.recovery import finish_alone
 
     os.nice(NICENESS)
     warm_up()
     for line in sys.stdin:
-        finished = finish_point(Path(json.loads(line)["journal"]))
+        finished = finish_alone(Path(json.loads(line)["journal"]))
         sys.stdout.write(json.dumps(asdict(finished)) + "\n")
         sys.stdout.flush()
     return 0

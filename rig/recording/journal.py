@@ -12,6 +12,7 @@ index or length does not fit: whatever was cut or flipped is missing, and said t
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import os
 import struct
@@ -62,6 +63,8 @@ class JournalWriter:
         self._closing = threading.Event()
         self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         try:
+            # Whoever makes a file of journals waits for this lock; it ends with the handle or the process.
+            fcntl.flock(self._handle, fcntl.LOCK_EX)
             self._reserve(reserve_bytes)
             text = context_json.encode()
             self._write(HEADER.pack(HEADER_MAGIC, len(text), zlib.crc32(text)) + text)

@@ -57,8 +57,16 @@ class StationClient:
         self._reader.start()
 
     @classmethod
-    def start(cls, config: StationConfig, folder: Path, timeout_s: float = START_TIMEOUT_S) -> StationClient:
+    def start(
+        cls, config: StationConfig, folder: Path, timeout_s: float = START_TIMEOUT_S, *, inherited: tuple[int, ...] = ()
+    ) -> StationClient:
         """Start the station process with its files (`station.json`, `station.log`) in `folder`; wait until it is ready.
+
+        Args:
+            config: what it is told.
+            folder: where its files lie.
+            timeout_s: wall seconds it may take.
+            inherited: descriptors it keeps open for as long as it lives: the locks on its devices.
 
         Raises:
             StationLost: the process ended or was silent for `timeout_s` wall seconds; its log's tail is in the message.
@@ -74,6 +82,7 @@ class StationClient:
                 stdout=subprocess.PIPE,
                 stderr=log,
                 start_new_session=True,
+                pass_fds=inherited,
             )
         client = cls(process)
         deadline_ns = monotonic_ns() + int(timeout_s * 1e9)

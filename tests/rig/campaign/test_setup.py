@@ -11,11 +11,11 @@ import pytest
 
 from rig.bench.model import Bench
 from rig.campaign.crew import sensor_contexts
+from rig.campaign.locks import locked
 from rig.campaign.options import CampaignOptions
 from rig.campaign.setup import (
     campaign_hash,
     check_room,
-    locked,
     make_campaign_folder,
     station_config,
     write_description,

@@ -1,0 +1,222 @@
+"""Continuing a campaign that ended early: finish what it left, find out what is valid, refuse what has changed.
+
+A campaign goes on at a point boundary, with its own matrix, specimen and seed, on a rig of the same configuration;
+every proof of the preflight is made again. Valid points stay as they are, all others are run anew.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from rig.bench.model import Bench
+from rig.campaign.ledger import INVALID
+from rig.campaign.options import CampaignOptions, PointResult
+from rig.campaign.setup import campaign_hash
+from rig.clock import utc_now
+from rig.errors import FileProblem, Refused
+from rig.matrix.model import Matrix
+from rig.matrix.point import TestPoint
+from rig.recording.durable import write_text_durably
+from rig.recording.recovery import recover_held
+from rig.recording.run import RecordedPoint, read_campaign
+
+SESSION_ARGUMENTS = frozenset({"--fault"})
+"""Arguments of a simulated rig that belong to one session and not to the rig: an earlier fault is not repeated."""
+
+
+def as_before(folder: Path, options: CampaignOptions) -> CampaignOptions:
+    """The options to continue a campaign with: what was not asked for anew is as it was.
+
+    Args:
+        folder: the campaign's directory.
+        options: as asked for; without `bench_path` and `simulate` the campaign's own rig is used. `speed` and `seed`
+            count only for a campaign that was not simulated before.
+
+    Raises:
+        FileProblem: the directory holds no campaign that was begun.
+    """
+    before = described(folder).get("simulated")
+    if options.bench_path is not None:
+        return options
+    if before is None:
+        return options if options.simulate else replace(options, bench_path=folder / "bench.toml")
+    kept = tuple(_without_session(before.get("arguments", [])))
+    return replace(
+        options, simulate=True, seed=int(before["seed"]), simulator_args=(*kept, *options.simulator_args)
+    )
+
+
+def speed_before(folder: Path) -> float:
+    """The speed of the simulated rig a campaign was begun on; 1 for hardware.
+
+    Raises:
+        FileProblem: the directory holds no campaign that was begun.
+    """
+    before = described(folder).get("simulated")
+    return 1.0 if before is None else float(before["speed"])
+
+
+def described(folder: Path) -> dict[str, Any]:
+    """The campaign's description.
+
+    Raises:
+        FileProblem: there is none, or it is damaged.
+    """
+    found = read_campaign(folder) if folder.is_dir() else {}
+    if not isinstance(found.get("hash"), str) or not (folder / "matrix.toml").is_file():
+        raise FileProblem(
+            str(folder), ["holds no campaign that was begun; give the directory `rig run` printed (see `rig runs`)"]
+        )
+    return found
+
+
+def same_matrix(folder: Path, matrix: Matrix) -> None:
+    """Refuse another matrix than the campaign's.
+
+    Raises:
+        FileProblem: the campaign's description cannot be read.
+        Refused: the matrix is not the one the campaign was begun with (slug `matrix-changed`).
+    """
+    if described(folder).get("hashes", {}).get("matrix") != matrix.digest:
+        raise Refused(
+            "matrix-changed",
+            f"{folder / 'matrix.toml'} is not the matrix this campaign was begun with; nothing was moved: "
+            "begin a new campaign with the changed one",
+        )
+
+
+def same_campaign(folder: Path, bench: Bench, matrix: Matrix) -> None:
+    """Refuse to continue with another matrix or on another rig; addresses and time limits may differ.
+
+    Raises:
+        FileProblem: the campaign's description cannot be read.
+        Refused: the matrix (slug `matrix-changed`) or the rig (`bench-changed`) is not the campaign's.
+    """
+    same_matrix(folder, matrix)
+    if described(folder)["hash"] != campaign_hash(bench, matrix):
+        raise Refused(
+            "bench-changed",
+            f"limits, calibration or identities of the bench are not those of {folder / 'bench.toml'}; nothing was "
+            "moved: mend the bench file, or begin a new campaign",
+        )
+
+
+@dataclass(frozen=True)
+class Stock:
+    """What an earlier session left: results to keep, points to run, attempts already made of each point."""
+
+    remaining: tuple[TestPoint, ...]
+    results: tuple[PointResult, ...] = ()
+    attempts: Mapping[str, int] = field(default_factory=dict)
+    problems: tuple[str, ...] = ()
+
+
+def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
+    """Finish what the earlier session left and sort the matrix's points into kept and remaining.
+
+    A point is kept when one of its files opens and is not invalid. The caller holds the campaign.
+
+    Args:
+        folder: the campaign's directory.
+        points: the matrix's points in order.
+    """
+    problems = [f"{each.id}: {each.error}" for each in recover_held(folder) if each.error]
+    best: dict[str, RecordedPoint] = {}
+    attempts: dict[str, int] = {}
+    for file in sorted((folder / "points").glob("*.h5")):
+        try:
+            found = RecordedPoint.open(file)
+        except FileProblem as error:
+            problems += [f"points/{file.name}: {problem}" for problem in error.problems]
+            continue
+        name = str(found.provenance.get("point", found.id))
+        attempts[name] = max(attempts.get(name, 0), int(found.provenance.get("attempt", 1)))
+        if name not in best or best[name].verdict == INVALID:
+            best[name] = found
+    points = tuple(points)
+    kept = {point.id: best[point.id] for point in points if point.id in best and best[point.id].verdict != INVALID}
+    return Stock(
+        results=tuple(_result(point, kept[point.id]) for point in points if point.id in kept),
+        remaining=tuple(point for point in points if point.id not in kept),
+        attempts=attempts,
+        problems=tuple(problems),
+    )
+
+
+def set_aside(folder: Path, point_id: str) -> None:
+    """Give the files of a point's earlier attempts names that no run lists, before it is run anew.
+
+    Raises:
+        OSError: one cannot be renamed.
+    """
+    for file in sorted((folder / "points").glob(f"{point_id}*.h5")):
+        rest = file.stem.removeprefix(point_id)
+        if rest and not rest.startswith("-attempt"):
+            continue
+        file.rename(_free_name(folder / "points", point_id))
+    for damaged in sorted((folder / "points").glob(f"{point_id}*.journal")):
+        damaged.rename(damaged.with_name(f"{damaged.stem}-unreadable-{utc_now():%Y%m%dT%H%M%S%f}.journal.old"))
+
+
+def _free_name(points: Path, point_id: str) -> Path:
+    number = 1
+    while (name := points / f"{point_id}-attempt{number}.h5.old").exists():
+        number += 1
+    return name
+
+
+def note_session(folder: Path, options: CampaignOptions) -> int:
+    """Enter a further session in `campaign.json`; returns its number, the first one is 1.
+
+    Raises:
+        Refused: it cannot be written.
+    """
+    description = described(folder)
+    sessions = [*description.get("sessions", []), _session(options)]
+    try:
+        text = json.dumps({**description, "sessions": sessions}, indent=1)
+        write_text_durably(folder / "campaign.json", text + "\n")
+    except OSError as error:
+        raise Refused("dir-readonly", f"{folder / 'campaign.json'}: cannot be written: {error}") from error
+    return len(sessions) + 1
+
+
+def _session(options: CampaignOptions) -> dict[str, Any]:
+    simulated = {"speed": options.speed, "seed": options.seed, "arguments": list(options.simulator_args)}
+    return {
+        "resumed_utc": utc_now().isoformat(timespec="seconds"), "simulated": simulated if options.simulate else None,
+    }  # fmt: skip
+
+
+def _result(point: TestPoint, found: RecordedPoint) -> PointResult:
+    return PointResult(
+        id=point.id,
+        file=found.path,
+        verdict=found.verdict,
+        reasons=found.reasons,
+        waveform=point.waveform,
+        amplitude_m=point.amplitude_m,
+        frequency_Hz=point.frequency_Hz,
+        current_A=point.current_A,
+        lost_samples=found.lost_samples,
+    )
+
+
+def _without_session(arguments: Iterable[str]) -> list[str]:
+    """A simulated rig's arguments without those of one session, with their values."""
+    kept: list[str] = []
+    skip = False
+    for argument in arguments:
+        name, equals, _ = argument.partition("=")
+        if skip:
+            skip = False
+        elif name in SESSION_ARGUMENTS:
+            skip = not equals
+        else:
+            kept.append(argument)
+    return kept
+

@@ -1,0 +1,63 @@
+"""Who works on what: a lock on a campaign's directory, a lock on each journal; both end with their process.
+
+The application holds its campaign's directory, the recorder the journal it writes, and whoever makes a file of a
+journal holds that. So nobody recovers what is still being recorded, and two who finish one journal take turns.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rig.errors import FileProblem, Refused
+
+
+@contextmanager
+def campaign_held(folder: Path) -> Iterator[None]:
+    """Hold a campaign's directory while the block runs.
+
+    Raises:
+        FileProblem: there is no such directory.
+        Refused: another process holds it (slug `two-instances`): the campaign still runs or is being recovered.
+    """
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError as error:
+        raise FileProblem(str(folder), [f"not a campaign's directory: {error.strerror}"]) from error
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(handle)
+        raise Refused("two-instances", f"{folder}: the campaign still runs, or another process recovers it") from error
+    try:
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def journal_claimed(journal: Path) -> Iterator[int | None]:
+    """Hold a journal that nobody else writes or finishes; gives a descriptor to read it by.
+
+    None when it was gone once it was free: another process has finished it meanwhile.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    try:
+        handle = os.open(journal, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        yield None
+        return
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        there = False
+        with contextlib.suppress(FileNotFoundError):
+            there = os.stat(journal).st_ino == os.fstat(handle).st_ino
+        yield handle if there else None
+    finally:
+        os.close(handle)
