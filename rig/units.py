@@ -49,6 +49,9 @@ DIMENSIONS = {
         Dimension("voltage", "a", "V", "13.5 V"),
         Dimension("resistance", "a", "ohm", "1.5 ohm"),
         Dimension("mass", "a", "kg", "2 kg"),
+        Dimension("heat capacity", "a", "J/K", "1.5 kJ/K"),
+        Dimension("heat loss", "a", "W/K", "5 W/K"),
+        Dimension("ratio", "a", "1", "1 %"),
     )
 }
 
@@ -67,6 +70,8 @@ UNITS = {
     "V": Unit("voltage", 1.0), "mV": Unit("voltage", 1e-3),
     "ohm": Unit("resistance", 1.0), "mohm": Unit("resistance", 1e-3), "kohm": Unit("resistance", 1e3),
     "kg": Unit("mass", 1.0), "g": Unit("mass", 1e-3),
+    "J/K": Unit("heat capacity", 1.0), "kJ/K": Unit("heat capacity", 1e3), "W/K": Unit("heat loss", 1.0),
+    "%": Unit("ratio", 1e-2),
 }  # fmt: skip
 
 # Other spellings of the same units.
@@ -137,7 +142,7 @@ def units_of(dimension: str) -> tuple[str, ...]:
 def key_suffixes(dimension: str) -> dict[str, str]:
     """Endings a key may carry instead of a unit in its value: {"m_s": "m/s", ...} as in `speed_m_s = 0.8`."""
     own = (name for name, unit in UNITS.items() if unit.dimension == dimension)
-    return {name.replace("/", "_").replace("^", ""): name for name in own}
+    return {name.replace("/", "_").replace("^", "").replace("%", "percent"): name for name in own}
 
 
 def pattern(dimension: str) -> str:

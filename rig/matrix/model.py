@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import random
 from dataclasses import replace
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -18,11 +20,13 @@ from rig.matrix.methods import METHODS
 from rig.matrix.point import TestPoint
 
 POINT_LIMIT = 10_000
+NARROWEST_WINDOW_K = 2.0
 
 Waveform = Literal["sine", "triangle"]
 Amplitude = Annotated[float, Quantity("length", "0 mm", "1 m", above=True)]
 Frequency = Annotated[float, Quantity("frequency", "0.001 Hz", "100 Hz")]
 CoilCurrent = Annotated[float, Quantity("current", "0 A", "20 A")]
+CoilTemperature = Annotated[float, Quantity("temperature", "-40 degC", "250 degC")]
 Cycles = Annotated[int, Field(ge=3, le=10_000, description="at full amplitude; first and last are dropped")]
 RampCycles = Annotated[float, Field(ge=0.5, le=20.0)]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
@@ -71,7 +75,9 @@ class Sweep(Section):
     cycles: Cycles = 10
     ramp_in_cycles: RampCycles = 1.0
     ramp_out_cycles: RampCycles = 1.0
-    order: Literal["as written", "random"] = "as written"
+    amplitude_tolerance: Annotated[float, Quantity("ratio", "0.1 %", "20 %")] = 0.01
+    adapt_amplitude: bool = True
+    order: Literal["as written", "random", "by heat"] = "as written"
     seed: int | None = Field(default=None, ge=0)
     repeats: int = Field(default=1, ge=1, le=1000)
     rest_s: Annotated[float, Quantity("time", "0 s", "24 h")] = Field(default=0.0, alias="rest")
@@ -105,6 +111,70 @@ class ExtraPoint(Section):
     cycles: Cycles | None = None
 
 
+class WarmUp(Section):
+    """The motion that warms a cold damper; without it, the matrix's point with the largest forecast power."""
+
+    amplitude_m: Amplitude = Field(alias="amplitude")
+    frequency_Hz: Frequency = Field(alias="frequency")
+    current_A: CoilCurrent = Field(alias="current")
+
+
+class Temperature(Section):
+    """Between which coil temperatures a point may be measured, and how the damper warms and cools."""
+
+    window_degC: tuple[CoilTemperature, CoilTemperature] = Field(alias="window")
+    ambient_degC: CoilTemperature = Field(default=23.0, alias="ambient")
+    heat_capacity_J_K: Annotated[float, Quantity("heat capacity", "1 J/K", "1000 kJ/K")] = Field(
+        default=1500.0, alias="heat_capacity"
+    )
+    heat_loss_W_K: Annotated[float, Quantity("heat loss", "0.01 W/K", "10000 W/K")] = Field(
+        default=5.0, alias="heat_loss"
+    )
+    longest_s: Annotated[float, Quantity("time", "1 s", "24 h")] = Field(default=3600.0, alias="longest")
+    warm_up: WarmUp | None = None
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        low, high = self.window_degC
+        if not high - low >= NARROWEST_WINDOW_K:
+            raise PydanticCustomError(
+                "no_window",
+                f"window: the first must lie at least {NARROWEST_WINDOW_K:g} K below the second, as in "
+                '["25 degC", "45 degC"]',
+            )
+        if high <= self.ambient_degC:
+            raise PydanticCustomError(
+                "window_below_ambient",
+                f"window: no damper cools to {high:g} degC by itself where it is {self.ambient_degC:g} degC; raise the "
+                "window above ambient, or correct ambient",
+            )
+        return self
+
+
+class Friction(Section):
+    """A slow triangle without current: gas force from its mean, friction from its half width."""
+
+    id: Identifier = "friction"
+    amplitude_m: Amplitude = Field(alias="amplitude")
+    speed_m_s: Annotated[float, Quantity("speed", "0.05 mm/s", "50 mm/s")] = Field(default=0.005, alias="speed")
+    cycles: Cycles = 3
+
+
+class CurrentStep(Section):
+    """Currents in turn while the rod stands: the coil's lag is fitted to them."""
+
+    id: Identifier | None = None
+    current_A: tuple[CoilCurrent, ...] = Field(min_length=2, max_length=100, alias="current")
+    hold_s: Annotated[float, Quantity("time", "50 ms", "60 s")] = Field(default=0.5, alias="hold")
+
+    @field_validator("current_A")
+    @classmethod
+    def _steps(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        if any(first == second for first, second in itertools.pairwise(values)):
+            raise ValueError("two currents in turn are equal; that is no step")
+        return values
+
+
 class Identify(Section):
     """What is fitted when the last point is recorded."""
 
@@ -131,6 +201,7 @@ class Campaign(Section):
     current_settled_A: Annotated[float, Quantity("current", "1 mA", "500 mA")] = Field(
         default=0.020, alias="current_settled"
     )
+    demagnetise: bool = False
 
 
 class Matrix(Section):
@@ -140,6 +211,9 @@ class Matrix(Section):
     specimen: Specimen
     sweep: Sweep = Field(default_factory=Sweep, alias="matrix")
     extra: tuple[ExtraPoint, ...] = Field(default=(), alias="point")
+    friction: Friction | None = None
+    current_step: tuple[CurrentStep, ...] = ()
+    temperature: Temperature | None = None
     identify: Identify = Field(default_factory=Identify)
     campaign: Campaign = Field(default_factory=Campaign)
 
@@ -149,9 +223,18 @@ class Matrix(Section):
         Identifiers count in written order, so that a point keeps its name whatever the order. As written: waveform
         varies slowest, then current, amplitude, frequency; the extra points follow; repeats come round after that.
         """
+        return self._ordered
+
+    @cached_property
+    def _ordered(self) -> tuple[TestPoint, ...]:
         written = self._written()
         if self.sweep.order == "random":
             random.Random(self.sweep.seed).shuffle(written)
+        if self.sweep.order == "by heat" and self.temperature is not None:
+            from rig.matrix.forecast import forecaster
+            from rig.matrix.schedule import by_heat
+
+            return by_heat(tuple(written), forecaster(self.specimen), self.temperature)
         return tuple(written)
 
     @property
@@ -176,7 +259,31 @@ class Matrix(Section):
             for row in rows:
                 name = f"p{len(points) + 1:03d}" if not row.id else row.id if repeat == 1 else f"{row.id}-{repeat}"
                 points.append(replace(row, id=name, repeat=repeat))
-        return points
+        return points + self._special()
+
+    def _special(self) -> list[TestPoint]:
+        """The points that are no loops: they follow once, whatever the repeats."""
+        special = []
+        if self.friction is not None:
+            slow = self.friction
+            row = self._point("triangle", slow.amplitude_m, slow.speed_m_s / (4.0 * slow.amplitude_m), 0.0)
+            special.append(
+                replace(row, id=slow.id, kind="friction", cycles=slow.cycles, ramp_in_cycles=0.5, ramp_out_cycles=0.5)
+            )
+        for number, item in enumerate(self.current_step, start=1):
+            row = self._point("hold", 0.0, 1.0 / item.hold_s, max(item.current_A))
+            special.append(
+                replace(
+                    row,
+                    id=item.id or f"step{number}",
+                    kind="current_step",
+                    cycles=len(item.current_A),
+                    ramp_in_cycles=0.0,
+                    ramp_out_cycles=0.0,
+                    steps_A=item.current_A,
+                )
+            )
+        return special
 
     def _point(self, waveform: str, amplitude_m: float, frequency_Hz: float, current_A: float) -> TestPoint:
         """A point of this matrix that has no name yet."""
@@ -197,11 +304,21 @@ class Matrix(Section):
     def _has_points(self) -> Self:
         sweep = self.sweep
         combinations = len(sweep.waveform) * len(sweep.amplitude_m) * len(sweep.frequency_Hz) * len(sweep.current_A)
-        count = (combinations + len(self.extra)) * sweep.repeats
+        count = (combinations + len(self.extra)) * sweep.repeats + len(self._special())
         if count == 0:
             raise PydanticCustomError("no_points", "no test point: fill [matrix] or add [[point]]")
         if count > POINT_LIMIT:
             raise PydanticCustomError("too_many", f"{count} test points; allowed: at most {POINT_LIMIT}")
+        return self
+
+    @model_validator(mode="after")
+    def _heat_known(self) -> Self:
+        if self.sweep.order != "by heat":
+            return self
+        if self.temperature is None:
+            raise PydanticCustomError("no_window", 'order = "by heat" needs [temperature] window')
+        if self.specimen.prior is None and self.specimen.max_force_N is None:
+            raise PydanticCustomError("no_heat", 'order = "by heat" needs specimen.prior or specimen.max_force')
         return self
 
     @model_validator(mode="after")

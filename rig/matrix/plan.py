@@ -11,6 +11,7 @@ from rig.bench.model import Bench
 from rig.matrix.forecast import Forecast, forecaster
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
+from rig.matrix.schedule import BETWEEN_POINTS_S, load_of, thermal_of, warm_up_point
 from rig.units import show
 
 SETTLING_S = 0.5
@@ -18,6 +19,8 @@ SETTLING_S = 0.5
 
 SAMPLES_A_CYCLE = 25
 """Fewer force samples in a cycle draw no loop."""
+
+TOO_HOT = "its heat"
 
 AMPLITUDE_STEP_M = 1e-5
 """Amplitudes that would fit are rounded down to this."""
@@ -65,22 +68,32 @@ class PlannedPoint:
 
 @dataclass(frozen=True)
 class Plan:
-    """All points in the order in which they run."""
+    """All points in the order in which they run.
+
+    `temperature_s` is forecast for warming up and cooling down from ambient temperature; 0 without a window.
+    """
 
     points: tuple[PlannedPoint, ...]
     bench_name: str
     specimen: str
     prediction: str
+    temperature_s: float = 0.0
+    warm_up: PlannedPoint | None = None
+
+    @property
+    def judged(self) -> tuple[PlannedPoint, ...]:
+        """Everything that is to move: the points, and the warm-up motion where there is a temperature window."""
+        return self.points if self.warm_up is None else (*self.points, self.warm_up)
 
     @property
     def feasible(self) -> bool:
-        """Whether every point is."""
-        return all(item.feasible for item in self.points)
+        """Whether every motion is."""
+        return all(item.feasible for item in self.judged)
 
     @property
     def duration_s(self) -> float:
-        """Expected duration of the campaign at speed 1 (s): motion, ramps, settling, rest."""
-        return math.fsum(item.duration_s for item in self.points)
+        """Expected duration of the campaign at speed 1 (s): motion, ramps, settling, rest, warming up and cooling."""
+        return math.fsum(item.duration_s for item in self.points) + self.temperature_s
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig plan --json`."""
@@ -88,6 +101,7 @@ class Plan:
             "points": [item.to_json() for item in self.points],
             "feasible": self.feasible,
             "duration_s": self.duration_s,
+            "temperature_s": self.temperature_s,
             "bench": self.bench_name,
             "specimen": self.specimen,
             "prediction": self.prediction,
@@ -108,12 +122,21 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
     elif specimen.max_force_N is not None:
         prediction = f"at most {show(specimen.max_force_N, 'N')}"
     points = tuple(_judge(point, matrix, bench, predict) for point in matrix.points())
-    return Plan(points, bench.name, specimen.serial_number, prediction)
+    if matrix.temperature is None:
+        return Plan(points, bench.name, specimen.serial_number, prediction)
+    in_order = [item.point for item in points]
+    thermal = thermal_of(in_order, predict, matrix.temperature)
+    loads = [load_of(point, predict) for point in in_order]
+    waits_s = thermal.total_s(loads) - sum(load.duration_s + load.rest_s + BETWEEN_POINTS_S for load in loads)
+    warm_up = warm_up_point(in_order, predict, matrix.temperature)
+    judged = _judge(warm_up, matrix, bench, predict)
+    judged = replace(judged, reasons=tuple(text for text in judged.reasons if not text.startswith(TOO_HOT)))
+    return Plan(points, bench.name, specimen.serial_number, prediction, waits_s, judged)
 
 
 def _judge(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> PlannedPoint:
     force_N, energy_J = predict(point)
-    reasons = tuple(_reasons(point, force_N, matrix, bench))
+    reasons = (*_reasons(point, force_N, matrix, bench), *_too_hot(point, energy_J, matrix))
     return PlannedPoint(
         point=point,
         predicted_force_N=force_N,
@@ -142,12 +165,43 @@ def _reasons(point: TestPoint, force_N: float | None, matrix: Matrix, bench: Ben
     yield from _independent_of_amplitude(point, matrix, bench)
 
 
+def command_limit(point: TestPoint, matrix: Matrix, bench: Bench) -> tuple[float, str]:
+    """The largest amplitude (m) that may be commanded for a point's motion, and what limits it, in words.
+
+    The same limits as the plan's, but for the force: that follows the motion reached, not the one commanded.
+    """
+    limits, one_metre = bench.limits, replace(point, amplitude_m=1.0)
+    low, high = limits.position_m
+    allowed = {
+        f"the bench's speed limit, {limits.speed_m_s:.3g} m/s": limits.speed_m_s / one_metre.peak_speed_m_s,
+        f"the bench's acceleration limit, {limits.acceleration_m_s2:.3g} m/s^2": limits.acceleration_m_s2
+        / one_metre.peak_acceleration_m_s2,
+        f"the bench's position limits, {show(low, 'mm')} to {show(high, 'mm')}": min(
+            high - point.centre_m, point.centre_m - low
+        ),
+        f"the specimen's stroke, {show(matrix.specimen.stroke_m, 'mm')}": matrix.specimen.stroke_m / 2.0,
+    }
+    what = min(allowed, key=lambda name: allowed[name])
+    return allowed[what], what
+
+
+def _too_hot(point: TestPoint, energy_J: float | None, matrix: Matrix) -> Iterator[str]:
+    temperature = matrix.temperature
+    if temperature is None or energy_J is None:
+        return
+    rise_K, width_K = energy_J / temperature.heat_capacity_J_K, temperature.window_degC[1] - temperature.window_degC[0]
+    if _beyond(rise_K, width_K):
+        yield f"{TOO_HOT} would warm the damper by {rise_K:.3g} K; the temperature window is {width_K:.3g} K wide"
+
+
 def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[str]:
     if _beyond(point.current_A, bench.limits.current_A):
         yield f"current {point.current_A:.3g} A is above the bench's {bench.limits.current_A:.3g} A"
     own = matrix.specimen.max_current_A
     if own is not None and _beyond(point.current_A, own):
         yield f"current {point.current_A:.3g} A is above the specimen's {own:.3g} A"
+    if point.kind == "current_step":
+        return
     rate_Hz = min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
     if _beyond(SAMPLES_A_CYCLE * point.frequency_Hz, rate_Hz):
         yield (
@@ -179,16 +233,18 @@ def _would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast
         matrix.specimen.stroke_m / 2.0,
     )
     steps = math.floor(amplitude_m / AMPLITUDE_STEP_M + 1e-6)
-    steps = _largest_within_force(point, steps, bench.limits.force_N, predict)
+    steps = _largest_within_force(point, steps, matrix, bench, predict)
     return None if steps <= 0 else round(steps * AMPLITUDE_STEP_M, 6)
 
 
-def _largest_within_force(point: TestPoint, steps: int, limit_N: float, predict: Forecast) -> int:
-    """Bisect for the largest number of amplitude steps whose predicted force is inside the limit; 0 when none is."""
+def _largest_within_force(point: TestPoint, steps: int, matrix: Matrix, bench: Bench, predict: Forecast) -> int:
+    """Bisect for the largest number of amplitude steps whose predicted force and heat are allowed; 0 when none is."""
 
     def fits(count: int) -> bool:
-        force_N, _ = predict(replace(point, amplitude_m=count * AMPLITUDE_STEP_M))
-        return force_N is None or not _beyond(force_N, limit_N)
+        smaller = replace(point, amplitude_m=count * AMPLITUDE_STEP_M)
+        force_N, energy_J = predict(smaller)
+        cool = not any(True for _ in _too_hot(smaller, energy_J, matrix))
+        return cool and (force_N is None or not _beyond(force_N, bench.limits.force_N))
 
     if steps <= 0 or fits(steps):
         return steps

@@ -11,9 +11,11 @@ CORNER_SHARE = 0.05
 
 @dataclass(frozen=True)
 class TestPoint:
-    """A waveform about a centre at a constant coil current.
+    """A waveform about a centre at a constant coil current, or currents that step while the rod stands.
 
-    `cycles` are at full amplitude; the ramps come beside them. `repeat` counts from 1.
+    `cycles` are at full amplitude; the ramps come beside them. `repeat` counts from 1. `kind` is `loop`, `friction`
+    (a slow triangle without current, for gas force and friction) or `current_step`: then `waveform` is `hold`, the
+    amplitude 0, a cycle one step, `steps_A` the currents in turn and `current_A` the largest of them.
     """
 
     __test__ = False  # not a test class, whatever its name
@@ -29,6 +31,13 @@ class TestPoint:
     centre_m: float = 0.0
     repeat: int = 1
     rest_s: float = 0.0
+    kind: str = "loop"
+    steps_A: tuple[float, ...] = ()
+
+    @property
+    def first_current_A(self) -> float:
+        """The current that must have settled before the point begins (A)."""
+        return self.steps_A[0] if self.steps_A else self.current_A
 
     @property
     def peak_speed_m_s(self) -> float:

@@ -118,7 +118,7 @@ def test_points_are_centred_on_the_specimens_mid_stroke(tmp_path: Path) -> None:
         (HEAD + SWEEP + "cycles = 2", "must be greater than or equal to 3"),
         (HEAD + SWEEP + "cycles = 10.0", "must be a whole number"),
         (HEAD + SWEEP + 'order = "random"', "needs a seed"),
-        (HEAD + SWEEP + 'order = "by heat"', "matrix.order"),
+        (HEAD + SWEEP + 'order = "backwards"', "matrix.order"),
         (HEAD + SWEEP + "repeats = 1000\n" + 'rest = "-1 s"', "matrix.rest"),
         (HEAD + SWEEP + "amplitudes = 3", "unknown key; did you mean amplitude?"),
         (HEAD + 'prior = "demon"\n' + SWEEP, "unknown parameter set; known: "),
