@@ -20,6 +20,7 @@ from protocols.slcan import Frame
 DEFAULT_PERIOD_S = 0.010
 _OWN_FRAMES = frozenset({ecu.STATUS_ID, ecu.TEMPERATURE_ID, ecu.IDENTITY_ID})
 _COMMANDS_KEPT = 4096
+_STANDARD_BITS, _EXTENDED_BITS = 47, 67
 
 
 class EcuBatch(NamedTuple):
@@ -44,7 +45,14 @@ class EcuBatch(NamedTuple):
 
 @dataclass(slots=True)
 class EcuCounters:
-    """Totals since construction; none but `bad_in_a_row` ever decreases."""
+    """Totals since construction; only those in a row and `lateness` ever decrease.
+
+    Attributes:
+        bad_in_a_row: status frames dropped since the last good one; `malformed_in_a_row` of them for length or kind.
+        gaps_in_a_row: good status frames one after the other whose counter has left some out.
+        lateness: grows by 2 with a repeated status frame, falls by 1 with a fresh one: duplicates that keep coming.
+        other_bits: bits on the bus of frames that are not the ECU's, without stuffing.
+    """
 
     statuses: int = 0
     lost: int = 0
@@ -52,6 +60,10 @@ class EcuCounters:
     bad_checks: int = 0
     bad_in_a_row: int = 0
     malformed: int = 0
+    malformed_in_a_row: int = 0
+    gaps_in_a_row: int = 0
+    lateness: int = 0
+    other_bits: int = 0
     foreign_commands: int = 0
     other_frames: int = 0
     sent: int = 0
@@ -105,6 +117,12 @@ class CanEcu:
     def is_open(self) -> bool:
         """Whether `open` succeeded and `close` has not been called."""
         return self._is_open
+
+    @property
+    def commanded_A(self) -> float:
+        """Set-point of the command frames, A; 0 while they ask for the output stage to be off."""
+        current_A, enable, _ = self._wanted
+        return current_A if enable else 0.0
 
     @property
     def bus_errors(self) -> int:
@@ -271,11 +289,10 @@ class CanEcu:
         """Sort one frame; nothing is decoded before its kind and length are checked."""
         identifier, data, extended, remote, length = frame
         if extended or identifier not in _OWN_FRAMES:
-            self._take_other(identifier, extended=extended)
+            self._take_other(identifier, extended=extended, length=0 if remote else length)
             return
         if remote or length != ecu.FRAME_LENGTH or len(data) != ecu.FRAME_LENGTH:
-            self.counters.malformed += 1
-            self._bad_status(identifier)
+            self._malformed(identifier)
             return
         if identifier == ecu.STATUS_ID:
             self._take_status(data, batch)
@@ -284,18 +301,21 @@ class CanEcu:
         else:
             self.identity = ecu.decode_identity(data)
 
-    def _take_other(self, identifier: int, *, extended: bool) -> None:
+    def _take_other(self, identifier: int, *, extended: bool, length: int) -> None:
         """A frame that is none of the ECU's."""
+        self.counters.other_bits += (_EXTENDED_BITS if extended else _STANDARD_BITS) + 8 * length
         if extended and identifier in _OWN_FRAMES:
-            self.counters.malformed += 1
+            self._malformed(identifier)
         elif identifier == ecu.COMMAND_ID and not extended:
             self.counters.foreign_commands += 1
         else:
             self.counters.other_frames += 1
 
-    def _bad_status(self, identifier: int) -> None:
+    def _malformed(self, identifier: int) -> None:
+        self.counters.malformed += 1
         if identifier == ecu.STATUS_ID:
             self.counters.bad_in_a_row += 1
+            self.counters.malformed_in_a_row += 1
 
     def _take_status(self, data: bytes, batch: EcuBatch) -> None:
         """Check, count and record one status frame."""
@@ -306,11 +326,14 @@ class CanEcu:
             counters.bad_checks += 1
             counters.bad_in_a_row += 1
             return
-        counters.bad_in_a_row = 0
+        counters.bad_in_a_row = counters.malformed_in_a_row = 0
         step = 1 if self.status is None else ecu.counter_delta(self.status.counter, status.counter)
         if step == 0:
             counters.duplicates += 1
+            counters.lateness += 2
             return
+        counters.lateness = max(0, counters.lateness - 1)
+        counters.gaps_in_a_row = counters.gaps_in_a_row + 1 if step > 1 else 0
         counters.statuses += 1
         counters.lost += step - 1
         self._sequence += step

@@ -129,45 +129,61 @@ _ROWS = (
     ),
     FaultRow(
         "can-busoff", "CAN bus-off", "wire", "can", "error state, status silence",
-        "30ms", "S2", "S2", "J", "c", "",
+        "30ms", "S2", "S2", "J", "c",
+        "test_coil_and_bus.py::test_bus_off_is_told_from_a_silent_ecu",
     ),
-    FaultRow("ecu-silent", "Status missing", "wire", "ecu", "timeout", "30ms", "S2", "S2", "J", "a", ""),
+    FaultRow(
+        "ecu-silent", "Status missing", "wire", "ecu", "timeout", "30ms", "S2", "S2", "J", "a",
+        "test_coil_and_bus.py::test_a_silent_ecu_stops_the_rig",
+    ),
     FaultRow(
         "ecu-late", "Status late/duplicated", "wire", "ecu", "counter delta, age",
-        "30ms", "W→S2", "S2", "J", "a", "",
+        "30ms", "W→S2", "S2", "J", "a",
+        "test_coil_and_bus.py::test_status_frames_that_come_twice_warn_and_stop_when_they_keep_coming",
     ),
     FaultRow(
         "ecu-crc", "Wrong counter/CRC", "wire", "ecu", "drop frame; third trips",
-        "30ms", "S2", "S2", "J", "a", "",
+        "30ms", "S2", "S2", "J", "a",
+        "test_coil_and_bus.py::test_status_frames_with_a_wrong_crc_stop_the_rig",
     ),
     FaultRow(
         "can-malformed", "DLC short, RTR, extended id", "wire", "can", "check before decode",
-        "10ms", "as 20", "S2", "J", "a", "",
+        "10ms", "as 20", "S2", "J", "a",
+        "test_coil_and_bus.py::test_short_remote_and_extended_frames_are_never_decoded",
     ),
     FaultRow(
         "can-babble", "Babbling node", "wire", "can", "bus load, status jitter",
-        "100ms", "S2", "S2", "J", "c", "",
+        "100ms", "S2", "S2", "J", "c",
+        "test_coil_and_bus.py::test_a_babbling_node_stops_the_rig",
     ),
     FaultRow(
         "can-foreign", "Foreign sender on our command id", "wire", "can", "self-id seen",
-        "10ms", "S2", "S2", "J", "c", "",
+        "10ms", "S2", "S2", "J", "c",
+        "test_coil_and_bus.py::test_another_sender_on_our_command_id_stops_the_rig",
     ),
     FaultRow(
         "ecu-overtemp", "ECU over-temp/undervoltage", "wire", "ecu", "status bits",
-        "20ms", "S2, cool", "S2", "J", "a", "",
+        "20ms", "S2, cool", "S2", "J", "a",
+        "test_coil_and_bus.py::test_a_hot_ecu_stops_the_rig",
     ),
     FaultRow(
         "coil-open-short", "Coil open/short", "wire", "ecu", "bits, measured current",
-        "20ms", "S2", "S2", "J", "n", "",
+        "20ms", "S2", "S2", "J", "n",
+        "test_coil_and_bus.py::test_a_broken_coil_stops_the_rig",
     ),
     FaultRow(
         "current-tracking", "Current tracking error", "wire", "ecu", "tolerance after settling",
-        "50ms", "P; overcurrent S2", "P", "J", "a", "",
+        "50ms", "P; overcurrent S2", "P", "J", "a",
+        "test_coil_and_bus.py::test_a_current_off_its_setpoint_is_flagged_at_once_and_spoils_the_point",
     ),
-    FaultRow("ecu-restart", "ECU restart", "wire", "ecu", "counter/state reset", "30ms", "S2", "S2", "J", "c", ""),
+    FaultRow(
+        "ecu-restart", "ECU restart", "wire", "ecu", "counter/state reset", "30ms", "S2", "S2", "J", "c",
+        "test_coil_and_bus.py::test_an_ecu_that_starts_anew_stops_the_rig",
+    ),
     FaultRow(
         "current-stuck", "Current persists after zero", "wire", "ecu", "measured current",
-        "200ms", "S1, cut coil supply", "S1", "J", "n", "",
+        "200ms", "S1, cut coil supply", "S1", "J", "n",
+        "test_coil_and_bus.py::test_a_current_that_stays_after_zero_takes_the_hydraulics_away",
     ),
     FaultRow(
         "loadcell-pulled", "Load-cell cable pulled", "wire", "sensor", "EOF, EIO or 5 missing samples",

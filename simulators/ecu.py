@@ -42,9 +42,8 @@ class EcuFaults:
     stuck_current: bool = False
     gain: float = 1.0
     silent: bool = False
-    late_frames: int = 0
+    late: bool = False
     wrong_crc: bool = False
-    malformed: bool = False
 
 
 class Ecu:
@@ -77,6 +76,7 @@ class Ecu:
         self._random = random
         self._served_s = 0.0
         self._held: list[Frame] = []
+        self._repeats = False
         self._eta_1_s = float(plant.constants["coil_eta_1_s"][0])
         self._next_tick = math.ceil(clock.unwrapped_us(plant.time_s) / STATUS_PERIOD_US)
         self.boot()
@@ -196,14 +196,13 @@ class Ecu:
             return []
         if faults.wrong_crc:
             due = [(identifier, bytes([data[0] ^ 0x3C]) + data[1:]) for identifier, data in due]
-        if faults.malformed:
-            due = [(identifier, data[:5]) for identifier, data in due]
-        if faults.late_frames:
-            self._held += due
-            if len(self._held) < faults.late_frames:
-                return []
-            due, self._held = self._held, self._held[-1:]
-        return due
+        return [self._delayed(frame) for frame in due] if faults.late else due
+
+    def _delayed(self, frame: Frame) -> Frame:
+        """In place of a frame that is due, every frame twice: the bus stays as busy, what it says gets older."""
+        self._held.append(frame)
+        self._repeats = not self._repeats
+        return self._held[0] if self._repeats else self._held.pop(0)
 
     def _status(self, tick: int) -> bytes:
         device_us = tick * STATUS_PERIOD_US

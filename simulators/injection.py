@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 
 from protocols import ecu as wire
 from protocols.actuator import Command, Result
+from rig.clock import monotonic_ns
 from rig.errors import FileProblem
 from rig.fault_matrix import MATRIX
-from simulators.slcan_bus import standard_line
+from simulators.slcan_bus import ERROR, standard_line
 
 if TYPE_CHECKING:
     from simulators.rig import SimulatedRig
@@ -26,8 +27,9 @@ Injector = Callable[["SimulatedRig"], Undo | None]
 INJECTORS: dict[str, Injector] = {}
 
 FOREIGN_OWNER = 999
-BABBLED_FRAMES = 20
-LATE_TICKS = 25
+BABBLED_FRAMES_S = 4200.0
+"""More than nine tenths of a 500 kbit/s bus."""
+MOST_BABBLED = 200
 DRIFT_PPM = 500.0
 TRACKING_GAIN = 0.7
 WRONG_DAMPER_SCALE = 1.6
@@ -109,7 +111,7 @@ def _modbus_reset(rig: SimulatedRig) -> None:
 
 @_injects("modbus-halfopen")
 def _modbus_halfopen(rig: SimulatedRig) -> None:
-    rig.modbus.faults.black_hole = True
+    rig.modbus.silence_connections()
 
 
 @_injects("modbus-wrong-tid")
@@ -120,6 +122,16 @@ def _modbus_wrong_tid(rig: SimulatedRig) -> Undo:
 @_injects("modbus-mismatch")
 def _modbus_mismatch(rig: SimulatedRig) -> Undo:
     return _switch(rig.modbus.faults, "wrong_function", True)
+
+
+@_injects("rtu-stale")
+def _rtu_stale(rig: SimulatedRig) -> Undo:
+    return _switch(rig.modbus.faults, "late_answers", True)
+
+
+@_injects("rtu-crc")
+def _rtu_crc(rig: SimulatedRig) -> Undo:
+    return _switch(rig.modbus.faults, "damaged", True)
 
 
 @_injects("modbus-write-lost")
@@ -171,6 +183,8 @@ def _estop(rig: SimulatedRig) -> None:
 
 @_injects("can-busoff")
 def _can_busoff(rig: SimulatedRig) -> None:
+    """The adapter reports errors, as it does on its way to bus-off, then nothing passes any more."""
+    rig.bus.send_lines([ERROR] * 3)
     rig.bus.silent = True
 
 
@@ -181,7 +195,7 @@ def _ecu_silent(rig: SimulatedRig) -> None:
 
 @_injects("ecu-late")
 def _ecu_late(rig: SimulatedRig) -> None:
-    rig.ecu.faults.late_frames = LATE_TICKS
+    rig.ecu.faults.late = True
 
 
 @_injects("ecu-crc")
@@ -191,13 +205,36 @@ def _ecu_crc(rig: SimulatedRig) -> None:
 
 @_injects("can-malformed")
 def _can_malformed(rig: SimulatedRig) -> None:
-    rig.ecu.faults.malformed = True
+    """Every frame of the ECU is short, a remote request or has an extended identifier, in turn."""
+    turn = 0
+
+    def malformed_line(identifier: int, data: bytes) -> bytes:
+        nonlocal turn
+        turn += 1
+        if turn % 3 == 0:
+            return b"r%03X%X\r" % (identifier, len(data))
+        if turn % 3 == 1:
+            return b"T%08X%X%s\r" % (identifier, len(data), data.hex().upper().encode("ascii"))
+        return standard_line(identifier, data[:5])
+
+    rig.bus.encode = malformed_line
 
 
 @_injects("can-babble")
 def _can_babble(rig: SimulatedRig) -> None:
+    """A node that never stops fills the bus, on wall time as any other node's bits take theirs."""
     line = standard_line(0x001, bytes(8))
-    rig.every_tick.append(lambda: rig.bus.send_lines([line] * BABBLED_FRAMES))
+    before_ns = monotonic_ns()
+
+    def babble() -> None:
+        nonlocal before_ns
+        now_ns = monotonic_ns()
+        count = min(MOST_BABBLED, round((now_ns - before_ns) * 1e-9 * BABBLED_FRAMES_S))
+        if count:
+            before_ns = now_ns
+            rig.bus.send_lines([line] * count)
+
+    rig.every_tick.append(babble)
 
 
 @_injects("can-foreign")

@@ -25,12 +25,14 @@ class SlcanBus:
         port: TCP port on 127.0.0.1 after `open`.
         dropped_frames: frames not delivered because a client's socket was full.
         silent: a fault: nothing passes in either direction.
+        encode: turns a frame of the ECU into its line; a fault may put another one here.
     """
 
     def __init__(self, on_frame: Callable[[int, bytes], None]) -> None:
         self.port = 0
         self.dropped_frames = 0
         self.silent = False
+        self.encode: Callable[[int, bytes], bytes] = standard_line
         self._on_frame = on_frame
         self._clients: list[SlcanClient] = []
         self._server: asyncio.Server | None = None
@@ -55,7 +57,7 @@ class SlcanBus:
 
     def send(self, frames: Iterable[tuple[int, bytes]]) -> None:
         """Frames from the ECU to every listening client."""
-        lines = [standard_line(identifier, data) for identifier, data in frames]
+        lines = [self.encode(identifier, data) for identifier, data in frames]
         if lines:
             self.send_lines(lines)
 

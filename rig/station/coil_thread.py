@@ -15,10 +15,11 @@ from drivers.errors import DriverError
 from drivers.ring import Record
 from protocols.ecu import EcuFault, EcuIdentity, EcuState
 from rig.clock import monotonic_ns
+from rig.station.coil_judge import BusJudge, CurrentJudge
 from rig.station.config import EcuConfig
 from rig.station.device_thread import DeviceThread
 from rig.station.errors import StationRefused
-from rig.station.interlocks import CONSECUTIVE, Finding
+from rig.station.interlocks import Finding
 from rig.station.status_judge import EcuJudge
 from rig.station.supervisor import Supervisor
 
@@ -46,9 +47,12 @@ class CoilThread(DeviceThread):
         self._stale_ns = int(config.stale_after_s * 1e9)
         self._timeout_s = min(0.05, config.stale_after_s)
         self._last_ns = monotonic_ns()
-        self._foreign = 0
+        self._bus_judge = BusJudge(config.bitrate)
+        self._current_judge = CurrentJudge(self._stale_ns)
         self._bus_errors = 0
+        self._errors_before = 0
         self._zeroed = True
+        self._zeroed_ns = 0
         self._command_lock = threading.Lock()
         self._progress = threading.Condition()
         self._again = threading.Event()
@@ -87,7 +91,7 @@ class CoilThread(DeviceThread):
             DriverError: the bus does not take the frame.
         """
         with self._command_lock:
-            self._foreign = self._driver.counters.foreign_commands
+            self._bus_judge.forget_foreign(self._driver.counters)
             self._driver.command(0.0, enable=False, clear_faults=True)
             self._driver.start(self.config.command_period_s)
             self._zeroed = False
@@ -118,6 +122,7 @@ class CoilThread(DeviceThread):
         """Command 0 A, output stage off, and put the frame on the wire at once; never raises."""
         with self._command_lock:
             self._zeroed = True
+            self._zeroed_ns = monotonic_ns()
             self._driver.command(0.0, enable=False)
             try:
                 self._driver.send_now()
@@ -129,8 +134,10 @@ class CoilThread(DeviceThread):
 
     @property
     def fresh_current_A(self) -> float | None:
-        """Measured current (A), None when its status is stale."""
+        """Measured current (A), None when its status is stale or older than the 0 A that a trip commanded."""
         status = self._driver.status
+        if self._zeroed and self._last_ns <= self._zeroed_ns:
+            return None
         allowed_ns = self._stale_ns + int(self._timeout_s * 1e9)
         if status is None or self.port_lost is not None or monotonic_ns() - self._last_ns > allowed_ns:
             return None
@@ -204,19 +211,17 @@ class CoilThread(DeviceThread):
     def _judge(self, batch: EcuBatch) -> list[Finding]:
         now_ns = batch.arrival_ns
         findings: list[Finding] = []
+        commanded_A = self._driver.commanded_A
         for status in batch.statuses:
             self._last_ns = now_ns
-            self._bus_errors = self._driver.bus_errors
             findings += self.judge.judge_status(status, now_ns)
+            findings += self._current_judge.judge(status, commanded_A, now_ns)
+        if batch.statuses:
+            # Errors that came with the last status frame may be the beginning of what silences the bus.
+            self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
         for temperature in batch.temperatures:
             findings += self.judge.judge_temperature(temperature, now_ns)
-        counted = self._driver.counters
-        if counted.bad_in_a_row >= CONSECUTIVE:
-            detail = f"{counted.bad_in_a_row} ECU status frames in a row with a wrong counter, CRC or length"
-            findings.append(Finding("ecu-crc", detail, now_ns, counted.bad_in_a_row, CONSECUTIVE))
-        if counted.foreign_commands > self._foreign:
-            detail = f"{counted.foreign_commands - self._foreign} frames of another sender on our command id"
-            findings.append(Finding("can-foreign", detail, now_ns))
+        findings += self._bus_judge.judge(self._driver.counters, now_ns)
         if self._driver.send_error is not None:
             findings.append(Finding("can-lost", f"command frames ended: {self._driver.send_error}", now_ns))
         age_ns = now_ns - self._last_ns

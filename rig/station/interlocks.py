@@ -23,13 +23,18 @@ BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
 
 @dataclass(frozen=True)
 class Finding:
-    """Something a detector saw: `slug` names the row of `fault_table`, `t_ns` the host arrival of what showed it."""
+    """Something a detector saw.
+
+    `slug` names the row of `fault_table`, `t_ns` is the host arrival of what showed it; `warns` marks what is worth a
+    warning only, whatever the row's stop.
+    """
 
     slug: str
     detail: str
     t_ns: int
     value: float = math.nan
     limit: float = math.nan
+    warns: bool = False
 
 
 class ChannelJudge:

@@ -150,6 +150,9 @@ def advance(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
     if stop.finished:
         return stop, ()
     stop, actions = _judge_current(stop, view)
+    if actions:
+        # A current that stays asks for a stronger stop; nothing is concluded before that is under way.
+        return stop, actions
     if stop.step is Step.STOPPING:
         stop, more = _stopping(stop, view)
     else:

@@ -194,7 +194,7 @@ class Supervisor:
                 continue
             if self._proving and finding.slug in EXPECTED_IN_PROOF:
                 continue
-            if row.stop is Stop.W or not self._armed:
+            if finding.warns or row.stop is Stop.W or not self._armed:
                 self._warn(finding)
             else:
                 self._trip(finding, row, row.stop)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -9,12 +10,14 @@ import pytest
 from protocols import actuator as wire
 from protocols import ecu
 from protocols.actuator import State
+from rig.clock import monotonic_ns
 from rig.errors import FileProblem
 from rig.fault_matrix import MATRIX
 from simulators.injection import INJECTORS, ScheduledFault, parse_fault
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM
 from simulators.rig import RunOptions, SimulatedRig
+from simulators.slcan_bus import SlcanClient
 
 
 def test_exactly_the_rows_on_the_wire_have_an_injector() -> None:
@@ -155,7 +158,7 @@ def test_the_e_stop_stops_the_rod_and_the_current() -> None:
     on_a_rig(story)
 
 
-@pytest.mark.parametrize(("slug", "seen"), [("ecu-silent", 0), ("ecu-crc", 0), ("can-malformed", 0)])
+@pytest.mark.parametrize(("slug", "seen"), [("ecu-silent", 0), ("ecu-crc", 0)])
 def test_no_valid_status_leaves_a_broken_ecu(slug: str, seen: int) -> None:
     def story(rig: SimulatedRig) -> None:
         INJECTORS[slug](rig)
@@ -171,16 +174,80 @@ def test_no_valid_status_leaves_a_broken_ecu(slug: str, seen: int) -> None:
     on_a_rig(story)
 
 
-def test_late_frames_come_in_lumps_with_one_repeated() -> None:
+def test_late_frames_come_as_often_as_ever_each_twice_and_older_and_older() -> None:
     def story(rig: SimulatedRig) -> None:
+        rig.plant.advance(800)
+        rig.ecu.frames()
         INJECTORS["ecu-late"](rig)
-        lumps = []
-        for _ in range(300):
-            rig.plant.advance(16)
-            lumps.append([data for identifier, data in rig.ecu.frames() if identifier == ecu.STATUS_ID])
-        delivered = [data for lump in lumps for data in lump]
-        assert sum(1 for lump in lumps if lump) < 5
-        assert len(delivered) > len(set(delivered))
+        counters = []
+        for _ in range(60):
+            rig.plant.advance(80)
+            frames = [data for identifier, data in rig.ecu.frames() if identifier == ecu.STATUS_ID]
+            counters += [ecu.decode_status(data).counter for data in frames]
+        assert len(counters) == pytest.approx(60, abs=4)
+        steps = [ecu.counter_delta(before, after) for before, after in itertools.pairwise(counters)]
+        assert set(steps) == {0, 1}
+        assert abs(steps.count(0) - steps.count(1)) <= 8
+
+    on_a_rig(story)
+
+
+def bus_lines(rig: SimulatedRig) -> list[bytes]:
+    """Collects what a listening client of the bus would get."""
+    got: list[bytes] = []
+    rig.bus.send_lines = lambda lines, sender=None: got.extend([] if rig.bus.silent else lines)  # type: ignore[method-assign]
+    return got
+
+
+def test_malformed_frames_are_short_remote_or_extended_and_none_is_right() -> None:
+    def story(rig: SimulatedRig) -> None:
+        got = bus_lines(rig)
+        INJECTORS["can-malformed"](rig)
+        for _ in range(30):
+            rig.advance(80)
+        about_status = [line for line in got if b"121" in line[:9]]
+        assert {line[:1] for line in about_status} == {b"t", b"r", b"T"}
+        assert not [line for line in got if line[:1] == b"t" and line[4:5] == b"8"]
+
+    on_a_rig(story)
+
+
+def test_bus_off_is_told_by_the_adapter_and_then_nothing_passes() -> None:
+    def story(rig: SimulatedRig) -> None:
+        got = bus_lines(rig)
+        INJECTORS["can-busoff"](rig)
+        for _ in range(30):
+            rig.advance(80)
+        assert got == [b"\a"] * 3
+        rig.bus.received(b"t1200", SlcanClient(rig.bus))
+        assert got == [b"\a"] * 3
+
+    on_a_rig(story)
+
+
+def test_a_babbling_node_fills_most_of_the_bus() -> None:
+    def story(rig: SimulatedRig) -> None:
+        got = bus_lines(rig)
+        INJECTORS["can-babble"](rig)
+        begin_ns = monotonic_ns()
+        while monotonic_ns() - begin_ns < 50_000_000:
+            rig.every_tick[-1]()
+        elapsed_s = (monotonic_ns() - begin_ns) * 1e-9
+        bits = 111 * len(got)
+        assert 0.7 * 500_000 < bits / elapsed_s < 500_000
+
+    on_a_rig(story)
+
+
+def test_a_foreign_sender_commands_with_valid_counters_and_checks() -> None:
+    def story(rig: SimulatedRig) -> None:
+        got = bus_lines(rig)
+        INJECTORS["can-foreign"](rig)
+        for _ in range(50):
+            rig.every_tick[-1]()
+        commands = [ecu.decode_command(bytes.fromhex(line[5:].decode())) for line in got]
+        assert [command.counter for command in commands] == [n % ecu.COUNTER_MODULUS for n in range(1, 11)]
+        assert {(command.enable, command.setpoint_A) for command in commands} == {(True, 0.1)}
 
     on_a_rig(story)
 

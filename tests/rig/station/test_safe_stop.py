@@ -127,6 +127,12 @@ def test_current_that_persists_is_reported_once_after_its_deadline() -> None:
     assert stuck == [255]
 
 
+def test_a_current_that_persists_at_standstill_is_reported_before_anything_is_concluded() -> None:
+    stop, actions = run(begin(), replace(AT_REST, current_A=1.0), 260)
+    assert [action for _, action in actions] == [Action.CURRENT_STUCK]
+    assert stop.step is Step.STOPPING
+
+
 def test_current_that_comes_back_is_not_zero() -> None:
     stop, _ = run(begin(), replace(MOVING, current_A=0.0), 100)
     assert stop.current_zero
