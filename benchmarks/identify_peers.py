@@ -1,0 +1,336 @@
+"""Identification against its peers: success and time on one problem, one objective, one thread, in one run.
+
+    python benchmarks/identify_peers.py            everything (about an hour on two cores)
+    python benchmarks/identify_peers.py --quick    a few truths and seeds, to see that it runs
+    python benchmarks/identify_peers.py --only fresh,evaluation
+
+Problem: Table 1, 41,665 samples, 5 N noise, weight v, truths log-uniform within a factor 4 of `demo`, start all ones.
+Two boxes: +-1e4 on everything, and a sane one, +-10 |demo| (beta and delta from 0 to 20 x demo): truth inside, about
+twenty times its size wide. Success: f <= 1.001 x the minimum that trf reaches from the truth. Peers: SciPy, pymoo,
+pygmo, nevergrad (the `peers` extra); mealpy does not run on numpy 2 (it calls ndarray.ptp).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import tracemalloc
+import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from identify_case import SUCCESS, Case, random_case, sane_box, timed, wide_box
+from scipy.optimize import differential_evolution, least_squares
+
+from rig.dampers import model
+from rig.identification.algorithms import minimise
+from rig.identification.measurement import Measurement
+from rig.identification.problem import Problem
+from rig.identification.projection import Weighting
+from rig.identification.separable import solve_separable
+from rig.study.per_current import CURRENT_FIXED, FixedParameters
+from rig.study.recordings import BOUC_WEN_TRUTH, bouc_wen
+
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+BUDGET = 16_000
+
+
+def separable(case: Case) -> float:
+    return solve_separable(case.tests, model("asymmetric"), Weighting("v")).objective  # type: ignore[arg-type]  # algebraic
+
+
+def rival(case: Case, box: np.ndarray | None = None, *, fast: bool = True) -> float:
+    bounds = (-np.inf, np.inf) if box is None else (box[:, 0], box[:, 1])
+    start = np.ones(12) if box is None else np.clip(np.ones(12), box[:, 0] + 1e-9, box[:, 1] - 1e-9)
+    residual = case.residual if fast else case.numpy_residual
+    return 2.0 * float(least_squares(residual, start, bounds=bounds, x_scale="jac", method="trf").cost)
+
+
+def ours(method: str, **settings: object) -> Callable[[Case, np.ndarray, int], float]:
+    def run(case: Case, box: np.ndarray, seed: int) -> float:
+        return minimise(case.problem, method=method, bounds=box, budget=BUDGET, seed=seed, **settings).value  # type: ignore[arg-type]  # plain settings
+
+    return run
+
+
+def scipy_de(case: Case, box: np.ndarray, seed: int) -> float:
+    size = 60
+    return float(
+        differential_evolution(
+            lambda x: case.problem.batch(np.ascontiguousarray(x.T)), box, vectorized=True, updating="deferred",
+            rng=seed, popsize=size // 12, maxiter=BUDGET // size - 1, polish=False, tol=0.0,
+        ).fun
+    )  # fmt: skip
+
+
+def pymoo(name: str) -> Callable[[Case, np.ndarray, int], float]:
+    def run(case: Case, box: np.ndarray, seed: int) -> float:
+        from importlib import import_module
+
+        from pymoo.core.problem import Problem as PymooProblem
+        from pymoo.optimize import minimize
+
+        class Wrapped(PymooProblem):  # type: ignore[misc]  # pymoo has no annotations
+            def __init__(self) -> None:
+                super().__init__(n_var=12, n_obj=1, xl=box[:, 0], xu=box[:, 1])
+
+            def _evaluate(self, x: np.ndarray, out: dict[str, np.ndarray], *_: object, **__: object) -> None:
+                out["F"] = case.problem.batch(x)
+
+        algorithm = getattr(import_module(f"pymoo.algorithms.soo.nonconvex.{name.lower()}"), name)(pop_size=50)
+        return float(minimize(Wrapped(), algorithm, ("n_eval", BUDGET), seed=seed).F[0])
+
+    return run
+
+
+def pygmo(name: str, per_generation: int = 1) -> Callable[[Case, np.ndarray, int], float]:
+    def run(case: Case, box: np.ndarray, seed: int) -> float:
+        import pygmo as pg
+
+        class Wrapped:
+            def fitness(self, x: np.ndarray) -> list[float]:
+                return [case.problem.objective(x)]
+
+            def get_bounds(self) -> tuple[list[float], list[float]]:
+                return box[:, 0].tolist(), box[:, 1].tolist()
+
+        population = pg.population(pg.problem(Wrapped()), size=50, seed=seed)
+        generations = (BUDGET - 50) // (50 * per_generation)
+        return float(pg.algorithm(getattr(pg, name)(gen=generations, seed=seed)).evolve(population).champion_f[0])
+
+    return run
+
+
+def nevergrad(name: str) -> Callable[[Case, np.ndarray, int], float]:
+    def run(case: Case, box: np.ndarray, seed: int) -> float:
+        import nevergrad as ng
+
+        space = ng.p.Array(shape=(len(box),), lower=box[:, 0], upper=box[:, 1])
+        space.random_state.seed(seed)
+        optimiser = ng.optimizers.registry[name](parametrization=space, budget=BUDGET)
+        return case.problem.objective(optimiser.minimize(case.problem.objective).value)
+
+    return run
+
+
+POPULATION_METHODS: dict[str, Callable[[Case, np.ndarray, int], float]] = {
+    "c_foa (intended)": ours("c_foa"), "c_foa (printed)": ours("c_foa", variant="printed"), "foa": ours("foa"),
+    "ga": ours("ga"), "de": ours("de"), "pso": ours("pso"), "i_abc": ours("i_abc"), "ga_standard": ours("ga_standard"),
+    "ga_kwok": ours("ga_kwok"), "ga_novel": ours("ga_novel"), "SciPy DE": scipy_de, "pymoo PSO": pymoo("PSO"),
+    "pymoo GA": pymoo("GA"), "pymoo DE": pymoo("DE"), "pymoo CMAES": pymoo("CMAES"), "pygmo sade": pygmo("sade"),
+    "pygmo de1220": pygmo("de1220"), "pygmo bee_colony": pygmo("bee_colony", 2), "nevergrad NGOpt": nevergrad("NGOpt"),
+    "nevergrad TwoPointsDE": nevergrad("TwoPointsDE"),
+}  # fmt: skip
+
+
+def bench_truths(quick: bool) -> Iterator[str]:
+    """`separable` against trf: success and wall time over random truths."""
+    count = 5 if quick else 1000
+    rival_count = min(count, 5 if quick else 100)
+    rows: dict[str, list[tuple[bool, float]]] = {}
+    for seed in range(count):
+        case = random_case(seed)
+        if seed == 0:
+            separable(case)
+        runs: dict[str, Callable[[], float]] = {"separable": partial(separable, case)}
+        if seed < rival_count:
+            box = wide_box(case.problem.names)
+            runs["trf, fast residual"] = partial(rival, case)
+            runs["trf, numpy residual"] = partial(rival, case, fast=False)
+            runs["trf in +-1e4"] = partial(rival, case, box)
+        for name, run in runs.items():
+            value, seconds = timed(run)
+            rows.setdefault(name, []).append((case.success(value), seconds))
+    reference = float(np.median([seconds for _, seconds in rows["separable"]]))
+    for name, results in rows.items():
+        median = float(np.median([seconds for _, seconds in results]))
+        share = f"{sum(good for good, _ in results)}/{len(results)}"
+        yield f"{name:22} success {share:>9}  median {1e3 * median:8.1f} ms  ratio {median / reference:6.1f}"
+
+
+def bench_peers(quick: bool) -> Iterator[str]:
+    """Population methods at 16,000 evaluations in both boxes."""
+    seeds = 2 if quick else 10
+    cases = [random_case(seed) for seed in range(seeds)]
+    for box_name, box_of in (("sane", sane_box), ("+-1e4", wide_box)):
+        for name, run in POPULATION_METHODS.items():
+            values, times = [], []
+            try:
+                for seed, case in enumerate(cases):
+                    value, seconds = timed(partial(run, case, box_of(case.problem.names), seed))
+                    values.append(value / case.minimum)
+                    times.append(seconds)
+            except ImportError as missing:
+                yield f"{box_name:6} {name:22} not run: {missing}"
+                continue
+            share = f"{sum(value <= SUCCESS for value in values)}/{seeds}"
+            yield (f"{box_name:6} {name:22} success {share:>6}  f/minimum best {min(values):9.4g} "
+                   f"median {np.median(values):9.4g}  {np.median(times):6.2f} s")  # fmt: skip
+
+
+FRESH_SEPARABLE = """
+import sys, numpy as np
+from rig.dampers import model
+from rig.identification.measurement import Measurement
+from rig.identification.projection import Weighting
+from rig.identification.separable import solve_separable
+u, v, a, i, f = np.load(sys.argv[1])
+test = Measurement(id='all', u_m=u, v_m_s=v, a_m_s2=a, current_A=i, force_N=f, dt_s=1/250, samples_per_cycle=250)
+print(solve_separable([test], model('asymmetric'), Weighting('v')).objective)
+"""
+FRESH_TRF = """
+import sys, numpy as np
+from scipy.optimize import least_squares
+u, v, a, i, f = np.load(sys.argv[1])
+s = np.sign(u)
+def residual(p):
+    C = np.where(v >= 0, p[6] + p[8] * i, p[7] + p[9] * i)
+    return (f - p[0]*a - p[1] - (p[4] + p[5]*i) * np.tanh(p[2]*v + p[3]*s) - C*v - (p[10] + p[11]*i)*u) * v
+print(2 * least_squares(residual, np.ones(12), x_scale='jac').cost)
+"""
+
+
+def bench_fresh(quick: bool) -> Iterator[str]:
+    """A fresh process, from `python -c` to the finished fit of arrays in a file."""
+    case, results = random_case(0), {}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "channels.npy"
+        np.save(file, np.array([case.u, case.v, case.a, case.current, case.force]))
+        for name, code in (("separable", FRESH_SEPARABLE), ("trf", FRESH_TRF)):
+            command = [sys.executable, "-c", code, str(file)]
+            runs = [timed(partial(_number_printed_by, command)) for _ in range(3 if quick else 10)]
+            results[name] = float(np.median([seconds for _, seconds in runs]))
+            yield f"{name:12} {results[name]:.3f} s  f/minimum {runs[0][0] / case.minimum:.6f}"
+    yield f"ratio {results['trf'] / results['separable']:.1f}"
+
+
+def _number_printed_by(command: list[str]) -> float:
+    return float(subprocess.check_output(command))
+
+
+def bench_evaluation(quick: bool) -> Iterator[str]:
+    """Cost of one objective evaluation, per sample."""
+    case = random_case(0)
+    population = np.tile(case.truth, (50, 1)) * np.random.default_rng(0).uniform(0.9, 1.1, (50, 12))
+    case.problem.batch(population)
+    repeats = 3 if quick else 20
+    batch = min(timed(lambda: float(case.problem.batch(population)[0]))[1] / 50 for _ in range(repeats))
+    single = min(timed(lambda: case.problem.objective(case.truth))[1] for _ in range(repeats))
+    plain = min(timed(lambda: float(np.sum(case.numpy_residual(case.truth) ** 2)))[1] for _ in range(repeats))
+    for name, seconds in (("population of 50", batch), ("one candidate", single), ("plain numpy", plain)):
+        yield f"{name:18} {1e9 * seconds / case.n:6.2f} ns a sample"
+
+
+def bench_bouc_wen(quick: bool) -> Iterator[str]:
+    """Bouc-Wen, 4,000 samples: partial separation against trf from the middle of the box, and one population candidate.
+
+    Truths are log-uniform within a factor 2 of a nominal set; the box's logarithmic middle is that set.
+    """
+    from rig.identification.bouc_wen import solve_bouc_wen
+
+    damper, count = model("bouc_wen"), 3 if quick else 100
+    held, weighting = frozenset({"kv_b", "kw_b"}), Weighting("1")
+    rows: dict[str, list[tuple[bool, float]]] = {"separable": [], "trf": []}
+    for seed in range(count):
+        test, truth = _bouc_wen_case(seed)
+        objective = FixedParameters(Problem([test], "bouc_wen", "1"), CURRENT_FIXED["bouc_wen"])
+        at_truth = objective.batch(np.array([[truth[name] for name in objective.names]]))[0]
+        value, seconds = timed(lambda test=test: solve_bouc_wen([test], damper, weighting, held).objective)  # type: ignore[misc]  # bound now
+        rows["separable"].append((value <= 1.01 * at_truth, seconds))
+        middle = np.array([BOUC_WEN_TRUTH[name] for name in objective.names])
+        value, seconds = timed(partial(_bouc_wen_rival, objective, test, middle))
+        rows["trf"].append((value <= 1.01 * at_truth, seconds))
+    for name, results in rows.items():
+        median = float(np.median([seconds for _, seconds in results]))
+        yield f"{name:12} success {sum(good for good, _ in results)}/{count}, median {1e3 * median:.1f} ms"
+    population = middle * np.random.default_rng(0).uniform(0.8, 1.2, (50, middle.size))
+    objective.batch(population)
+    seconds = min(timed(lambda: float(objective.batch(population)[0]))[1] for _ in range(3 if quick else 10))
+    yield f"population candidate {1e3 * seconds / 50:.3f} ms"
+
+
+def _bouc_wen_case(seed: int) -> tuple[Measurement, dict[str, float]]:
+    rng = np.random.default_rng(seed)
+    still = bouc_wen([0.0], 0.0, 0)[0]
+    truth = {name: value * 2.0 ** rng.uniform(-1.0, 1.0) for name, value in BOUC_WEN_TRUTH.items()}
+    truth |= {"c0_b": 0.0, "alpha_b": 0.0, "n": rng.uniform(1.2, 3.0), "A": BOUC_WEN_TRUTH["A"]}
+    force = model("bouc_wen").force(truth, still.u_m, still.v_m_s, still.a_m_s2, 0.0, still.dt_s)
+    return replace(still, force_N=force + rng.normal(0.0, 5.0, force.size)), truth
+
+
+def _bouc_wen_rival(objective: FixedParameters, test: Measurement, start: np.ndarray) -> float:
+    damper = objective.problem.model
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        values = objective.problem.values(objective.whole(p[None, :])[0])
+        return test.force_N - damper.force({**values, "eta": 1.0} if "eta" in damper.names else values,
+                                           test.u_m, test.v_m_s, test.a_m_s2, 0.0, test.dt_s)  # fmt: skip
+
+    return 2.0 * float(least_squares(residual, start, x_scale="jac").cost)
+
+
+def bench_parallel(quick: bool) -> Iterator[str]:
+    """Populations of an ODE model on two processes."""
+    tests = bouc_wen([0.0, 0.4, 0.8, 1.2], 5.0, 1)
+    problem = Problem(tests, "bouc_wen", "1")
+    budget, box = (400 if quick else 4000), problem.bounds.copy()
+    for j, name in enumerate(problem.names):
+        box[j] = sorted((0.5 * BOUC_WEN_TRUTH[name], 1.5 * BOUC_WEN_TRUTH[name]))
+    minimise(problem, method="de", bounds=box, population=100, budget=100)
+    alone = minimise(problem, method="de", bounds=box, population=100, budget=budget).seconds
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        minimise(problem, method="de", bounds=box, population=100, budget=400, executor=pool, chunks=2)
+        both = minimise(
+            problem, method="de", bounds=box, population=100, budget=budget, executor=pool, chunks=2
+        ).seconds
+    yield f"1 process {alone:.2f} s, 2 processes {both:.2f} s, efficiency {alone / both / 2:.2f}"
+
+
+def bench_linear(quick: bool) -> Iterator[str]:
+    """Cost and memory of `separable` against the number of samples."""
+    for cycles in (1, 10) if quick else (1, 10, 100, 240):
+        case = random_case(0, cycles)
+        separable(case)
+        seconds = min(timed(partial(separable, case))[1] for _ in range(3))
+        tracemalloc.start()
+        separable(case)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        rate = 1e9 * seconds / case.n
+        yield f"{case.n:>10} samples {seconds:8.3f} s  {rate:7.1f} ns a sample  peak {peak / 1e6:8.1f} MB"
+
+
+SECTIONS = {
+    "evaluation": bench_evaluation, "fresh": bench_fresh, "truths": bench_truths, "bouc_wen": bench_bouc_wen,
+    "parallel": bench_parallel, "linear": bench_linear, "peers": bench_peers,
+}  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Identification against its peers.")
+    parser.add_argument("--quick", action="store_true", help="few truths and seeds")
+    parser.add_argument("--only", default=",".join(SECTIONS), help=f"of {', '.join(SECTIONS)}")
+    arguments = parser.parse_args()
+    if any(os.environ.get(name) != "1" for name in THREADS):  # they count only before numpy is loaded
+        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | dict.fromkeys(THREADS, "1"))
+    warnings.simplefilter("ignore")
+    versions = f"Python {platform.python_version()}, numpy {np.__version__}"
+    print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {versions}")
+    for name in arguments.only.split(","):
+        section = SECTIONS[name]
+        print(f"\n{name}: {(section.__doc__ or '').strip().splitlines()[0]}", flush=True)
+        for line in section(arguments.quick):
+            print(f"  {line}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
