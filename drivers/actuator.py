@@ -42,11 +42,13 @@ class ModbusActuator:
     sequence number, so the controller never executes it twice.
 
     Args:
-        url: modbus-tcp://host:port.
+        url: modbus-tcp://host:port, or modbus-rtu: and a serial port.
         register_map: where the controller keeps its values.
         device_id: Modbus unit number.
         timeout_s: longest wait for one answer, s.
         owner_id: identifies this host in the controller's lease, 1..65535; from the process id when not given.
+        baudrate: Bd of a serial line.
+        parity: "N", "E" or "O", of a serial line.
 
     Attributes:
         owner_id: as above.
@@ -60,9 +62,11 @@ class ModbusActuator:
         timeout_s: float = 0.04,
         *,
         owner_id: int | None = None,
+        baudrate: int = 115_200,
+        parity: str = "N",
     ) -> None:
         self.owner_id = os.getpid() % (SEQUENCE_MODULUS - 1) + 1 if owner_id is None else owner_id
-        self._link = ModbusLink(url, device_id, timeout_s)
+        self._link = ModbusLink(url, device_id, timeout_s, baudrate=baudrate, parity=parity)
         self._identity = register_map.block("identity")
         self._status = register_map.block("status")
         self._config = register_map.block("config")
@@ -85,6 +89,16 @@ class ModbusActuator:
     def timeouts(self) -> int:
         """Answers that did not come in time, since construction."""
         return self._link.timeouts
+
+    @property
+    def stale(self) -> int:
+        """Answers to earlier requests that were recognised and thrown away, since construction."""
+        return self._link.stale
+
+    @property
+    def busy(self) -> int:
+        """"Busy" answers that were asked again, since construction."""
+        return self._link.busy
 
     def open(self) -> None:
         """Connect; does nothing when connected.

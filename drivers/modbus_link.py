@@ -1,28 +1,26 @@
 """One Modbus connection: requests, time-outs, bounded retries, matching of answers.
 
-    modbus-tcp://host:port      Modbus TCP
+    modbus-tcp://host:port                       Modbus TCP
+    modbus-rtu:PORT                              Modbus RTU on anything `serial_for_url` takes
 
 A time-out leaves the outcome unknown. Reads, and exchanges whose write is harmless to repeat, are tried again within
 their bound; anything else is left to the caller. The connection is closed at the second time-out in a row, because a
-silent peer keeps a TCP connection "connected" for ever; the owner opens it again. Late answers carry the transaction
-number of their own request and are skipped.
+silent peer keeps a TCP connection "connected" for ever; the owner opens it again. Late answers are recognised and
+skipped: by the number of their request on TCP, by listening until the line is silent on a serial line.
 """
 
 from __future__ import annotations
 
-import contextlib
-import logging
-import socket
-import struct
 import time
 from collections.abc import Callable, Sequence
-from urllib.parse import urlsplit
-
-from pymodbus.client import ModbusTcpClient
-from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
-from pymodbus.pdu import ModbusPDU
+from typing import TypeVar
 
 from drivers.errors import LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
+from drivers.modbus_wire import RtuWire, TcpWire, Wire
+from protocols import modbus
+from protocols.errors import RemoteProtocolError
+
+T = TypeVar("T")
 
 OPEN_TIMEOUT_S = 2.0
 TIMEOUTS_UNTIL_CLOSED = 2
@@ -30,44 +28,48 @@ READ_RETRIES = 1
 BUSY_RETRIES = 3
 BUSY_PAUSE_S = 0.005
 
-EXCEPTION_NAMES = {
-    1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure",
-    5: "acknowledge", 6: "busy", 10: "gateway path unavailable", 11: "gateway target silent",
-}
-_BUSY = 6
-_READ, _WRITE, _EXCHANGE = 3, 16, 23
-
-# Every failure leaves here as an exception with its reason; the library's own log lines would say it twice.
-logging.getLogger("pymodbus.logging").addHandler(logging.NullHandler())
-logging.getLogger("pymodbus.logging").propagate = False
-
 
 class ModbusLink:
     """A connection to one Modbus device, used by one thread.
 
     Args:
-        url: modbus-tcp://host:port.
+        url: modbus-tcp://host:port, or modbus-rtu: and a serial port.
         device_id: Modbus unit number, 0..255.
         timeout_s: longest wait for one answer, s.
         device: name of the device for messages.
+        baudrate: Bd of a serial line.
+        parity: "N", "E" or "O", of a serial line.
 
     Attributes:
         timeouts: answers that did not come in time, since construction.
+        busy: "busy" answers that were asked again, since construction.
     """
 
-    def __init__(self, url: str, device_id: int = 1, timeout_s: float = 0.04, *, device: str = "actuator") -> None:
+    def __init__(
+        self, url: str, device_id: int = 1, timeout_s: float = 0.04, *, device: str = "actuator",
+        baudrate: int = 115_200, parity: str = "N",
+    ) -> None:
         self.url = url
         self.device = device
         self.timeouts = 0
-        self._device_id = device_id
+        self.busy = 0
         self._timeout_s = timeout_s
         self._silent = 0
-        self._client: ModbusTcpClient | None = None
+        self._wire: Wire | None = None
+        if url.startswith("modbus-rtu:"):
+            self._wire = RtuWire(url, device_id, device, baudrate, parity)
+        elif url.startswith("modbus-tcp:"):
+            self._wire = TcpWire(url, device_id, device)
 
     @property
     def is_open(self) -> bool:
         """Whether the connection stands, as far as is known."""
-        return self._client is not None
+        return self._wire is not None and self._wire.is_open
+
+    @property
+    def stale(self) -> int:
+        """Answers to earlier requests that were recognised and thrown away, since construction."""
+        return 0 if self._wire is None else self._wire.stale
 
     def open(self, timeout_s: float = OPEN_TIMEOUT_S) -> None:
         """Connect; does nothing when connected.
@@ -78,37 +80,23 @@ class ModbusLink:
         Raises:
             PortClosed: the URL is no Modbus URL, or nobody answers there.
         """
-        if self._client is not None:
-            return
-        host, port = self._address()
-        client = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=0)
-        if not client.connect() or client.socket is None:  # type: ignore[no-untyped-call]  # not annotated there
-            raise PortClosed(self.device, self.url, f"refused, or cannot connect within {timeout_s:g} s")
-        client.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client.comm_params.timeout_connect = self._timeout_s
-        self._client = client
-        self._silent = 0
+        if self._wire is None:
+            raise PortClosed(self.device, self.url, "expected modbus-tcp://host:port or modbus-rtu:PORT")
+        if not self._wire.is_open:
+            self._wire.open(timeout_s)
+            self._silent = 0
 
     def close(self) -> None:
         """Disconnect; closing twice is harmless."""
-        client, self._client = self._client, None
-        if client is not None:
-            with contextlib.suppress(OSError):
-                client.close()  # type: ignore[no-untyped-call]  # not annotated there
+        if self._wire is not None:
+            self._wire.close()
 
     def drain(self) -> int:
         """Throw away answers that nobody waits for any more; number of bytes."""
-        client, thrown = self._client, 0
-        if client is None or client.socket is None:
-            return 0
-        client.socket.setblocking(False)
-        with contextlib.suppress(OSError):
-            while data := client.socket.recv(4096):
-                thrown += len(data)
-        return thrown
+        return 0 if self._wire is None else self._wire.drain()
 
     def read(self, address: int, count: int) -> list[int]:
-        """Read holding registers (FC3), again after a time-out or a busy answer.
+        """Read holding registers (FC3), again after a time-out, a damaged or a busy answer.
 
         Args:
             address: first register.
@@ -121,12 +109,9 @@ class ModbusLink:
             NoAnswer: no answer, also not to the retry.
             LinkLost: the connection broke or is not open.
             RequestRefused: the device answered with an exception.
-            WrongAnswer: the answer is not one to this request.
+            WrongAnswer: the answer is not one to this request, also not to the retry.
         """
-        answer = self._repeat(
-            _READ, lambda c: c.read_holding_registers(address, count=count, device_id=self._device_id), READ_RETRIES
-        )
-        return self._registers(answer, count)
+        return self._words(modbus.read_request(address, count), count)
 
     def write(self, address: int, words: Sequence[int]) -> None:
         """Write holding registers (FC16), once.
@@ -141,12 +126,8 @@ class ModbusLink:
             RequestRefused: the device answered with an exception; it has not acted.
             WrongAnswer: the answer is not one to this request; the device may have acted.
         """
-        answer = self._repeat(
-            _WRITE, lambda c: c.write_registers(address, list(words), device_id=self._device_id), retries=0
-        )
-        echoed = (getattr(answer, "address", None), getattr(answer, "count", None))
-        if echoed != (address, len(words)):
-            raise self._wrong(f"wrote {len(words)} registers at {address}, the answer names {echoed[1]} at {echoed[0]}")
+        request = modbus.write_request(address, words)
+        self._unless_busy(request, lambda answer: modbus.check_written(request, answer))
 
     def exchange(self, read_address: int, read_count: int, write_address: int, words: Sequence[int]) -> list[int]:
         """Write, then read, in one trip (FC23); the write must be harmless to repeat.
@@ -164,109 +145,75 @@ class ModbusLink:
             NoAnswer: no answer, also not to the retry.
             LinkLost: the connection broke or is not open.
             RequestRefused: the device answered with an exception.
-            WrongAnswer: the answer is not one to this request.
+            WrongAnswer: the answer is not one to this request, also not to the retry.
         """
-        answer = self._repeat(
-            _EXCHANGE,
-            lambda c: c.readwrite_registers(
-                read_address=read_address, read_count=read_count, write_address=write_address,
-                values=list(words), device_id=self._device_id,
-            ),
-            READ_RETRIES,
-        )
-        return self._registers(answer, read_count)
+        return self._words(modbus.exchange_request(read_address, read_count, write_address, words), read_count)
 
-    def _address(self) -> tuple[str, int]:
-        """Host and port of the URL.
+    def _words(self, request: bytes, count: int) -> list[int]:
+        """Ask for registers, within the bound again after silence or a damaged answer.
 
         Raises:
-            PortClosed: not a URL of this link.
+            NoAnswer: the retries are used up, or the connection was given up.
+            WrongAnswer: the retries are used up, or the connection was given up.
+            LinkLost: the connection broke.
+            RequestRefused: an exception.
         """
-        try:
-            parts = urlsplit(self.url)
-            host, port = parts.hostname, parts.port
-        except ValueError:
-            host = port = None
-        if host is None or port is None or parts.scheme != "modbus-tcp":
-            raise PortClosed(self.device, self.url, "expected modbus-tcp://host:port")
-        return host, port
-
-    def _repeat(self, function: int, request: Callable[[ModbusTcpClient], ModbusPDU], retries: int) -> ModbusPDU:
-        """The one place for retries: after time-outs where allowed, after "busy" always (nothing was done).
-
-        Raises:
-            NoAnswer: the retries are used up.
-            RequestRefused: still busy, or another exception.
-        """
-        busy = 0
+        retries = READ_RETRIES
         while True:
             try:
-                answer = self._once(function, request)
-            except NoAnswer:
-                if retries == 0 or self._client is None:
+                return self._unless_busy(request, lambda answer: modbus.decode_words(request, answer, count))
+            except (NoAnswer, WrongAnswer):
+                if retries == 0 or not self.is_open:
                     raise
                 retries -= 1
-                continue
-            code = getattr(answer, "exception_code", 0)
-            if not answer.isError():
-                return answer
-            if code != _BUSY or busy == BUSY_RETRIES:
-                name = EXCEPTION_NAMES.get(code, "unknown")
-                raise RequestRefused(self.device, self.url, f"function {function}: exception {code} ({name})")
-            busy += 1
-            time.sleep(BUSY_PAUSE_S)
 
-    def _once(self, function: int, request: Callable[[ModbusTcpClient], ModbusPDU]) -> ModbusPDU:
-        """One request, one answer.
+    def _unless_busy(self, request: bytes, decode: Callable[[bytes], T]) -> T:
+        """One request; again, within its bound, while the device is busy, because then nothing was done.
 
         Raises:
             NoAnswer: time-out.
             LinkLost: not connected, or the connection broke.
-            WrongAnswer: not an answer to this function.
+            RequestRefused: still busy, or another exception.
+            WrongAnswer: not an answer to this request.
         """
-        client = self._client
-        if client is None or not client.connected:
-            self.close()
-            raise LinkLost(self.device, self.url, "not connected")
-        try:
-            answer = request(client)
-        except ConnectionException as error:
-            self.close()
-            raise LinkLost(self.device, self.url, f"connection broke: {error}") from error
-        except ModbusIOException as error:
-            raise self._no_answer(function) from error
-        except OSError as error:
-            self.close()
-            raise LinkLost(self.device, self.url, f"connection broke: {error}") from error
-        except (ModbusException, struct.error, IndexError, KeyError, ValueError) as error:
-            raise self._wrong(f"function {function}: the answer cannot be decoded: {error}") from error
-        self._silent = 0
-        if answer.function_code & 0x7F != function:
-            raise self._wrong(f"asked function {function}, the answer is one to function {answer.function_code & 0x7F}")
-        return answer
+        code = 0
+        for attempt in range(BUSY_RETRIES + 1):
+            answer = self._once(request)
+            refusal = modbus.refusal(request, answer)
+            if refusal is None:
+                try:
+                    return decode(answer)
+                except RemoteProtocolError as error:
+                    # What follows in the stream cannot be trusted either.
+                    self.drain()
+                    raise WrongAnswer(self.device, self.url, f"function {request[0]}: {error}") from error
+            code = refusal
+            if code != modbus.BUSY or attempt == BUSY_RETRIES:
+                break
+            self.busy += 1
+            time.sleep(BUSY_PAUSE_S)
+        name = modbus.EXCEPTION_NAMES.get(code, "unknown")
+        raise RequestRefused(self.device, self.url, f"function {request[0]}: exception {code} ({name})")
 
-    def _no_answer(self, function: int) -> NoAnswer:
-        """Count a time-out; close the connection at the second in a row."""
-        self.timeouts += 1
-        self._silent += 1
-        if self._silent >= TIMEOUTS_UNTIL_CLOSED:
-            self.close()
-        return NoAnswer(
-            self.device, self.url, f"function {function}: no answer within {self._timeout_s * 1e3:g} ms"
-        )
-
-    def _registers(self, answer: ModbusPDU, count: int) -> list[int]:
-        """Words of a read answer.
+    def _once(self, request: bytes) -> bytes:
+        """One request, one answer.
 
         Raises:
-            WrongAnswer: another number of words than asked for.
+            NoAnswer: time-out; the connection is closed at the second in a row.
+            LinkLost: not connected, or the connection broke.
+            WrongAnswer: not an answer from this device.
         """
-        words = answer.registers
-        if len(words) != count:
-            raise self._wrong(f"asked for {count} registers, got {len(words)}")
-        return list(words)
-
-    def _wrong(self, message: str) -> WrongAnswer:
-        """An answer that breaks the protocol: what follows it in the stream cannot be trusted either."""
-        self.drain()
-        return WrongAnswer(self.device, self.url, message)
+        if self._wire is None:
+            raise LinkLost(self.device, self.url, "not connected")
+        try:
+            answer = self._wire.ask(request, self._timeout_s)
+        except NoAnswer as error:
+            self.timeouts += 1
+            self._silent += 1
+            if self._silent >= TIMEOUTS_UNTIL_CLOSED:
+                self.close()
+            raise NoAnswer(
+                self.device, self.url, f"function {request[0]}: no answer within {self._timeout_s * 1e3:g} ms"
+            ) from error
+        self._silent = 0
+        return answer

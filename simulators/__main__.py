@@ -43,11 +43,10 @@ def hints(bench: Path, text: str) -> str:
     import tomllib
 
     values: dict[str, Any] = tomllib.loads(text)
-    modbus = values["actuator"]["url"].removeprefix("modbus-tcp://")
-    host, port = modbus.split(":")
+    modbus = values["actuator"]["url"]
     lines = [
         f"bench file   {bench}",
-        f"actuator     Modbus TCP {modbus}      mbpoll -m tcp -p {port} -a 1 -0 -r 100 -c 34 -1 {host}",
+        f"actuator     {modbus}      {_mbpoll(modbus)}",
         f"current ECU  slcan {values['ecu']['channel']}      "
         f"python -m can.viewer -i slcan -c {values['ecu']['channel']} -b 500000",
     ]
@@ -57,6 +56,14 @@ def hints(bench: Path, text: str) -> str:
         url = sensor["url"]
         lines.append(f"{name:12} {sensor['format']} {sensor['rate']} {url}      python -m serial {url} 921600")
     return "\n".join(lines)
+
+
+def _mbpoll(url: str) -> str:
+    """The mbpoll command that reads the status block at this URL."""
+    if url.startswith("modbus-rtu:"):
+        return f"mbpoll -m rtu -b 115200 -P none -a 1 -0 -r 100 -c 34 -1 {url.removeprefix('modbus-rtu:')}"
+    host, port = url.removeprefix("modbus-tcp://").split(":")
+    return f"mbpoll -m tcp -p {port} -a 1 -0 -r 100 -c 34 -1 {host}"
 
 
 async def serve(arguments: dict[str, Any]) -> None:
@@ -117,6 +124,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         speed=values["speed"],
         seed=values["seed"],
         ports=values["ports"],
+        actuator=values["actuator"],
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
@@ -159,6 +167,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
 @click.option("--ports", type=click.Choice(["pty", "socket"]), default="pty", show_default=True,
               help="How sensors are reached.")
+@click.option("--actuator", type=click.Choice(["tcp", "rtu"]), default="tcp", show_default=True,
+              help="Modbus TCP, or RTU on a port of the kind --ports says.")
 @click.option("--fault", metavar="SLUG[@T[+D]]", multiple=True,
               help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")
 @click.option("--exit-when-idle", is_flag=True, help="When the starting process is gone, run to standstill and end.")

@@ -10,8 +10,9 @@ from simulators.options import RigOptions, SensorOptions
 
 SI_UNITS = {"N": "N", "mm": "m", "m/s^2": "m/s^2"}
 STALE_SAMPLES = 5
-RELAXED_STALE_S = 0.250
-RELAXED_COMMAND_TIMEOUT_S = 0.500
+RELAXED_STALE_S = 0.600
+"""Longer than `simulators.pace.LONGEST_WAIT_S`, for which the rig's clock may stand still."""
+RELAXED_COMMAND_TIMEOUT_S = 0.600
 """The ECU's patience with its host where the host's limits are widened too."""
 
 
@@ -19,7 +20,7 @@ RELAXED_COMMAND_TIMEOUT_S = 0.500
 class Addresses:
     """Where the sockets and ports of a running rig are."""
 
-    modbus_port: int
+    actuator_url: str
     slcan_port: int
     load_cell_url: str
     lvdt_url: str
@@ -36,6 +37,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         relaxed: time limits are widened against those of hardware.
     """
     limits, controller = options.limits, options.controller
+    rtu = addresses.actuator_url.startswith("modbus-rtu:")
     lines = [
         "format = 1",
         'name = "simulated rig"',
@@ -47,12 +49,12 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f'current = "{limits.current_A:g} A"',
         f'coil_temperature = "{limits.coil_temperature_degC:g} degC"',
         "[actuator]",
-        f'url = "modbus-tcp://127.0.0.1:{addresses.modbus_port}"',
+        f'url = "{addresses.actuator_url}"',
         f"device_id = {controller.device_id}",
         'register_map = "demo"',
-        'poll = "10 ms"',
-        f'timeout = "{400 if relaxed else 40} ms"',
-        f'stale_after = "{1000 if relaxed else 150} ms"',
+        f'poll = "{20 if rtu else 10} ms"',
+        f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed):g} ms"',
+        f'stale_after = "{1000 if relaxed else 300 if rtu else 150} ms"',
         f'watchdog = "{1000 if relaxed else 500} ms"',
         f"fade_out_cycles = {controller.fade_out_cycles:.3f}",
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
@@ -81,6 +83,13 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f"real_time = {'false' if speed > 1.0 else 'true'}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def actuator_timeout_s(rtu: bool, relaxed: bool) -> float:
+    """How long the host waits for one answer of the controller (wall s)."""
+    if relaxed:
+        return 0.4
+    return 0.06 if rtu else 0.04
 
 
 def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list[str]:

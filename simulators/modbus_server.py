@@ -1,12 +1,15 @@
-"""The controller's registers on Modbus TCP (pymodbus server), with the wire faults of that link."""
+"""The controller's registers on Modbus TCP or RTU (pymodbus server), with the wire faults of that link."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import os
+import tty
 from dataclasses import dataclass
 from typing import Any
 
+from pymodbus import FramerType
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
@@ -15,6 +18,9 @@ from protocols import actuator as wire
 from simulators.registers import RegisterBank
 
 _REQUEST_HEADER = 8
+_READ_SIZE = 4096
+STALE_EVERY = 20
+"""One answer in so many comes late while the fault `late_answers` is on."""
 
 
 @dataclass
@@ -23,10 +29,13 @@ class LinkFaults:
 
     busy: bool = False
     reject_writes: bool = False
-    black_hole: bool = False
     reset: bool = False
     wrong_transaction: bool = False
+    """Until the host connects again."""
     wrong_function: bool = False
+    late_answers: bool = False
+    damaged: bool = False
+    """Answers with a wrong checksum, cut short, or with bytes behind them, in turn."""
 
 
 class ModbusServer:
@@ -35,34 +44,61 @@ class ModbusServer:
     Attributes:
         faults: switches of the fault injectors.
         port: TCP port on 127.0.0.1 after `open`.
-        requests: how many requests have been answered or swallowed.
+        url: what a host's bench file says, after `open`.
+        late_s: wall time by which a late answer comes later than it should.
     """
 
-    def __init__(self, bank: RegisterBank, device_id: int) -> None:
+    def __init__(self, bank: RegisterBank, device_id: int, *, rtu: bool = False, pty: bool = False) -> None:
         self.faults = LinkFaults()
         self.port = 0
-        self.requests = 0
+        self.url = ""
+        self.late_s = 0.1
         self._bank = bank
         self._device_id = device_id
+        self._rtu = rtu
+        self._pty = pty
+        self._answers = 0
         self._server: ModbusTcpServer | None = None
+        self._line: SerialLine | None = None
 
     async def open(self) -> None:
-        """Listen on a free port of the loopback interface."""
+        """Listen on a free port of the loopback interface, or on a pseudo terminal.
+
+        Raises:
+            OSError: neither can be had.
+        """
         logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
         data = [
             SimData(block.address, values=[0] * block.count, datatype=DataType.REGISTERS)
             for block in wire.MAP.blocks.values()
         ]
         device = SimDevice(self._device_id, data, action=self._access)
-        self._server = ModbusTcpServer(device, address=("127.0.0.1", 0), trace_packet=self._trace)
+        self._server = ModbusTcpServer(
+            device, address=("127.0.0.1", 0), framer=FramerType.RTU if self._rtu else FramerType.SOCKET,
+            trace_packet=self._trace, trace_connect=self._connected,
+        )
         await self._server.serve_forever(background=True)
         listener: Any = self._server.transport  # an asyncio.Server, which pymodbus declares as a transport
         self.port = listener.sockets[0].getsockname()[1]
+        self.url = f"modbus-tcp://127.0.0.1:{self.port}"
+        if self._rtu:
+            self.url = f"modbus-rtu:socket://127.0.0.1:{self.port}"
+        if self._rtu and self._pty:
+            self._line = SerialLine()
+            await self._line.open(self.port)
+            self.url = f"modbus-rtu:{self._line.name}"
 
     async def close(self) -> None:
         """Stop listening and hang up on every client."""
+        if self._line is not None:
+            self._line.close()
         if self._server is not None:
             await self._server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it unannotated
+
+    def silence_connections(self) -> None:
+        """Answer nothing on the connections there are, and keep them open: a host must connect again."""
+        for transport in self._transports():
+            transport.pause_reading()
 
     async def _access(
         self,
@@ -90,27 +126,100 @@ class ModbusServer:
             return ExcCodes.ILLEGAL_ADDRESS
         return None if accepted else ExcCodes.ILLEGAL_VALUE
 
+    def _connected(self, connected: bool) -> None:
+        if connected:
+            self.faults.wrong_transaction = False
+
     def _trace(self, sending: bool, packet: bytes) -> bytes:
         """Damage an answer on its way out when a fault asks for it."""
         if not sending:
-            self.requests += 1
-            if self.faults.black_hole:
-                return b""
             return packet
-        if self.faults.reset:
+        faults = self.faults
+        self._answers += 1
+        if faults.reset:
             self._reset_connections()
             return packet[: len(packet) // 2]
+        if faults.late_answers and self._answers % STALE_EVERY == 0:
+            asyncio.get_running_loop().call_later(self.late_s, self._send_late, packet)
+            return b""
+        if faults.damaged:
+            return _damage(packet, self._answers)
         changed = bytearray(packet)
-        if self.faults.wrong_transaction:
+        if faults.wrong_transaction:
             changed[1] ^= 0x55
-        if self.faults.wrong_function and len(changed) >= _REQUEST_HEADER:
+        if faults.wrong_function and len(changed) >= _REQUEST_HEADER:
             changed[7] ^= 0x04
         return bytes(changed)
+
+    def _send_late(self, packet: bytes) -> None:
+        for transport in self._transports():
+            transport.write(packet)
 
     def _reset_connections(self) -> None:
         """RST every client in the middle of an answer, once."""
         self.faults.reset = False
-        if self._server is not None:
-            for connection in list(self._server.active_connections.values()):
-                if isinstance(connection.transport, asyncio.Transport):
-                    connection.transport.abort()
+        for transport in self._transports():
+            transport.abort()
+
+    def _transports(self) -> list[asyncio.Transport]:
+        connections = [] if self._server is None else list(self._server.active_connections.values())
+        return [each.transport for each in connections if isinstance(each.transport, asyncio.Transport)]
+
+
+def _damage(packet: bytes, count: int) -> bytes:
+    if count % 3 == 0:
+        return packet[:-1] + bytes([packet[-1] ^ 0x10])
+    return packet[:-3] if count % 3 == 1 else packet + b"\x00\x5a"
+
+
+class SerialLine:
+    """A pseudo terminal in raw mode whose bytes are those of a connection to the server.
+
+    Attributes:
+        name: what the host opens.
+    """
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.name = os.ttyname(self._slave)
+        self._writer: asyncio.StreamWriter | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    async def open(self, port: int) -> None:
+        """Connect the line to the server on this port of the loopback interface.
+
+        Raises:
+            OSError: it does not answer.
+        """
+        reader, self._writer = await asyncio.open_connection("127.0.0.1", port)
+        loop = asyncio.get_running_loop()
+        loop.add_reader(self._master, self._to_server)
+        self._task = loop.create_task(self._to_host(reader))
+
+    def close(self) -> None:
+        """Hang up: the host's next read ends."""
+        if self._task is not None:
+            self._task.cancel()
+        if self._writer is not None:
+            asyncio.get_running_loop().remove_reader(self._master)
+            self._writer.close()
+        os.close(self._master)
+        os.close(self._slave)
+
+    def _to_server(self) -> None:
+        try:
+            data = os.read(self._master, _READ_SIZE)
+        except BlockingIOError:
+            return
+        if self._writer is not None:
+            self._writer.write(data)
+
+    async def _to_host(self, reader: asyncio.StreamReader) -> None:
+        while data := await reader.read(_READ_SIZE):
+            try:
+                os.write(self._master, data)
+            except BlockingIOError:
+                # Nobody reads: what does not fit is lost, as on a line.
+                continue

@@ -17,7 +17,7 @@ import numpy as np
 from protocols.actuator import State
 from rig.clock import monotonic_ns
 from simulators.actuator import Actuator
-from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, bench_text
+from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text
 from simulators.clock import DeviceClock, ServedTime
 from simulators.conditioner import condition
 from simulators.ecu import Ecu
@@ -39,6 +39,8 @@ IDLE_S = 0.5
 STANDSTILL_M_S = 5e-4
 NO_CURRENT_A = 0.05
 REAL_TIME_PRIORITY = 20
+LATE_SHARE = 1.5
+"""A late answer comes after this many of the host's time-outs."""
 POSITION_COLUMN = 0
 FORCE_COLUMN = 2
 
@@ -50,6 +52,7 @@ class RunOptions:
     speed: float = 1.0
     seed: int = 0
     ports: str = "pty"
+    actuator: str = "tcp"
     auxiliary: int = 0
     truth: Path | None = None
     exit_when_idle: bool = False
@@ -93,7 +96,8 @@ class SimulatedRig:
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
         )
         self.bus = SlcanBus(self.ecu.receive)
-        self.modbus = ModbusServer(self.bank, controller.device_id)
+        rtu = run.actuator == "rtu"
+        self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports == "pty")
         self.channels: list[Channel] = []
         self.first_cycle_s: float | None = None
         self.every_tick: list[Callable[[], None]] = []
@@ -128,7 +132,7 @@ class SimulatedRig:
         self._backpressure = Backpressure([channel.port for channel in self.channels])
         self._inject_due()
         urls = [channel.port.url for channel in self.channels]
-        return Addresses(self.modbus.port, self.bus.port, urls[0], urls[1], urls[2:])
+        return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:])
 
     def bench(self, addresses: Addresses, real_time: bool) -> str:
         """The text of the bench file.
@@ -142,6 +146,7 @@ class SimulatedRig:
         """
         speed = self.run_options.speed
         relaxed = not real_time or speed > 1.0
+        self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed)
         if relaxed:
             self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
         return bench_text(self.options, addresses, speed, relaxed)
@@ -190,7 +195,7 @@ class SimulatedRig:
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])
-        if self.run_options.speed > 1.0 and self._backpressure.holds(now_ns, self.bus.congested):
+        if self.run_options.speed > 1.0 and self._backpressure.holds(int(served_s * 1e9), self.bus.congested):
             self._pace.hold(now_ns, step)
             return
         steps = self._pace.due(now_ns, step)

@@ -52,6 +52,8 @@ class ActuatorConfig:
     """How to reach the actuator controller, and what it is told at `arm`."""
 
     url: str
+    baudrate: int = 115_200
+    parity: str = "N"
     device_id: int = 1
     register_map: str = "demo"
     poll_s: float = 0.010

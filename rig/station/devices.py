@@ -84,6 +84,8 @@ class Devices:
             device_id=config.actuator.device_id,
             timeout_s=config.actuator.timeout_s,
             owner_id=owner_id,
+            baudrate=config.actuator.baudrate,
+            parity=config.actuator.parity,
         )
         self.actuator = ActuatorThread(config.actuator, driver, judge, self.lvdt, supervisor, append)
         self.actuator.speed_source = lambda: self.lvdt.speed_m_s

@@ -1,0 +1,279 @@
+"""How Modbus requests travel: TCP with transaction numbers, or a serial line where only silence separates frames.
+
+    modbus-tcp://host:port                        Modbus TCP
+    modbus-rtu:/dev/ttyUSB0                       Modbus RTU on a serial port
+    modbus-rtu:socket://host:port                 Modbus RTU through a serial device server
+
+Both ask once and answer once; who may ask again is decided in `modbus_link`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import time
+from typing import Protocol
+from urllib.parse import urlsplit
+
+from drivers.errors import LinkLost, NoAnswer, PortClosed, WrongAnswer
+from drivers.serial_port import SerialPort
+from protocols import modbus
+from protocols.errors import RemoteProtocolError
+
+READ_SIZE = 4096
+TRANSACTIONS = 1 << 16
+QUIET_S = 0.005
+"""Silence that ends whatever a serial line was sending: more than 3.5 characters at any baud rate in use."""
+
+
+class Wire(Protocol):
+    """One way to a device; used by one thread.
+
+    Attributes:
+        stale: answers to earlier requests, or to nobody's, that were recognised and thrown away.
+    """
+
+    stale: int
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the connection stands, as far as is known."""
+
+    def open(self, timeout_s: float) -> None:
+        """Connect; `timeout_s` is the longest wait."""
+
+    def close(self) -> None:
+        """Disconnect; closing twice is harmless."""
+
+    def ask(self, pdu: bytes, timeout_s: float) -> bytes:
+        """Send one request and return the PDU of its answer."""
+
+    def drain(self) -> int:
+        """Throw away what nobody waits for any more; number of bytes."""
+
+
+class TcpWire:
+    """Modbus TCP: an answer carries the number of its request; any other is thrown away and counted."""
+
+    def __init__(self, url: str, unit: int, device: str) -> None:
+        self.url = url
+        self.device = device
+        self.stale = 0
+        self._unit = unit
+        self._transaction = 0
+        self._socket: socket.socket | None = None
+        self._frames = modbus.TcpFrames()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the connection stands, as far as is known."""
+        return self._socket is not None
+
+    def open(self, timeout_s: float) -> None:
+        """Connect.
+
+        Raises:
+            PortClosed: not such a URL, or nobody answers there.
+        """
+        try:
+            parts = urlsplit(self.url)
+            host, port = parts.hostname, parts.port
+        except ValueError:
+            host = port = None
+        if host is None or port is None:
+            raise PortClosed(self.device, self.url, "expected modbus-tcp://host:port")
+        try:
+            connection = socket.create_connection((host, port), timeout=timeout_s)
+        except OSError as error:
+            message = f"refused, or cannot connect within {timeout_s:g} s: {error}"
+            raise PortClosed(self.device, self.url, message) from error
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket = connection
+        self._frames = modbus.TcpFrames()
+
+    def close(self) -> None:
+        """Disconnect."""
+        connection, self._socket = self._socket, None
+        if connection is not None:
+            with contextlib.suppress(OSError):
+                connection.close()
+
+    def ask(self, pdu: bytes, timeout_s: float) -> bytes:
+        """Send one request, wait for its answer.
+
+        Raises:
+            NoAnswer: none with this request's number came in time.
+            LinkLost: the connection broke or is not open.
+            WrongAnswer: what came is not Modbus, or is from another unit.
+        """
+        connection = self._socket
+        if connection is None:
+            raise LinkLost(self.device, self.url, "not connected")
+        self._transaction = (self._transaction + 1) % TRANSACTIONS
+        deadline = time.monotonic() + timeout_s
+        try:
+            connection.settimeout(timeout_s)
+            connection.sendall(modbus.encode_tcp(self._transaction, self._unit, pdu))
+            while True:
+                answer = self._next_answer()
+                if answer is not None:
+                    return answer
+                self._read_until(connection, deadline)
+        except TimeoutError as error:
+            raise NoAnswer(self.device, self.url, f"no answer within {timeout_s * 1e3:g} ms") from error
+        except OSError as error:
+            self.close()
+            raise LinkLost(self.device, self.url, f"connection broke: {error}") from error
+        except RemoteProtocolError as error:
+            # Where the next frame begins is not known any more.
+            self.close()
+            raise WrongAnswer(self.device, self.url, str(error)) from error
+
+    def drain(self) -> int:
+        """Throw away what has arrived."""
+        thrown = 0
+        while self._socket is not None and select.select([self._socket], [], [], 0.0)[0]:
+            try:
+                data = self._socket.recv(READ_SIZE)
+            except OSError:
+                break
+            thrown += len(data)
+            if not data:
+                break
+        self._frames = modbus.TcpFrames()
+        return thrown
+
+    def _next_answer(self) -> bytes | None:
+        """The PDU of this request's answer, None while it has not come; others are counted.
+
+        Raises:
+            RemoteProtocolError: not Modbus.
+            WrongAnswer: another unit's.
+        """
+        while (frame := self._frames.next()) is not None:
+            transaction, unit, pdu = frame
+            if transaction != self._transaction:
+                self.stale += 1
+                continue
+            if unit != self._unit:
+                raise WrongAnswer(self.device, self.url, f"asked unit {self._unit}, unit {unit} answers")
+            return pdu
+        return None
+
+    def _read_until(self, connection: socket.socket, deadline: float) -> None:
+        """Take what comes next.
+
+        Raises:
+            TimeoutError: nothing until the deadline.
+            OSError: the other end is gone.
+        """
+        left_s = deadline - time.monotonic()
+        if left_s <= 0 or not select.select([connection], [], [], left_s)[0]:
+            raise TimeoutError
+        data = connection.recv(READ_SIZE)
+        if not data:
+            raise OSError("closed by the other end")
+        self._frames.feed(data)
+
+
+class RtuWire:
+    """Modbus RTU: an answer cannot say to which request it belongs.
+
+    So nothing may be under way when a request is sent. After a time-out the line is listened to for as long again and
+    until it is silent, and what comes is thrown away and counted as stale; what waits before a request is, too. A frame
+    is taken only whole, of the length the request allows, with the right checksum and with nothing behind it.
+    """
+
+    def __init__(self, url: str, unit: int, device: str, baudrate: int, parity: str) -> None:
+        self.url = url
+        self.device = device
+        self.stale = 0
+        self._unit = unit
+        self._port = SerialPort(url.removeprefix("modbus-rtu:"), baudrate, device=device, parity=parity)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open."""
+        return self._port.is_open
+
+    def open(self, timeout_s: float) -> None:
+        """Open the port; `timeout_s` does not apply to one that is there or not.
+
+        Raises:
+            PortClosed: it cannot be opened.
+        """
+        del timeout_s
+        self._port.open()
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+    def ask(self, pdu: bytes, timeout_s: float) -> bytes:
+        """Send one request, wait for its answer.
+
+        Raises:
+            NoAnswer: no whole answer in time.
+            LinkLost: the port is gone or not open.
+            WrongAnswer: a frame that is damaged, from another unit, or not an answer to this function.
+        """
+        if not self._port.is_open:
+            raise LinkLost(self.device, self.url, "not connected")
+        try:
+            self.stale += self._port.discard_input() > 0
+            self._port.write(modbus.encode_rtu(self._unit, pdu))
+            frame = self._frame(pdu, time.monotonic() + timeout_s)
+            if not frame:
+                self.stale += self._listen(timeout_s) > 0
+                raise NoAnswer(self.device, self.url, f"no answer within {timeout_s * 1e3:g} ms")
+            unit, answer = modbus.decode_rtu(frame)
+        except PortClosed as error:
+            self.close()
+            raise LinkLost(self.device, self.url, f"the port is gone: {error}") from error
+        except RemoteProtocolError as error:
+            self.drain()
+            raise WrongAnswer(self.device, self.url, str(error)) from error
+        if unit != self._unit:
+            raise WrongAnswer(self.device, self.url, f"asked unit {self._unit}, unit {unit} answers")
+        return answer
+
+    def drain(self) -> int:
+        """Throw away what comes until the line is silent."""
+        return self._listen(QUIET_S) if self._port.is_open else 0
+
+    def _frame(self, request: bytes, deadline: float) -> bytes:
+        """The bytes of one whole answer; empty when the line stayed silent until the deadline.
+
+        Raises:
+            RemoteProtocolError: not an answer to this request, cut short, or with bytes behind it.
+            PortClosed: the port is gone.
+        """
+        held = b""
+        while True:
+            size = modbus.rtu_answer_size(held, request)
+            if size is not None and len(held) >= size:
+                break
+            data, _ = self._port.read_available(max(0.0, deadline - time.monotonic()))
+            held += data
+            if not data and time.monotonic() >= deadline:
+                if held:
+                    raise RemoteProtocolError(f"an answer cut short after {len(held)} bytes")
+                return b""
+        if len(held) > size:
+            raise RemoteProtocolError(f"{len(held) - size} bytes behind an answer of {size}")
+        return held
+
+    def _listen(self, first_s: float) -> int:
+        """Throw away what comes within `first_s`, and after it until the line is silent; number of bytes.
+
+        Raises:
+            PortClosed: the port is gone.
+        """
+        thrown, wait_s = 0, first_s
+        while True:
+            data, _ = self._port.read_available(wait_s)
+            if not data:
+                return thrown
+            thrown += len(data)
+            wait_s = QUIET_S

@@ -1,0 +1,175 @@
+"""Modbus requests and answers for holding registers (FC3, FC16, FC23), and their frames on TCP and on a serial line.
+
+House rules: no I/O here; an answer is believed only when function, count and echo are those of the request.
+
+    PDU     function u8 | data                          an exception answer: function + 0x80 | code u8
+    TCP     transaction u16 | 0 u16 | length u16 | unit u8 | PDU
+    RTU     unit u8 | PDU | CRC-16 (low byte first)     no length, no transaction: the request decides what may come
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+
+from protocols.errors import RemoteProtocolError
+
+READ, WRITE, EXCHANGE = 3, 16, 23
+BUSY = 6
+EXCEPTION_BIT = 0x80
+EXCEPTION_NAMES = {
+    1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure",
+    5: "acknowledge", 6: "busy", 10: "gateway path unavailable", 11: "gateway target silent",
+}
+LONGEST_PDU = 253
+_TCP_HEADER = struct.Struct(">HHHB")
+_EXCEPTION_SIZE = 5
+_WRITE_SIZE = 8
+_CRC_SIZE = 2
+
+
+def read_request(address: int, count: int) -> bytes:
+    """PDU of a read of `count` (1..125) registers from `address`."""
+    return struct.pack(">BHH", READ, address, count)
+
+
+def write_request(address: int, words: Sequence[int]) -> bytes:
+    """PDU of a write of `words` (1..123) from `address`."""
+    return struct.pack(f">BHHB{len(words)}H", WRITE, address, len(words), 2 * len(words), *words)
+
+
+def exchange_request(read_address: int, read_count: int, write_address: int, words: Sequence[int]) -> bytes:
+    """PDU of a write of `words` (1..121) followed by a read of `read_count` (1..125) registers."""
+    return struct.pack(
+        f">BHHHHB{len(words)}H", EXCHANGE, read_address, read_count, write_address, len(words), 2 * len(words), *words
+    )
+
+
+def refusal(request: bytes, answer: bytes) -> int | None:
+    """The exception code of an answer that refuses `request`; None when it is no such answer."""
+    refused = len(answer) == 2 and answer[0] == request[0] | EXCEPTION_BIT
+    return answer[1] if refused else None
+
+
+def decode_words(request: bytes, answer: bytes, count: int) -> list[int]:
+    """Registers of the answer to a read or an exchange.
+
+    Raises:
+        RemoteProtocolError: another function, another count, or bytes missing or left over.
+    """
+    _check_function(request, answer)
+    if len(answer) < 2 or len(answer) != 2 + answer[1] or answer[1] % 2:
+        raise RemoteProtocolError(f"the answer's byte count does not fit its {len(answer)} bytes")
+    if answer[1] != 2 * count:
+        raise RemoteProtocolError(f"asked for {count} registers, got {answer[1] // 2}")
+    return list(struct.unpack_from(f">{count}H", answer, 2))
+
+
+def check_written(request: bytes, answer: bytes) -> None:
+    """Make sure that the answer acknowledges this write.
+
+    Raises:
+        RemoteProtocolError: another function, address or count.
+    """
+    _check_function(request, answer)
+    if answer != request[:5]:
+        wrote, named = request[1:5].hex(), answer[1:].hex()
+        raise RemoteProtocolError(f"wrote address and count {wrote}, the answer names {named or 'nothing'}")
+
+
+def _check_function(request: bytes, answer: bytes) -> None:
+    if not answer or answer[0] != request[0]:
+        got = f"is one to function {answer[0]}" if answer else "is empty"
+        raise RemoteProtocolError(f"asked function {request[0]}, the answer {got}")
+
+
+def encode_tcp(transaction: int, unit: int, pdu: bytes) -> bytes:
+    """A frame on TCP."""
+    return _TCP_HEADER.pack(transaction, 0, len(pdu) + 1, unit) + pdu
+
+
+class TcpFrames:
+    """Cuts frames out of what a TCP connection brings; a chunk is never a frame."""
+
+    def __init__(self) -> None:
+        self._held = bytearray()
+
+    def feed(self, data: bytes) -> None:
+        """Take what was read."""
+        self._held += data
+
+    def next(self) -> tuple[int, int, bytes] | None:
+        """Transaction, unit and PDU of the next whole frame; None while there is none.
+
+        Raises:
+            RemoteProtocolError: the header is not Modbus; the stream cannot be followed any further.
+        """
+        if len(self._held) < _TCP_HEADER.size:
+            return None
+        transaction, protocol, length, unit = _TCP_HEADER.unpack_from(self._held)
+        if protocol != 0 or not 2 <= length <= LONGEST_PDU + 1:
+            raise RemoteProtocolError(f"no Modbus header: protocol {protocol}, length {length}")
+        end = _TCP_HEADER.size - 1 + length
+        if len(self._held) < end:
+            return None
+        pdu = bytes(self._held[_TCP_HEADER.size : end])
+        del self._held[:end]
+        return transaction, unit, pdu
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/MODBUS (reflected 0x8005, start 0xFFFF)."""
+    crc = 0xFFFF
+    for byte in data:
+        crc = (crc >> 8) ^ _CRC_TABLE[(crc ^ byte) & 0xFF]
+    return crc
+
+
+def _crc_entry(byte: int) -> int:
+    for _ in range(8):
+        byte = (byte >> 1) ^ (0xA001 if byte & 1 else 0)
+    return byte
+
+
+_CRC_TABLE = tuple(_crc_entry(byte) for byte in range(256))
+
+
+def encode_rtu(unit: int, pdu: bytes) -> bytes:
+    """A frame on a serial line."""
+    body = bytes([unit]) + pdu
+    return body + crc16(body).to_bytes(_CRC_SIZE, "little")
+
+
+def rtu_answer_size(head: bytes, request: bytes) -> int | None:
+    """Bytes of the whole answer frame that begins with `head`; None while it does not show yet.
+
+    Args:
+        head: what has come so far.
+        request: the PDU asked.
+
+    Raises:
+        RemoteProtocolError: what comes is no answer to this request's function.
+    """
+    if len(head) < 2:
+        return None
+    if head[1] == request[0] | EXCEPTION_BIT:
+        return _EXCEPTION_SIZE
+    if head[1] != request[0]:
+        raise RemoteProtocolError(f"asked function {request[0]}, the answer is one to function {head[1]}")
+    if head[1] == WRITE:
+        return _WRITE_SIZE
+    return None if len(head) < 3 else 3 + head[2] + _CRC_SIZE
+
+
+def decode_rtu(frame: bytes) -> tuple[int, bytes]:
+    """Unit and PDU of a whole frame.
+
+    Raises:
+        RemoteProtocolError: too short, or the checksum is wrong.
+    """
+    if len(frame) < _EXCEPTION_SIZE:
+        raise RemoteProtocolError(f"a frame of {len(frame)} bytes")
+    body, sent = frame[:-_CRC_SIZE], int.from_bytes(frame[-_CRC_SIZE:], "little")
+    if crc16(body) != sent:
+        raise RemoteProtocolError(f"checksum 0x{sent:04X}, computed 0x{crc16(body):04X}")
+    return frame[0], body[1:]
