@@ -24,6 +24,7 @@ COMMANDS = {
     "report": ("rig.cli.report", "Write the report of a run."),
     "runs": ("rig.cli.runs", "List recorded runs."),
     "recover": ("rig.cli.recover", "Finish what a broken campaign left behind."),
+    "study": ("rig.cli.study", "Compare the papers' algorithms over recordings; tables and figures."),
     "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
 }
