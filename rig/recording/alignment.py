@@ -1,7 +1,8 @@
 """From records as they came to channels on one time base: the displacement's samples on the controller's clock.
 
-Each channel gets a clock model (`rig.recording.clock_model`), its declared delay is taken off, and force and current
-are brought to the displacement's sample times. Nothing is interpolated over a gap: what was lost is missing.
+Each channel gets a clock model (`rig.recording.sensor_clock`), its delay is taken off, and force and current are
+brought to the displacement's sample times. Nothing is interpolated over a gap: what was lost is missing. Long channels
+are computed a part at a time (`rig.recording.column`).
 """
 
 from __future__ import annotations
@@ -15,24 +16,18 @@ from numpy.typing import NDArray
 
 from protocols.quality import Quality
 from rig.recording.channel import NUMBER, RING_CHANNELS
-from rig.recording.clock_model import (
-    IDENTITY,
-    ClockModel,
-    HostMap,
-    by_edges,
-    by_envelope,
-    host_map,
-)
-from rig.recording.context import PointContext, SensorContext
+from rig.recording.clock_model import IDENTITY, ClockModel, HostMap, by_envelope, host_map
+from rig.recording.column import Column, Records, Values, first_after, mapped, overlapping, thinned
+from rig.recording.context import PointContext
 from rig.recording.interpolation import cubic_at, flags_at, linear_at
 from rig.recording.layout import FloatArray
+from rig.recording.sensor_clock import SensorClock, timed_sensor
 
 CONTROLLER_CHANNELS = range(NUMBER["position"], NUMBER["controller_force"] + 1)
 ECU_CLOCKED = ("coil_current", "ecu_state", "ecu_faults")
-EDGE_OFFSET = NUMBER["force_edge"] - NUMBER["force"]
-EDGE_COUNT_MODULO = 256
-PULSE_COUNT_MODULO = 65536
 BAD_VALUE = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
+NEIGHBOURS = 4
+MOST_FOR_A_MEDIAN = 20_000
 
 
 class NothingRecorded(ValueError):
@@ -41,14 +36,19 @@ class NothingRecorded(ValueError):
 
 @dataclass(frozen=True)
 class TimedChannel:
-    """A channel's records (n,) with each sample's time on the controller's clock, s; lost samples counted."""
+    """A channel's records (n,) with each sample's time on the controller's clock, s; lost samples counted.
+
+    `latency_s` is the median time from a sample to its arrival. `sensor` says how a sensor's clock was found; None for
+    status channels.
+    """
 
     name: str
-    records: NDArray[Any]
-    time_s: FloatArray
+    records: Records
+    time_s: Values
     clock: ClockModel
     lost: int
     latency_s: float
+    sensor: SensorClock | None = None
 
 
 @dataclass(frozen=True)
@@ -60,35 +60,38 @@ class Alignment:
         values: aligned channels (n,) by name.
         flags: (n,) `Quality` of each sample, all channels joined.
         timed: every channel with its own sample times (still on the controller's clock).
-        skew_s: by how much force lagged displacement when paired by arrival; taken out here. None where the device
-            clocks do not run at wall speed, since arrivals then say nothing.
+        skew_s: by how much force lagged displacement beyond the declared delays, each on its device's own time base;
+            taken out here. None where a clock could only be tied by signals or arrivals, which hide it.
         skew_std_s: one standard deviation of what remains.
         skew_method: the clock models that were used.
+        arrival_skew_s: by how much force would have lagged if paired by arrival, delays included. None where the device
+            clocks do not run at wall speed, since arrivals then say nothing.
         host: the map from host time to the controller's clock.
     """
 
-    time_s: FloatArray
+    time_s: Values
     origin_s: float
-    values: Mapping[str, FloatArray]
-    flags: NDArray[np.int8]
+    values: Mapping[str, Values]
+    flags: Values
     timed: Mapping[str, TimedChannel]
     skew_s: float | None
     skew_std_s: float
     skew_method: str
+    arrival_skew_s: float | None
     host: HostMap
 
 
-def align(records: NDArray[Any], context: PointContext) -> Alignment:
+def align(records: NDArray[Any] | Mapping[str, Records], context: PointContext) -> Alignment:
     """Align one point's records.
 
     Args:
-        records: (n,) of `RECORD_DTYPE` in the order of arrival.
+        records: (n,) of `RECORD_DTYPE` in the order of arrival, or already split by channel name.
         context: rates, declared delays and the device rate.
 
     Raises:
         NothingRecorded: displacement or force has no sample at all.
     """
-    by_name = split(records)
+    by_name = records if isinstance(records, Mapping) else split(records)
     for name in ("displacement", "force"):
         if name not in by_name:
             raise NothingRecorded(f"no {name} sample was recorded")
@@ -96,128 +99,133 @@ def align(records: NDArray[Any], context: PointContext) -> Alignment:
     timed = {name: _timed(name, channel, by_name, host, context) for name, channel in by_name.items()}
     base, force = timed["displacement"], timed["force"]
     values, flags = _on_base(timed, context)
+    origin_s = float(base.time_s[0])
     return Alignment(
-        time_s=base.time_s - base.time_s[0], origin_s=float(base.time_s[0]), values=values, flags=flags, timed=timed,
-        skew_s=force.latency_s - base.latency_s if context.device_rate == 1.0 else None,
+        time_s=mapped(base.time_s, lambda time_s: time_s - origin_s, np.float64), origin_s=origin_s, values=values,
+        flags=flags, timed=timed, skew_s=_skew_s(force, base),
         skew_std_s=float(np.hypot(force.clock.std_s, base.clock.std_s)),
         skew_method=f"force by {force.clock.method}, displacement by {base.clock.method}",
-        host=host,
+        arrival_skew_s=force.latency_s - base.latency_s if context.device_rate == 1.0 else None, host=host,
     )
 
 
-def split(records: NDArray[Any]) -> dict[str, NDArray[Any]]:
+def _skew_s(force: TimedChannel, base: TimedChannel) -> float | None:
+    """The lag of force beyond the declared delays, where both clocks are tied by edges."""
+    if force.sensor is None or base.sensor is None or {force.clock.method, base.clock.method} != {"edges"}:
+        return None
+    return force.sensor.undeclared_s - base.sensor.undeclared_s
+
+
+def split(records: NDArray[Any]) -> dict[str, Records]:
     """Records by channel name, each in the order of arrival; numbers nobody knows are called `channel_<number>`."""
-    found = {}
-    for number in np.unique(records["channel"]):
-        description = RING_CHANNELS.get(int(number))
-        name = f"channel_{number}" if description is None else description.name
-        found[name] = records[records["channel"] == number]
-    return found
+    return {
+        channel_name(int(number)): records[records["channel"] == number] for number in np.unique(records["channel"])
+    }
 
 
-def _host_map(by_name: Mapping[str, NDArray[Any]], device_rate: float) -> HostMap:
+def channel_name(number: int) -> str:
+    """Name of a channel by its number in the ring."""
+    description = RING_CHANNELS.get(number)
+    return f"channel_{number}" if description is None else description.name
+
+
+def _host_map(by_name: Mapping[str, Records], device_rate: float) -> HostMap:
     polls = by_name.get("position")
     if polls is None:
-        polls = by_name["displacement"]
+        polls = by_name["displacement"][:]
         polls = polls[polls["device_us"] >= 0]
-    return host_map(polls["host_ns"], polls["device_us"], device_rate)
+    return host_map(np.asarray(polls["host_ns"]), np.asarray(polls["device_us"]), device_rate)
 
 
 def _timed(
-    name: str, channel: NDArray[Any], by_name: Mapping[str, NDArray[Any]], host: HostMap, context: PointContext,
+    name: str, channel: Records, by_name: Mapping[str, Records], host: HostMap, context: PointContext,
 ) -> TimedChannel:
-    arrival_s = host.time_s(channel["host_ns"])
     sensor = context.sensors.get(name)
     if sensor is not None:
-        return _timed_sensor(name, channel, by_name, arrival_s, sensor, context.device_rate)
-    device_s = channel["device_us"] * 1e-6
-    if NUMBER.get(name) in CONTROLLER_CHANNELS and np.all(channel["device_us"] >= 0):
+        found = timed_sensor(name, channel, by_name, host, sensor, context)
+        ordered, time_s = _increasing(channel, found.time_s)
+        arrival_s = mapped(ordered["host_ns"], host.time_s, np.float64)
+        late_s = thinned(arrival_s, MOST_FOR_A_MEDIAN) - thinned(time_s, MOST_FOR_A_MEDIAN)
+        lost = lost_samples(channel["sequence"])
+        return TimedChannel(name, ordered, time_s, found.clock, lost, float(np.median(late_s)), found)
+    records = channel[:]
+    arrival_s, device_s = host.time_s(records["host_ns"]), records["device_us"] * 1e-6
+    if NUMBER.get(name) in CONTROLLER_CHANNELS and np.all(records["device_us"] >= 0):
         clock = IDENTITY
-    elif name in ECU_CLOCKED and np.all(channel["device_us"] >= 0):
+    elif name in ECU_CLOCKED and np.all(records["device_us"] >= 0):
         clock = by_envelope(device_s, arrival_s, device_rate=context.device_rate)
     else:
-        return TimedChannel(name, channel, arrival_s, ClockModel(0.0, 0.0, 1.0, 0.0, "arrival"), 0, 0.0)
+        return TimedChannel(name, records, arrival_s, ClockModel(0.0, 0.0, 1.0, 0.0, "arrival"), 0, 0.0)
     time_s = clock.time_s(device_s)
-    return TimedChannel(name, channel, time_s, clock, 0, float(np.median(arrival_s - time_s)))
+    return TimedChannel(name, records, time_s, clock, 0, float(np.median(arrival_s - time_s)))
 
 
-def _timed_sensor(
-    name: str, channel: NDArray[Any], by_name: Mapping[str, NDArray[Any]], arrival_s: FloatArray,
-    sensor: SensorContext, device_rate: float,
-) -> TimedChannel:
-    has_clock = bool(np.all(channel["device_us"] >= 0))
-    count = unwrapped(channel["sequence"])
-    local_s = channel["device_us"] * 1e-6 if has_clock else count / sensor.rate_Hz
-    pairs = matched_edges(by_name.get(f"{name}_edge"), by_name.get("pulse"))
-    if has_clock and len(pairs):
-        clock = by_edges(pairs[:, 0], pairs[:, 1])
-    else:
-        clock = by_envelope(local_s, arrival_s, device_rate=device_rate)
-        if not has_clock:
-            clock = ClockModel(clock.origin_s, clock.offset_s, clock.rate, clock.std_s, "nominal rate")
-    time_s = clock.time_s(local_s) - sensor.delay_s
-    order = np.flatnonzero(np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0)))
-    latency_s = float(np.median(arrival_s - time_s))
-    return TimedChannel(name, channel[order], time_s[order], clock, lost_samples(channel["sequence"]), latency_s)
+def _increasing(records: Records, time_s: Values) -> tuple[Records, Values]:
+    """Records and times without the samples whose time does not come after all before; normally all of them."""
+    if all(np.all(np.diff(time_s[rows]) > 0) for rows in overlapping(len(time_s))):
+        return records, time_s
+    times = np.asarray(time_s)
+    order = np.flatnonzero(np.concatenate(([True], np.diff(np.maximum.accumulate(times)) > 0)))
+    return records[:][order], times[order]
 
 
-def unwrapped(sequence: NDArray[np.uint32]) -> FloatArray:
-    """Sample count (n,) from 0, of a sequence modulo 2^32; steps back (a restarted device) count as no step."""
-    steps = np.mod(np.diff(sequence.astype(np.int64)), 1 << 32)
-    steps[steps >= 1 << 31] = 0
-    return np.concatenate(([0.0], np.cumsum(steps, dtype=np.float64)))
-
-
-def lost_samples(sequence: NDArray[np.uint32]) -> int:
+def lost_samples(sequence: Values) -> int:
     """Samples missing between the first and the last, by their sequence modulo 2^32."""
-    if len(sequence) < 2:
-        return 0
-    steps = np.mod(np.diff(sequence.astype(np.int64)), 1 << 32)
-    forward = steps[(steps > 0) & (steps < 1 << 31)]
-    return int(np.sum(forward - 1))
+    lost = 0
+    for rows in overlapping(len(sequence)):
+        steps = np.mod(np.diff(np.asarray(sequence[rows]).astype(np.int64)), 1 << 32)
+        forward = steps[(steps > 0) & (steps < 1 << 31)]
+        lost += int(np.sum(forward - 1))
+    return lost
 
 
-def matched_edges(edges: NDArray[Any] | None, pulses: NDArray[Any] | None) -> FloatArray:
-    """Pairs (k, 2) of latched time and pulse time, s, each in its own clock, matched by their counts.
-
-    An edge frame counts pulses modulo 256. The first edge is matched with the pulse of that count nearest in arrival;
-    from there on both counts are unwrapped.
-    """
-    if edges is None or pulses is None or len(edges) == 0 or len(pulses) == 0:
-        return np.zeros((0, 2))
-    counts = np.round(pulses["value"]).astype(np.int64) % PULSE_COUNT_MODULO
-    pulse_count = counts[0] + np.concatenate(([0], np.cumsum(np.diff(counts) % PULSE_COUNT_MODULO)))
-    edge_count = edges["sequence"].astype(np.int64)
-    same = np.flatnonzero((edge_count[:, None] - pulse_count[None, :]) % EDGE_COUNT_MODULO == 0)
-    if len(same) == 0:
-        return np.zeros((0, 2))
-    rows, columns = np.unravel_index(same, (len(edge_count), len(pulse_count)))
-    apart = np.abs(edges["host_ns"][rows] - pulses["host_ns"][columns])
-    best = int(np.argmin(apart))
-    shift = int(edge_count[rows[best]] - pulse_count[columns[best]])
-    _, at_edge, at_pulse = np.intersect1d(edge_count - shift, pulse_count, return_indices=True)
-    return np.column_stack((edges["device_us"][at_edge], pulses["device_us"][at_pulse])) * 1e-6
-
-
-def _on_base(
-    timed: Mapping[str, TimedChannel], context: PointContext,
-) -> tuple[dict[str, FloatArray], NDArray[np.int8]]:
+def _on_base(timed: Mapping[str, TimedChannel], context: PointContext) -> tuple[dict[str, Values], Values]:
     base = timed["displacement"]
-    wanted = base.time_s
-    values = {"displacement": good_values(base.records)}
-    flags = base.records["flags"].astype(np.int8)
+    values: dict[str, Values] = {"displacement": _along(base, lambda start, stop: good_values(base.records[start:stop]))}
     for name, sensor in context.sensors.items():
-        if name == "displacement" or name not in timed:
-            continue
-        channel = timed[name]
-        values[name] = cubic_at(wanted, channel.time_s, good_values(channel.records), 1.0 / sensor.rate_Hz)
-        if name == "force":
-            flags |= flags_at(wanted, channel.time_s, channel.records["flags"].astype(np.int8))
-            flags[np.isnan(values[name])] |= np.int8(Quality.NOT_A_NUMBER)
-    for wanted_name, source in (("current", "coil_current"), ("coil_temperature", "coil_temperature")):
-        values[wanted_name] = _status_at(wanted, timed.get(source))
-    flags[np.isnan(values["displacement"])] |= np.int8(Quality.NOT_A_NUMBER)
-    return values, flags
+        if name != "displacement" and name in timed:
+            values[name] = _brought(base, timed[name], 1.0 / sensor.rate_Hz)
+    for wanted, source in (("current", "coil_current"), ("coil_temperature", "coil_temperature")):
+        values[wanted] = _status_along(base, timed.get(source))
+    return values, _flags(base, timed["force"], values)
+
+
+def _along(base: TimedChannel, part: Any, kind: Any = np.float64) -> Values:  # noqa: ANN401 - a Part and a DTypeLike
+    """A column (n,) beside the base's samples: computed at once where the base is in memory, else part by part."""
+    if isinstance(base.time_s, Column):
+        return Column(len(base.time_s), kind, part)
+    return np.asarray(part(0, len(base.time_s)), kind)
+
+
+def _near(channel: TimedChannel, wanted_s: FloatArray) -> tuple[FloatArray, NDArray[Any]]:
+    """Times and records of a channel around the wanted times, with the neighbours an interpolation needs."""
+    if len(wanted_s) == 0:
+        return np.zeros(0), channel.records[:0]
+    first = max(0, first_after(channel.time_s, float(wanted_s[0])) - NEIGHBOURS)
+    last = first_after(channel.time_s, float(wanted_s[-1])) + NEIGHBOURS
+    return np.asarray(channel.time_s[first:last]), channel.records[first:last]
+
+
+def _brought(base: TimedChannel, channel: TimedChannel, period_s: float) -> Values:
+    def part(start: int, stop: int) -> FloatArray:
+        wanted_s = np.asarray(base.time_s[start:stop])
+        time_s, records = _near(channel, wanted_s)
+        return cubic_at(wanted_s, time_s, good_values(records), period_s)
+
+    return _along(base, part)
+
+
+def _flags(base: TimedChannel, force: TimedChannel, values: Mapping[str, Values]) -> Values:
+    def part(start: int, stop: int) -> NDArray[np.int8]:
+        wanted_s = np.asarray(base.time_s[start:stop])
+        time_s, records = _near(force, wanted_s)
+        flags = base.records[start:stop]["flags"].astype(np.int8)
+        flags |= flags_at(wanted_s, time_s, records["flags"].astype(np.int8))
+        for name in ("force", "displacement"):
+            flags[np.isnan(values[name][start:stop])] |= np.int8(Quality.NOT_A_NUMBER)
+        return flags
+
+    return _along(base, part, np.int8)
 
 
 def good_values(records: NDArray[Any]) -> FloatArray:
@@ -226,12 +234,16 @@ def good_values(records: NDArray[Any]) -> FloatArray:
     return np.where(bad, np.nan, records["value"])
 
 
-def _status_at(wanted_s: FloatArray, channel: TimedChannel | None) -> FloatArray:
-    """A status value at the wanted times; NaN across lost frames (period: the median of its own)."""
-    if channel is None or len(channel.time_s) < 3:
-        return np.full(len(wanted_s), np.nan)
-    increasing = np.concatenate(([True], np.diff(np.maximum.accumulate(channel.time_s)) > 0))
-    time_s, value = channel.time_s[increasing], channel.records["value"][increasing]
-    if len(time_s) < 3:
-        return np.full(len(wanted_s), np.nan)
-    return linear_at(wanted_s, time_s, value, 2.0 * float(np.median(np.diff(time_s))))
+def _status_along(base: TimedChannel, channel: TimedChannel | None) -> Values:
+    """A status value at the base's times; NaN across lost frames (period: the median of its own)."""
+    known = None
+    if channel is not None and len(channel.time_s) >= 3:
+        increasing = np.concatenate(([True], np.diff(np.maximum.accumulate(channel.time_s)) > 0))
+        known = np.asarray(channel.time_s)[increasing], channel.records[:]["value"][increasing]
+
+    def part(start: int, stop: int) -> FloatArray:
+        if known is None or len(known[0]) < 3:
+            return np.full(stop - start, np.nan)
+        return linear_at(np.asarray(base.time_s[start:stop]), *known, 2.0 * float(np.median(np.diff(known[0]))))
+
+    return _along(base, part)

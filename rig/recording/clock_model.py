@@ -12,12 +12,15 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.recording.layout import FloatArray
+
+if TYPE_CHECKING:
+    from rig.recording.column import Values
 
 LARGEST_DRIFT = 1e-3
 """Relative rate error beyond which a fitted drift is not believed (crystals: 1e-4)."""
@@ -155,7 +158,7 @@ def _line(x: FloatArray, y: FloatArray, with_slope: bool) -> tuple[float, float,
     return float(np.mean(y)), slope if abs(slope) <= LARGEST_DRIFT else 0.0, origin
 
 
-def by_envelope(local_s: FloatArray, arrival_s: FloatArray, *, device_rate: float = 1.0) -> ClockModel:
+def by_envelope(local_s: Values, arrival_s: Values, *, device_rate: float = 1.0) -> ClockModel:
     """Lower envelope of arrival over local time: the straight line nearest below all points.
 
     Its uncertainty is the scatter of the block minima about the line together with a least latency nobody can see
@@ -166,18 +169,26 @@ def by_envelope(local_s: FloatArray, arrival_s: FloatArray, *, device_rate: floa
         arrival_s: the same samples' arrival, s, in the clock to go to.
         device_rate: device seconds per wall second; above 1 the drift is not fitted.
     """
-    difference = arrival_s - local_s
     blocks = min(ENVELOPE_BLOCKS, max(1, len(local_s) // 8))
-    lowest = np.array([part[np.argmin(difference[part])] for part in np.array_split(np.arange(len(local_s)), blocks)])
-    x, y = local_s[lowest], difference[lowest]
-    origin = float(np.mean(local_s))
+    bounds = np.linspace(0, len(local_s), blocks + 1).astype(np.int64)
+    lowest = np.array([_lowest(local_s[a:b], arrival_s[a:b]) for a, b in itertools.pairwise(bounds.tolist())])
+    x, y = lowest[:, 0], lowest[:, 1]
+    first_s, last_s = float(local_s[0]), float(local_s[-1])
+    origin = 0.5 * (first_s + last_s)
     slope = _hull_slope(x - origin, y) if len(x) > 2 and device_rate == 1.0 else 0.0
     offset = float(np.min(y - slope * (x - origin)))
     scatter = float(np.median(y - slope * (x - origin) - offset))
-    span_s = max(float(np.ptp(local_s)), 1e-3)
+    span_s = max(last_s - first_s, 1e-3)
     std = float(np.hypot(scatter, UNKNOWN_LATENCY_S * device_rate))
     rate_std = CRYSTAL_DRIFT if slope == 0.0 else 2.0 * scatter / span_s
     return ClockModel(origin, origin + offset, 1.0 + slope, std, "device clock", rate_std)
+
+
+def _lowest(local_s: FloatArray, arrival_s: FloatArray) -> tuple[float, float]:
+    """The sample that arrived soonest: its local time and how much later it arrived, s."""
+    late_s = arrival_s - local_s
+    at = int(np.argmin(late_s))
+    return float(local_s[at]), float(late_s[at])
 
 
 def _hull_slope(x: FloatArray, y: FloatArray) -> float:

@@ -38,6 +38,8 @@ class PointContext:
             `frequency_Hz`, `current_A`, `cycles`, `ramp_in_cycles`, `ramp_out_cycles`, `centre_m`, `repeat`, `rest_s`.
         sensors: sensor by channel name: `force`, `displacement`, `auxiliary_1` ... as in `rig.recording.channel`.
         device_rate: seconds of device clock per second of wall time (bench `[clock] device_rate`).
+        controller_delay_s: delay of the controller's own position and force inputs (bench `[actuator] input_delay`),
+            against which the sensors' delays are checked; None when it may not be relied on.
         mid_stroke_m: the specimen's mid-stroke in the displacement sensor's coordinate; None when unknown.
         current_tolerance_A: largest deviation of measured from wanted current in a valid point.
         simulated: True when no real damper was tested.
@@ -48,6 +50,7 @@ class PointContext:
     point: Mapping[str, Any]
     sensors: Mapping[str, SensorContext]
     device_rate: float = 1.0
+    controller_delay_s: float | None = None
     mid_stroke_m: float | None = None
     current_tolerance_A: float = 0.02
     simulated: bool = False

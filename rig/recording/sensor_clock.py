@@ -1,0 +1,191 @@
+"""How a sensor's samples get their times on the controller's clock, and what is left uncertain.
+
+Best first: edges latched in both clocks; the signal itself, laid over the controller's own; arrivals. Where edges tie
+the clocks, the signal still shows whether the sensor's delay is the declared one: an edge does not pass through the
+conditioner's filter, the quantity does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocols.quality import Quality
+from rig.recording.clock_model import UNKNOWN_LATENCY_S, ClockModel, HostMap, by_edges, by_envelope
+from rig.recording.column import Records, Values, mapped
+from rig.recording.context import PointContext, SensorContext
+from rig.recording.layout import FloatArray, parts
+from rig.recording.signal_match import Match, match
+from rig.recording.skew import tolerance_s, undeclared
+
+EDGE_COUNT_MODULO = 256
+PULSE_COUNT_MODULO = 65536
+REFERENCES = {"force": "controller_force", "displacement": "position"}
+"""The controller's record of the same quantity."""
+DELAY_REACH_S = 0.03
+"""Undeclared delays are looked for up to this."""
+ARRIVAL_REACH = 8.0
+"""Clocks known by arrivals only are looked for within so many of their standard deviations."""
+MATCHING_RATE_Hz = 1000.0
+MOST_SPREAD = 1.0 / np.sqrt(12.0)
+BAD = np.uint16(Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER | Quality.SPIKE)
+
+
+@dataclass(frozen=True)
+class SensorClock:
+    """A sensor's times.
+
+    Attributes:
+        time_s: (n,) s, delays taken off.
+        clock: the model behind them; its `std_s` includes the delay's.
+        declared_s: delay the bench file declares (s); 0 where it was not needed.
+        undeclared_s: delay beyond the declared one, taken off too (s).
+        match: the sensor's signal laid over the controller's; None where that was not possible.
+    """
+
+    time_s: Values
+    clock: ClockModel
+    declared_s: float
+    undeclared_s: float
+    match: Match | None
+
+
+def timed_sensor(
+    name: str, channel: Records, by_name: Mapping[str, Records], host: HostMap, sensor: SensorContext,
+    context: PointContext,
+) -> SensorClock:
+    """Find a sensor's clock and delay.
+
+    Args:
+        name: `force`, `displacement`, `auxiliary_1` ...
+        channel: its records (n,).
+        by_name: all channels, for edges, pulses and the controller's own record.
+        host: the map from host time to the controller's clock.
+        sensor: what the bench declares.
+        context: device rate and the delay of the controller's inputs.
+    """
+    has_clock = all(bool(np.all(channel["device_us"][rows] >= 0)) for rows in parts(len(channel)))
+    local_s: Values
+    if has_clock:
+        local_s = mapped(channel["device_us"], lambda device_us: device_us * 1e-6, np.float64)
+    else:
+        local_s = unwrapped(np.asarray(channel["sequence"])) / sensor.rate_Hz
+    reference = _reference(name, by_name, context)
+    pairs = matched_edges(by_name.get(f"{name}_edge"), by_name.get("pulse"))
+    if has_clock and len(pairs):
+        clock = by_edges(pairs[:, 0], pairs[:, 1])
+        clock = replace(clock, std_s=float(np.hypot(clock.std_s, clock.rate_std * MOST_SPREAD * _span_s(local_s))))
+        return _by_edges(clock, local_s, channel, sensor, reference)
+    arrival_s = mapped(channel["host_ns"], host.time_s, np.float64)
+    clock = by_envelope(local_s, arrival_s, device_rate=context.device_rate)
+    if not has_clock:
+        clock = replace(clock, method="nominal rate")
+    return _by_signal(clock, local_s, channel, sensor, reference, context.device_rate)
+
+
+def _by_edges(
+    clock: ClockModel, local_s: Values, channel: Records, sensor: SensorContext,
+    reference: tuple[FloatArray, FloatArray] | None,
+) -> SensorClock:
+    time_s = _times(local_s, clock, sensor.delay_s)
+    found = _match(reference, time_s, channel, sensor, DELAY_REACH_S, with_drift=False)
+    measured = (None, 0.0) if found is None else (found.lag_s, found.lag_std_s)
+    delay = undeclared(tolerance_s(sensor.delay_s), *measured)
+    sure = replace(clock, std_s=float(np.hypot(clock.std_s, delay.std_s)))
+    late_s = sensor.delay_s + delay.value_s
+    return SensorClock(_times(local_s, clock, late_s), sure, sensor.delay_s, delay.value_s, found)
+
+
+def _by_signal(
+    clock: ClockModel, local_s: Values, channel: Records, sensor: SensorContext,
+    reference: tuple[FloatArray, FloatArray] | None, device_rate: float,
+) -> SensorClock:
+    """Without edges: the signal laid over the controller's, which takes in every delay; else arrivals as they are."""
+    reach_s = ARRIVAL_REACH * max(clock.std_s, UNKNOWN_LATENCY_S * device_rate)
+    found = _match(reference, _times(local_s, clock, 0.0), channel, sensor, reach_s, with_drift=True)
+    if found is None:
+        return SensorClock(_times(local_s, clock, sensor.delay_s), clock, sensor.delay_s, 0.0, None)
+    spread_s = MOST_SPREAD * _span_s(local_s)
+    std_s = float(np.hypot(found.lag_std_s, found.drift_std * spread_s))
+    moved = clock.moved(found.lag_s, found.drift, found.middle_s, std_s, found.drift_std)
+    return SensorClock(_times(local_s, moved, 0.0), moved, 0.0, 0.0, found)
+
+
+def _times(local_s: Values, clock: ClockModel, delay_s: float) -> Values:
+    return mapped(local_s, lambda part_s: clock.time_s(part_s) - delay_s, np.float64)
+
+
+def _span_s(local_s: Values) -> float:
+    return float(local_s[-1] - local_s[0])
+
+
+def _reference(
+    name: str, by_name: Mapping[str, Records], context: PointContext,
+) -> tuple[FloatArray, FloatArray] | None:
+    """Times (s) and values of the controller's own record; None where it may not be relied on."""
+    record = by_name.get(REFERENCES.get(name, ""))
+    if record is None or context.controller_delay_s is None:
+        return None
+    records = record[:]
+    records = records[records["device_us"] >= 0]
+    time_s = records["device_us"] * 1e-6 - context.controller_delay_s
+    fresh = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0)) if len(time_s) else np.zeros(0, bool)
+    return time_s[fresh], records["value"][fresh]
+
+
+def _match(
+    reference: tuple[FloatArray, FloatArray] | None, time_s: Values, channel: Records, sensor: SensorContext,
+    reach_s: float, *, with_drift: bool,
+) -> Match | None:
+    if reference is None:
+        return None
+    coarse_s, values, period_s = _coarsened(time_s, channel, sensor.rate_Hz)
+    return match(*reference, coarse_s, values, period_s, reach_s=reach_s, with_drift=with_drift)
+
+
+def _coarsened(time_s: Values, channel: Records, rate_Hz: float) -> tuple[FloatArray, FloatArray, float]:
+    """Times, values (NaN where bad) and period of means over so many samples that about 1 kHz is left."""
+    every = max(1, round(rate_Hz / MATCHING_RATE_Hz))
+    times, values = [], []
+    for rows in parts(len(channel)):
+        records = channel[rows]
+        count = len(records) // every * every
+        good = np.where((records["flags"] & BAD) != 0, np.nan, records["value"])[:count]
+        times.append(np.asarray(time_s[rows])[:count].reshape(-1, every).mean(axis=1))
+        values.append(good.reshape(-1, every).mean(axis=1))
+    joined = np.concatenate(times)
+    after = np.concatenate(([True], np.diff(np.maximum.accumulate(joined)) > 0))
+    return joined[after], np.concatenate(values)[after], every / rate_Hz
+
+
+def unwrapped(sequence: NDArray[np.uint32]) -> FloatArray:
+    """Sample count (n,) from 0, of a sequence modulo 2^32; steps back (a restarted device) count as no step."""
+    steps = np.mod(np.diff(sequence.astype(np.int64)), 1 << 32)
+    steps[steps >= 1 << 31] = 0
+    return np.concatenate(([0.0], np.cumsum(steps, dtype=np.float64)))
+
+
+def matched_edges(edge_records: Records | None, pulse_records: Records | None) -> FloatArray:
+    """Pairs (k, 2) of latched time and pulse time, s, each in its own clock, matched by their counts.
+
+    An edge frame counts pulses modulo 256. The first edge is matched with the pulse of that count nearest in arrival;
+    from there on both counts are unwrapped.
+    """
+    if edge_records is None or pulse_records is None or len(edge_records) == 0 or len(pulse_records) == 0:
+        return np.zeros((0, 2))
+    edges, pulses = edge_records[:], pulse_records[:]
+    counts = np.round(pulses["value"]).astype(np.int64) % PULSE_COUNT_MODULO
+    pulse_count = counts[0] + np.concatenate(([0], np.cumsum(np.diff(counts) % PULSE_COUNT_MODULO)))
+    edge_count = edges["sequence"].astype(np.int64)
+    same = np.flatnonzero((edge_count[:, None] - pulse_count[None, :]) % EDGE_COUNT_MODULO == 0)
+    if len(same) == 0:
+        return np.zeros((0, 2))
+    rows, columns = np.unravel_index(same, (len(edge_count), len(pulse_count)))
+    apart = np.abs(edges["host_ns"][rows] - pulses["host_ns"][columns])
+    best = int(np.argmin(apart))
+    shift = int(edge_count[rows[best]] - pulse_count[columns[best]])
+    _, at_edge, at_pulse = np.intersect1d(edge_count - shift, pulse_count, return_indices=True)
+    return np.column_stack((edges["device_us"][at_edge], pulses["device_us"][at_pulse])) * 1e-6
