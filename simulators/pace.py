@@ -8,7 +8,7 @@ from simulators.serial_port import CAPACITY, SensorPort
 
 LONGEST_LAG_S = 0.25
 LONGEST_LAG_FAST_S = 0.02
-LONGEST_WAIT_S = 0.25
+LONGEST_WAIT_S = 0.45
 CATCH_UP = 4.0
 
 
@@ -54,7 +54,7 @@ class Pace:
 
 
 class Backpressure:
-    """Above speed 1: the rig's clock waits for readers that are alive, a quarter of a second since their last read."""
+    """Above speed 1: the rig's clock waits for readers that are alive, `LONGEST_WAIT_S` since their last read."""
 
     def __init__(self, ports: Sequence[SensorPort]) -> None:
         self._ports = ports
@@ -66,7 +66,7 @@ class Backpressure:
         """Whether simulated time should wait.
 
         Args:
-            now_ns: host's monotonic clock (ns).
+            now_ns: wall time in which this process ran (ns): its own absence is not the reader's.
             bus_congested: whether an slcan client's socket is full.
         """
         waiting = False
