@@ -115,6 +115,15 @@ class SerialSensor:
                 self._decoder.clear()
         self._port.close()
 
+    def discard_input(self) -> None:
+        """Throw away what has arrived; reading begins with what comes now.
+
+        Raises:
+            PortClosed: the port is not open, or the cable was pulled.
+        """
+        self._port.discard_input()
+        self._decoder.clear()
+
     def read_batch(self, timeout_s: float) -> Batch:
         """Whatever samples have arrived, waiting for the first bytes.
 

@@ -40,6 +40,9 @@ class SensorDriver(Protocol):
     def close(self) -> None:
         """Close the port."""
 
+    def discard_input(self) -> None:
+        """Throw away what has arrived."""
+
     def read_batch(self, timeout_s: float) -> Batch:
         """Wait up to `timeout_s` for samples and return those that came."""
 
@@ -158,8 +161,13 @@ class SensorThread(DeviceThread):
                 self._again.wait()
 
     def _read(self) -> None:
+        fresh = False
         while not self._ending.is_set():
             try:
+                if not fresh:
+                    # While nobody read, the port may have overflowed; that is no loss of a test.
+                    self._driver.discard_input()
+                    fresh = True
                 batch = self._driver.read_batch(self._timeout_s)
             except DriverError as error:
                 self.port_lost = str(error)
