@@ -60,8 +60,9 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         raise RigError("give either a bench file or --simulate, not both and not neither")
     display = GuardedDisplay(display)
     matrix = load_matrix(options.matrix_path)
+    known = None
     if options.bench_path is not None:
-        bench = Bench.load(options.bench_path)
+        known = bench = Bench.load(options.bench_path)
         if options.resume_path is not None:
             resume.same_campaign(options.resume_path, bench, matrix)
         _accepted(matrix, bench)
@@ -71,13 +72,16 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         log = CampaignLog(folder)
         ends.callback(_or_say, display, log.close)
         ends.enter_context(_refusals_in(log))
+        if options.resume_path is None:
+            copy_into(options.matrix_path, folder, "matrix.toml")
+            if options.bench_path is not None:
+                copy_into(options.bench_path, folder, "bench.toml")
+            write_description(folder, known, matrix, options)
         stock = _stock(folder, options, matrix, log, display)
         if not stock.remaining:
             return _nothing_left(folder, matrix, stock)
         finaliser = Finaliser.start(folder)
         ends.callback(_or_say, display, finaliser.close)
-        if options.resume_path is None:
-            copy_into(options.matrix_path, folder, "matrix.toml")
         rig = ends.enter_context(_rig(folder, options, matrix.specimen, display))
         bench = Bench.load(rig.bench_path)
         start = _Start(folder, matrix, bench, _accepted(matrix, bench), options, stock)
@@ -129,7 +133,7 @@ def _describe(start: _Start, bench_path: Path) -> None:
         FileProblem: the earlier campaign's description or the bench file cannot be read.
     """
     folder = start.folder
-    if start.options.resume_path is None:
+    if start.options.resume_path is None or resume.bench_is_new(folder):
         copy_into(bench_path, folder, "bench.toml")
         write_description(folder, start.bench, start.matrix, start.options)
         return

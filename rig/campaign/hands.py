@@ -85,9 +85,12 @@ class Hands:
         self._recorder = PointRecorder(Path(self.crew.config.ring_path), self.crew.folder / "points")
 
     @property
-    def recorder_trouble(self) -> str:
-        """Why nothing can be recorded any more; empty while it can, or before it has to."""
-        return "" if self._recorder is None or self._recorder.healthy else self._recorder.error
+    def recorder_trouble(self) -> Cause | None:
+        """Why nothing can be recorded any more; None while it can, or before it has to."""
+        if self._recorder is None or self._recorder.healthy:
+            return None
+        failure = self._recorder.failure
+        return Cause("task-dies" if failure is None else disk_slug(failure), self._recorder.error)
 
     def overdue(self) -> str | None:
         """The phase whose deadline has just passed; said once."""
@@ -242,7 +245,7 @@ def disk_slug(error: BaseException) -> str:
     link: BaseException | None = error
     while link is not None:
         number = link.errno if isinstance(link, OSError) else None
-        if number in {errno.ENOSPC, errno.EDQUOT}:
+        if number in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
             return "disk-full"
         if number in {errno.EROFS, errno.EACCES, errno.EPERM}:
             return "dir-readonly"

@@ -67,7 +67,7 @@ def described(folder: Path) -> dict[str, Any]:
         FileProblem: there is none, or it is damaged.
     """
     found = read_campaign(folder) if folder.is_dir() else {}
-    if not isinstance(found.get("hash"), str) or not (folder / "matrix.toml").is_file():
+    if not isinstance(found.get("hashes"), dict) or not (folder / "matrix.toml").is_file():
         raise FileProblem(
             str(folder), ["holds no campaign that was begun; give the directory `rig run` printed (see `rig runs`)"]
         )
@@ -97,12 +97,21 @@ def same_campaign(folder: Path, bench: Bench, matrix: Matrix) -> None:
         Refused: the matrix (slug `matrix-changed`) or the rig (`bench-changed`) is not the campaign's.
     """
     same_matrix(folder, matrix)
-    if described(folder)["hash"] != campaign_hash(bench, matrix):
+    if not bench_is_new(folder) and described(folder).get("hash") != campaign_hash(bench, matrix):
         raise Refused(
             "bench-changed",
             f"limits, calibration or identities of the bench are not those of {folder / 'bench.toml'}; nothing was "
             "moved: mend the bench file, or begin a new campaign",
         )
+
+
+def bench_is_new(folder: Path) -> bool:
+    """The campaign was cut off before its rig was known.
+
+    Raises:
+        FileProblem: the campaign's description cannot be read.
+    """
+    return described(folder).get("hash") == ""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from rig.campaign.ledger import VALID, Ledger
 from rig.campaign.sequencer import step
 from rig.campaign.signals import Signals
 from rig.campaign.state import Phase, State, start_state
-from rig.clock import monotonic_ns
+from rig.clock import WallClockWatch, monotonic_ns
 from rig.recording.finaliser import Finaliser
 from rig.recording.recorder import RecorderFailed
 from rig.recording.ring_reader import RingReader
@@ -61,6 +61,8 @@ class Runner:
         self._waiting: deque[ev.Event] = deque()
         self._said: set[str] = set()
         self._beat_ns = self._progress_ns = 0
+        self._recorder_well = True
+        self._wall_clock = WallClockWatch()
 
     def run(self) -> State:
         """Run until the sequencer has ended and every recorded point is judged; returns the last state.
@@ -117,6 +119,8 @@ class Runner:
 
     def _take(self, event: ev.Event) -> None:
         before = self.state.phase
+        if isinstance(event, ev.PauseAsked | ev.ResumeAsked):
+            self._tell_pause(event)
         self.state, actions = step(self.state, event)
         if self.state.phase is not before:
             self._hands.note("phase", phase=str(self.state.phase), after=type(event).__name__)
@@ -128,6 +132,12 @@ class Runner:
                 # Nothing of this step may follow: a motion must not start without its recording.
                 self._fault_once(Cause(disk_slug(error), str(error)))
                 break
+
+    def _tell_pause(self, event: ev.PauseAsked | ev.ResumeAsked) -> None:
+        asked = isinstance(event, ev.PauseAsked)
+        text = "pause after the running point; Ctrl-Z goes on" if asked else "going on"
+        self._hands.note("info", text=text)
+        self._crew.display.message("info", text)
 
     def _station_events(self, timeout_s: float) -> list[ev.Event]:
         events: list[ev.Event] = []
@@ -174,8 +184,10 @@ class Runner:
     def _look_for_faults(self) -> None:
         """What the application itself can see: a recorder or disk that refuses, data that stand still."""
         hands = self._hands
-        if hands.recorder_trouble:
-            self._fault_once(Cause("fsync-error", hands.recorder_trouble))
+        if hands.recorder_trouble is not None:
+            self._fault_once(hands.recorder_trouble)
+        if not self._finaliser.alive:
+            self._fault_once(Cause("task-dies", "the finaliser process has ended; `rig recover` finishes what it left"))
         if hands.trouble is not None:
             self._fault_once(hands.trouble)
         newest_ns = hands.observer.last_host_ns(Channel.STATE)
@@ -184,6 +196,14 @@ class Runner:
         if self._ring is not None and self._ring.lost > 0 and "lapped" not in self._said:
             self._said.add("lapped")
             self._waiting.append(ev.Spoiled(Cause("slow-consumer", f"{self._ring.lost} records overwritten unread")))
+
+    def _watch_wall_clock(self) -> None:
+        """Log a step of the wall clock; nothing here depends on it, but the times in names and journals do."""
+        stepped_s = self._wall_clock.stepped_s()
+        if stepped_s != 0.0:
+            text = f"the wall clock stepped by {stepped_s:+.3f} s; host_ns goes on undisturbed"
+            self._hands.note("warning", slug="clock-step", text=text, stepped_s=stepped_s)
+            self._crew.display.message("warning", f"clock-step: {text}")
 
     def _fault_once(self, cause: Cause) -> None:
         if cause.slug not in self._said:
@@ -195,8 +215,10 @@ class Runner:
         if now_ns - self._beat_ns < BEAT_NS or "gone" in self._said:
             return
         self._beat_ns = now_ns
+        # The stop by its own name goes first; a beat later the station stops the rig should that have been lost.
+        well, self._recorder_well = self._recorder_well, self._hands.recorder_trouble is None
         try:
-            self._crew.client.beat(not self._hands.recorder_trouble)
+            self._crew.client.beat(well)
         except StationLost as error:
             self._said.add("gone")
             self._waiting.append(ev.StationGone(str(error)))
@@ -206,6 +228,7 @@ class Runner:
         if now_ns - self._progress_ns < PROGRESS_NS:
             return
         self._progress_ns = now_ns
+        self._watch_wall_clock()
         state, observer = self.state, self._hands.observer
         running = state.phase is Phase.RUNNING
         cycles = observer.cycles_done if running else 0

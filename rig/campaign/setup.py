@@ -90,8 +90,14 @@ def campaign_hash(bench: Bench, matrix: Matrix) -> str:
     return hashlib.sha256(f"{bench.digest}{matrix.digest}".encode()).hexdigest()
 
 
-def write_description(folder: Path, bench: Bench, matrix: Matrix, options: CampaignOptions) -> None:
+def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options: CampaignOptions) -> None:
     """Write `campaign.json`: id, time, software, hashes, how the rig was simulated, the points in order.
+
+    Args:
+        folder: the campaign's directory.
+        bench: the rig; None while it is not known yet, so that a campaign cut off this early can still be resumed.
+        matrix: the matrix.
+        options: how the campaign was asked for.
 
     Raises:
         Refused: it cannot be written.
@@ -101,10 +107,10 @@ def write_description(folder: Path, bench: Bench, matrix: Matrix, options: Campa
         "id": folder.name,
         "started_utc": utc_now().isoformat(timespec="seconds"),
         "software": f"mr-damper-rig {__version__}",
-        "bench": bench.name,
+        "bench": "" if bench is None else bench.name,
         "specimen": matrix.specimen.serial_number,
-        "hash": campaign_hash(bench, matrix),
-        "hashes": {"bench": bench.digest, "matrix": matrix.digest},
+        "hash": "" if bench is None else campaign_hash(bench, matrix),
+        "hashes": {"bench": "" if bench is None else bench.digest, "matrix": matrix.digest},
         "simulated": {"speed": options.speed, "seed": options.seed, "arguments": list(options.simulator_args)}
         if options.simulate
         else None,

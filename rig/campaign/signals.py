@@ -1,4 +1,4 @@
-"""The operator's signals as a queue: the first one stops the rig, further ones change nothing and cut nothing short."""
+"""The operator's signals as a queue: a stop stops the rig once, further ones change nothing and cut nothing short."""
 
 from __future__ import annotations
 
@@ -16,32 +16,41 @@ STOPS = {
     signal.SIGTERM: (StopKind.S1, Cause("sigterm", "SIGTERM")),
     signal.SIGHUP: (StopKind.S1, Cause("sigterm", "SIGHUP: the terminal went away")),
 }
+PAUSES = (signal.SIGTSTP, signal.SIGUSR1)
+"""Ctrl-Z, or `kill -USR1`: pause after the running point; once more: go on."""
 
 
 class Signals:
     """While entered, SIGINT, SIGTERM and SIGHUP become `Abort` events instead of ending the process.
 
+    Ctrl-Z must not suspend a process that a moving rig depends on: it asks for a pause, and the next one ends it.
     Outside the main thread Python cannot catch signals; then nothing is caught here and the main thread's handlers act.
     """
 
     def __init__(self) -> None:
         self._caught: deque[int] = deque()
         self._before: dict[int, Any] = {}
+        self._paused = False
 
     def take(self) -> list[ev.Event]:
-        """The aborts that came since the last call, oldest first."""
-        aborts: list[ev.Event] = []
+        """What was asked for since the last call, oldest first."""
+        events: list[ev.Event] = []
         while self._caught:
-            stop, cause = STOPS[signal.Signals(self._caught.popleft())]
-            aborts.append(ev.Abort(stop, cause))
-        return aborts
+            number = signal.Signals(self._caught.popleft())
+            if number in PAUSES:
+                self._paused = not self._paused
+                events.append(ev.PauseAsked() if self._paused else ev.ResumeAsked())
+            else:
+                stop, cause = STOPS[number]
+                events.append(ev.Abort(stop, cause))
+        return events
 
     def _catch(self, number: int, frame: FrameType | None) -> None:
         self._caught.append(number)
 
     def __enter__(self) -> Signals:
         if threading.current_thread() is threading.main_thread():
-            for number in STOPS:
+            for number in (*STOPS, *PAUSES):
                 self._before[number] = signal.signal(number, self._catch)
         return self
 

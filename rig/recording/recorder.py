@@ -62,6 +62,11 @@ class PointRecorder:
         return self._error is None and self._thread.is_alive()
 
     @property
+    def failure(self) -> OSError | None:
+        """What the disk refused; None while it refuses nothing."""
+        return self._error
+
+    @property
     def error(self) -> str:
         """Why the recorder is not healthy; empty while it is."""
         if self._error is not None:

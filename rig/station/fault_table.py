@@ -94,6 +94,7 @@ _ROWS = (
     _matrix_row("stop-ignored", 42, "no standstill within the stop's deadline"),
     _matrix_row("sigkill", 50, "application's link ended"),
     _matrix_row("host-stalled", 51, "no beat from the application within the heartbeat time-out"),
+    _matrix_row("host-suspend", 58, "BOOTTIME went on while MONOTONIC stood still: the machine slept"),
     FaultRow("recorder-unwell", 52, Stop.S2, "application says that its recorder is not well"),
     _matrix_row("task-dies", 53, "a thread of the station ended"),
     FaultRow("station-late", 54, Stop.S2, "the interlock loop itself stood still"),

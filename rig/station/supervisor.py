@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from rig.clock import monotonic_ns
+from rig.clock import SuspendWatch, monotonic_ns
 from rig.station import safe_stop
 from rig.station.config import StationConfig
 from rig.station.fault_table import TABLE, FaultRow, Stop
@@ -85,6 +85,7 @@ class Supervisor:
         self._application_well = True
         self._application_gone = False
         self._warned: dict[str, tuple[int, int]] = {}
+        self._suspend = SuspendWatch()
         self._lock = threading.RLock()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
@@ -280,6 +281,7 @@ class Supervisor:
         """One round of the slow checks."""
         self.tick_ns = now_ns
         self._ring_beat(now_ns)
+        self._check_suspend(now_ns)
         if late_s > self.config.late_after_s:
             self._note_late(now_ns, late_s)
         else:
@@ -305,6 +307,12 @@ class Supervisor:
             if age_ns > stale_ns:
                 detail = f"{source.name}: nothing for {age_ns / 1e6:.0f} ms, allowed {stale_ns / 1e6:.0f} ms"
                 self.report([Finding(source.slug, detail, now_ns, age_ns / 1e9, stale_ns / 1e9)])
+
+    def _check_suspend(self, now_ns: int) -> None:
+        slept_s = self._suspend.slept_s()
+        if slept_s > 0.0:
+            detail = f"the machine slept for {slept_s:.3f} s; what the rig did meanwhile is not known"
+            self.report([Finding("host-suspend", detail, now_ns, slept_s)])
 
     def _check_application(self, now_ns: int) -> None:
         silent_s = (now_ns - self._beat_ns) / 1e9
