@@ -23,6 +23,9 @@ REST_WINDOW_S = 0.2
 STILL_WINDOW_S = 0.3
 STILL_M = 0.2e-3
 
+SAMPLED = tuple(range(Channel.FORCE, Channel.AUXILIARY_7 + 1))
+"""Channels of the serial sensors."""
+
 LIVE = {
     "position_m": Channel.DISPLACEMENT,
     "force_N": Channel.FORCE,
@@ -99,16 +102,21 @@ class Observer:
     def await_program(self, centre_m: float, since_ns: int) -> None:
         """Wait for `ProgramEnded`: after `since_ns` the controller was seen running, and holds again.
 
-        A program too short to be seen running is known by its cycle pulses.
+        A program too short to be seen running is known by its cycle pulses. It has ended once every sensor was read
+        after that: what a busy station had still to read belongs to the test.
         """
-        pulses = self.value(Channel.PULSE, 0.0)
+        pulses, held_ns = self.value(Channel.PULSE, 0.0), 0
         self._program_seen = False
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
+            nonlocal held_ns
             states = records["value"][(records["channel"] == Channel.STATE) & (records["host_ns"] > since_ns)]
             seen = bool(np.any(states == ControllerState.RUNNING)) or self.value(Channel.PULSE, 0.0) != pulses
             self._program_seen = self._program_seen or seen
-            if self._program_seen and self._holds(since_ns):
+            holds = self._program_seen and self._holds(since_ns)
+            if holds and held_ns == 0:
+                held_ns = self._last_host_ns[Channel.STATE]
+            if holds and self._read_since(held_ns):
                 return ev.ProgramEnded(at_centre=self._near(centre_m))
             return None
 
@@ -170,6 +178,9 @@ class Observer:
     def _holds(self, since_ns: int) -> bool:
         newer = self._last_host_ns.get(Channel.STATE, 0) > since_ns
         return newer and self._last.get(Channel.STATE) == ControllerState.HOLD
+
+    def _read_since(self, host_ns: int) -> bool:
+        return all(self._last_host_ns.get(channel, host_ns) >= host_ns for channel in SAMPLED)
 
     def _near(self, target_m: float) -> bool:
         return abs(self.value(Channel.POSITION) - target_m) <= AT_CENTRE_M

@@ -60,6 +60,16 @@ def test_a_program_too_short_to_be_seen_is_known_by_its_pulses() -> None:
     assert observer.observe(status(200, State.HOLD, pulses=12)) == ev.ProgramEnded(at_centre=True)
 
 
+def test_a_program_has_ended_only_when_every_sensor_was_read_after_it() -> None:
+    observer = Observer()
+    observer.observe(records((Channel.STATE, 50, State.HOLD), (Channel.FORCE, 50, 1.0), (Channel.DISPLACEMENT, 50, 0.0)))
+    observer.await_program(0.0, since_ns=100)
+    assert observer.observe(status(200, State.RUNNING, 0.01)) is None
+    assert observer.observe(status(300, State.HOLD)) is None, "the sensors' samples of the last cycles are still unread"
+    assert observer.observe(records((Channel.FORCE, 310, 1.0))) is None
+    assert observer.observe(records((Channel.DISPLACEMENT, 330, 0.0))) == ev.ProgramEnded(at_centre=True)
+
+
 def test_cycles_of_the_program_before_are_not_counted() -> None:
     observer = Observer()
     observer.observe(records((Channel.STATE, 50, State.HOLD), (Channel.CYCLES_DONE, 50, 12.0)))
