@@ -62,7 +62,8 @@ def test_a_program_too_short_to_be_seen_is_known_by_its_pulses() -> None:
 
 def test_a_program_has_ended_only_when_every_sensor_was_read_after_it() -> None:
     observer = Observer()
-    observer.observe(records((Channel.STATE, 50, State.HOLD), (Channel.FORCE, 50, 1.0), (Channel.DISPLACEMENT, 50, 0.0)))
+    observer.observe(status(50, State.HOLD))
+    observer.observe(records((Channel.FORCE, 50, 1.0), (Channel.DISPLACEMENT, 50, 0.0)))
     observer.await_program(0.0, since_ns=100)
     assert observer.observe(status(200, State.RUNNING, 0.01)) is None
     assert observer.observe(status(300, State.HOLD)) is None, "the sensors' samples of the last cycles are still unread"
