@@ -52,11 +52,17 @@ class SerialPort:
         self._serial: serial.Serial | None = None
         self._socket: socket.socket | None = None
         self._fd = -1
+        self._opened = ""
 
     @property
     def is_open(self) -> bool:
         """Whether `open` succeeded and `close` has not been called."""
         return self._serial is not None or self._socket is not None
+
+    @property
+    def moved(self) -> bool:
+        """The name (`/dev/serial/by-id/...`) leads to another port than the one that was opened."""
+        return bool(self._opened) and os.path.exists(self.url) and os.path.realpath(self.url) != self._opened
 
     def open(self) -> None:
         """Open the port and throw away what waited in it.
@@ -167,7 +173,8 @@ class SerialPort:
             self.url, do_not_open=True, timeout=0, write_timeout=0.1, baudrate=self._baudrate,
             bytesize=self._bytesize, parity=self._parity, stopbits=self._stopbits,
         )
-        if os.path.exists(self.url):
+        self._opened = os.path.realpath(self.url) if os.path.exists(self.url) else ""
+        if self._opened:
             port.exclusive = True
         port.open()
         self._serial = port

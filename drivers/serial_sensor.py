@@ -74,6 +74,11 @@ class SerialSensor:
         return self._port.url
 
     @property
+    def moved(self) -> bool:
+        """The port's name leads to another port than the one that was opened."""
+        return self._port.moved
+
+    @property
     def is_open(self) -> bool:
         """Whether the port is open."""
         return self._port.is_open

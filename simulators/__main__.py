@@ -165,8 +165,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
               help="What the load cell sends.")
 @click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
-@click.option("--ports", type=click.Choice(["pty", "socket"]), default="pty", show_default=True,
-              help="How sensors are reached.")
+@click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]), default="pty", show_default=True,
+              help="How sensors are reached; by-id: names of serial numbers that lead to ptys.")
 @click.option("--actuator", type=click.Choice(["tcp", "rtu"]), default="tcp", show_default=True,
               help="Modbus TCP, or RTU on a port of the kind --ports says.")
 @click.option("--fault", metavar="SLUG[@T[+D]]", multiple=True,

@@ -10,6 +10,7 @@ from simulators.options import RigOptions, SensorOptions
 
 SI_UNITS = {"N": "N", "mm": "m", "m/s^2": "m/s^2"}
 STALE_SAMPLES = 5
+STALE_S = 0.020
 RELAXED_STALE_S = 0.600
 """Longer than `simulators.pace.LONGEST_WAIT_S`, for which the rig's clock may stand still."""
 RELAXED_COMMAND_TIMEOUT_S = 0.600
@@ -94,7 +95,7 @@ def actuator_timeout_s(rtu: bool, relaxed: bool) -> float:
 
 def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list[str]:
     """Lines of one sensor's table."""
-    stale_s = max(STALE_SAMPLES / options.rate_Hz, 0.005)
+    stale_s = max(STALE_SAMPLES / options.rate_Hz, STALE_S)
     if relaxed:
         stale_s = max(stale_s, RELAXED_STALE_S)
     return [

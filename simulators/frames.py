@@ -77,7 +77,7 @@ def encode_lines(value: NDArray[np.float64], unit: str) -> NDArray[np.uint8]:
     """ASCII lines of the preset `signed-decimal` as bytes, shape (n, width): `+0001234.5 N` and CR LF.
 
     Args:
-        value: readings in the wire unit, shape (n,).
+        value: readings in the wire unit, shape (n,); one that is not a number is written as text that is none.
         unit: unit written behind the number.
     """
     if not len(value):

@@ -8,6 +8,7 @@ import gc
 import math
 import os
 import signal
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from simulators.ecu import Ecu
 from simulators.frames import encode_frames
 from simulators.injection import INJECTORS, ScheduledFault, Undo
 from simulators.modbus_server import ModbusServer
+from simulators.named_port import NamedPort
 from simulators.options import RigOptions, SensorOptions
 from simulators.pace import Backpressure, Pace
 from simulators.plant.plant import MAXIMUM_STEPS, Plant
@@ -34,6 +36,7 @@ from simulators.serial_port import SensorPort, open_port
 from simulators.slcan_bus import SlcanBus
 from simulators.truth import About, Attribute, Truth
 
+BY_ID = "by-id"
 TICK_S = 0.002
 IDLE_S = 0.5
 STANDSTILL_M_S = 5e-4
@@ -97,9 +100,10 @@ class SimulatedRig:
         )
         self.bus = SlcanBus(self.ecu.receive)
         rtu = run.actuator == "rtu"
-        self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports == "pty")
+        self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports != "socket")
         self.channels: list[Channel] = []
         self.first_cycle_s: float | None = None
+        self._names: tempfile.TemporaryDirectory[str] | None = None
         self.every_tick: list[Callable[[], None]] = []
         self._pending_faults = list(run.faults)
         self._undoings: list[tuple[float, str, Undo]] = []
@@ -177,6 +181,8 @@ class SimulatedRig:
         self.bus.close()
         for channel in self.channels:
             channel.port.close()
+        if self._names is not None:
+            self._names.cleanup()
         if self.truth is not None:
             self.truth.finish(About(self._test(), self._quality(), self._provenance()))
 
@@ -244,7 +250,14 @@ class SimulatedRig:
     def _add(self, name: str, options: SensorOptions, column: int, kind: str) -> None:
         clock = DeviceClock.drawn(options.clock_offset_us, options.clock_ppm, next(self._draws))
         sensor = Sensor(options, clock, next(self._draws), self.plant.time_s)
-        self.channels.append(Channel(name, sensor, open_port(kind), column))
+        by_id = kind == BY_ID
+        port = NamedPort(self._ports_folder(), f"{options.serial_number}-{name}") if by_id else open_port(kind)
+        self.channels.append(Channel(name, sensor, port, column))
+
+    def _ports_folder(self) -> Path:
+        if self._names is None:
+            self._names = tempfile.TemporaryDirectory(prefix="simulated-rig-by-id-")
+        return Path(self._names.name)
 
     def _inject_due(self) -> None:
         """Switch on the faults whose time has come: at once without a time, else counted from the first cycle."""

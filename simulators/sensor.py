@@ -22,8 +22,11 @@ from simulators.options import SensorOptions
 FloatArray = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 LARGEST_JITTER = 4.0
-SPIKE_EVERY_S = 0.5
+SPIKE_EVERY_S = 0.25
 SPIKE_SHARE = 0.6
+SINGLE_SPIKES = 3
+SPIKE_SAMPLES = 5
+"""The first spikes are one sample each; those that follow stay for so many."""
 GAP_EVERY_S = 0.2
 GAP_SAMPLES = 3
 NAN_EVERY_S = 0.2
@@ -68,6 +71,7 @@ class Sensor:
         self._filter = np.zeros(4)
         self._past: FloatArray = np.zeros(0)
         self._started = False
+        self._spikes_from = -1
         self._last_value = math.nan
         self._waiting: Bytes = np.zeros((0, self.frame_size), np.uint8)
         self._release_s: FloatArray = np.zeros(0)
@@ -135,7 +139,7 @@ class Sensor:
         if faults.saturated:
             value[:] = math.inf
         if faults.spikes:
-            value[self._every(len(value), SPIKE_EVERY_S)] += SPIKE_SHARE * options.range
+            value[self._spiked(len(value))] += SPIKE_SHARE * options.range
         status = np.where(np.abs(value) >= options.range, STATUS_OVERLOAD, 0).astype(np.uint8)
         value = np.clip(value, -options.range, options.range)
         if faults.sensor_fault:
@@ -145,6 +149,14 @@ class Sensor:
         if faults.not_a_number:
             value[self._every(len(value), NAN_EVERY_S)] = math.nan
         return value, status
+
+    def _spiked(self, count: int) -> NDArray[np.bool_]:
+        """Mask (count,) of the samples in spikes, counted from the first sample with the fault."""
+        if self._spikes_from < 0:
+            self._spikes_from = self.samples
+        every = max(SPIKE_SAMPLES + 1, round(SPIKE_EVERY_S * self.options.rate_Hz))
+        spike, sample = np.divmod(self.samples + np.arange(count) - self._spikes_from, every)
+        return np.asarray(sample < np.where(spike < SINGLE_SPIKES, 1, SPIKE_SAMPLES))
 
     def _every(self, count: int, period_s: float) -> NDArray[np.bool_]:
         """Mask (count,) of one sample every `period_s`, by sample number."""
@@ -167,7 +179,7 @@ class Sensor:
                 keep &= ~((sequence - shift) % max(GAP_SAMPLES + 1, round(GAP_EVERY_S * self.options.rate_Hz)) == 0)
         self.samples += len(value)
         if self.options.format != "frame16":
-            return encode_lines(np.nan_to_num(value[keep]), self.options.unit), time_s[keep]
+            return encode_lines(value[keep], self.options.unit), time_s[keep]
         stamp_us = np.floor(device_us).astype(np.int64)
         if self.faults.time_backwards:
             stamp_us = np.where(self._backwards(sequence), stamp_us - 50_000, stamp_us)

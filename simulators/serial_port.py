@@ -22,17 +22,19 @@ _SMALLEST_SEND_BUFFER = 1
 
 
 class SensorPort(Protocol):
-    """Where a sensor's bytes go.
+    """Where a sensor's bytes go."""
 
-    Attributes:
-        url: what the host opens.
-        dropped_frames: whole frames dropped because the host had not read.
-        sent_bytes: bytes accepted so far.
-    """
+    @property
+    def url(self) -> str:
+        """What the host opens."""
 
-    url: str
-    dropped_frames: int
-    sent_bytes: int
+    @property
+    def dropped_frames(self) -> int:
+        """Whole frames dropped because the host had not read."""
+
+    @property
+    def sent_bytes(self) -> int:
+        """Bytes accepted so far."""
 
     def write(self, data: bytes, frame_size: int) -> None:
         """Send whole frames of `frame_size` bytes as far as there is room; drop and count the rest."""

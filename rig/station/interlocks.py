@@ -122,6 +122,8 @@ class ChannelJudge:
         if abs(value - self.last_value) > self.spike_jump:
             self._jumps += 1
             if self._jumps < CONSECUTIVE:
+                detail = f"{self.name}: sample {sequence} jumps from {self.last_value:g} to {value:g} {self.unit}"
+                findings.append(Finding("sensor-spike", detail, host_ns, value, self.spike_jump, warns=True))
                 return (host_ns, device_us, value, sequence, channel, flags | int(Quality.SPIKE))
             detail = f"{self.name}: jumped from {self.last_value:g} to {value:g} {self.unit} and stayed"
             findings.append(Finding("sensor-spike", detail, host_ns, value, self.spike_jump))

@@ -14,6 +14,7 @@ from rig.clock import monotonic_ns
 from rig.station.config import SensorConfig
 from rig.station.device_thread import DeviceThread
 from rig.station.interlocks import ChannelJudge, Finding, MotionJudge
+from rig.station.line_judge import ClockWatch, LineJudge, drift
 from rig.station.supervisor import Supervisor
 
 READ_TIMEOUT_S = 0.05
@@ -33,6 +34,10 @@ class SensorDriver(Protocol):
     @property
     def skipped_bytes(self) -> int:
         """Bytes that belonged to no reading."""
+
+    @property
+    def moved(self) -> bool:
+        """The port's name leads to another port than the one that was opened."""
 
     def open(self) -> None:
         """Open the port."""
@@ -64,6 +69,7 @@ class SensorThread(DeviceThread):
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
         motion: MotionJudge | None = None,
+        device_rate: float = 1.0,
     ) -> None:
         super().__init__(config.name, slug)
         self.config = config
@@ -74,7 +80,11 @@ class SensorThread(DeviceThread):
         self.port_lost: str | None = None
         self.in_motion: Callable[[], bool] = lambda: False
         self._stuck_samples = max(STUCK_SAMPLES, round(STUCK_S * config.rate_Hz))
-        self._damaged = 0
+        self.clock = ClockWatch(device_rate)
+        self.reference_ppm: Callable[[], float] = lambda: math.nan
+        self._line = LineJudge(config.name, config.rate_Hz)
+        self._bad_frames = 0
+        self._garbage = 0
         self._channel = int(channel)
         self._again = threading.Event()
         self._progress = threading.Condition()
@@ -171,9 +181,11 @@ class SensorThread(DeviceThread):
                 batch = self._driver.read_batch(self._timeout_s)
             except DriverError as error:
                 self.port_lost = str(error)
-                self._supervisor.report([Finding(self.slug, self.port_lost, monotonic_ns())])
+                slug = "usb-renumber" if self._driver.moved else self.slug
+                self._supervisor.report([Finding(slug, self.port_lost, monotonic_ns())])
                 return
             samples = [record for record in batch.records if record[4] == self._channel]
+            self._judge_line(len(samples), batch.arrival_ns)
             if samples:
                 self._take(samples)
             else:
@@ -192,11 +204,20 @@ class SensorThread(DeviceThread):
         if findings:
             self._supervisor.report(findings)
         self._append(records)
+        if self.clock.take(records[-1][0], records[-1][1]):
+            self._supervisor.report(drift(self.name, self.clock.ppm, self.reference_ppm(), records[-1][0]))
         self._last_ns = records[-1][0]
-        self._damaged = self._driver.bad_frames + self._driver.skipped_bytes
+        self._garbage = self._driver.bad_frames + self._driver.skipped_bytes
         self.samples += len(records)
         if self._recent_count < COUNTED:
             self._count(records)
+
+    def _judge_line(self, good: int, t_ns: int) -> None:
+        damaged = self._driver.bad_frames - self._bad_frames
+        self._bad_frames += damaged
+        findings = self._line.judge(good, damaged, t_ns) if good or damaged else []
+        if findings:
+            self._supervisor.report(findings)
 
     def _count(self, records: list[Record]) -> None:
         """Follow the first samples, for the rate measured at connect."""
@@ -212,8 +233,8 @@ class SensorThread(DeviceThread):
         age_ns = now_ns - self._last_ns
         if age_ns > self._stale_ns:
             detail = f"{self.name}: no sample for {age_ns / 1e6:.0f} ms, allowed {self._stale_ns / 1e6:.0f} ms"
-            garbage = self._driver.bad_frames + self._driver.skipped_bytes > self._damaged
-            slug = "serial-garbage" if garbage else self.slug
+            garbage = self._driver.bad_frames + self._driver.skipped_bytes > self._garbage
+            slug = "serial-baud" if garbage else self.slug
             self._supervisor.report([Finding(slug, detail, now_ns, age_ns / 1e9, self._stale_ns / 1e9)])
 
     def silent_ns(self, now_ns: int) -> tuple[int, int]:

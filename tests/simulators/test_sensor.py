@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from protocols import frame_format
+from protocols.line_format import LineDecoder, preset
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s
 from simulators.frames import encode_frames, encode_lines
@@ -172,11 +174,17 @@ def test_a_saturated_sensor_shows_its_rail() -> None:
     assert readings[-1][3] & frame_format.STATUS_OVERLOAD
 
 
-def test_spikes_stand_alone() -> None:
+def test_spikes_stand_alone_at_first_and_stay_for_some_samples_later() -> None:
     values = np.array([reading[2] for reading in faulty(spikes=True)[0]])
     high = np.flatnonzero(values > 5000)
-    assert len(high) == 2
-    assert np.diff(high) == 125
+    assert np.diff(high).tolist()[:7] == [62, 62, 62, 1, 1, 1, 1]
+
+
+def test_a_line_without_a_number_is_no_reading() -> None:
+    lines = encode_lines(np.array([1.5, math.nan, 2.5]), "N").tobytes()
+    decoder = LineDecoder(preset("signed-decimal"))
+    assert [reading[2] for reading in decoder.feed(b"\r\n" + lines)] == [1.5, 2.5]
+    assert decoder.bad_frames == 1
 
 
 def test_not_a_number_is_sent_as_such() -> None:

@@ -49,17 +49,16 @@ def test_single_spike_is_flagged_and_does_not_trip() -> None:
     judge = force_judge(spike_jump=3000.0)
     records, findings = judge.judge([record(0, 100.0), record(1, 9000.0), record(2, 120.0)])
     assert [bool(r[5] & Quality.SPIKE) for r in records] == [False, True, False]
-    assert findings == []
+    assert [(finding.slug, finding.warns) for finding in findings] == [("sensor-spike", True)]
     assert judge.last_value == 120.0
 
 
 def test_three_spikes_in_a_row_trip_at_the_third() -> None:
     judge = force_judge(spike_jump=3000.0)
     judge.judge([record(0, 100.0)])
-    slugs = [[finding.slug for finding in judge.judge([record(i, 9000.0)])[1]] for i in range(1, 4)]
-    assert slugs[:2] == [[], []]
-    assert slugs[2][0] == "sensor-spike"
-    assert "force-limit" in slugs[2]
+    found = [[(f.slug, f.warns) for f in judge.judge([record(i, 9000.0)])[1]] for i in range(1, 4)]
+    assert found[:2] == [[("sensor-spike", True)]] * 2
+    assert found[2] == [("sensor-spike", False), ("force-limit", False)]
 
 
 def test_saturation_trips_at_the_third_sample_in_a_row_and_starts_over_after_a_good_one() -> None:

@@ -1,0 +1,131 @@
+"""Rows of the serial sensors: cables, bytes, samples and clocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import pytest
+
+from protocols.quality import Quality
+
+if TYPE_CHECKING:
+    from conftest import Ending, Run
+
+pytestmark = pytest.mark.wire
+
+Judge = Callable[..., None]
+
+ONE_LONG_POINT = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+mid_stroke = "0 mm"
+prior = "demo"
+[matrix]
+waveform = ["sine"]
+amplitude = ["20 mm"]
+frequency = ["2 Hz"]
+current = ["0.5 A"]
+cycles = 28
+[identify]
+enabled = false
+"""
+"""15 s of motion: at speed 1 long enough for a clock to be judged."""
+
+
+def assert_spoiled(ending: Ending, slug: str) -> None:
+    """Reaction P: the campaign goes on, the point is invalid for this reason, the one before it stands."""
+    assert ending.exit_code == 5, ending.said
+    assert slug in ending.warned()
+    assert ending.trips() == []
+    assert ending.answer["stopped_by"] is None
+    assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
+    point = ending.point("p002")
+    assert any(reason.startswith(slug) for reason in point.reasons), point.reasons
+
+
+@pytest.mark.row("loadcell-pulled")
+def test_a_pulled_load_cell_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
+    assert_stopped(run("loadcell-pulled@6.3"), "loadcell-pulled")
+
+
+@pytest.mark.row("lvdt-pulled")
+def test_without_its_lvdt_the_host_proves_standstill_by_the_controller(run: Run, assert_stopped: Judge) -> None:
+    assert_stopped(run("lvdt-pulled@6.3"), "lvdt-pulled")
+
+
+@pytest.mark.row("usb-renumber")
+def test_an_adapter_that_comes_up_elsewhere_stops_the_rig_and_is_not_reopened(run: Run, assert_stopped: Judge) -> None:
+    ending = run("usb-renumber@6.3", simulator=("--ports", "by-id"))
+    assert_stopped(ending, "usb-renumber")
+    point = ending.point("p002")
+    fault = ending.truth.first("FAULT", text="usb-renumber")
+    assert point.time_s[-1] - point.time_s[0] < 8.0
+    assert ending.truth.time_s[-1] > fault.time_s + 0.5, "the rig went on, the host did not take the port again"
+
+
+@pytest.mark.row("serial-garbage")
+def test_damaged_frames_warn_and_stop_when_there_are_many(run: Run, assert_stopped: Judge) -> None:
+    ending = run("serial-garbage@6.3")
+    assert_stopped(ending, "serial-garbage")
+    assert "serial-garbage" in ending.warned()
+
+
+@pytest.mark.row("serial-baud")
+def test_bytes_without_one_valid_frame_stop_the_rig(run: Run, assert_stopped: Judge) -> None:
+    assert_stopped(run("serial-baud@5.5", speed=2.0), "serial-baud", speed=2.0)
+
+
+@pytest.mark.row("serial-baud")
+def test_a_wrong_baud_rate_from_the_start_is_refused(run: Run, assert_refused: Judge) -> None:
+    assert_refused(run("serial-baud"), "serial-baud")
+
+
+@pytest.mark.row("sensor-stuck")
+def test_a_value_that_repeats_in_motion_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
+    assert_stopped(run("sensor-stuck@6.3"), "sensor-stuck")
+
+
+@pytest.mark.row("sensor-saturated")
+def test_three_saturated_samples_stop_the_rig(run: Run, assert_stopped: Judge) -> None:
+    assert_stopped(run("sensor-saturated@6.3"), "sensor-saturated")
+
+
+@pytest.mark.row("sensor-spike")
+def test_single_spikes_are_flagged_and_three_in_a_row_stop_the_rig(run: Run, assert_stopped: Judge) -> None:
+    ending = run("sensor-spike@6.3")
+    assert_stopped(ending, "sensor-spike")
+    assert "sensor-spike" in ending.warned()
+    force = ending.point("p002").raw("force")
+    assert force is not None
+    assert (force["flags"] & Quality.SPIKE).astype(bool).sum() >= 3
+
+
+@pytest.mark.row("sensor-nan")
+def test_samples_that_are_no_numbers_spoil_the_point(run: Run) -> None:
+    assert_spoiled(run("sensor-nan@6.3"), "sensor-nan")
+
+
+@pytest.mark.row("sensor-nan")
+def test_comma_and_nan_text_are_lost_samples_of_a_line_format(run: Run) -> None:
+    ending = run("sensor-nan@6.3", simulator=("--force-format", "ascii"))
+    assert ending.exit_code in {4, 5}, ending.said
+    assert ending.verdicts()["p002"] == "invalid"
+
+
+@pytest.mark.row("sample-gap")
+def test_gaps_are_stored_never_filled_and_spoil_the_point(run: Run) -> None:
+    ending = run("sample-gap@6.3")
+    assert_spoiled(ending, "sample-gap")
+    assert ending.point("p002").lost_samples > 0
+
+
+@pytest.mark.row("clock-drift")
+def test_a_clock_that_drifts_is_flagged_and_nothing_else(run: Run) -> None:
+    ending = run("clock-drift", matrix=ONE_LONG_POINT, speed=1.0)
+    assert ending.exit_code == 0, ending.said
+    assert "clock-drift" in ending.warned()
+    assert ending.trips() == []
+    assert ending.verdicts() == {"p001": "valid"}
