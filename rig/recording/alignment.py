@@ -181,7 +181,8 @@ def lost_samples(sequence: Values) -> int:
 
 def _on_base(timed: Mapping[str, TimedChannel], context: PointContext) -> tuple[dict[str, Values], Values]:
     base = timed["displacement"]
-    values: dict[str, Values] = {"displacement": _along(base, lambda start, stop: good_values(base.records[start:stop]))}
+    own = _along(base, lambda start, stop: good_values(base.records[start:stop]))
+    values: dict[str, Values] = {"displacement": own}
     for name, sensor in context.sensors.items():
         if name != "displacement" and name in timed:
             values[name] = _brought(base, timed[name], 1.0 / sensor.rate_Hz)

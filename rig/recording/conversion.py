@@ -2,44 +2,54 @@
 
 from __future__ import annotations
 
+import mmap
 import zlib
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 import rig
-from protocols.quality import Quality
-from rig.recording.achieved import Achieved, achieved_motion
+from rig.recording.achieved import achieved_motion
 from rig.recording.achievement import current_attributes, motion_attributes
 from rig.recording.alignment import Alignment, NothingRecorded, TimedChannel, align
 from rig.recording.channel import RING_CHANNELS, Description
+from rig.recording.column import Column, Records, Values, mapped
 from rig.recording.context import PointContext, SensorContext
 from rig.recording.durable import flush_directory, replace_durably
-from rig.recording.journal import JournalContent, JournalProblem, parse_journal
+from rig.recording.examination import examine, overview
+from rig.recording.journal import JournalContent, JournalProblem, scan_journal
 from rig.recording.layout import (
     AlignedChannel,
     Attribute,
     Event,
+    FloatArray,
     PointFile,
     RawChannel,
+    parts,
     write_partial,
 )
-from rig.recording.velocity import velocity_of
-from rig.recording.verdict import Findings, SensorCounts, Verdict, judge
+from rig.recording.loop_shape import LoopShape
+from rig.recording.sorting import Sorter
+from rig.recording.velocity import HALF_WIDTH, METHOD, velocity_of
+from rig.recording.verdict import Verdict, judge
 
 if TYPE_CHECKING:
     import h5py
 
-SATURATION_SHARE = 0.999
+CHECKED_BYTES = 1 << 22
 DESCRIPTIONS = {description.name: description for description in RING_CHANNELS.values()}
 
 
 @dataclass(frozen=True)
 class FinishedPoint:
-    """What became of a point: its file, or why there is none (`error`; the journal is then kept)."""
+    """What became of a point: its file, or why there is none (`error`; the journal is then kept).
+
+    `quality` holds the numbers among the attributes of `/entry/quality`, by name.
+    """
 
     id: str
     file: str = ""
@@ -49,6 +59,7 @@ class FinishedPoint:
     skew_s: float | None = None
     skew_std_s: float = 0.0
     error: str = ""
+    quality: Mapping[str, float] = field(default_factory=dict)
 
 
 class ReadBackDiffers(OSError):
@@ -67,42 +78,77 @@ def finish_point(journal: Path, *, recovered: bool = False) -> FinishedPoint:
     """
     name = journal.stem
     try:
-        data = journal.read_bytes()
-        content = parse_journal(data, str(journal))
-        context = PointContext.from_json(content.context_json)
-        final = journal.with_suffix(".h5")
-        check = f"{zlib.crc32(data):08x}-{len(data)}"
-        point, alignment, verdict = build(content, context, recovered=recovered, journal_check=check)
-        if not (final.exists() and _made_from(final, check)):
-            _write_proved(final, point)
+        with ExitStack() as held:
+            sorter = held.enter_context(Sorter(journal.parent))
+            data = _mapped(journal, held)
+            content = scan_journal(data, str(journal), sorter.take)
+            context = PointContext.from_json(content.context_json)
+            final = journal.with_suffix(".h5")
+            check = f"{_check_of(data):08x}-{len(data)}"
+            point, alignment, verdict = build(
+                content, context, sorter.channels(), recovered=recovered, journal_check=check
+            )
+            if not (final.exists() and _made_from(final, check)):
+                _write_proved(final, point)
         journal.unlink()
         flush_directory(journal.parent)
     except (JournalProblem, NothingRecorded, OSError, ValueError) as error:
         return FinishedPoint(name, error=f"{type(error).__name__}: {error}")
+    numbers = {key: float(value) for key, value in point.quality.items() if isinstance(value, (int, float))}
     return FinishedPoint(
         name, str(final.resolve()), verdict.verdict, verdict.reasons, _lost(alignment), alignment.skew_s,
-        alignment.skew_std_s,
+        alignment.skew_std_s, quality=numbers,
     )
 
 
+def _mapped(journal: Path, held: ExitStack) -> bytes | mmap.mmap:
+    """The journal's bytes, mapped; an empty file cannot be."""
+    file = held.enter_context(journal.open("rb"))
+    if journal.stat().st_size == 0:
+        return b""
+    return held.enter_context(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+
+
+def _check_of(data: bytes | mmap.mmap) -> int:
+    check = 0
+    for start in range(0, len(data), CHECKED_BYTES):
+        check = zlib.crc32(data[start : start + CHECKED_BYTES], check)
+    return check
+
+
 def build(
-    content: JournalContent, context: PointContext, *, recovered: bool = False, journal_check: str = "",
+    content: JournalContent, context: PointContext, records: Mapping[str, Records] | None = None, *,
+    recovered: bool = False, journal_check: str = "",
 ) -> tuple[PointFile, Alignment, Verdict]:
     """Align, judge and lay out one point.
+
+    Args:
+        content: the journal.
+        context: its header.
+        records: its samples by channel; those in `content` when not given.
+        recovered: the campaign did not end by itself.
+        journal_check: of what the file was made.
 
     Raises:
         NothingRecorded: the journal holds no displacement or no force.
     """
-    alignment = align(content.records, context)
+    alignment = align(content.records if records is None else records, context)
     waveform = str(context.point.get("waveform", "sine"))
-    motion = achieved_motion(alignment.time_s, alignment.values["displacement"], waveform)
-    verdict = judge(_findings(content, context, alignment, motion))
+    seen = overview(alignment, float(context.point["frequency_Hz"]))
+    motion = achieved_motion(seen.time_s, seen.displacement_m, waveform)
+    findings, shape = examine(content, context, alignment, seen, motion)
+    verdict = judge(findings)
+    light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
     quality: dict[str, Attribute] = {
-        "verdict": verdict.verdict, "reasons": verdict.reasons, "lost_samples": _lost(alignment),
-        "skew_s": alignment.skew_s, "skew_std_s": alignment.skew_std_s, "skew_method": alignment.skew_method,
-        "recovered": recovered, **motion_attributes(motion, alignment),
-        **current_attributes(motion, alignment), **_clock_attributes(alignment),
+        "verdict": verdict.verdict, "reasons": verdict.reasons, "blamed": verdict.blamed,
+        "lost_samples": _lost(alignment), "skew_s": alignment.skew_s, "skew_std_s": alignment.skew_std_s,
+        "skew_method": alignment.skew_method, "arrival_skew_s": alignment.arrival_skew_s, "recovered": recovered,
+        **motion_attributes(motion, light), **current_attributes(motion, light), **_clock_attributes(alignment),
+        **_shape_attributes(shape),
     }
+    if findings.temperature_degC is not None:
+        low, high = findings.temperature_degC
+        quality |= {"coil_temperature_low_degC": low, "coil_temperature_high_degC": high}
     provenance: dict[str, Attribute] = {
         "software": f"mr-damper-rig {rig.__version__}", **context.provenance, "journal_check": journal_check,
     }
@@ -118,76 +164,62 @@ def build(
     return file, alignment, verdict
 
 
-def _findings(
-    content: JournalContent, context: PointContext, alignment: Alignment, motion: Achieved | None,
-) -> Findings:
-    wanted_A = float(context.point["current_A"])
-    end = content.end or {}
-    return Findings(
-        sensors={name: _counts(alignment.timed[name], sensor) if name in alignment.timed else SensorCounts(0)
-                 for name, sensor in context.sensors.items()},
-        wanted_cycles=float(context.point["cycles"]), wanted_amplitude_m=float(context.point["amplitude_m"]),
-        wanted_frequency_Hz=float(context.point["frequency_Hz"]), current_tolerance_A=context.current_tolerance_A,
-        measured_cycles=None if motion is None else motion.cycles,
-        measured_amplitude_m=None if motion is None else motion.amplitude_m,
-        measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
-        current_error_A=_current_error_A(alignment, motion, wanted_A), skew_std_s=alignment.skew_std_s,
-        stopped_by=end.get("stopped_by"), interrupted=content.end is None,
-        overrun_records=int(end.get("lost_records", 0)), missing_blocks=content.missing_blocks,
-        damaged_bytes=content.damaged_bytes, tripped="trip" in alignment.timed,
-    )
-
-
-def _counts(channel: TimedChannel, sensor: SensorContext) -> SensorCounts:
-    flags = channel.records["flags"]
-
-    def count(flag: Quality) -> int:
-        return int(np.count_nonzero(flags & np.uint16(flag)))
-
-    saturated = count(Quality.OVERLOAD)
-    if sensor.range_SI is not None:
-        at_end = np.abs(channel.records["value"]) >= SATURATION_SHARE * sensor.range_SI
-        saturated = max(saturated, int(np.count_nonzero(at_end)))
-    missing = max(count(Quality.NOT_A_NUMBER), int(np.count_nonzero(~np.isfinite(channel.records["value"]))))
-    return SensorCounts(
-        len(channel.records), channel.lost, missing, saturated, count(Quality.SENSOR_FAULT), count(Quality.SPIKE),
-    )
-
-
-def _current_error_A(alignment: Alignment, motion: Achieved | None, wanted_A: float) -> float | None:
-    current = alignment.values["current"]
-    if motion is not None:
-        current = current[(alignment.time_s >= motion.start_s) & (alignment.time_s < motion.end_s)]
-    current = current[np.isfinite(current)]
-    return float(np.median(np.abs(current - wanted_A))) if len(current) else None
-
-
 def _lost(alignment: Alignment) -> int:
     return sum(channel.lost for channel in alignment.timed.values())
 
 
 def _clock_attributes(alignment: Alignment) -> dict[str, Attribute]:
+    """How each sensor's clock was found: drift against the controller's, delays, and their standard deviations."""
     found: dict[str, Attribute] = {}
     for name in ("force", "displacement"):
         channel = alignment.timed[name]
-        found[f"{name}_clock_drift_ppm"] = 1e6 * (channel.clock.rate - 1.0)
+        found[f"{name}_clock_drift_ppm"] = 1e6 * (1.0 / channel.clock.rate - 1.0)
+        found[f"{name}_clock_drift_std_ppm"] = 1e6 * channel.clock.rate_std
         found[f"{name}_clock_std_s"] = channel.clock.std_s
-        found[f"{name}_arrival_latency_s"] = channel.latency_s
+        found[f"{name}_arrival_latency_s"] = channel.latency_s if alignment.arrival_skew_s is not None else None
+        if channel.sensor is None:
+            continue
+        found[f"{name}_declared_delay_s"] = channel.sensor.declared_s
+        found[f"{name}_undeclared_delay_s"] = channel.sensor.undeclared_s
+        if channel.sensor.match is not None:
+            found[f"{name}_matched_lag_s"] = channel.sensor.match.lag_s
+            found[f"{name}_matched_lag_std_s"] = channel.sensor.match.lag_std_s
     return found
 
 
+def _shape_attributes(shape: LoopShape | None) -> dict[str, Attribute]:
+    if shape is None:
+        return {}
+    return {
+        "force_noise_N": shape.noise_N, "force_scatter_N": shape.scatter_N, "force_change_N": shape.change_N,
+        "force_span_N": shape.span_N, "free_play_m": shape.free_play_m,
+    }
+
+
 def _aligned_channels(alignment: Alignment, context: PointContext) -> list[AlignedChannel]:
-    velocity, method = velocity_of(alignment.time_s, alignment.values["displacement"])
     channels = []
-    for name, values in {**alignment.values, "velocity": velocity}.items():
+    for name, values in {**alignment.values, "velocity": _velocity(alignment)}.items():
         sensor = context.sensors.get("displacement" if name == "velocity" else name)
         described = _described(name, sensor)
-        attributes: dict[str, Attribute] = {"method": method} if name == "velocity" else _calibration(sensor)
+        attributes: dict[str, Attribute] = {"method": METHOD} if name == "velocity" else _calibration(sensor)
         source = sensor.sensor if sensor is not None else "ecu"
         channels.append(AlignedChannel(
             name, values, described.unit, described.long_name, source, attributes,
         ))
     return channels
+
+
+def _velocity(alignment: Alignment) -> Values:
+    time_s, displacement = alignment.time_s, alignment.values["displacement"]
+    if not isinstance(time_s, Column):
+        return velocity_of(np.asarray(time_s), np.asarray(displacement))[0]
+
+    def part(start: int, stop: int) -> FloatArray:
+        first = max(0, start - HALF_WIDTH)
+        last = min(len(time_s), stop + HALF_WIDTH)
+        return velocity_of(time_s[first:last], displacement[first:last])[0][start - first : stop - first]
+
+    return Column(len(time_s), np.float64, part)
 
 
 def _described(name: str, sensor: SensorContext | None) -> Description:
@@ -214,7 +246,8 @@ def _raw_channel(channel: TimedChannel, origin_s: float) -> RawChannel:
         "clock_method": channel.clock.method, "clock_std_s": channel.clock.std_s, "lost_samples": channel.lost,
     }
     return RawChannel(
-        channel.name, channel.records, described.unit, described.long_name, channel.time_s - origin_s, attributes,
+        channel.name, channel.records, described.unit, described.long_name,
+        mapped(channel.time_s, lambda time_s: time_s - origin_s, np.float64), attributes,
     )
 
 
@@ -251,15 +284,17 @@ def prove(path: Path, point: PointFile) -> None:
         data, raw = file["entry/data"], file["entry/raw"]
         _same(path, data, "time", point.time_s)
         for channel in point.channels:
-            _same(path, data, channel.name, channel.values.astype(np.float32))
+            _same(path, data, channel.name, mapped(channel.values, lambda values: values, np.float32))
         for received in point.raw:
             for name in ("value", "sequence", "device_us", "host_ns"):
                 _same(path, raw[received.name], name, received.records[name])
 
 
-def _same(path: Path, group: h5py.Group, name: str, wanted: NDArray[Any]) -> None:
-    found = group[name][...] if name in group else None
-    if found is None or not np.array_equal(found, wanted, equal_nan=wanted.dtype.kind == "f"):
+def _same(path: Path, group: h5py.Group, name: str, wanted: Values) -> None:
+    same = name in group and group[name].shape == wanted.shape
+    for rows in parts(len(wanted)) if same else ():
+        same = same and np.array_equal(group[name][rows], wanted[rows], equal_nan=wanted.dtype.kind == "f")
+    if not same:
         raise ReadBackDiffers(f"{path}: {group.name}/{name} read back differs from what was recorded")
 
 

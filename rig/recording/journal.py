@@ -18,7 +18,9 @@ import os
 import struct
 import threading
 import zlib
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from mmap import mmap
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,7 @@ RECORDS, EVENT, END = 1, 2, 3
 
 FLUSH_PERIOD_S = 0.05
 LARGEST_BLOCK_BYTES = 1 << 26
+SCANNED_BYTES = 1 << 20
 
 
 class JournalProblem(ValueError):
@@ -171,7 +174,7 @@ class JournalContent:
 
 @dataclass
 class _Found:
-    records: list[NDArray[Any]] = field(default_factory=list)
+    take: Callable[[NDArray[Any]], None]
     events: list[Event] = field(default_factory=list)
     end: dict[str, Any] | None = None
     next_index: int = 0
@@ -195,21 +198,51 @@ def parse_journal(data: bytes, name: str = "journal") -> JournalContent:
     Raises:
         JournalProblem: it is no journal or its header is damaged.
     """
+    blocks: list[NDArray[Any]] = []
+    content = scan_journal(data, name, blocks.append)
+    return replace(content, records=np.concatenate(blocks) if blocks else np.zeros(0, RECORD_DTYPE))
+
+
+def scan_journal(data: bytes | mmap, name: str, take: Callable[[NDArray[Any]], None]) -> JournalContent:
+    """Walk through a journal without keeping its samples.
+
+    Args:
+        data: the whole journal, in memory or mapped.
+        name: for messages.
+        take: is given the samples (n,) of each right block, in the order of arrival.
+
+    Returns:
+        Everything but the samples.
+
+    Raises:
+        JournalProblem: it is no journal or its header is damaged.
+    """
     context, position = _header(data, name)
-    found = _Found()
+    found = _Found(take)
     while position < len(data):
         size = _take_block(data, position, found)
         if size == 0:
             following = data.find(BLOCK_MAGIC, position + 1)
-            skipped = data[position:following] if following > 0 else data[position:]
-            found.damaged += len(skipped.rstrip(b"\0")) if following < 0 else len(skipped)
-            size = len(skipped)
+            found.damaged += (following if following > 0 else _end_of_data(data, position)) - position
+            size = (following if following > 0 else len(data)) - position
         position += size
-    records = np.concatenate(found.records) if found.records else np.zeros(0, RECORD_DTYPE)
-    return JournalContent(context, records, tuple(found.events), found.end, found.missing, found.damaged)
+    nothing = np.zeros(0, RECORD_DTYPE)
+    return JournalContent(context, nothing, tuple(found.events), found.end, found.missing, found.damaged)
 
 
-def _header(data: bytes, name: str) -> tuple[str, int]:
+def _end_of_data(data: bytes | mmap, start: int) -> int:
+    """Where the zeros of the reserved room begin."""
+    end = len(data)
+    while end > start:
+        first = max(start, end - SCANNED_BYTES)
+        kept = len(data[first:end].rstrip(b"\0"))
+        if kept:
+            return first + kept
+        end = first
+    return start
+
+
+def _header(data: bytes | mmap, name: str) -> tuple[str, int]:
     if len(data) < HEADER.size:
         raise JournalProblem(f"{name}: {len(data)} bytes, too short for a journal's header")
     magic, length, check = HEADER.unpack_from(data)
@@ -221,7 +254,7 @@ def _header(data: bytes, name: str) -> tuple[str, int]:
     return text.decode(), HEADER.size + length
 
 
-def _take_block(data: bytes, position: int, found: _Found) -> int:
+def _take_block(data: bytes | mmap, position: int, found: _Found) -> int:
     """Take the block at `position` if every check fits; return its size, 0 when there is no right block here."""
     if position + BLOCK.size > len(data):
         return 0
@@ -234,7 +267,7 @@ def _take_block(data: bytes, position: int, found: _Found) -> int:
     found.missing += index - found.next_index
     found.next_index = index + 1
     if kind == RECORDS:
-        found.records.append(np.frombuffer(body, RECORD_DTYPE))
+        found.take(np.frombuffer(body, RECORD_DTYPE))
     elif kind == EVENT:
         found.events.append(Event(**json.loads(body)))
     elif kind == END:

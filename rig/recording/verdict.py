@@ -1,4 +1,7 @@
-"""Valid, suspect or invalid, and why: each reason begins with its slug and carries the numbers it was judged by."""
+"""Valid, suspect or invalid, and why: each reason begins with its slug and carries the numbers it was judged by.
+
+Every slug belongs to the specimen, the bench or the test (`BLAMED`): who has to do something about it.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,36 @@ TOLERATED_CYCLES = 1
 AMPLITUDE_SUSPECT, AMPLITUDE_INVALID = 0.05, 0.10
 FREQUENCY_SUSPECT = 0.03
 SKEW_SUSPECT_PERIODS = 0.003
+STUCK_SHARE = 0.1
+"""Of a cycle, during which no quantity of a moving rig stands still."""
+FLAT_SAMPLES = 5
+"""Equal neighbours at the greatest or least value: the amplifier's end, not the signal's."""
+TEMPERATURE_SUSPECT_K, TEMPERATURE_INVALID_K = 5.0, 10.0
+TEMPERATURE_RESOLUTION_K = 0.2
+SCATTER_SUSPECT, SCATTER_INVALID = 0.02, 0.05
+CHANGE_SUSPECT, CHANGE_INVALID = 0.03, 0.08
+AMPLITUDE_SCATTER = 0.01
+
+BLAMED: dict[str, str] = {
+    "free-play": "bench",
+    "force-scatter": "specimen",
+    "force-change": "specimen",
+    "temperature-drift": "test",
+    "temperature-window": "test",
+    "too-few-cycles": "test",
+    "amplitude": "bench",
+    "amplitude-scatter": "bench",
+    "frequency": "bench",
+    "INTERRUPTED": "test",
+    "interrupted": "test",
+    "operator": "test",
+    "sigint": "test",
+    "sigterm": "test",
+    "wrong-damper": "specimen",
+    "load-train": "bench",
+    "ecu-overtemp": "test",
+}
+"""Slug of a reason -> who is at fault; every other slug is the bench's."""
 
 Reason = tuple[str, str]
 """`invalid` or `suspect`, and the text."""
@@ -20,7 +53,10 @@ Reason = tuple[str, str]
 
 @dataclass(frozen=True)
 class SensorCounts:
-    """What one sensor channel delivered: samples, and how many were lost or flagged."""
+    """What one sensor channel delivered: samples, and how many were lost or flagged.
+
+    `standing` is the longest run of equal samples during the full cycles, `flat` the longest at the extreme values.
+    """
 
     samples: int
     lost: int = 0
@@ -28,14 +64,18 @@ class SensorCounts:
     saturated: int = 0
     faulty: int = 0
     spikes: int = 0
+    standing: int = 0
+    flat: int = 0
 
 
 @dataclass(frozen=True)
 class Findings:
     """What is known about a point when it is judged; None where it could not be measured.
 
-    `wanted_*` come from the matrix, `measured_*` from the kept cycles. `slip` counts of the journal are bytes and
-    blocks; `current_error_A` is the median deviation of measured from wanted current over the kept cycles.
+    `wanted_*` come from the matrix, `measured_*` from the kept cycles. Counts of the journal are bytes and
+    blocks; `current_error_A` is the median deviation of measured from wanted current over the kept cycles;
+    `temperature_degC` the lowest and highest coil temperature over them; `scatter_N`, `change_N`, `span_N` and
+    `free_play_m` are those of `rig.recording.loop_shape`.
     """
 
     sensors: Mapping[str, SensorCounts]
@@ -46,7 +86,15 @@ class Findings:
     measured_cycles: float | None = None
     measured_amplitude_m: float | None = None
     measured_frequency_Hz: float | None = None
+    amplitude_std_m: float | None = None
     current_error_A: float | None = None
+    temperature_degC: tuple[float, float] | None = None
+    temperature_window_degC: tuple[float, float] | None = None
+    scatter_N: float | None = None
+    change_N: float | None = None
+    span_N: float | None = None
+    free_play_m: float = 0.0
+    samples_a_cycle: float = float("inf")
     skew_std_s: float = 0.0
     stopped_by: str | None = None
     interrupted: bool = False
@@ -64,11 +112,22 @@ class Verdict:
     verdict: str
     reasons: tuple[str, ...]
 
+    @property
+    def blamed(self) -> tuple[str, ...]:
+        """Who is at fault, for each reason: `specimen`, `bench` or `test`."""
+        return tuple(blamed(reason) for reason in self.reasons)
+
+
+def blamed(reason: str) -> str:
+    """Whether a reason lies in the `specimen`, the `bench` or the `test`."""
+    return BLAMED.get(reason.partition(":")[0], "bench")
+
 
 def judge(findings: Findings) -> Verdict:
     """Judge a point by everything that was found; one bad finding is enough."""
     reasons = [
-        *_ending(findings), *_sensor_reasons(findings), *_motion(findings), *_current(findings), *_skew(findings),
+        *_ending(findings), *_sensor_reasons(findings), *_motion(findings), *_current(findings),
+        *_temperature(findings), *_specimen(findings), *_skew(findings),
         *findings.extra,
     ]
     invalid = [text for kind, text in reasons if kind == "invalid"]
@@ -107,13 +166,25 @@ def _sensor_reasons(found: Findings) -> list[Reason]:
         if counts.not_a_number > LARGEST_NAN_SHARE * total:
             share = _share("sensor-nan", name, counts.not_a_number, total, "not a number", LARGEST_NAN_SHARE)
             reasons.append(("invalid", share))
-        if counts.saturated >= SATURATED_SAMPLES:
-            reasons.append(("invalid", f"sensor-saturated: {counts.saturated} {name} samples at the end of the range"))
+        reasons += _standing(name, counts, found.samples_a_cycle)
         if counts.faulty:
             reasons.append(("invalid", f"sensor-fault: {counts.faulty} {name} samples reported faulty by the sensor"))
         if counts.spikes:
             reasons.append(("suspect", f"sensor-spike: {counts.spikes} {name} samples jump beyond the machine's speed"))
     return reasons
+
+
+def _standing(name: str, counts: SensorCounts, samples_a_cycle: float) -> list[Reason]:
+    if counts.saturated >= SATURATED_SAMPLES:
+        return [("invalid", f"sensor-saturated: {counts.saturated} {name} samples at the end of the range")]
+    if counts.standing > max(STUCK_SHARE * samples_a_cycle, FLAT_SAMPLES) and counts.flat < counts.standing:
+        return [("invalid", f"sensor-stuck: {counts.standing} {name} samples in a row are equal while the rig moves")]
+    if name == "force" and counts.flat >= FLAT_SAMPLES:
+        return [(
+            "invalid",
+            f"sensor-saturated: the {name} stands at its extreme value for {counts.flat} samples: the amplifier's end",
+        )]
+    return []
 
 
 def _share(slug: str, name: str, count: int, total: int, what: str, limit: float) -> str:
@@ -157,6 +228,58 @@ def _current(found: Findings) -> list[Reason]:
             f"(limit {1e3 * found.current_tolerance_A:.3g} mA)",
         )]
     return []
+
+
+def _temperature(found: Findings) -> list[Reason]:
+    if found.temperature_degC is None:
+        return []
+    reasons: list[Reason] = []
+    low, high = found.temperature_degC
+    shown = f"coil at {low:.1f} to {high:.1f} degC"
+    if high - low > TEMPERATURE_SUSPECT_K:
+        kind = "invalid" if high - low > TEMPERATURE_INVALID_K else "suspect"
+        reasons.append((
+            kind, f"temperature-drift: {shown} during the point (limit {TEMPERATURE_INVALID_K:g} K of change)",
+        ))
+    if found.temperature_window_degC is not None:
+        floor, ceiling = found.temperature_window_degC
+        if low < floor - TEMPERATURE_RESOLUTION_K or high > ceiling + TEMPERATURE_RESOLUTION_K:
+            reasons.append(("invalid", f"temperature-window: {shown}, window {floor:g} to {ceiling:g} degC"))
+    return reasons
+
+
+def _specimen(found: Findings) -> list[Reason]:
+    reasons: list[Reason] = []
+    if found.free_play_m > 0.0:
+        reasons.append((
+            "invalid",
+            f"free-play: the force rests at zero over about {1e3 * found.free_play_m:.2g} mm after it changes sign: "
+            "a fixture or joint slips",
+        ))
+    if found.span_N is None or found.scatter_N is None or found.change_N is None or not found.span_N > 0.0:
+        return reasons
+    scatter, change = found.scatter_N / found.span_N, abs(found.change_N) / found.span_N
+    if scatter > SCATTER_SUSPECT:
+        wobbles = _amplitude_scatter(found) > AMPLITUDE_SCATTER
+        slug, what = ("amplitude-scatter", "motion and force differ") if wobbles else ("force-scatter", "force differs")
+        kind = "invalid" if scatter > SCATTER_INVALID else "suspect"
+        reasons.append((
+            kind, f"{slug}: {what} from cycle to cycle by {100 * scatter:.2g} % of its span "
+            f"(limit {100 * SCATTER_INVALID:g} %)",
+        ))
+    if change > CHANGE_SUSPECT:
+        kind = "invalid" if change > CHANGE_INVALID else "suspect"
+        reasons.append((
+            kind, f"force-change: the loop's span changed by {100 * found.change_N / found.span_N:+.2g} % over the "
+            f"point (limit {100 * CHANGE_INVALID:g} %)",
+        ))
+    return reasons
+
+
+def _amplitude_scatter(found: Findings) -> float:
+    if found.amplitude_std_m is None or not found.wanted_amplitude_m > 0.0:
+        return 0.0
+    return found.amplitude_std_m / found.wanted_amplitude_m
 
 
 def _skew(found: Findings) -> list[Reason]:

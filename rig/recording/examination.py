@@ -1,0 +1,135 @@
+"""What is found in a point's samples before it is judged: losses, standing values, temperature, current, loop shape."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from protocols.quality import Quality
+from rig.recording.achieved import Achieved
+from rig.recording.alignment import Alignment, TimedChannel
+from rig.recording.column import Values
+from rig.recording.context import PointContext, SensorContext
+from rig.recording.journal import JournalContent
+from rig.recording.layout import FloatArray, parts
+from rig.recording.loop_shape import LoopShape, loop_shape, standing
+from rig.recording.verdict import Findings, SensorCounts
+
+SATURATION_SHARE = 0.999
+MOST_OVERVIEW_SAMPLES = 400_000
+FEWEST_A_CYCLE = 200
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The aligned point thinned to what an examination needs, as arrays (n,): every sample of an ordinary point."""
+
+    time_s: FloatArray
+    displacement_m: FloatArray
+    force_N: FloatArray
+    current_A: FloatArray
+    temperature_degC: FloatArray
+
+
+def overview(alignment: Alignment, frequency_Hz: float) -> Overview:
+    """Every k-th sample of a point too long to hold, every sample of any other.
+
+    Args:
+        alignment: the aligned point.
+        frequency_Hz: of its cycles; at least 200 samples of each are kept.
+    """
+    count = len(alignment.time_s)
+    every = 1
+    if count > MOST_OVERVIEW_SAMPLES:
+        rate_Hz = (count - 1) / max(float(alignment.time_s[-1]), 1e-9)
+        enough = int(rate_Hz / (FEWEST_A_CYCLE * max(frequency_Hz, 1e-3)))
+        every = max(1, min(-(-count // MOST_OVERVIEW_SAMPLES), enough))
+    names = ("displacement", "force", "current", "coil_temperature")
+    time_s, *values = (_every(column, every) for column in (alignment.time_s, *(alignment.values[n] for n in names)))
+    return Overview(time_s, *values)
+
+
+def _every(values: Values, every: int) -> FloatArray:
+    if every == 1:
+        return np.asarray(values, np.float64)
+    return np.concatenate([np.asarray(values[rows])[-rows.start % every :: every] for rows in parts(len(values))])
+
+
+def examine(
+    content: JournalContent, context: PointContext, alignment: Alignment, seen: Overview, motion: Achieved | None,
+) -> tuple[Findings, LoopShape | None]:
+    """Everything a verdict is given by, and the shape of the loop (None where it cannot be told)."""
+    end = content.end or {}
+    inside = np.ones(len(seen.time_s), bool)
+    shape = None
+    if motion is not None:
+        inside = (seen.time_s >= motion.start_s) & (seen.time_s < motion.end_s)
+        starts = motion.start_s + np.arange(motion.cycles + 1) * (motion.end_s - motion.start_s) / motion.cycles
+        shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
+    point = context.point
+    frequency_Hz = float(point["frequency_Hz"])
+    period_samples = context.sensors["force"].rate_Hz / frequency_Hz if frequency_Hz > 0.0 else np.inf
+    findings = Findings(
+        sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
+                 else SensorCounts(0) for name, sensor in context.sensors.items()},
+        wanted_cycles=float(point["cycles"]), wanted_amplitude_m=float(point["amplitude_m"]),
+        wanted_frequency_Hz=frequency_Hz, current_tolerance_A=context.current_tolerance_A,
+        measured_cycles=None if motion is None else motion.cycles,
+        measured_amplitude_m=None if motion is None else motion.amplitude_m,
+        amplitude_std_m=None if motion is None else motion.amplitude_std_m,
+        measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
+        current_error_A=_median_error(seen.current_A[inside], float(point["current_A"])),
+        temperature_degC=_range(seen.temperature_degC[inside]),
+        temperature_window_degC=_window(point), skew_std_s=alignment.skew_std_s,
+        scatter_N=None if shape is None else shape.scatter_N, change_N=None if shape is None else shape.change_N,
+        span_N=None if shape is None else shape.span_N, free_play_m=0.0 if shape is None else shape.free_play_m,
+        samples_a_cycle=float(period_samples), stopped_by=end.get("stopped_by"), interrupted=content.end is None,
+        overrun_records=int(end.get("lost_records", 0)), missing_blocks=content.missing_blocks,
+        damaged_bytes=content.damaged_bytes, tripped="trip" in alignment.timed,
+    )
+    return findings, shape
+
+
+def _window(point: Any) -> tuple[float, float] | None:  # noqa: ANN401 - a journal's mapping
+    low, high = point.get("temperature_low_degC"), point.get("temperature_high_degC")
+    return None if low is None or high is None else (float(low), float(high))
+
+
+def _range(values: FloatArray) -> tuple[float, float] | None:
+    known = values[np.isfinite(values)]
+    return (float(np.min(known)), float(np.max(known))) if len(known) else None
+
+
+def _median_error(values: FloatArray, wanted: float) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.median(np.abs(known - wanted))) if len(known) else None
+
+
+def _counts(
+    channel: TimedChannel, sensor: SensorContext, alignment: Alignment, motion: Achieved | None,
+) -> SensorCounts:
+    missing = saturated = overloaded = faulty = spikes = longest = at_extreme = 0
+    bounds = None if motion is None else (alignment.origin_s + motion.start_s, alignment.origin_s + motion.end_s)
+    for rows in parts(len(channel.records)):
+        records = channel.records[rows]
+        flags, values = records["flags"], records["value"]
+        overloaded += _marked(flags, Quality.OVERLOAD)
+        faulty += _marked(flags, Quality.SENSOR_FAULT)
+        spikes += _marked(flags, Quality.SPIKE)
+        missing += max(_marked(flags, Quality.NOT_A_NUMBER), int(np.count_nonzero(~np.isfinite(values))))
+        if sensor.range_SI is not None:
+            saturated += int(np.count_nonzero(np.abs(values) >= SATURATION_SHARE * sensor.range_SI))
+        if bounds is not None:
+            time_s = np.asarray(channel.time_s[rows])
+            found = standing(values[(time_s >= bounds[0]) & (time_s < bounds[1])])
+            longest, at_extreme = max(longest, found.longest), max(at_extreme, found.at_extreme)
+    return SensorCounts(
+        len(channel.records), channel.lost, missing, max(saturated, overloaded), faulty, spikes, longest, at_extreme,
+    )
+
+
+def _marked(flags: Iterable[Any], flag: Quality) -> int:
+    return int(np.count_nonzero(np.asarray(flags) & np.uint16(flag)))

@@ -1,0 +1,165 @@
+"""What the force says about specimen and fixture, cycle against cycle: scatter, change, free play, standing values.
+
+The force of every full cycle is laid on one grid of phases. Nothing is known of a damper model here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.recording.layout import FloatArray
+
+PHASES = 400
+FEWEST_CYCLES = 3
+NOISE_OF_THIRD_DIFFERENCE = 1.0 / (0.6745 * np.sqrt(20.0))
+QUIET_NOISES = 4.0
+QUIET_SHARE = 0.01
+OUTSIDE = 5.0
+SLOWER = 3.0
+"""Free play: the force rests at zero so many times longer than its way there and on takes."""
+SMALLEST_PLAY_M = 0.1e-3
+LARGEST_PLAY_SHARE = 0.2
+"""Of the stroke: a force that rests at zero for longer is the specimen's own."""
+FLAT_NOISES = 2.5
+SPAN_PERCENT = 3.0
+REPEATED_SHARE = 0.2
+"""Where this share of all neighbours are equal, the resolution is coarse and a standing value says nothing."""
+STANDING_SAMPLES = 5
+STUCK_SHARE = 0.1
+"""Of a cycle, during which a moving quantity cannot stand."""
+
+
+@dataclass(frozen=True)
+class LoopShape:
+    """Findings about one point's force over its full cycles.
+
+    Attributes:
+        scatter_N: standard deviation of the force between cycles at equal phase, beyond the sensor's noise (N).
+        change_N: how much peak-to-peak force changed from the first to the last third of the cycles (N), signed.
+        span_N: mean peak-to-peak force (N).
+        noise_N: the sensor's own noise, from neighbouring samples (N).
+        free_play_m: travel during which the force rests at zero after it changes sign; 0 where there is none (m).
+    """
+
+    scatter_N: float
+    change_N: float
+    span_N: float
+    noise_N: float
+    free_play_m: float
+
+
+def loop_shape(
+    time_s: FloatArray, displacement_m: FloatArray, force_N: FloatArray, start_s: FloatArray
+) -> LoopShape | None:
+    """Compare the cycles of one point.
+
+    Args:
+        time_s: (n,) s, increasing.
+        displacement_m: (n,) m.
+        force_N: (n,) N; NaN where nothing was measured.
+        start_s: beginnings of the full cycles and the end of the last (k + 1,), s.
+
+    Returns:
+        None with fewer than three cycles, or without enough samples in them.
+    """
+    if len(start_s) <= FEWEST_CYCLES:
+        return None
+    forces, moves = (_by_phase(time_s, values, start_s) for values in (force_N, displacement_m))
+    if forces is None or moves is None:
+        return None
+    noise_N = noise_of(force_N)
+    between = float(np.median(np.std(forces, axis=0, ddof=1)))
+    spans = np.ptp(np.percentile(forces, (SPAN_PERCENT, 100.0 - SPAN_PERCENT), axis=1), axis=0)
+    third = max(1, len(spans) // 3)
+    return LoopShape(
+        scatter_N=float(np.sqrt(max(0.0, between**2 - noise_N**2))),
+        change_N=float(np.mean(spans[-third:]) - np.mean(spans[:third])), span_N=float(np.mean(spans)),
+        noise_N=noise_N,
+        free_play_m=_free_play_m(np.mean(forces, axis=0), np.mean(moves, axis=0), noise_N, len(forces)),
+    )
+
+
+def noise_of(values: FloatArray) -> float:
+    """Standard deviation of white noise on a smooth signal (n,), from its third differences."""
+    third = np.diff(values, 3)
+    third = third[np.isfinite(third)]
+    return float(np.median(np.abs(third)) * NOISE_OF_THIRD_DIFFERENCE) if len(third) else 0.0
+
+
+def _by_phase(time_s: FloatArray, values: FloatArray, start_s: FloatArray) -> FloatArray | None:
+    """Values at `PHASES` phases of each cycle, (k, PHASES); None where too few were measured."""
+    known = np.isfinite(values) & np.isfinite(time_s)
+    if np.count_nonzero(known) < PHASES // 4:
+        return None
+    grid = np.arange(PHASES) / PHASES
+    wanted_s = start_s[:-1, None] + grid[None, :] * np.diff(start_s)[:, None]
+    return np.asarray(np.interp(wanted_s, time_s[known], values[known]))
+
+
+def _free_play_m(force_N: FloatArray, displacement_m: FloatArray, noise_N: float, cycles: int) -> float:
+    """The smaller of the travels at rest of the force's sign changes up and down; both show a loose joint."""
+    quiet_N = max(QUIET_NOISES * noise_N, QUIET_SHARE * 0.5 * float(np.ptp(force_N)))
+    if OUTSIDE * quiet_N > 0.5 * float(np.ptp(force_N)) or np.min(force_N) >= 0.0 or np.max(force_N) <= 0.0:
+        return 0.0
+    travels = []
+    for direction in (1.0, -1.0):
+        rising = direction * force_N
+        crossing = np.flatnonzero((rising < 0.0) & (np.roll(rising, -1) >= 0.0))
+        flat_N = FLAT_NOISES * noise_N / np.sqrt(cycles)
+        travels.append(max((_rest_m(rising, displacement_m, int(at), quiet_N, flat_N) for at in crossing), default=0.0))
+    return min(travels)
+
+
+def _rest_m(rising: FloatArray, displacement_m: FloatArray, at: int, quiet_N: float, flat_N: float) -> float:
+    """Travel around one sign change while the force rests, if it is flat and rests longer than its slopes explain."""
+    size = len(rising)
+    ways = []
+    for step in (-1, 1):
+        quiet = outside = 0
+        position = at if step < 0 else at + 1
+        while quiet < size // 2 and abs(rising[(position + step * quiet) % size]) < quiet_N:
+            quiet += 1
+        while outside < size // 2 and abs(rising[(position + step * (quiet + outside)) % size]) < OUTSIDE * quiet_N:
+            outside += 1
+        ways.append((quiet, outside))
+    resting = ways[0][0] + ways[1][0]
+    slope = max(1.0, (ways[0][1] + ways[1][1]) / (OUTSIDE - 1.0))
+    if resting <= SLOWER * slope:
+        return 0.0
+    first, last = (at - ways[0][0]) % size, (at + 1 + ways[1][0]) % size
+    inside = np.take(rising, np.arange(at - ways[0][0] + 2, at + ways[1][0]), mode="wrap")
+    if len(inside) < 2 or float(np.std(inside)) > flat_N:
+        return 0.0
+    travel_m = abs(float(displacement_m[last] - displacement_m[first]))
+    largest_m = LARGEST_PLAY_SHARE * float(np.ptp(displacement_m))
+    return travel_m if SMALLEST_PLAY_M <= travel_m <= largest_m else 0.0
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Longest runs of exactly equal neighbours: anywhere, and at the greatest or least value (samples)."""
+
+    longest: int
+    at_extreme: int
+
+
+def standing(values: FloatArray) -> Standing:
+    """Find values that stand still where a noisy moving quantity cannot.
+
+    Args:
+        values: samples (n,), NaN where nothing was measured.
+    """
+    known = values[np.isfinite(values)]
+    if len(known) < 2:
+        return Standing(0, 0)
+    equal = known[1:] == known[:-1]
+    bounds = np.flatnonzero(np.diff(np.concatenate(([0], equal.astype(np.int8), [0]))))
+    starts, lengths = bounds[::2], np.diff(bounds)[::2] + 1
+    if len(starts) == 0:
+        return Standing(0, 0)
+    extreme = (known[starts] == np.max(known)) | (known[starts] == np.min(known))
+    coarse = float(np.mean(equal)) > REPEATED_SHARE and int(np.max(lengths)) < len(known) // 20
+    at_extreme = 0 if coarse or not np.any(extreme) else int(np.max(lengths[extreme]))
+    return Standing(int(np.max(lengths)), at_extreme)
