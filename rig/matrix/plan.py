@@ -22,6 +22,12 @@ SAMPLES_A_CYCLE = 25
 
 TOO_HOT = "its heat"
 
+HEADROOM_M = 1e-3
+"""Travel left to every position limit, for the servo's overshoot and the sensors' noise: the limits themselves trip."""
+
+FORCE_HEADROOM = 0.05
+"""Share of the force limit that a predicted force leaves, for the prediction's error and the load cell's noise."""
+
 AMPLITUDE_STEP_M = 1e-5
 """Amplitudes that would fit are rounded down to this."""
 
@@ -155,13 +161,17 @@ def _reasons(point: TestPoint, force_N: float | None, matrix: Matrix, bench: Ben
         reached, limit = point.peak_acceleration_m_s2, limits.acceleration_m_s2
         yield f"acceleration {reached:.3g} m/s^2 is above the bench's {limit:.3g} m/s^2"
     low, high = limits.position_m
-    if _beyond(point.amplitude_m, high - point.centre_m) or _beyond(point.amplitude_m, point.centre_m - low):
-        yield f"{_span(point)} leaves the bench's {show(low, 'mm')} to {show(high, 'mm')}"
-    if _beyond(point.amplitude_m, specimen.stroke_m / 2.0):
+    room = f"; {show(HEADROOM_M, 'mm')} must be left at each end"
+    if _beyond(point.amplitude_m, _room_m(point, bench)):
+        yield f"{_span(point)} leaves the bench's {show(low, 'mm')} to {show(high, 'mm')}{room}"
+    if _beyond(point.amplitude_m, specimen.stroke_m / 2.0 - HEADROOM_M):
         travel_m, stroke_m = 2.0 * point.amplitude_m, specimen.stroke_m
-        yield f"{show(travel_m, 'mm')} of travel exceed the specimen's stroke {show(stroke_m, 'mm')}"
-    if force_N is not None and _beyond(force_N, limits.force_N):
-        yield f"predicted force {force_N:.4g} N is above the bench's {limits.force_N:.4g} N"
+        yield f"{show(travel_m, 'mm')} of travel exceed the specimen's stroke {show(stroke_m, 'mm')}{room}"
+    if force_N is not None and _beyond(force_N, _allowed_force_N(bench)):
+        yield (
+            f"predicted force {force_N:.4g} N is above the bench's {limits.force_N:.4g} N less "
+            f"{100 * FORCE_HEADROOM:g} % of headroom"
+        )
     yield from _independent_of_amplitude(point, matrix, bench)
 
 
@@ -176,10 +186,8 @@ def command_limit(point: TestPoint, matrix: Matrix, bench: Bench) -> tuple[float
         f"the bench's speed limit, {limits.speed_m_s:.3g} m/s": limits.speed_m_s / one_metre.peak_speed_m_s,
         f"the bench's acceleration limit, {limits.acceleration_m_s2:.3g} m/s^2": limits.acceleration_m_s2
         / one_metre.peak_acceleration_m_s2,
-        f"the bench's position limits, {show(low, 'mm')} to {show(high, 'mm')}": min(
-            high - point.centre_m, point.centre_m - low
-        ),
-        f"the specimen's stroke, {show(matrix.specimen.stroke_m, 'mm')}": matrix.specimen.stroke_m / 2.0,
+        f"the bench's position limits, {show(low, 'mm')} to {show(high, 'mm')}": _room_m(point, bench),
+        f"the specimen's stroke, {show(matrix.specimen.stroke_m, 'mm')}": matrix.specimen.stroke_m / 2.0 - HEADROOM_M,
     }
     what = min(allowed, key=lambda name: allowed[name])
     return allowed[what], what
@@ -209,6 +217,16 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
         )
 
 
+def _room_m(point: TestPoint, bench: Bench) -> float:
+    """The largest amplitude the bench's position limits leave about the point's centre (m)."""
+    low, high = bench.limits.position_m
+    return min(high - point.centre_m, point.centre_m - low) - HEADROOM_M
+
+
+def _allowed_force_N(bench: Bench) -> float:
+    return bench.limits.force_N * (1.0 - FORCE_HEADROOM)
+
+
 def _span(point: TestPoint) -> str:
     return f"{show(point.centre_m - point.amplitude_m, 'mm')} to {show(point.centre_m + point.amplitude_m, 'mm')}"
 
@@ -223,14 +241,12 @@ def _would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast
     if any(True for _ in _independent_of_amplitude(point, matrix, bench)):
         return None
     one_metre = replace(point, amplitude_m=1.0)
-    low, high = bench.limits.position_m
     amplitude_m = min(
         point.amplitude_m,
         bench.limits.speed_m_s / one_metre.peak_speed_m_s,
         bench.limits.acceleration_m_s2 / one_metre.peak_acceleration_m_s2,
-        high - point.centre_m,
-        point.centre_m - low,
-        matrix.specimen.stroke_m / 2.0,
+        _room_m(point, bench),
+        matrix.specimen.stroke_m / 2.0 - HEADROOM_M,
     )
     steps = math.floor(amplitude_m / AMPLITUDE_STEP_M + 1e-6)
     steps = _largest_within_force(point, steps, matrix, bench, predict)
@@ -244,7 +260,7 @@ def _largest_within_force(point: TestPoint, steps: int, matrix: Matrix, bench: B
         smaller = replace(point, amplitude_m=count * AMPLITUDE_STEP_M)
         force_N, energy_J = predict(smaller)
         cool = not any(True for _ in _too_hot(smaller, energy_J, matrix))
-        return cool and (force_N is None or not _beyond(force_N, bench.limits.force_N))
+        return cool and (force_N is None or not _beyond(force_N, _allowed_force_N(bench)))
 
     if steps <= 0 or fits(steps):
         return steps

@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Limits:
-    """What the rig may do; the interlocks trip beyond these values plus `Margins`."""
+    """What the rig may do; the interlocks trip beyond these values, speed and current beyond `Margins`."""
 
     position_min_m: float
     position_max_m: float
@@ -34,16 +34,15 @@ class Limits:
 
 @dataclass(frozen=True)
 class Margins:
-    """How far beyond a limit the trip lies, so that a point planned exactly at its limit does not trip on noise.
+    """How far beyond a limit the trip lies, for the two limits whose measurement is not the limited quantity itself.
 
-    `position_m` is added to both stroke limits; the others are shares of their limit, except `current_A` (added).
-    The controller is given the same thresholds, so that it stops by itself where the station would stop it.
+    Position, force, acceleration and temperature trip at their limit; the plan keeps the headroom a point needs.
+    `speed` is a share of the speed limit: the speed is a difference of LVDT samples, and sensor noise, latency jitter
+    and the servo's ripple come with it. `current_A` is the ECU's tracking tolerance, so that a set-point at the limit
+    can be held. The controller is given the same values.
     """
 
-    position_m: float = 0.001
     speed: float = 0.10
-    acceleration: float = 1.0
-    force: float = 0.05
     current_A: float = 0.15
 
 

@@ -35,20 +35,18 @@ class Devices:
         self._supervisor = supervisor
         limits, margins = config.limits, config.margins
         speed_limit_m_s = limits.speed_m_s * (1.0 + margins.speed)
-        force_limit_N = limits.force_N * (1.0 + margins.force)
         self.load_cell = self._sensor(
             config.load_cell,
             "loadcell-pulled",
             Channel.FORCE,
-            _judge(config.load_cell, "force-limit", -force_limit_N, force_limit_N, "N"),
+            _judge(config.load_cell, "force-limit", -limits.force_N, limits.force_N, "N"),
             append,
         )
-        low_m, high_m = limits.position_min_m - margins.position_m, limits.position_max_m + margins.position_m
         self.lvdt = self._sensor(
             config.lvdt,
             "lvdt-pulled",
             Channel.DISPLACEMENT,
-            _judge(config.lvdt, "stroke-limit", low_m, high_m, "m"),
+            _judge(config.lvdt, "stroke-limit", limits.position_min_m, limits.position_max_m, "m"),
             append,
             MotionJudge(speed_limit_m_s, config.lvdt.rate_Hz),
         )

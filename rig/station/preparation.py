@@ -126,11 +126,11 @@ class Preparation:
     def _limits(self) -> ActuatorLimits:
         limits, margins, actuator = self._config.limits, self._config.margins, self._config.actuator
         return ActuatorLimits(
-            position_min_m=limits.position_min_m - margins.position_m,
-            position_max_m=limits.position_max_m + margins.position_m,
+            position_min_m=limits.position_min_m,
+            position_max_m=limits.position_max_m,
             speed_max_m_s=limits.speed_m_s * (1.0 + margins.speed),
-            acceleration_max_m_s2=limits.acceleration_m_s2 * (1.0 + margins.acceleration),
-            force_max_N=limits.force_N * (1.0 + margins.force),
+            acceleration_max_m_s2=limits.acceleration_m_s2,
+            force_max_N=limits.force_N,
             fade_out_cycles=actuator.fade_out_cycles,
             halt_deceleration_m_s2=actuator.halt_deceleration_m_s2,
             watchdog_ms=round(actuator.watchdog_s * 1e3),

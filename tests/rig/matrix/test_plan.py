@@ -67,14 +67,16 @@ def test_table_1_is_feasible_on_the_demo_bench() -> None:
 @pytest.mark.parametrize(
     ("given", "reason", "fits_m"),
     [
-        (one("100 mm", "0.1 Hz"), "-100 mm to 100 mm leaves the bench's -85 mm to 85 mm", 0.085),
+        (one("100 mm", "0.1 Hz"), "-100 mm to 100 mm leaves the bench's -85 mm to 85 mm", 0.084),
         (one("20 mm", "9.9 Hz"), "acceleration 77.4 m/s^2 is above the bench's 60 m/s^2", 0.01286),
         (one("50 mm", "3 Hz", waveform="triangle"), "acceleration 72 m/s^2 is above the bench's 60 m/s^2", 0.04166),
         (one("30 mm", "1 Hz", current="5 A"), "current 5 A is above the bench's 3 A", None),
         (one("30 mm", "1 Hz", current="2.5 A", specimen='max_current = "2 A"'), "above the specimen's 2 A", None),
         (one("30 mm", "1 Hz", specimen='max_force = "6 kN"'), "force 6000 N is above the bench's 5000 N", None),
+        (one("30 mm", "1 Hz", specimen='max_force = "4.8 kN"'), "5000 N less 5 % of headroom", None),
+        (one("84.5 mm", "0.1 Hz"), "1 mm must be left at each end", 0.084),
         (one("1 mm", "12 Hz"), "20.8 samples a cycle at 250 Hz; a loop needs 25", None),
-        (one("60 mm", "0.1 Hz", specimen='mid_stroke = "40 mm"'), "-20 mm to 100 mm leaves", 0.045),
+        (one("60 mm", "0.1 Hz", specimen='mid_stroke = "40 mm"'), "-20 mm to 100 mm leaves", 0.044),
     ],
 )
 def test_each_limit_refuses_with_its_reason_and_what_would_fit(
@@ -89,7 +91,9 @@ def test_each_limit_refuses_with_its_reason_and_what_would_fit(
 def test_the_specimens_stroke_limits_the_travel() -> None:
     short = matrix('amplitude = "50 mm"\nfrequency = "0.2 Hz"\ncurrent = "0 A"', "")
     short = short.model_copy(update={"specimen": short.specimen.model_copy(update={"stroke_m": 0.08})})
-    assert only(plan(short, DEMO)) == (False, "100 mm of travel exceed the specimen's stroke 80 mm", 0.04)
+    assert only(plan(short, DEMO)) == (
+        False, "100 mm of travel exceed the specimen's stroke 80 mm; 1 mm must be left at each end", 0.039,
+    )
 
 
 def test_a_predicted_force_beyond_the_limit_names_an_amplitude_whose_force_fits() -> None:
