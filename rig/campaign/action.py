@@ -67,6 +67,18 @@ class WatchZeros:
 
 
 @dataclass(frozen=True)
+class ReadTemperature:
+    """Report `TemperatureRead` with the coil's present temperature."""
+
+
+@dataclass(frozen=True)
+class AwaitTemperature:
+    """Report `CooledDown` when the coil's temperature is `highest_degC` (degC) or less."""
+
+    highest_degC: float
+
+
+@dataclass(frozen=True)
 class Rest:
     """Report `RestOver` after `rest_s` seconds of the rig's clock."""
 
@@ -80,10 +92,14 @@ class AwaitStandstill:
 
 @dataclass(frozen=True)
 class BeginRecording:
-    """Open the point's journal; every sample from now on belongs to it. `attempt` counts from 1."""
+    """Open the point's journal; every sample from now on belongs to it. `attempt` counts from 1.
+
+    `commanded` is the program that makes the point's motion.
+    """
 
     point: TestPoint
     attempt: int
+    commanded: TestPoint
 
 
 @dataclass(frozen=True)
@@ -93,6 +109,21 @@ class EndRecording:
     point: TestPoint
     attempt: int
     fault: Cause | None
+
+
+@dataclass(frozen=True)
+class DropRecording:
+    """Close the point's journal and forget it: the motion was not the wanted one, and the point is run again."""
+
+    point: TestPoint
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Put a finding into the running point's recording; `code` decides what it means for the verdict."""
+
+    code: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -131,10 +162,14 @@ Action = (
     | Start
     | Stop
     | WatchZeros
+    | ReadTemperature
+    | AwaitTemperature
     | Rest
     | AwaitStandstill
     | BeginRecording
     | EndRecording
+    | DropRecording
+    | Remark
     | GiveUpPoint
     | Deadline
     | Note

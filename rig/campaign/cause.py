@@ -29,6 +29,9 @@ class Cause:
 RESTARTS_BY_ITSELF = restarts_by_itself()
 MOST_RETRIES = 2
 
+# Warnings of the station that make the running point invalid. Those of samples are judged by their share instead.
+SPOIL = frozenset({"rtu-stale"})
+
 
 def may_restart(stop: StopKind, cause: Cause) -> bool:
     """Whether a point stopped like this may be repeated without the operator; never after S1, SO or HW."""

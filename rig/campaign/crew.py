@@ -70,19 +70,39 @@ class Crew:
             position_min_m=self.bench.limits.position_m[0],
             position_max_m=self.bench.limits.position_m[1],
             disagreement_m=self.config.disagreement_m,
+            range_N=self.bench.load_cell.range_N,
+            force_per_wire=self.bench.load_cell.calibration.sensitivity,
+            displacement_per_wire=self.bench.lvdt.calibration.sensitivity,
+            force_offset_N=self.bench.load_cell.offset,
+            displacement_offset_m=self.bench.lvdt.offset,
         )
 
-    def context(self, point: TestPoint, attempt: int) -> PointContext:
-        """The header of a point's journal."""
+    def context(self, point: TestPoint, attempt: int, commanded: TestPoint) -> PointContext:
+        """The header of a point's journal; `commanded` is the program that makes its motion."""
         return PointContext(
-            point={**vars(point), "id": attempt_name(point, attempt)},
+            point={**vars(point), "id": attempt_name(point, attempt), **self._conditions(point, commanded)},
             sensors=sensor_contexts(self.bench),
             device_rate=self.bench.clock.device_rate,
+            controller_delay_s=self.bench.actuator.input_delay_s,
             mid_stroke_m=self.matrix.specimen.mid_stroke_m,
+            moving_mass_kg=self.bench.fixture.moving_mass_kg,
             current_tolerance_A=self.matrix.campaign.current_settled_A,
             simulated=self.simulated,
             provenance=self._provenance(point, attempt),
         )
+
+    def _conditions(self, point: TestPoint, commanded: TestPoint) -> dict[str, Any]:
+        """What the point was to find, beside its own values."""
+        conditions: dict[str, Any] = {
+            "steps_A": " ".join(f"{step_A:g}" for step_A in point.steps_A),
+            "commanded_amplitude_m": commanded.amplitude_m,
+            "commanded_centre_m": commanded.centre_m,
+            "amplitude_tolerance": self.matrix.sweep.amplitude_tolerance,
+        }
+        if self.matrix.temperature is not None:
+            low_degC, high_degC = self.matrix.temperature.window_degC
+            conditions |= {"temperature_low_degC": low_degC, "temperature_high_degC": high_degC}
+        return conditions
 
     def _provenance(self, point: TestPoint, attempt: int) -> dict[str, str]:
         identities = {f"identity_{name}": _text(value) for name, value in self.identities.items()}
@@ -126,6 +146,8 @@ def _sensor(name: str, sensor: Sensor, range_SI: float, unit: str, long_name: st
         serial_number=calibration.serial_number,
         certificate=calibration.certificate,
         due="" if calibration.due is None else calibration.due.isoformat(),
+        uncertainty_percent=calibration.uncertainty_percent,
+        overdue=calibration.due is not None and calibration.due < utc_now().date(),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rig.campaign.action import Request
+from rig.campaign.adaptation import MotionSeen
 from rig.campaign.cause import Cause, StopKind
 
 
@@ -49,10 +50,24 @@ class CurrentSettled:
 class ProgramEnded:
     """The motion program has ended and the actuator holds.
 
-    `at_centre` says whether the measured position is the program's centre.
+    `at_centre` says whether the measured position is the program's centre; `motion` what the displacement sensor saw,
+    None where it saw no full cycle or nobody wants to know.
     """
 
     at_centre: bool
+    motion: MotionSeen | None = None
+
+
+@dataclass(frozen=True)
+class TemperatureRead:
+    """The coil's temperature as the ECU just reported it (degC)."""
+
+    temperature_degC: float
+
+
+@dataclass(frozen=True)
+class CooledDown:
+    """The coil's temperature has fallen to the one awaited."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +163,8 @@ Event = (
     | Centred
     | CurrentSettled
     | ProgramEnded
+    | TemperatureRead
+    | CooledDown
     | RestOver
     | Standstill
     | Judged

@@ -13,6 +13,7 @@ from rig.campaign.asker import Asker
 from rig.campaign.cause import Cause
 from rig.campaign.crew import Crew
 from rig.campaign.ledger import Ledger, attempt_name
+from rig.campaign.motion_seen import MotionWanted
 from rig.campaign.observer import Observer
 from rig.campaign.options import PointResult
 from rig.campaign.resume import set_aside
@@ -45,6 +46,8 @@ class Hands:
         self.ledger = ledger
         self.asker = Asker(crew.client)
         self.observer = Observer()
+        self.move_target_m = 0.0
+        """Where the last move goes (m)."""
         self.trouble: Cause | None = None
         """Why the campaign's journal can no longer be written; None while it can."""
         self._finaliser = finaliser
@@ -60,8 +63,12 @@ class Hands:
             act.WatchZeros: self._watch_zeros,
             act.Rest: self._rest,
             act.AwaitStandstill: self._await_standstill,
+            act.ReadTemperature: self._read_temperature,
+            act.AwaitTemperature: self._await_temperature,
             act.BeginRecording: self._begin_recording,
             act.EndRecording: self._end_recording,
+            act.DropRecording: self._drop_recording,
+            act.Remark: self._remark,
             act.GiveUpPoint: self._give_up_point,
             act.Deadline: self._set_deadline,
             act.Note: self._tell,
@@ -144,6 +151,7 @@ class Hands:
         self.asker.ask(action.request)
 
     def _move(self, action: act.Move) -> None:
+        self.move_target_m = action.target_m
         self.asker.ask(Request.MOVE, target_m=action.target_m, speed_m_s=self.crew.centring_speed_m_s)
 
     def _set_current(self, action: act.SetCurrent) -> None:
@@ -153,7 +161,11 @@ class Hands:
 
     def _start(self, action: act.Start) -> None:
         point = action.point
-        self.observer.await_program(point.centre_m, monotonic_ns())
+        self.observer.await_program(
+            point.centre_m,
+            monotonic_ns(),
+            MotionWanted(point.waveform, point.frequency_Hz, self.crew.bench.lvdt.rate_Hz),
+        )
         self.asker.ask(
             Request.START,
             waveform=point.waveform,
@@ -175,6 +187,12 @@ class Hands:
     def _rest(self, action: act.Rest) -> None:
         self.observer.await_rest(action.rest_s)
 
+    def _read_temperature(self, action: act.ReadTemperature) -> None:
+        self.observer.await_temperature(monotonic_ns())
+
+    def _await_temperature(self, action: act.AwaitTemperature) -> None:
+        self.observer.await_cooling(action.highest_degC)
+
     def _await_standstill(self, action: act.AwaitStandstill) -> None:
         self.observer.await_standstill()
 
@@ -185,7 +203,8 @@ class Hands:
         if action.attempt == 1:
             self._set_aside(point)
         expected_s = point.motion_s / self.crew.bench.clock.device_rate
-        self._recorder.begin(self.crew.context(point, action.attempt), expected_s=expected_s)
+        context = self.crew.context(point, action.attempt, action.commanded)
+        self._recorder.begin(context, expected_s=expected_s)
         self.ledger.begun(monotonic_ns())
         self.note("point", point=point.id, attempt=action.attempt)
 
@@ -211,6 +230,16 @@ class Hands:
             raise
         self._handed_in[attempt_name(action.point, action.attempt)] = action.point
         self._finaliser.submit(journal)
+
+    def _drop_recording(self, action: act.DropRecording) -> None:
+        if self._recorder is None:
+            raise RecorderFailed("there is no recorder before the station is connected")
+        self._recorder.end().path.unlink(missing_ok=True)
+        self.note("dropped", point=action.point.id, text="the motion was not the wanted one; the point is run again")
+
+    def _remark(self, action: act.Remark) -> None:
+        if self._recorder is not None:
+            self._recorder.note(action.code, action.text, monotonic_ns())
 
     def _give_up_point(self, action: act.GiveUpPoint) -> None:
         self._give_up(action.point, action.cause)

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from protocols.actuator import State as ControllerState
 from rig.campaign import event as ev
-from rig.campaign.preflight import RestLimits, judge_rest
+from rig.campaign.motion_seen import MOTION_CHANNELS, MotionWanted, seen_motion
+from rig.campaign.preflight import AtRest, RestLimits, judge_rest
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
 REST_WINDOW_S = 0.2
+FRESH_TEMPERATURE_NS = 300_000_000
 STILL_WINDOW_S = 0.3
 STILL_M = 0.2e-3
 
@@ -99,25 +101,29 @@ class Observer:
 
         self._wait = wait
 
-    def await_program(self, centre_m: float, since_ns: int) -> None:
+    def await_program(self, centre_m: float, since_ns: int, wanted: MotionWanted | None = None) -> None:
         """Wait for `ProgramEnded`: after `since_ns` the controller was seen running, and holds again.
 
         A program too short to be seen running is known by its cycle pulses. It has ended once every sensor was read
-        after that: what a busy station had still to read belongs to the test.
+        after that: what a busy station had still to read belongs to the test. With `wanted` the motion is measured.
         """
         pulses, held_ns = self.value(Channel.PULSE, 0.0), 0
         self._program_seen = False
+        parts: list[NDArray[Any]] = []
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
             nonlocal held_ns
             states = records["value"][(records["channel"] == Channel.STATE) & (records["host_ns"] > since_ns)]
             seen = bool(np.any(states == ControllerState.RUNNING)) or self.value(Channel.PULSE, 0.0) != pulses
             self._program_seen = self._program_seen or seen
+            if wanted is not None:
+                parts.append(records[np.isin(records["channel"], MOTION_CHANNELS)])
             holds = self._program_seen and self._holds(since_ns)
             if holds and held_ns == 0:
                 held_ns = self._last_host_ns[Channel.STATE]
             if holds and self._read_since(held_ns):
-                return ev.ProgramEnded(at_centre=self._near(centre_m))
+                motion = None if wanted is None else seen_motion(np.concatenate(parts), wanted)
+                return ev.ProgramEnded(self._near(centre_m), motion)
             return None
 
         self._wait = wait
@@ -132,6 +138,26 @@ class Observer:
             newest = np.concatenate((newest, records["value"][chosen]))[-SETTLED_SAMPLES:]
             settled = len(newest) == SETTLED_SAMPLES and bool(np.all(np.abs(newest - target_A) <= tolerance_A))
             return ev.CurrentSettled() if settled else None
+
+        self._wait = wait
+
+    def await_temperature(self, now_ns: int) -> None:
+        """Wait for `TemperatureRead`: a coil temperature that is at most 0.3 s old at `now_ns`, or the next one."""
+        oldest_ns = now_ns - FRESH_TEMPERATURE_NS
+
+        def wait(records: NDArray[Any]) -> ev.Event | None:
+            if self._last_host_ns.get(Channel.COIL_TEMPERATURE, 0) < oldest_ns:
+                return None
+            return ev.TemperatureRead(self.value(Channel.COIL_TEMPERATURE))
+
+        self._wait = wait
+
+    def await_cooling(self, highest_degC: float) -> None:
+        """Wait for `CooledDown`: a coil temperature of at most `highest_degC`."""
+
+        def wait(records: NDArray[Any]) -> ev.Event | None:
+            found = records["value"][records["channel"] == Channel.COIL_TEMPERATURE]
+            return ev.CooledDown() if len(found) and float(found[-1]) <= highest_degC else None
 
         self._wait = wait
 
@@ -167,11 +193,11 @@ class Observer:
             if self.device_s < until_s:
                 return None
             window = np.concatenate(parts)
-            force, displacement, position = (
+            seen = AtRest(*(
                 window["value"][window["channel"] == channel].astype(np.float64)
-                for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION)
-            )
-            return ev.ZerosJudged(judge_rest(force, displacement, position, limits))
+                for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE)
+            ))
+            return ev.ZerosJudged(judge_rest(seen, limits))
 
         self._wait = wait
 

@@ -17,7 +17,8 @@ from drivers.ring import Channel
 from rig.campaign import event as ev
 from rig.campaign.action import Request
 from rig.campaign.asker import Outcome
-from rig.campaign.cause import Cause, StopKind
+from rig.campaign.cause import SPOIL, Cause, StopKind
+from rig.campaign.conditions import conditions_of
 from rig.campaign.crew import Crew
 from rig.campaign.hands import Hands, disk_slug
 from rig.campaign.ledger import VALID, Ledger
@@ -51,7 +52,7 @@ class Runner:
         points = tuple(item.point for item in crew.plan.points)
         remaining = {point.id for point in crew.stock.remaining}
         queue = tuple(point for point in points if point.id in remaining)
-        self.state = start_state(queue, crew.matrix.campaign.retries)
+        self.state = start_state(queue, crew.matrix.campaign.retries, conditions_of(crew.matrix, crew.bench))
         self.ledger = Ledger(points, {result.id: result for result in crew.stock.results})
         self._crew = crew
         self._signals = signals
@@ -110,12 +111,17 @@ class Runner:
             self._waiting.append(fact)
         for finished in self._finaliser.results():
             result = self._hands.enter(finished)
-            if result is not None:
+            if result is not None and self._is_last_attempt(finished.id, result.id):
                 self._waiting.append(ev.Judged(result.id, result.verdict == VALID))
         self._look_for_faults()
         phase = self._hands.overdue()
         if phase is not None:
             self._waiting.append(ev.TimedOut(phase))
+
+    def _is_last_attempt(self, name: str, point_id: str) -> bool:
+        """Whether a verdict is on the point's last attempt; a late one on an earlier attempt decides nothing."""
+        attempts = self.state.attempts.count(point_id)
+        return name == (point_id if attempts <= 1 else f"{point_id}-attempt{attempts}")
 
     def _take(self, event: ev.Event) -> None:
         before = self.state.phase
@@ -161,6 +167,8 @@ class Runner:
             return [ev.Unknown(str(message.get("reason", "")))]
         if name in {"warning", "also"}:
             self._crew.display.message("warning", f"{message.get('slug')}: {detail}")
+        if name == "warning" and message.get("slug") in SPOIL:
+            return [ev.Spoiled(Cause(str(message["slug"]), detail))]
         return []
 
     def _answered(self, outcome: Outcome) -> ev.Event:
@@ -172,7 +180,7 @@ class Runner:
         if request is Request.CONNECT:
             self._connected(outcome.answer)
         elif request is Request.MOVE and self.state.phase is Phase.CENTRING:
-            self._hands.observer.await_centre(self.state.point.centre_m, outcome.answered_ns)
+            self._hands.observer.await_centre(self._hands.move_target_m, outcome.answered_ns)
         return ev.Done(request)
 
     def _connected(self, identities: dict[str, Any]) -> None:
@@ -234,8 +242,18 @@ class Runner:
         cycles = observer.cycles_done if running else 0
         left_s = sum(point.motion_s + point.rest_s for point in state.queue)
         left_s -= cycles / state.point.frequency_Hz if running else 0.0
+        left_s += self._cooling_left_s()
         point_id = state.point.id if state.queue else ""
         self._crew.display.progress(point_id, cycles, left_s / self._crew.bench.clock.device_rate, observer.live())
+
+    def _cooling_left_s(self) -> float:
+        """Forecast time (s, rig's clock) until the damper is cool enough; 0 when it is not cooling down."""
+        state, thermal = self.state, self.state.conditions.thermal
+        if state.phase is not Phase.COOLING or thermal is None:
+            return 0.0
+        now_degC = self._hands.observer.value(Channel.COIL_TEMPERATURE)
+        highest_degC = state.conditions.highest_start(state.point)
+        return thermal.heat.time_to(highest_degC, now_degC) if now_degC > highest_degC else 0.0
 
 
 _KEYS = {"event": "what"}

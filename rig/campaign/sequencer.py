@@ -4,7 +4,8 @@
 2. Nothing moves unless the rig is armed, watchdog and zeros are proved, pressure is on and no stop is latched.
 
 The way through: connect, arm, prove the watchdog, check zeros, pressure low, pressure on, then for each point: centre,
-settle the current, record and run, back to 0 A, rest; at the end hydraulics off. Two tables hold it: `NEXT` for the
+settle the current, record and run, back to 0 A, rest; at the end hydraulics off. Temperature, magnetic history and
+trial programs come in between where the matrix asks for them (`conditioning`). Two tables hold it: `NEXT` for the
 phase an event belongs to, `ALWAYS` for what can come at any time. An event found in neither is late news and changes
 nothing.
 """
@@ -15,9 +16,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from rig.campaign import action as act
+from rig.campaign import adaptation, conditioning, stopping
 from rig.campaign import event as ev
-from rig.campaign import stopping
-from rig.campaign.action import Request
+from rig.campaign.action import Action, Request
 from rig.campaign.cause import Cause, StopKind
 from rig.campaign.state import Phase, State
 from rig.campaign.stopping import Handler, Step
@@ -106,34 +107,114 @@ def _next_point(state: State) -> Step:
         return stopping.finish(state)
     if state.pause_asked:
         return stopping.enter(state, Phase.PAUSED, act.Note("info", f"paused before {state.point.id}"))
-    point = state.point
-    if state.held_at_m == point.centre_m:
+    if state.conditions.thermal is not None:
+        return conditioning.read_temperature(state)
+    return _approach(state)
+
+
+def _approach(state: State) -> Step:
+    centre_m = conditioning.program(state).centre_m
+    if state.held_at_m == centre_m:
         return _settle(state)
     state = replace(state, moved=True, held_at_m=None)
-    return stopping.enter(state, Phase.CENTRING, act.Move(point.centre_m), device_s=CENTRING_LIMIT_S)
+    return stopping.enter(state, Phase.CENTRING, act.Move(centre_m), device_s=CENTRING_LIMIT_S)
 
 
 def _centred(state: State, event: ev.Centred) -> Step:
-    return _settle(replace(state, held_at_m=state.point.centre_m))
+    return _settle(replace(state, held_at_m=conditioning.program(state).centre_m))
 
 
 def _settle(state: State) -> Step:
-    return stopping.enter(state, Phase.SETTLING, act.SetCurrent(state.point.current_A), device_s=CURRENT_LIMIT_S)
+    program = conditioning.program(state)
+    demagnetising = conditioning.demagnetise(state, program.first_current_A)
+    if demagnetising is not None:
+        return demagnetising
+    largest_A = max(state.magnetised_A, program.current_A)
+    state = replace(state, magnetised_A=largest_A, last_current_A=program.first_current_A)
+    return stopping.enter(state, Phase.SETTLING, act.SetCurrent(program.first_current_A), device_s=CURRENT_LIMIT_S)
 
 
 def _run(state: State, event: ev.CurrentSettled) -> Step:
-    point = state.point
-    state = replace(
-        state, attempts=(*state.attempts, point.id), recording=True, moved=True, held_at_m=None, spoiled=None
-    )
-    actions = (act.BeginRecording(point, state.attempt), act.Start(point))
-    return stopping.enter(state, Phase.RUNNING, *actions, device_s=1.25 * point.motion_s + PROGRAM_LIMIT_S)
+    point, program = state.point, conditioning.program(state)
+    if state.warming is not None:
+        return conditioning.start(state, Phase.WARMING, program)
+    if conditioning.wants_trial(state):
+        return conditioning.start(state, Phase.ADAPTING, adaptation.trial(point, conditioning.drive(state)))
+    state = replace(state, attempts=(*state.attempts, point.id), recording=True, spoiled=None)
+    begin = act.BeginRecording(point, state.attempt, program)
+    if point.kind == "current_step":
+        state = replace(state, steps_left=point.steps_A[1:])
+        return _hold_step(state, begin)
+    return conditioning.start(state, Phase.RUNNING, program, begin)
+
+
+def _hold_step(state: State, *actions: Action) -> Step:
+    hold_s = 1.0 / state.point.frequency_Hz
+    return stopping.enter(state, Phase.STEPPING, *actions, act.Rest(hold_s), device_s=hold_s + PROGRAM_LIMIT_S)
+
+
+def _stepped(state: State, event: ev.RestOver) -> Step:
+    if not state.steps_left:
+        return _recorded(state, state.held_at_m)
+    following, *rest = state.steps_left
+    state = replace(state, steps_left=tuple(rest), last_current_A=following)
+    return _hold_step(state, act.SetCurrent(following))
+
+
+def _warmed(state: State, event: ev.ProgramEnded) -> Step:
+    return _onwards(replace(state, held_at_m=_held(state, event), warming=None))
+
+
+def _tried(state: State, event: ev.ProgramEnded) -> Step:
+    held_at_m = _held(state, event)
+    if event.motion is None:
+        cause = Cause("amplitude", "the trial program showed no full cycle")
+        return conditioning.give_up(replace(state, held_at_m=held_at_m), cause)
+    state = conditioning.learn(replace(state, held_at_m=held_at_m), event)
+    note = conditioning.learned_note(state, event)
+    state, actions = _onwards(state)
+    return state, (note, *actions)
+
+
+def _held(state: State, event: ev.ProgramEnded) -> float | None:
+    return conditioning.program(state).centre_m if event.at_centre else None
+
+
+def _onwards(state: State) -> Step:
+    """After a program that is not recorded, current still on: back to 0 A only for a pause."""
+    if state.pause_asked:
+        return stopping.enter(state, Phase.CLEARING, act.SetCurrent(0.0), device_s=CURRENT_LIMIT_S)
+    return _next_point(state)
 
 
 def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
+    held_at_m = _held(state, event)
+    if state.spoiled is not None:
+        return _recorded(state, held_at_m)
+    state = conditioning.learn(state, event)
+    found = conditioning.drive(state) if conditioning.adapts(state) else None
+    if found is None or event.motion is None or (found.settled and not found.cannot):
+        return _recorded(state, held_at_m)
+    note = conditioning.learned_note(state, event)
+    if found.cannot:
+        state, actions = _recorded(state, held_at_m, act.Remark("machine-cannot", found.cannot))
+        return state, (note, *actions)
+    point = state.point
+    state = replace(state, recording=False, attempts=_without_last(state.attempts, point.id), held_at_m=held_at_m)
+    state, actions = _onwards(state)
+    return state, (act.DropRecording(point), note, *actions)
+
+
+def _without_last(attempts: tuple[str, ...], point_id: str) -> tuple[str, ...]:
+    last = len(attempts) - 1 - attempts[::-1].index(point_id)
+    return attempts[:last] + attempts[last + 1 :]
+
+
+def _recorded(state: State, held_at_m: float | None, *remarks: Action) -> Step:
     point, spoiled = state.point, state.spoiled
     state, actions = stopping.end_recording(state, spoiled)
-    state = replace(state, held_at_m=point.centre_m if event.at_centre else None, spoiled=None, rest_s=point.rest_s)
+    actions = remarks + actions
+    state = replace(state, held_at_m=held_at_m, spoiled=None, rest_s=point.rest_s)
     if spoiled is None:
         state = _await_verdict(state)
     elif not state.may_repeat(point.id):
@@ -174,12 +255,9 @@ def _judged(state: State, event: ev.Judged) -> Step:
 
 
 def _current_never_settled(state: State, event: ev.TimedOut) -> Step:
-    point = state.point
-    cause = Cause("current-tracking", f"measured current did not reach {point.current_A:g} A in {CURRENT_LIMIT_S:g} s")
-    state = replace(state, queue=state.queue[1:])
-    return stopping.enter(
-        state, Phase.CLEARING, act.GiveUpPoint(point, cause), act.SetCurrent(0.0), device_s=CURRENT_LIMIT_S
-    )
+    wanted_A = conditioning.program(state).first_current_A
+    cause = Cause("current-tracking", f"measured current did not reach {wanted_A:g} A in {CURRENT_LIMIT_S:g} s")
+    return conditioning.give_up(state, cause)
 
 
 def _resume(state: State, event: ev.ResumeAsked) -> Step:
@@ -188,7 +266,19 @@ def _resume(state: State, event: ev.ResumeAsked) -> Step:
 
 # Deadlines
 
+_program_overdue: Handler = lambda state, _: stopping.fault(  # noqa: E731 - one entry of a table, four times
+    state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the motion program did not run to its end in time"))
+)
+
 OVERDUE: dict[Phase, Handler] = {
+    Phase.GATING: lambda state, _: stopping.fault(
+        state, ev.Fault(StopKind.S2, Cause("temperature-window", "the ECU reports no temperature"))
+    ),
+    Phase.COOLING: conditioning.cooling_overdue,
+    Phase.DEMAGNETISING: conditioning.demagnetising_overdue,
+    Phase.WARMING: _program_overdue,
+    Phase.ADAPTING: _program_overdue,
+    Phase.STEPPING: _program_overdue,
     Phase.CHECKING_ZEROS: lambda state, _: stopping.refuse(
         state, Cause("not-tared", "too few samples from the resting rig")
     ),
@@ -196,9 +286,7 @@ OVERDUE: dict[Phase, Handler] = {
         state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the actuator did not reach the centre"))
     ),
     Phase.SETTLING: _current_never_settled,
-    Phase.RUNNING: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the motion program did not run to its end in time"))
-    ),
+    Phase.RUNNING: _program_overdue,
     Phase.CLEARING: lambda state, _: stopping.fault(
         state, ev.Fault(StopKind.S1, Cause("current-stuck", "the measured current did not return to 0 A"))
     ),
@@ -219,8 +307,14 @@ NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
     (Phase.NEW, ev.Begin): _begin,
     (Phase.CHECKING_ZEROS, ev.ZerosJudged): _zeros,
     (Phase.CENTRING, ev.Centred): _centred,
+    (Phase.GATING, ev.TemperatureRead): lambda state, event: conditioning.gate(state, event, _approach),
+    (Phase.COOLING, ev.CooledDown): lambda state, _: _next_point(state),
+    (Phase.DEMAGNETISING, ev.CurrentSettled): lambda state, event: conditioning.demagnetised(state, event, _settle),
     (Phase.SETTLING, ev.CurrentSettled): _run,
+    (Phase.WARMING, ev.ProgramEnded): _warmed,
+    (Phase.ADAPTING, ev.ProgramEnded): _tried,
     (Phase.RUNNING, ev.ProgramEnded): _program_ended,
+    (Phase.STEPPING, ev.RestOver): _stepped,
     (Phase.CLEARING, ev.CurrentSettled): _cleared,
     (Phase.RESTING, ev.RestOver): _rested,
     (Phase.PAUSED, ev.ResumeAsked): _resume,

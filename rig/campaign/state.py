@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from rig.campaign.adaptation import Drives
 from rig.campaign.cause import MOST_RETRIES, Cause, StopKind
+from rig.campaign.conditions import NO_CONDITIONS, Conditions
 from rig.matrix.point import TestPoint
 
 
@@ -20,8 +22,14 @@ class Phase(StrEnum):
     PRESSURE_LOW = "hydraulics to low pressure"
     PRESSURE_ON = "hydraulics to full pressure"
     CENTRING = "centring"
+    GATING = "reading the temperature"
+    COOLING = "cooling down"
+    DEMAGNETISING = "demagnetising"
     SETTLING = "settling the current"
+    WARMING = "warming up"
+    ADAPTING = "adapting the amplitude"
     RUNNING = "running"
+    STEPPING = "stepping the current"
     CLEARING = "back to 0 A"
     RESTING = "resting"
     PAUSED = "paused"
@@ -70,8 +78,17 @@ class State:
         pause_asked: stop at the next point boundary.
         spoiled: why the running point cannot be valid, though it was not stopped.
         latch: the stop under way or done; None while nothing is wrong.
+        stopped: standstill and 0 A were proved after the latch.
         refused: why the campaign was refused before anything moved.
         rig_state: what is known about the rig.
+        conditions: under what conditions points are measured.
+        drives: how motions are commanded, as far as they were tried.
+        warming: the warm-up program that comes before the current point, None when there is none.
+        warmed_s: motion of warm-up programs before the current point (s).
+        steps_left: currents still to come of a current-step point (A).
+        demagnetising: currents still to come of the demagnetising sequence (A).
+        magnetised_A: the largest current since the last demagnetising (A).
+        last_current_A: the current of the last program (A).
     """
 
     queue: tuple[TestPoint, ...]
@@ -91,8 +108,17 @@ class State:
     pause_asked: bool = False
     spoiled: Cause | None = None
     latch: Latch | None = None
+    stopped: bool = False
     refused: Cause | None = None
     rig_state: RigState = RigState.SAFE
+    conditions: Conditions = NO_CONDITIONS
+    drives: Drives = ()
+    warming: TestPoint | None = None
+    warmed_s: float = 0.0
+    steps_left: tuple[float, ...] = ()
+    demagnetising: tuple[float, ...] = ()
+    magnetised_A: float = 0.0
+    last_current_A: float = 0.0
 
     @property
     def point(self) -> TestPoint:
@@ -110,15 +136,18 @@ class State:
 
     def unlatched(self) -> State:
         """The state after an explicit reset: nothing is proved any more, the position is not known."""
-        return replace(self, latch=None, proved=False, powered=False, held_at_m=None, rest_s=0.0)
+        return replace(
+            self, latch=None, stopped=False, proved=False, powered=False, held_at_m=None, rest_s=0.0, warming=None
+        )
 
 
-def start_state(points: tuple[TestPoint, ...], retries: int) -> State:
+def start_state(points: tuple[TestPoint, ...], retries: int, conditions: Conditions = NO_CONDITIONS) -> State:
     """The state before anything has happened.
 
     Args:
         points: the planned points in order.
         retries: automatic repeats of a point, 0..2.
+        conditions: under what conditions points are measured; by default none.
 
     Raises:
         ValueError: no points, two points with one id, or `retries` out of range.
@@ -128,4 +157,4 @@ def start_state(points: tuple[TestPoint, ...], retries: int) -> State:
         raise ValueError(f"expected at least one point and no id twice, got {ids}")
     if not 0 <= retries <= MOST_RETRIES:
         raise ValueError(f"retries: expected 0..{MOST_RETRIES}, got {retries}")
-    return State(queue=points, retries=retries)
+    return State(queue=points, retries=retries, conditions=conditions)

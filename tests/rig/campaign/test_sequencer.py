@@ -11,14 +11,35 @@ import pytest
 from rig.campaign import action as act
 from rig.campaign import event as ev
 from rig.campaign.action import Action, Request
+from rig.campaign.adaptation import Ceiling, MotionSeen
 from rig.campaign.cause import Cause, StopKind
+from rig.campaign.conditions import NO_CONDITIONS, Conditions
 from rig.campaign.sequencer import step
 from rig.campaign.state import Phase, RigState, State, start_state
+from rig.matrix.heat import HeatModel
 from rig.matrix.point import TestPoint
+from rig.matrix.schedule import Load, Thermal
 
 POINTS = (
     TestPoint("p001", "sine", 0.02, 2.0, 0.5, cycles=3, rest_s=1.0),
     TestPoint("p002", "triangle", 0.01, 1.0, 0.0, cycles=3, centre_m=0.005),
+)
+# Amplitude compensation, and apart from it a temperature window, demagnetising and a current step: together their
+# histories multiply.
+COMPENSATED = (
+    (replace(POINTS[0], rest_s=0.0),),
+    Conditions(tolerance=0.01, ceilings=(("p001", Ceiling(0.03, "speed")),)),
+)
+STEP = TestPoint("step1", "hold", 0.0, 2.0, 1.0, 2, 0.0, 0.0, kind="current_step", steps_A=(0.2, 1.0))
+TEMPERED = (
+    (replace(POINTS[0], rest_s=0.0), STEP),
+    Conditions(
+        thermal=Thermal(HeatModel(), 25.0, 45.0, 23.0, 400.0),
+        loads=(("p001", Load(2.5, 100.0)), ("step1", Load(1.0, 1.0))),
+        warm_up=TestPoint("warm-up", "sine", 0.02, 2.0, 0.5),
+        longest_s=20.0,
+        demagnetise=True,
+    ),
 )
 RESTARTABLE = Cause("ecu-silent", "no status")
 FINAL = Cause("estop", "chain open")
@@ -60,12 +81,42 @@ class Edge:
 
 
 # With retries the histories multiply; the events left out there are explored without retries.
+MEASURED_MOTIONS: tuple[ev.Event, ...] = (
+    ev.ProgramEnded(at_centre=True, motion=MotionSeen(0.018, 0.0)),
+    ev.ProgramEnded(at_centre=True, motion=MotionSeen(0.02, 0.0)),
+)
+TEMPERATURES: tuple[ev.Event, ...] = (
+    *(ev.TemperatureRead(temperature_degC) for temperature_degC in (24.0, 30.0, 45.5, 60.0)),
+    ev.CooledDown(),
+)
 PAUSES_AND_TWINS = (ev.PauseAsked, ev.ResumeAsked, ev.Abort, ev.StationGone)
 
 
-def explore(retries: int) -> list[Edge]:
-    events = [event for event in EVENTS if retries == 0 or not isinstance(event, PAUSES_AND_TWINS)]
-    first = start_state(POINTS, retries)
+@dataclass(frozen=True)
+class Case:
+    points: tuple[TestPoint, ...] = POINTS
+    conditions: Conditions = NO_CONDITIONS
+    retries: int = 0
+    events: tuple[ev.Event, ...] = EVENTS
+    phases: frozenset[Phase] = frozenset()
+
+
+WITHOUT_PAUSES = tuple(event for event in EVENTS if not isinstance(event, PAUSES_AND_TWINS))
+CASES = {
+    "no-retries": Case(phases=frozenset({Phase.PAUSED})),
+    "one-retry": Case(retries=1, events=WITHOUT_PAUSES, phases=frozenset({Phase.JUDGING, Phase.RESETTING})),
+    "compensated": Case(*COMPENSATED, events=WITHOUT_PAUSES + MEASURED_MOTIONS, phases=frozenset({Phase.ADAPTING})),
+    "tempered": Case(
+        *TEMPERED,
+        events=WITHOUT_PAUSES + TEMPERATURES,
+        phases=frozenset({Phase.GATING, Phase.COOLING, Phase.WARMING, Phase.DEMAGNETISING, Phase.STEPPING}),
+    ),
+}
+
+
+def explore(case: Case) -> list[Edge]:
+    events = case.events
+    first = start_state(case.points, case.retries, case.conditions)
     seen, waiting, edges = {first}, deque([first]), []
     while waiting:
         state = waiting.popleft()
@@ -78,20 +129,26 @@ def explore(retries: int) -> list[Edge]:
     return edges
 
 
-@pytest.fixture(scope="module", params=[0, 1], ids=["no-retries", "one-retry"])
+@pytest.fixture(scope="module", params=CASES)
 def edges(request: pytest.FixtureRequest) -> list[Edge]:
-    return explore(request.param)
+    return explore(CASES[request.param])
 
 
 def moving(edge: Edge) -> bool:
     return any(isinstance(action, act.MOTION_ACTIONS) for action in edge.actions)
 
 
-def test_exploration_reaches_every_phase(edges: list[Edge]) -> None:
+OPTIONAL_PHASES = frozenset().union(*(case.phases for case in CASES.values())) | {Phase.RESTING}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_exploration_reaches_every_phase(name: str) -> None:
+    case = CASES[name]
+    edges = explore(case)
     states = {edge.before for edge in edges}
-    print(f"{len(states)} states, {len(edges)} transitions")  # noqa: T201 - the size of what was explored, with -s
-    without = {Phase.JUDGING, Phase.RESETTING} if edges[0].before.retries == 0 else {Phase.PAUSED}
-    assert {state.phase for state in states} == set(Phase) - without
+    print(f"{name}: {len(states)} states, {len(edges)} transitions")  # noqa: T201 - what was explored, with -s
+    rests = {Phase.RESTING} if any(point.rest_s for point in case.points) else set()
+    assert {state.phase for state in states} == set(Phase) - OPTIONAL_PHASES | case.phases | rests
 
 
 def test_nothing_moves_unless_armed_proved_powered_and_unlatched(edges: list[Edge]) -> None:
@@ -149,7 +206,7 @@ def test_a_valid_recording_never_contains_a_fault(edges: list[Edge]) -> None:
     assert ended
     for edge, action in ended:
         if action.fault is None:
-            assert isinstance(edge.event, ev.ProgramEnded)
+            assert isinstance(edge.event, ev.ProgramEnded | ev.RestOver)
             assert edge.before.latch is None
             assert edge.before.spoiled is None
 
@@ -161,7 +218,7 @@ def test_recordings_begin_and_end_in_turn(edges: list[Edge]) -> None:
             if isinstance(action, act.BeginRecording):
                 assert not opened
                 opened = True
-            elif isinstance(action, act.EndRecording):
+            elif isinstance(action, act.EndRecording | act.DropRecording):
                 assert opened
                 opened = False
         assert opened == edge.after.recording

@@ -1,0 +1,192 @@
+"""Peak and valley compensation of the commanded motion, as pure values: what was reached decides what is asked next.
+
+A machine that reaches 46 mm when told 50 mm is told 54.3 mm the next time. What is learned for a motion (waveform,
+amplitude, frequency) serves every later point with it; a motion not yet seen begins with the nearest known one's
+correction. Where nothing has had to be corrected, points run without a trial: on a good machine this costs nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from rig.matrix.point import TestPoint
+
+MOST_STEPS = 3
+LEAST_ANSWER = 0.25
+"""A larger command that brings less than this share of itself is not answered."""
+LARGEST_SHIFT_M = 5e-3
+TRIAL_CYCLES = 3
+TRIAL_RAMP_CYCLES = 1.0
+
+
+@dataclass(frozen=True)
+class MotionSeen:
+    """What the sensors saw of a program that has ended.
+
+    Attributes:
+        amplitude_m: mean over the full cycles of half of peak to valley, m.
+        mean_m: mean position, m.
+        valve_saturated: the controller reported full flow.
+        following_error_m: largest reported difference of set-point and position, m.
+    """
+
+    amplitude_m: float
+    mean_m: float
+    valve_saturated: bool = False
+    following_error_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """The largest amplitude (m) that may be commanded, and what limits it, in words."""
+
+    amplitude_m: float = math.inf
+    what: str = ""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How a motion is commanded.
+
+    Attributes:
+        waveform, amplitude_m, frequency_Hz: the motion wanted.
+        command_m: the amplitude to command, m.
+        shift_m: added to the centre, m.
+        steps: corrections so far.
+        settled: nothing more is to be tried: it is within tolerance, or the machine cannot.
+        cannot: why the machine cannot; empty while it may.
+        tried: commanded and reached amplitude (m) of the program before, None before the first.
+    """
+
+    waveform: str
+    amplitude_m: float
+    frequency_Hz: float
+    command_m: float
+    shift_m: float = 0.0
+    steps: int = 0
+    settled: bool = False
+    cannot: str = ""
+    tried: tuple[float, float] | None = None
+
+    def is_for(self, point: TestPoint) -> bool:
+        """Whether this is the point's motion."""
+        return (self.waveform, self.amplitude_m, self.frequency_Hz) == (
+            point.waveform,
+            point.amplitude_m,
+            point.frequency_Hz,
+        )
+
+    @property
+    def gain(self) -> float:
+        """Commanded over wanted amplitude."""
+        return self.command_m / self.amplitude_m
+
+
+Drives = tuple[Drive, ...]
+
+
+def drive_for(point: TestPoint, known: Drives, ceiling: Ceiling) -> Drive:
+    """The drive known for a point's motion, else one predicted from the nearest motion of the same waveform."""
+    for drive in known:
+        if drive.is_for(point):
+            return drive
+    alike = [drive for drive in known if drive.waveform == point.waveform and not drive.cannot]
+    gain, shift_m = 1.0, 0.0
+    if alike:
+        nearest = min(alike, key=lambda drive: _apart(drive, point))
+        gain, shift_m = nearest.gain, nearest.shift_m
+    command_m = min(point.amplitude_m * gain, max(point.amplitude_m, ceiling.amplitude_m))
+    return Drive(point.waveform, point.amplitude_m, point.frequency_Hz, command_m, shift_m)
+
+
+def remembered(known: Drives, drive: Drive) -> Drives:
+    """What is known, with this drive in place of an earlier one for the same motion."""
+    motion = (drive.waveform, drive.amplitude_m, drive.frequency_Hz)
+    kept = tuple(each for each in known if (each.waveform, each.amplitude_m, each.frequency_Hz) != motion)
+    return (*kept, drive)
+
+
+def wants_trial(point: TestPoint, known: Drives, tolerance: float) -> bool:
+    """Whether a short program is worth its time before the point: its drive is being corrected, or likely to be."""
+    if any(drive.is_for(point) for drive in known):
+        return any(drive.is_for(point) and not drive.settled for drive in known)
+    return any(abs(drive.gain - 1.0) > 0.5 * tolerance for drive in known)
+
+
+def commanded(point: TestPoint, drive: Drive) -> TestPoint:
+    """The program that makes the point's motion."""
+    return replace(point, amplitude_m=drive.command_m, centre_m=point.centre_m + drive.shift_m)
+
+
+def trial(point: TestPoint, drive: Drive) -> TestPoint:
+    """A short program of the point's motion."""
+    return replace(
+        commanded(point, drive),
+        cycles=min(point.cycles, TRIAL_CYCLES),
+        ramp_in_cycles=TRIAL_RAMP_CYCLES,
+        ramp_out_cycles=TRIAL_RAMP_CYCLES,
+    )
+
+
+def within(point: TestPoint, seen: MotionSeen, tolerance: float) -> bool:
+    """Whether amplitude and mean are within `tolerance` of the wanted amplitude."""
+    room_m = tolerance * point.amplitude_m
+    return abs(seen.amplitude_m - point.amplitude_m) <= room_m and abs(seen.mean_m - point.centre_m) <= room_m
+
+
+def learned(drive: Drive, point: TestPoint, seen: MotionSeen, tolerance: float, ceiling: Ceiling) -> Drive:
+    """The drive after one more program: settled, corrected, or given up with the reason."""
+    if within(point, seen, tolerance):
+        return replace(drive, settled=True, cannot="")
+    if seen.amplitude_m <= 0.0:
+        return _given_up(drive, point, seen, "nothing moved")
+    if drive.steps >= MOST_STEPS:
+        return _given_up(drive, point, seen, f"not within {100 * tolerance:g} % after {MOST_STEPS} corrections")
+    if _unanswered(drive, point, seen, tolerance):
+        return _given_up(drive, point, seen, _machine(seen))
+    wanted_m = drive.command_m * point.amplitude_m / seen.amplitude_m
+    shift_m = drive.shift_m - (seen.mean_m - point.centre_m)
+    shift_m = max(-LARGEST_SHIFT_M, min(LARGEST_SHIFT_M, shift_m))
+    largest_m = ceiling.amplitude_m - abs(shift_m)
+    if wanted_m > largest_m and (drive.command_m >= largest_m * (1.0 - 1e-9)):
+        needed = f"a command of {1e3 * wanted_m:.4g} mm would be needed, beyond {ceiling.what}"
+        return _given_up(drive, point, seen, f"{needed}; {_machine(seen)}" if seen.valve_saturated else needed)
+    return replace(
+        drive,
+        command_m=min(wanted_m, max(largest_m, drive.command_m)),
+        shift_m=shift_m,
+        steps=drive.steps + 1,
+        tried=(drive.command_m, seen.amplitude_m),
+    )
+
+
+def _unanswered(drive: Drive, point: TestPoint, seen: MotionSeen, tolerance: float) -> bool:
+    """Whether a clearly larger command than before brought next to nothing."""
+    if drive.tried is None or seen.amplitude_m >= point.amplitude_m:
+        return False
+    before_m, reached_m = drive.tried
+    more_m = drive.command_m - before_m
+    return more_m > 0.5 * tolerance * point.amplitude_m and seen.amplitude_m - reached_m < LEAST_ANSWER * more_m
+
+
+def _machine(seen: MotionSeen) -> str:
+    if seen.valve_saturated:
+        return "the valve is saturated: the speed needs more flow than it passes"
+    return f"the motion does not follow a larger command (following error up to {1e3 * seen.following_error_m:.3g} mm)"
+
+
+def _given_up(drive: Drive, point: TestPoint, seen: MotionSeen, why: str) -> Drive:
+    off = 100.0 * (seen.amplitude_m / point.amplitude_m - 1.0)
+    text = (
+        f"{1e3 * seen.amplitude_m:.4g} mm of {1e3 * point.amplitude_m:.4g} mm reached ({off:+.1f} %) with a command of "
+        f"{1e3 * drive.command_m:.4g} mm: {why}"
+    )
+    return replace(drive, settled=True, cannot=text)
+
+
+def _apart(drive: Drive, point: TestPoint) -> float:
+    """How different two motions are: the servo answers to frequency first, then to speed."""
+    return abs(math.log(drive.frequency_Hz / point.frequency_Hz)) + 0.3 * abs(
+        math.log(drive.amplitude_m / point.amplitude_m)
+    )
