@@ -59,6 +59,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f'watchdog = "{1000 if relaxed else 500} ms"',
         f"fade_out_cycles = {controller.fade_out_cycles:.3f}",
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
+        'input_delay = "0 ms"',
         f'serial_number = "{controller.serial_number}"',
         "[ecu]",
         'interface = "slcan"',

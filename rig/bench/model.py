@@ -67,6 +67,10 @@ class Actuator(Section):
     watchdog_s: Annotated[float, Quantity("time", "50 ms", "10 s")] = Field(default=0.500, alias="watchdog")
     fade_out_cycles: float = Field(default=1.0, ge=1.0, le=10.0)
     halt_deceleration_m_s2: Acceleration = Field(default=20.0, alias="halt_deceleration")
+    input_delay_s: Annotated[float, Quantity("time", "0 s", "100 ms")] | None = Field(
+        default=None, alias="input_delay",
+        description="delay of the controller's own position and force inputs; sensors are checked against them",
+    )
     serial_number: Name | None = None
 
 
@@ -89,6 +93,9 @@ class Calibration(Section):
     offset: str | None = Field(default=None, description="what the sensor shows at zero, with its unit")
     serial_number: Name
     certificate: str = Field(default="", max_length=128)
+    uncertainty_percent: float | None = Field(
+        default=None, ge=0.0, le=20.0, description="standard uncertainty of the sensitivity, % of the reading"
+    )
     due: date | None = None
 
 
@@ -242,6 +249,9 @@ class Bench(Section):
     fixture: Fixture = Field(default_factory=Fixture)
     clock: Clock = Field(default_factory=Clock)
     station: Station = Field(default_factory=Station)
+    require_valid_calibration: bool = Field(
+        default=False, description="refuse to run with a sensor whose calibration is past its due date"
+    )
 
     @classmethod
     def load(cls, path: str | Path) -> Bench:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rig.bench.model import Bench
 from rig.campaign import resume
+from rig.campaign.calibration import check_calibrations
 from rig.campaign.crew import Crew
 from rig.campaign.guarded_display import GuardedDisplay
 from rig.campaign.ledger import Ledger
@@ -28,6 +29,7 @@ from rig.campaign.setup import (
 from rig.campaign.signals import Signals
 from rig.campaign.simulated import SimulatedRig
 from rig.campaign.state import RigState
+from rig.clock import utc_now
 from rig.errors import Refused, RigError, UnknownRigState
 from rig.matrix.model import Matrix, Specimen, load_matrix
 from rig.matrix.plan import Plan, plan
@@ -88,6 +90,9 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         check_room(folder, start.plan, bench)
         _describe(start, rig.bench_path)
         display.planned(start.plan)
+        for warning in check_calibrations(bench, utc_now().date()):
+            log.write("warning", slug="calibration-overdue", text=warning)
+            display.message("warning", f"calibration-overdue: {warning}")
         for result in stock.results:
             display.point_done(result)
         locks = ends.enter_context(locked(bench))
@@ -168,6 +173,7 @@ def _accepted(matrix: Matrix, bench: Bench) -> Plan:
     Raises:
         Refused: some point is not; each is named with its reason and the amplitude that would fit.
     """
+    check_calibrations(bench, utc_now().date())
     judged = plan(matrix, bench)
     lines = []
     for item in judged.judged:

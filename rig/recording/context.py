@@ -13,7 +13,8 @@ class SensorContext:
     """One sensor channel as the bench file declares it (SI units).
 
     `delay_s` is the declared group delay of its conditioner; `range_SI` the full scale (None: unknown);
-    `sensitivity` is SI per unit on the wire, `offset` in SI; dates are ISO 8601 text.
+    `sensitivity` is SI per unit on the wire, `offset` in SI; dates are ISO 8601 text. `uncertainty_percent` is the
+    standard uncertainty of the sensitivity (None: not stated); `overdue`: the calibration was past its due date.
     """
 
     sensor: str
@@ -27,6 +28,8 @@ class SensorContext:
     serial_number: str = ""
     certificate: str = ""
     due: str = ""
+    uncertainty_percent: float | None = None
+    overdue: bool = False
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ class PointContext:
         controller_delay_s: delay of the controller's own position and force inputs (bench `[actuator] input_delay`),
             against which the sensors' delays are checked; None when it may not be relied on.
         mid_stroke_m: the specimen's mid-stroke in the displacement sensor's coordinate; None when unknown.
+        moving_mass_kg: mass between load cell and damper; its inertia is part of the measured force.
         current_tolerance_A: largest deviation of measured from wanted current in a valid point.
         simulated: True when no real damper was tested.
         provenance: flat text attributes: software version, bench and matrix names and hashes, device identities,
@@ -52,6 +56,7 @@ class PointContext:
     device_rate: float = 1.0
     controller_delay_s: float | None = None
     mid_stroke_m: float | None = None
+    moving_mass_kg: float = 0.0
     current_tolerance_A: float = 0.02
     simulated: bool = False
     provenance: Mapping[str, str] = field(default_factory=dict)

@@ -158,6 +158,7 @@ def build(
         raw=[_raw_channel(channel, alignment.origin_s) for channel in alignment.timed.values()],
         events=_events(content, alignment), quality=quality, provenance=provenance,
         test={**context.point, "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
+              "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
               "device_rate": context.device_rate, "controller_clock_at_zero_s": alignment.origin_s},
         title=f"Test point {context.point.get('id', '')}",
     )
@@ -237,7 +238,7 @@ def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
     if sensor is None:
         return {}
     kept = {key: value for key, value in asdict(sensor).items() if key not in {"sensor", "unit", "long_name"}}
-    return {key: value for key, value in kept.items() if value != ""}
+    return {key: value for key, value in kept.items() if value not in {"", None}}
 
 
 def _raw_channel(channel: TimedChannel, origin_s: float) -> RawChannel:
