@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,7 @@ def identify_run(
     method: str | Method = "separable",
     holdout: str | None = None,
     hysteresis: Hysteresis = "kwok",
+    suspect: bool = False,
 ) -> Fit:
     """Fit recorded runs and write `fit.json` into the first of them.
 
@@ -85,13 +87,17 @@ def identify_run(
         method: as in `identify`.
         holdout: a filter on the points, or the path of another run.
         hysteresis: as in `identify`.
+        suspect: take suspect points too, not only valid ones.
 
     Raises:
         IdentificationFailed: nothing can be identified.
         FileProblem: a path is no run.
     """
     runs = [Run.open(Path(path)) for path in paths]
-    points = [point for run in runs for point in run.valid]
+    points = [point for run in runs for point in (run.usable if suspect else run.valid)]
+    left_out = [line for run in runs for line in run.left_out if not (suspect and ": suspect (" in line)]
+    if not points:
+        raise IdentificationFailed(f"no point is valid: {'; '.join(left_out)}; `--suspect` takes suspect points too")
     specimens = {str(run.campaign.get("specimen")) for run in runs if run.campaign.get("specimen") is not None}
     if len(specimens) > 1:
         raise IdentificationFailed(
@@ -99,9 +105,20 @@ def identify_run(
             "identify them apart"
         )
     other = Run.open(Path(holdout)) if holdout is not None and Path(holdout).exists() else holdout
-    fit = identify(points, model=model, method=method, holdout=other, hysteresis=hysteresis)
+    declared = declared_errors(points)
+    fit = identify(points, model=model, method=method, holdout=other, hysteresis=hysteresis, declared=declared)
+    fit = replace(fit, warnings=(*left_out, *fit.warnings))
     write_fit(fit, runs[0].path)
     return fit
+
+
+def declared_errors(points: Sequence[RecordedPoint]) -> DeclaredErrors:
+    """What the calibrations in the recorded points leave uncertain; the largest where they differ."""
+
+    def largest(name: str) -> float:
+        return max((float(point.test.get(f"{name}_uncertainty_percent", 0.0)) for point in points), default=0.0) / 100.0
+
+    return DeclaredErrors(force_gain=largest("force"), displacement_gain=largest("displacement"))
 
 
 def write_fit(fit: Fit, folder: Path) -> Path:
@@ -197,7 +214,7 @@ def _fit(
     known = information(model, values, free, fitted, weighting, declared, fits=fits is not False)
     reasons = {**explain(model, known, values, fitted), **best.findings.reasons}
     warnings = [*warnings, *(text for each in (*fitted, *held_out) for text in each.warnings)]
-    warnings += _judgements(best.solution, fits, weighting.weight)
+    warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
     return Fit(
         model=model.name,
         hysteresis=getattr(model, "hysteresis", "kwok"),
@@ -231,6 +248,18 @@ def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[str]
     if weight == "v":
         warnings.append("weight v (equation 12) mutes the reversals; compare with weight 1")
     return warnings
+
+
+def _unresolved(fitted: Sequence[Measurement]) -> list[str]:
+    """A warning when all tests reverse more sharply than the displacement's samples resolve."""
+    sharp = [each.unseen_v_m_s for each in fitted if each.unseen_v_m_s is not None]
+    if len(sharp) < len(fitted):
+        return []
+    worst_mm_s = 1e3 * max(float(np.max(np.abs(unseen))) for unseen in sharp)
+    return [
+        f"every test reverses more sharply than its displacement samples resolve (velocity there uncertain by up to "
+        f"{worst_mm_s:.1f} mm/s); the intervals allow for it; add sines to narrow them"
+    ]
 
 
 def _estimates(

@@ -31,6 +31,8 @@ class Measurement:
         usable: which samples carry a measured force, shape (n,); None when all do.
         commanded_A: commanded current (A) where it differs from a constant; None otherwise.
         skew_std_s: standard uncertainty of the force-to-displacement skew left after correction (s).
+        unseen_v_m_s: velocity (m/s) that sharp reversals may have beyond what the samples resolve; None when none.
+        unseen_a_m_s2: acceleration (m/s^2) that goes with it.
         noise_N: standard deviation of the force from cycle to cycle (N); nan when it cannot be told.
         warnings: what the preparation found.
     """
@@ -51,6 +53,8 @@ class Measurement:
     usable: NDArray[np.bool_] | None = None
     commanded_A: FloatArray | None = None
     skew_std_s: float = 0.0
+    unseen_v_m_s: FloatArray | None = None
+    unseen_a_m_s2: FloatArray | None = None
     noise_N: float = float("nan")
     warnings: tuple[str, ...] = field(default=())
 

@@ -94,6 +94,14 @@ def scale_slope(model: DamperModel, values: Mapping[str, float], each: Measureme
     return _motion_slope(model, values, each, (each.u_m, each.v_m_s, each.a_m_s2), SCALE_STEP)
 
 
+def unseen_force(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Change of the modelled force (N) with the motion that the samples did not resolve, shape (n,); 0 without any."""
+    if each.unseen_v_m_s is None or each.unseen_a_m_s2 is None:
+        return np.zeros_like(each.u_m)
+    direction = (np.zeros_like(each.u_m), each.unseen_v_m_s, each.unseen_a_m_s2)
+    return _motion_slope(model, values, each, direction, 1.0)
+
+
 def _motion_slope(
     model: DamperModel,
     values: Mapping[str, float],

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from protocols.quality import Quality
 from rig.errors import IdentificationFailed, RigError
 from rig.identification.measurement import Measurement
+from rig.identification.skew_pooling import Skew, pooled_skews
 from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
 from rig.recording.differentiation import Motion, harmonic, savitzky_golay
 from rig.recording.run import RecordedPoint
@@ -37,9 +38,11 @@ def prepare_all(points: Iterable[RecordedPoint]) -> tuple[list[Measurement], lis
         IdentificationFailed: no point can be used; the message says why for each.
     """
     measurements, refusals = [], []
-    for point in points:
+    given = list(points)
+    skews = pooled_skews([point for point in given if point.verdict != "invalid"])
+    for point in given:
         try:
-            measurements.append(prepare(point))
+            measurements.append(prepare(point, skews.get(point.id)))
         except RigError as error:
             refusals.append(f"{point.id} left out: {error}")
     if not measurements:
@@ -48,8 +51,14 @@ def prepare_all(points: Iterable[RecordedPoint]) -> tuple[list[Measurement], lis
     return measurements, refusals
 
 
-def prepare(point: RecordedPoint) -> Measurement:
+def prepare(point: RecordedPoint, skew: Skew | None = None) -> Measurement:
     """A recorded point as a measurement.
+
+    The inertia of the fixture between load cell and damper is taken off the force.
+
+    Args:
+        point: the point.
+        skew: what the campaign as a whole knows of the sensors' delays; None: what the point's file says.
 
     Raises:
         IdentificationFailed: the verdict is invalid, or too little of the point can be used.
@@ -66,7 +75,8 @@ def prepare(point: RecordedPoint) -> Measurement:
             f"{np.count_nonzero(np.isfinite(displacement_m))} displacement samples in the kept cycles; at least "
             f"{FEWEST_SAMPLES} are needed"
         )
-    grid_s, force_N, usable = _force_on_grid(point, float(cycles.start_s[0]), float(cycles.start_s[-1]))
+    shift_s = 0.0 if skew is None else skew.shift_s
+    grid_s, force_N, usable = _force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
     motion = _motion(time_s, displacement_m, float(np.mean(cycles.frequency_Hz)), grid_s)
     if motion.harmonics is None:
         warnings.append(
@@ -77,13 +87,14 @@ def prepare(point: RecordedPoint) -> Measurement:
     warnings += _saturation(point.id, force_N[usable], len(cycles))
     dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
     per_cycle = round(float(np.mean(np.diff(cycles.start_s))) / dt_s)
+    unseen = None if motion.harmonics is None else motion.harmonics.unseen_at(grid_s)
     return Measurement(
         id=point.id,
         file="" if point.path is None else str(point.path),
         u_m=motion.u_m - reference_m,
         v_m_s=motion.v_m_s,
         a_m_s2=motion.a_m_s2,
-        force_N=force_N,
+        force_N=force_N - float(point.test.get("moving_mass_kg", 0.0)) * motion.a_m_s2,
         current_A=_current(point, grid_s, warnings),
         dt_s=dt_s,
         waveform=point.waveform,
@@ -92,7 +103,9 @@ def prepare(point: RecordedPoint) -> Measurement:
         nominal_current_A=point.current_A,
         samples_per_cycle=per_cycle,
         usable=None if bool(np.all(usable)) else usable,
-        skew_std_s=point.skew_std_s,
+        skew_std_s=point.skew_std_s if skew is None else skew.std_s,
+        unseen_v_m_s=None if unseen is None else unseen[0],
+        unseen_a_m_s2=None if unseen is None else unseen[1],
         noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles),
         warnings=tuple(warnings),
     )
@@ -111,7 +124,7 @@ def _usable_cycles(point: RecordedPoint) -> tuple[Cycles, list[str]]:
 
 
 def _force_on_grid(
-    point: RecordedPoint, start_s: float, stop_s: float
+    point: RecordedPoint, shift_s: float, start_s: float, stop_s: float
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Times (s), force (N) and which are measured, on the force's own samples; lost ones become empty places.
 
@@ -120,8 +133,9 @@ def _force_on_grid(
     """
     samples = point.force_samples
     flagged = (samples.flags & int(BAD)) != 0
-    inside = (samples.time_s >= start_s) & (samples.time_s < stop_s) & np.isfinite(samples.time_s)
-    time_s, force_N = samples.time_s[inside], samples.force_N[inside]
+    times_s = samples.time_s + shift_s
+    inside = (times_s >= start_s) & (times_s < stop_s) & np.isfinite(times_s)
+    time_s, force_N = times_s[inside], samples.force_N[inside]
     good = np.isfinite(force_N) & ~flagged[inside]
     if np.count_nonzero(good) < FEWEST_SAMPLES:
         raise IdentificationFailed(

@@ -4,9 +4,11 @@ Covariance of the weighted least-squares estimate (sandwich form):
 C = A^-1 (sum_t q_t s_t^2 B_t + sum_k d_k d_k') A^-1, with A = sum J'W^2 J and B_t = J'W^4 J of test t, s_t its
 residual's standard deviation, q_t >= 1 the sum of the residual's autocorrelation (1 + 2 sum rho_k up to the first lag
 within noise; Bartlett 1946), and d_k the effect J'W^2 dF/dk of each declared error k: the skew left in each test, the
-scale of force and displacement, the position of mid-stroke. A skew is taken as shared by all tests, which is the larger
-of the two possible effects. Where the model does not reach the noise, the misfit repeats every cycle: q_t is then
-multiplied by the number of cycles, because repeating a cycle adds nothing to what is known.
+scale of force and displacement, the position of mid-stroke, the motion that the displacement's samples do not resolve
+at sharp reversals. A skew is taken as shared by all tests, which is the larger of the two possible effects; unresolved
+motion, whose effects on the tests may cancel, counts test by test. Where the model does not reach the noise, the misfit
+repeats every cycle: q_t is then multiplied by the number of cycles, because repeating a cycle adds nothing to what is
+known.
 """
 
 from __future__ import annotations
@@ -21,7 +23,14 @@ from numpy.typing import NDArray
 
 from rig.dampers.model import DamperModel
 from rig.identification.measurement import Measurement
-from rig.identification.model_slope import modelled_force, parameter_slopes, place_slope, scale_slope, time_slope
+from rig.identification.model_slope import (
+    modelled_force,
+    parameter_slopes,
+    place_slope,
+    scale_slope,
+    time_slope,
+    unseen_force,
+)
 from rig.identification.projection import Weighting
 
 FloatArray = NDArray[np.float64]
@@ -117,6 +126,9 @@ def information(
             shared[2] += declared.displacement_gain * (weighted.T @ scale_slope(model, values, each))
         if declared.mid_stroke_m > 0.0:
             shared[3] += declared.mid_stroke_m * (weighted.T @ place_slope(model, values, each))
+        if each.unseen_v_m_s is not None:
+            effect = weighted.T @ unseen_force(model, values, each)
+            meat += np.outer(effect, effect)
     meat += shared.T @ shared
     return _invert(tuple(names), normal, meat, tuple(inflation))
 

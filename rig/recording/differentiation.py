@@ -20,9 +20,11 @@ from rig.errors import RigError
 FloatArray = NDArray[np.float64]
 Method = Literal["harmonic", "savitzky_golay"]
 
-MAXIMUM_HARMONICS = 120
+MAXIMUM_HARMONICS = 400
 SIGNIFICANT = 8.0  # a harmonic stays when its power exceeds this many times what noise alone puts there
 REPEATS = 0.003  # share of the amplitude
+TAIL_ORDERS = 4  # fewer harmonics in a half octave are single ones, not a series that goes on
+TAIL_SHARE = 0.3  # nor do they make a series when they are fewer than this share of its orders
 ROUNDS = 5  # strong harmonics hide weak ones: each round looks at what the last one left
 CHUNK = 16384
 
@@ -72,14 +74,34 @@ class HarmonicFit:
 
     def at(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Displacement (m), velocity (m/s), acceleration (m/s^2) at any times (s), each of shape (n,)."""
+        u, v, a = self._sum(time_s, np.ones(self.orders.size, dtype=bool))
+        return u + self.mean_m, v, a
+
+    def unseen_at(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """What harmonics lost in the noise or beyond the samples' reach may add: velocity (m/s), acceleration (m/s^2).
+
+        The corner of a triangle, rounded by a servo of second order, has harmonics that fall as k^-4. Those above the
+        last one K found then add up to what the half octave below K adds to the velocity, sum k^-3, and to 2.4 times
+        that to the acceleration, sum k^-2. None where there is no such series, as in a sine with its few harmonics.
+        """
+        half_octave = 1.0 - 1.0 / np.sqrt(2.0)
+        for last in self.orders[::-1].tolist():
+            band = (self.orders > (1.0 - half_octave) * last) & (self.orders <= last)
+            if np.count_nonzero(band) >= max(TAIL_ORDERS, TAIL_SHARE * half_octave * last):
+                _, v, a = self._sum(time_s, band)
+                return v, a / (np.sqrt(2.0) - 1.0)
+        return None
+
+    def _sum(self, time_s: FloatArray, chosen: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The chosen harmonics' displacement, velocity and acceleration."""
         u, v, a = (np.empty(time_s.size) for _ in range(3))
-        rate = self.orders * self.omega_rad_s
+        rate, cosine_m, sine_m = self.orders[chosen] * self.omega_rad_s, self.cosine_m[chosen], self.sine_m[chosen]
         for part in _chunks(time_s.size):
             phase = np.outer(time_s[part] - self.origin_s, rate)
             cosine, sine = np.cos(phase), np.sin(phase)
-            u[part] = self.mean_m + cosine @ self.cosine_m + sine @ self.sine_m
-            v[part] = cosine @ (self.sine_m * rate) - sine @ (self.cosine_m * rate)
-            a[part] = -(cosine @ (self.cosine_m * rate**2)) - sine @ (self.sine_m * rate**2)
+            u[part] = cosine @ cosine_m + sine @ sine_m
+            v[part] = cosine @ (sine_m * rate) - sine @ (cosine_m * rate)
+            a[part] = -(cosine @ (cosine_m * rate**2)) - sine @ (sine_m * rate**2)
         return u, v, a
 
 

@@ -128,3 +128,18 @@ def test_a_one_off_fit_loads_neither_numba_nor_scipy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_triangles_alone_give_intervals_that_cover_the_truth_and_a_warning(
+    make_campaign: Callable[..., list[RecordedPoint]],
+) -> None:
+    truth = parameter_set("demo").values
+    for seed in range(4):
+        fit = identify(make_campaign("demo", (0.0, 1.0, 2.0), (0.5, 1.0), seed=seed, waveform="triangle"))
+        assert any("more sharply than its displacement samples resolve" in text for text in fit.warnings)
+        for name, found in fit.parameters.items():
+            if found.identifiable:
+                low, high = found.simultaneous_low, found.simultaneous_high
+                assert low is not None
+                assert high is not None
+                assert low < truth[name] < high, (seed, name)

@@ -41,6 +41,32 @@ def test_harmonic_fit_follows_the_rounded_corners_of_a_triangle() -> None:
     assert np.max(np.abs(fit.at(t)[1] - v)) < 1e-3
 
 
+def cornered(rate_Hz: float = 250.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A triangle of 50 mm at 1 Hz rounded at 30 Hz: times (s), displacement (m) with noise, velocity (m/s)."""
+    t = np.arange(0.0013, 8.0, 1.0 / rate_Hz)
+    orders = np.arange(1, 2001, 2)
+    rounded = (-1.0) ** np.arange(orders.size) * 8.0 / np.pi**2 / orders**2 / (1.0 + (orders / 30.0) ** 2)
+    phases = 2.0 * np.pi * np.outer(t, orders)
+    u, v = np.sin(phases) @ rounded * 0.05, np.cos(phases) @ (rounded * 2.0 * np.pi * orders) * 0.05
+    return t, u + np.random.default_rng(4).normal(0.0, NOISE_M, t.size), v
+
+
+def test_what_the_samples_do_not_show_of_a_corner_is_foretold_by_size_and_place() -> None:
+    t, u, v = cornered()
+    fit = harmonic(t, u, 1.0)
+    unseen = fit.unseen_at(t)
+    assert unseen is not None
+    missed = np.abs(v - fit.at(t)[1])
+    assert 0.4 * missed.max() < np.abs(unseen[0]).max() < 3.0 * missed.max()
+    at_corners = np.abs(v) < 0.8 * np.abs(v).max()
+    assert np.abs(unseen[0][at_corners]).mean() > 3.0 * np.abs(unseen[0][~at_corners]).mean()
+
+
+def test_a_sine_hides_nothing() -> None:
+    fit = harmonic(*sampled_sine(), 1.0)
+    assert fit.unseen_at(sampled_sine()[0]) is None
+
+
 def test_motion_that_fades_does_not_repeat() -> None:
     t = np.arange(0.0, 8.0, 0.004)
     fit = harmonic(t, 0.05 * (1.0 - 0.05 * t) * np.sin(2.0 * np.pi * t), 1.0)
