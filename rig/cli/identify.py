@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     "--hysteresis", type=click.Choice(["kwok", "printed"]), default="kwok", show_default=True,
     help="Argument of the tanh models: Kwok's, or as the c-FOA paper prints it.",
 )  # fmt: skip
+@click.option("--suspect", is_flag=True, help="Take suspect points too; without it only valid ones are fitted.")
 @click.option("--weight", type=click.Choice(["1", "v"]), help="Of a residual: 1 or the speed; default: the method's.")
 @click.option("--loss", type=click.Choice(["squares", "huber"]), default="squares", show_default=True)
 @click.option("--budget", type=click.IntRange(1), default=16_000, show_default=True, help="Evaluations of a search.")
@@ -44,6 +45,7 @@ def command(
     method: str,
     holdout: str | None,
     hysteresis: Hysteresis,
+    suspect: bool,
     weight: str | None,
     loss: str,
     budget: int,
@@ -58,7 +60,9 @@ def command(
     from rig.identification import Method, identify_run
 
     settings = Method(method, weight=weight, loss=loss, budget=budget, population=population, seed=seed)
-    fit = identify_run(runs, model=model, method=settings, holdout=holdout, hysteresis=hysteresis).to_json()
+    fit = identify_run(
+        runs, model=model, method=settings, holdout=holdout, hysteresis=hysteresis, suspect=suspect
+    ).to_json()
     if as_json:
         write_json(fit)
         return EXIT_DONE

@@ -159,7 +159,9 @@ def build(
         events=_events(content, alignment), quality=quality, provenance=provenance,
         test={**context.point, "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
               "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
-              "device_rate": context.device_rate, "controller_clock_at_zero_s": alignment.origin_s},
+              "device_rate": context.device_rate, "controller_clock_at_zero_s": alignment.origin_s,
+              **{f"{name}_uncertainty_percent": context.sensors[name].uncertainty_percent
+                 for name in ("force", "displacement")}},
         title=f"Test point {context.point.get('id', '')}",
     )
     return file, alignment, verdict
@@ -182,6 +184,9 @@ def _clock_attributes(alignment: Alignment) -> dict[str, Attribute]:
             continue
         found[f"{name}_declared_delay_s"] = channel.sensor.declared_s
         found[f"{name}_undeclared_delay_s"] = channel.sensor.undeclared_s
+        if channel.clock.method != "edges":
+            continue
+        found[f"{name}_tie_std_s"] = channel.sensor.tie_std_s
         if channel.sensor.match is not None:
             found[f"{name}_matched_lag_s"] = channel.sensor.match.lag_s
             found[f"{name}_matched_lag_std_s"] = channel.sensor.match.lag_std_s

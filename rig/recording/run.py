@@ -236,8 +236,21 @@ class Run:
 
     @property
     def valid(self) -> tuple[RecordedPoint, ...]:
-        """The points a fit may use: all but the invalid ones."""
+        """The points a fit uses unless told otherwise: those judged valid."""
+        return tuple(point for point in self.points if point.verdict == "valid")
+
+    @property
+    def usable(self) -> tuple[RecordedPoint, ...]:
+        """The points a fit can use when told so: all but the invalid ones."""
         return tuple(point for point in self.points if point.verdict != "invalid")
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """One line for each point that is not valid: its verdict and reasons."""
+        return tuple(
+            f"{point.id} left out: {point.verdict} ({'; '.join(point.reasons)})"
+            for point in self.points if point.verdict != "valid"
+        )
 
     def select(self, filter_text: str) -> tuple[RecordedPoint, ...]:
         """Points that meet every condition of a filter such as `waveform=triangle,current_A=1`.

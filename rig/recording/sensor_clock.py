@@ -43,6 +43,7 @@ class SensorClock:
         clock: the model behind them; its `std_s` includes the delay's.
         declared_s: delay the bench file declares (s); 0 where it was not needed.
         undeclared_s: delay beyond the declared one, taken off too (s).
+        tie_std_s: standard deviation of the clock's tie alone (s).
         match: the sensor's signal laid over the controller's; None where that was not possible.
     """
 
@@ -50,6 +51,7 @@ class SensorClock:
     clock: ClockModel
     declared_s: float
     undeclared_s: float
+    tie_std_s: float
     match: Match | None
 
 
@@ -96,7 +98,7 @@ def _by_edges(
     delay = undeclared(tolerance_s(sensor.delay_s), *measured)
     sure = replace(clock, std_s=float(np.hypot(clock.std_s, delay.std_s)))
     late_s = sensor.delay_s + delay.value_s
-    return SensorClock(_times(local_s, clock, late_s), sure, sensor.delay_s, delay.value_s, found)
+    return SensorClock(_times(local_s, clock, late_s), sure, sensor.delay_s, delay.value_s, clock.std_s, found)
 
 
 def _by_signal(
@@ -107,11 +109,11 @@ def _by_signal(
     reach_s = ARRIVAL_REACH * max(clock.std_s, UNKNOWN_LATENCY_S * device_rate)
     found = _match(reference, _times(local_s, clock, 0.0), channel, sensor, reach_s, with_drift=True)
     if found is None:
-        return SensorClock(_times(local_s, clock, sensor.delay_s), clock, sensor.delay_s, 0.0, None)
+        return SensorClock(_times(local_s, clock, sensor.delay_s), clock, sensor.delay_s, 0.0, clock.std_s, None)
     spread_s = MOST_SPREAD * _span_s(local_s)
     std_s = float(np.hypot(found.lag_std_s, found.drift_std * spread_s))
     moved = clock.moved(found.lag_s, found.drift, found.middle_s, std_s, found.drift_std)
-    return SensorClock(_times(local_s, moved, 0.0), moved, 0.0, 0.0, found)
+    return SensorClock(_times(local_s, moved, 0.0), moved, 0.0, 0.0, std_s, found)
 
 
 def _times(local_s: Values, clock: ClockModel, delay_s: float) -> Values:
