@@ -92,11 +92,9 @@ def drive_for(point: TestPoint, known: Drives, ceiling: Ceiling) -> Drive:
         if drive.is_for(point):
             return drive
     alike = [drive for drive in known if drive.waveform == point.waveform and not drive.cannot]
-    gain, shift_m = 1.0, 0.0
-    if alike:
-        nearest = min(alike, key=lambda drive: _apart(drive, point))
-        gain, shift_m = nearest.gain, nearest.shift_m
-    command_m = min(point.amplitude_m * gain, max(point.amplitude_m, ceiling.amplitude_m))
+    shift_m = min(alike, key=lambda drive: _apart(drive, point)).shift_m if alike else 0.0
+    wanted_m = point.amplitude_m * _predicted_gain(alike, point.frequency_Hz)
+    command_m = min(wanted_m, max(point.amplitude_m, ceiling.amplitude_m))
     return Drive(point.waveform, point.amplitude_m, point.frequency_Hz, command_m, shift_m)
 
 
@@ -183,6 +181,26 @@ def _given_up(drive: Drive, point: TestPoint, seen: MotionSeen, why: str) -> Dri
         f"{1e3 * drive.command_m:.4g} mm: {why}"
     )
     return replace(drive, settled=True, cannot=text)
+
+
+def _predicted_gain(known: list[Drive], frequency_Hz: float) -> float:
+    """Gain for a frequency from the known ones: `1 + b f^2`, a servo's droop well below its bandwidth.
+
+    With two frequencies or more `a + b f^2` by least squares. Never extrapolated beyond twice the largest correction.
+    """
+    if not known:
+        return 1.0
+    squares = [drive.frequency_Hz**2 for drive in known]
+    excess = [drive.gain - 1.0 for drive in known]
+    mean_square, mean_excess = sum(squares) / len(squares), sum(excess) / len(excess)
+    spread = sum((square - mean_square) ** 2 for square in squares)
+    if spread > 0.0:
+        slope = sum((s - mean_square) * e for s, e in zip(squares, excess, strict=True)) / spread
+        predicted = mean_excess + slope * (frequency_Hz**2 - mean_square)
+    else:
+        predicted = mean_excess * frequency_Hz**2 / mean_square
+    largest = 2.0 * max(map(abs, excess))
+    return 1.0 + max(-largest, min(largest, predicted))
 
 
 def _apart(drive: Drive, point: TestPoint) -> float:

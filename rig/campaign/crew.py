@@ -97,8 +97,9 @@ class Crew:
             "steps_A": " ".join(f"{step_A:g}" for step_A in point.steps_A),
             "commanded_amplitude_m": commanded.amplitude_m,
             "commanded_centre_m": commanded.centre_m,
-            "amplitude_tolerance": self.matrix.sweep.amplitude_tolerance,
         }
+        if self.matrix.sweep.adapt_amplitude:
+            conditions["amplitude_tolerance"] = self.matrix.sweep.amplitude_tolerance
         if self.matrix.temperature is not None:
             low_degC, high_degC = self.matrix.temperature.window_degC
             conditions |= {"temperature_low_degC": low_degC, "temperature_high_degC": high_degC}

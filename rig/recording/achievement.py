@@ -47,9 +47,10 @@ def motion_attributes(motion: Achieved | None, alignment: Alignment) -> dict[str
 
 def current_attributes(motion: Achieved | None, alignment: Alignment) -> dict[str, Attribute]:
     """Attributes of `/entry/quality` about the measured current over the full cycles: mean, and scatter about it, A."""
-    current = alignment.values["current"]
+    current = np.asarray(alignment.values["current"], np.float64)
     if motion is not None:
-        current = current[(alignment.time_s >= motion.start_s) & (alignment.time_s < motion.end_s)]
+        time_s = np.asarray(alignment.time_s, np.float64)
+        current = current[(time_s >= motion.start_s) & (time_s < motion.end_s)]
     current = current[np.isfinite(current)]
     if len(current) == 0:
         return {}
@@ -61,7 +62,7 @@ def _phase_to_setpoint(motion: Achieved, alignment: Alignment) -> float | None:
     setpoint = alignment.timed.get("setpoint")
     if setpoint is None:
         return None
-    time_s = setpoint.time_s - alignment.origin_s
+    time_s = np.asarray(setpoint.time_s, np.float64) - alignment.origin_s
     inside = (time_s >= motion.start_s) & (time_s < motion.end_s)
     return fundamental_phase(
         time_s[inside],

@@ -21,6 +21,9 @@ from rig.recording.verdict import Findings, SensorCounts
 SATURATION_SHARE = 0.999
 MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
+STEP_PERCENT = 2.0
+VERDICT_REMARKS = {"machine-cannot": "suspect"}
+"""Remarks of the campaign in a point's journal that its verdict must know of."""
 
 
 @dataclass(frozen=True)
@@ -63,27 +66,34 @@ def examine(
 ) -> tuple[Findings, LoopShape | None]:
     """Everything a verdict is given by, and the shape of the loop (None where it cannot be told)."""
     end = content.end or {}
+    point, loop = context.point, context.point.get("kind", "loop") == "loop"
+    standing_rod = point.get("kind") == "current_step"
+    motion = None if standing_rod else motion
     inside = np.ones(len(seen.time_s), bool)
     shape = None
     if motion is not None:
         inside = (seen.time_s >= motion.start_s) & (seen.time_s < motion.end_s)
         starts = motion.start_s + np.arange(motion.cycles + 1) * (motion.end_s - motion.start_s) / motion.cycles
         shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
-    point = context.point
     frequency_Hz = float(point["frequency_Hz"])
     period_samples = context.sensors["force"].rate_Hz / frequency_Hz if frequency_Hz > 0.0 else np.inf
     findings = Findings(
         sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
                  else SensorCounts(0) for name, sensor in context.sensors.items()},
-        wanted_cycles=float(point["cycles"]), wanted_amplitude_m=float(point["amplitude_m"]),
+        wanted_cycles=0.0 if standing_rod else float(point["cycles"]), wanted_amplitude_m=float(point["amplitude_m"]),
         wanted_frequency_Hz=frequency_Hz, current_tolerance_A=context.current_tolerance_A,
         measured_cycles=None if motion is None else motion.cycles,
         measured_amplitude_m=None if motion is None else motion.amplitude_m,
         amplitude_std_m=None if motion is None else motion.amplitude_std_m,
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
-        current_error_A=_median_error(seen.current_A[inside], float(point["current_A"])),
+        current_error_A=_steps_error(seen.current_A, str(point.get("steps_A", ""))) if standing_rod
+        else _median_error(seen.current_A[inside], float(point["current_A"])),
+        amplitude_tolerance=point.get("amplitude_tolerance") if loop else None,
+        extra=[(VERDICT_REMARKS[event.code], f"{event.code}: {event.text}") for event in content.events
+               if event.code in VERDICT_REMARKS],
         temperature_degC=_range(seen.temperature_degC[inside]),
-        temperature_window_degC=_window(point), skew_std_s=alignment.skew_std_s,
+        temperature_window_degC=_window(point),
+        skew_std_s=0.0 if standing_rod else alignment.skew_std_s,
         scatter_N=None if shape is None else shape.scatter_N, change_N=None if shape is None else shape.change_N,
         span_N=None if shape is None else shape.span_N, free_play_m=0.0 if shape is None else shape.free_play_m,
         samples_a_cycle=float(period_samples), stopped_by=end.get("stopped_by"), interrupted=content.end is None,
@@ -106,6 +116,16 @@ def _range(values: FloatArray) -> tuple[float, float] | None:
 def _median_error(values: FloatArray, wanted: float) -> float | None:
     known = values[np.isfinite(values)]
     return float(np.median(np.abs(known - wanted))) if len(known) else None
+
+
+def _steps_error(values: FloatArray, steps_A: str) -> float | None:
+    """By how much the least and greatest measured current miss those of the steps, A; None where none was measured."""
+    known = values[np.isfinite(values)]
+    if len(known) == 0 or not steps_A.strip():
+        return None
+    steps = [float(text) for text in steps_A.split()]
+    low, high = np.percentile(known, [STEP_PERCENT, 100.0 - STEP_PERCENT])
+    return float(max(abs(low - min(steps)), abs(high - max(steps))))
 
 
 def _counts(

@@ -14,6 +14,8 @@ SATURATED_SAMPLES = 3
 TOLERATED_CYCLES = 1
 """A cycle beside a ramp may still settle; the fit drops the first and the last anyway."""
 AMPLITUDE_SUSPECT, AMPLITUDE_INVALID = 0.05, 0.10
+TOLERANCE_ROUNDING = 0.05
+"""The campaign judged the same motion before clocks were aligned: the last digit may differ."""
 FREQUENCY_SUSPECT = 0.03
 SKEW_SUSPECT_PERIODS = 0.003
 STUCK_SHARE = 0.1
@@ -72,7 +74,8 @@ class SensorCounts:
 class Findings:
     """What is known about a point when it is judged; None where it could not be measured.
 
-    `wanted_*` come from the matrix, `measured_*` from the kept cycles. Counts of the journal are bytes and
+    `wanted_*` come from the matrix, `measured_*` from the kept cycles; `amplitude_tolerance` (relative) is that of a
+    command that was compensated, None: the usual limits. Counts of the journal are bytes and
     blocks; `current_error_A` is the median deviation of measured from wanted current over the kept cycles;
     `temperature_degC` the lowest and highest coil temperature over them; `scatter_N`, `change_N`, `span_N` and
     `free_play_m` are those of `rig.recording.loop_shape`.
@@ -87,6 +90,7 @@ class Findings:
     measured_amplitude_m: float | None = None
     measured_frequency_Hz: float | None = None
     amplitude_std_m: float | None = None
+    amplitude_tolerance: float | None = None
     current_error_A: float | None = None
     temperature_degC: tuple[float, float] | None = None
     temperature_window_degC: tuple[float, float] | None = None
@@ -204,9 +208,11 @@ def _motion(found: Findings) -> list[Reason]:
             f"amplitude: {1e3 * found.measured_amplitude_m:.4g} mm measured, {1e3 * found.wanted_amplitude_m:.4g} mm "
             f"wanted ({100 * error:+.1f} %)"
         )
-        if abs(error) > AMPLITUDE_INVALID:
+        tolerance = found.amplitude_tolerance
+        suspect = AMPLITUDE_SUSPECT if tolerance is None else tolerance * (1.0 + TOLERANCE_ROUNDING)
+        if abs(error) > max(AMPLITUDE_INVALID, suspect):
             reasons.append(("invalid", text))
-        elif abs(error) > AMPLITUDE_SUSPECT:
+        elif abs(error) > suspect:
             reasons.append(("suspect", text))
     if found.measured_frequency_Hz is not None and found.wanted_frequency_Hz > 0:
         error = found.measured_frequency_Hz / found.wanted_frequency_Hz - 1.0
