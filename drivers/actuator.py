@@ -6,7 +6,7 @@ import os
 import time
 from dataclasses import asdict, astuple
 
-from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer, WrongIdentity
+from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer, WrongLayout
 from drivers.modbus_link import ModbusLink
 from protocols.actuator import (
     LAYOUT_VERSION,
@@ -120,22 +120,22 @@ class ModbusActuator:
         """Who the controller is; proves word order, float format and layout.
 
         Raises:
-            WrongIdentity: signature or layout are not those of the register map.
+            WrongLayout: signature or layout are not those of the register map.
             DriverError: the controller cannot be read.
         """
         words = self._link.read(self._identity.address, self._identity.count)
         try:
             identity = decode_identity(words, self._identity)
         except RemoteProtocolError as error:
-            raise WrongIdentity("actuator", self.url, f"identity block: {error}") from error
+            raise WrongLayout("actuator", self.url, f"identity block: {error}") from error
         if identity.signature_u32 != SIGNATURE_U32 or identity.signature_f32 != SIGNATURE_F32:
-            raise WrongIdentity(
+            raise WrongLayout(
                 "actuator", self.url,
                 f"signature registers read 0x{identity.signature_u32:08X} and {identity.signature_f32:g}, expected "
                 f"0x{SIGNATURE_U32:08X} and {SIGNATURE_F32:g}: wrong word order, scale or device",
             )
         if identity.layout_version != LAYOUT_VERSION:
-            raise WrongIdentity(
+            raise WrongLayout(
                 "actuator", self.url, f"register layout {identity.layout_version}, expected {LAYOUT_VERSION}"
             )
         return identity

@@ -1,6 +1,6 @@
 """What can go wrong between a driver and its device."""
 
-# ruff: noqa: N818 - errors are named after the condition, which reads better in `except` and in the journal
+
 
 from __future__ import annotations
 
@@ -33,6 +33,10 @@ class LinkLost(DriverError):
 
 class WrongIdentity(DriverError):
     """The device is not the one expected: signature registers, serial number or layout differ."""
+
+
+class WrongLayout(WrongIdentity):
+    """The device's registers are not laid out as expected: signature, word order, scale or layout version differ."""
 
 
 class RequestRefused(DriverError):

@@ -65,47 +65,58 @@ class FaultRow:
 _ROWS = (
     FaultRow(
         "modbus-busy", "Modbus exception 06", "wire", "modbus", "bounded retries",
-        "150ms", "W→S2", "S2", "J", "a", "",
+        "150ms", "W→S2", "S2", "J", "a",
+        "test_modbus.py::test_a_controller_that_stays_busy_is_stopped_by_its_own_watchdog_and_by_the_current",
     ),
     FaultRow(
         "modbus-reject", "Exception 02/03/04 on write", "wire", "modbus", "no positive ack",
-        "50ms", "S2", "S2", "J", "c", "",
+        "50ms", "S2", "S2", "J", "c",
+        "test_modbus.py::test_a_controller_that_refuses_writes_is_read_on_and_stopped_by_its_own_watchdog",
     ),
     FaultRow(
         "modbus-reset", "RST mid-response", "wire", "modbus", "outcome unknown: read back before resend",
-        "100ms", "S2", "S2", "J", "c", "",
+        "100ms", "S2", "S2", "J", "c",
+        "test_modbus.py::test_a_reset_connection_stops_the_rig_over_a_new_one",
     ),
     FaultRow(
         "modbus-halfopen", "Half-open TCP: blackhole", "wire", "modbus", "request deadline",
-        "200ms", "S2", "S2", "J", "c", "",
+        "200ms", "S2", "S2", "J", "c",
+        "test_modbus.py::test_a_half_open_connection_is_given_up_and_the_rig_stopped_over_a_new_one",
     ),
     FaultRow(
         "modbus-wrong-tid", "Wrong transaction id", "wire", "modbus", "discard; reconnect at second",
-        "100ms", "W", "W", "J", "a", "",
+        "100ms", "W", "W", "J", "a",
+        "test_modbus.py::test_passing_troubles_of_the_link_are_overcome_and_flagged",
     ),
     FaultRow(
         "rtu-stale", "Stale RTU reply (no id)", "wire", "rtu", "drain after timeout; verify effect",
-        "200ms", "P", "P", "J", "a", "",
+        "200ms", "P", "P", "J", "a",
+        "test_modbus.py::test_stale_answers_on_a_serial_line_are_never_believed_and_spoil_the_point",
     ),
     FaultRow(
         "rtu-crc", "RTU CRC, truncated, extra bytes", "wire", "rtu", "strict frame; retry reads only",
-        "150ms", "W→S2", "S2", "J", "a", "",
+        "150ms", "W→S2", "S2", "J", "a",
+        "test_modbus.py::test_damaged_answers_on_a_serial_line_are_read_again_and_then_stop_the_rig",
     ),
     FaultRow(
         "modbus-mismatch", "Wrong unit/function/count", "wire", "modbus", "match against request",
-        "50ms", "W→S2", "S2", "J", "a", "",
+        "50ms", "W→S2", "S2", "J", "a",
+        "test_modbus.py::test_answers_to_another_function_stop_the_rig",
     ),
     FaultRow(
         "modbus-write-lost", "Write acked, register unchanged", "wire", "controller", "readback plus motion",
-        "100ms", "S2", "S2", "J", "c", "",
+        "100ms", "S2", "S2", "J", "c",
+        "test_modbus.py::test_lost_writes_are_seen_by_their_missing_effect",
     ),
     FaultRow(
         "actuator-frozen", "Position register frozen", "wire", "controller", "controller heartbeat, LVDT disagreement",
-        "100ms", "SO", "SO", "J", "c", "",
+        "100ms", "SO", "SO", "J", "c",
+        "test_controller.py::test_a_frozen_position_register_is_not_trusted_and_the_halt_ramp_is_used",
     ),
     FaultRow(
         "actuator-reboot", "Controller reboot, defaults", "wire", "controller", "boot counter, config hash",
-        "50ms", "S1", "S1", "J", "n", "",
+        "50ms", "S1", "S1", "J", "n",
+        "test_controller.py::test_a_rebooted_controller_is_never_taken_for_the_one_that_was_prepared",
     ),
     FaultRow(
         "host-silent", "Host stops kicking", "process", "silence", "controller latches trip",
@@ -113,19 +124,23 @@ _ROWS = (
     ),
     FaultRow(
         "watchdog-absent", "Watchdog disabled or 'freeze'", "wire", "controller", "starve it before each campaign",
-        "preflight", "R", "R", "N", "c", "",
+        "preflight", "R", "R", "N", "c",
+        "test_controller.py::test_a_watchdog_that_does_not_trip_is_refused",
     ),
     FaultRow(
         "second-master", "Second Modbus master", "wire", "controller", "setpoint/owner mismatch",
-        "50ms", "S2", "S2", "J", "c", "",
+        "50ms", "S2", "S2", "J", "c",
+        "test_controller.py::test_a_second_master_is_noticed_and_the_motion_stopped",
     ),
     FaultRow(
         "stop-ignored", "Stop ignored", "wire", "controller", "LVDT velocity after ramp",
-        "ramp+100ms", "S1→trip", "S1", "J", "n", "",
+        "ramp+100ms", "S1→trip", "S1", "J", "n",
+        "test_controller.py::test_a_program_that_does_not_end_is_stopped_by_taking_the_pressure_away",
     ),
     FaultRow(
         "register-layout", "Word order/scale wrong", "wire", "controller", "signature register",
-        "connect", "R", "R", "N", "c", "",
+        "connect", "R", "R", "N", "c",
+        "test_controller.py::test_another_word_order_is_refused_at_connect",
     ),
     FaultRow(
         "can-busoff", "CAN bus-off", "wire", "can", "error state, status silence",

@@ -34,7 +34,7 @@ MODE_STATES = {
     records.MODE_LOCKED: State.HOLD,
 }
 RESTING = {State.OFF, State.LOW, State.HOLD}
-WITHOUT_LEASE = {Command.ACQUIRE, Command.FADE_STOP, Command.HALT}
+WITHOUT_LEASE = {Command.ACQUIRE, Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF}
 OFF_CENTRE_M = 2e-3
 SHORTEST_LEASE_S = 2.0
 

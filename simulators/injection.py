@@ -17,6 +17,7 @@ from protocols.actuator import Command, Result
 from rig.clock import monotonic_ns
 from rig.errors import FileProblem
 from rig.fault_matrix import MATRIX
+from simulators.named_port import NamedPort
 from simulators.slcan_bus import ERROR, standard_line
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ LOOSE_PLAY_M = 2e-3
 LOOSE_STIFFNESS_N_M = 5e6
 ZERO_SHARE = 0.05
 """A sensor that was not tared is off by this share of its range."""
+ENDLESS_CYCLES = 1e6
 LOW_SUPPLY_V = 8.0
 
 
@@ -166,7 +168,9 @@ def _second_master(rig: SimulatedRig) -> None:
 
 @_injects("stop-ignored")
 def _stop_ignored(rig: SimulatedRig) -> None:
+    """The running program loses its end, and no stop command ends it either; only the hydraulics can be taken away."""
     rig.actuator.faults.stop_ignored = True
+    rig.plant.order(full_cycles=ENDLESS_CYCLES)
 
 
 @_injects("register-layout")
@@ -224,15 +228,13 @@ def _can_malformed(rig: SimulatedRig) -> None:
 def _can_babble(rig: SimulatedRig) -> None:
     """A node that never stops fills the bus, on wall time as any other node's bits take theirs."""
     line = standard_line(0x001, bytes(8))
-    before_ns = monotonic_ns()
+    begin_ns, sent = monotonic_ns(), 0
 
     def babble() -> None:
-        nonlocal before_ns
-        now_ns = monotonic_ns()
-        count = min(MOST_BABBLED, round((now_ns - before_ns) * 1e-9 * BABBLED_FRAMES_S))
-        if count:
-            before_ns = now_ns
-            rig.bus.send_lines([line] * count)
+        nonlocal sent
+        due = int((monotonic_ns() - begin_ns) * 1e-9 * BABBLED_FRAMES_S)
+        rig.bus.send_lines([line] * min(MOST_BABBLED, due - sent))
+        sent = due
 
     rig.every_tick.append(babble)
 
@@ -285,6 +287,16 @@ def _loadcell_pulled(rig: SimulatedRig) -> None:
 @_injects("lvdt-pulled")
 def _lvdt_pulled(rig: SimulatedRig) -> None:
     rig.channel("lvdt").port.close()
+
+
+@_injects("usb-renumber")
+def _usb_renumber(rig: SimulatedRig) -> None:
+    """The adapter comes up under another number; without a name that follows it (`--ports by-id`) it is just gone."""
+    port = rig.channel("load_cell").port
+    if isinstance(port, NamedPort):
+        port.renumber()
+    else:
+        port.close()
 
 
 @_injects("serial-garbage")

@@ -34,6 +34,7 @@ class LinkFaults:
     """Until the host connects again."""
     wrong_function: bool = False
     late_answers: bool = False
+    silent_next: bool = False
     damaged: bool = False
     """Answers with a wrong checksum, cut short, or with bytes behind them, in turn."""
 
@@ -96,8 +97,13 @@ class ModbusServer:
             await self._server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it unannotated
 
     def silence_connections(self) -> None:
-        """Answer nothing on the connections there are, and keep them open: a host must connect again."""
-        for transport in self._transports():
+        """Answer nothing on the connections there are, else on the next one, and keep them open.
+
+        A host must connect again to be heard.
+        """
+        transports = self._transports()
+        self.faults.silent_next = not transports
+        for transport in transports:
             transport.pause_reading()
 
     async def _access(
@@ -127,8 +133,11 @@ class ModbusServer:
         return None if accepted else ExcCodes.ILLEGAL_VALUE
 
     def _connected(self, connected: bool) -> None:
-        if connected:
-            self.faults.wrong_transaction = False
+        if not connected:
+            return
+        self.faults.wrong_transaction = False
+        if self.faults.silent_next:
+            asyncio.get_running_loop().call_soon(self.silence_connections)
 
     def _trace(self, sending: bool, packet: bytes) -> bytes:
         """Damage an answer on its way out when a fault asks for it."""

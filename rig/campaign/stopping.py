@@ -69,6 +69,7 @@ def stopped(state: State, event: ev.Safe) -> Step:
     if state.latch is None:
         return state, ()
     stop, cause = state.latch.stop, state.latch.cause
+    state = replace(state, stopped=True)
     if stop is StopKind.S1:
         state = replace(state, pressurised=False, powered=False)
     if state.queue and not state.recording:
@@ -127,12 +128,17 @@ def declined(state: State, event: ev.Declined) -> Step:
 
 
 def disarm_declined(state: State, cause: Cause) -> Step:
-    """A rig that cannot be shut down in good order is stopped; when that was done already, nothing is known.
+    """A rig that cannot be shut down in good order is stopped; when that was not proved either, nothing is known.
 
-    Without pressure there is nothing to shut down.
+    Without pressure there is nothing to shut down. After a proved S2 or SO the controller holds the rod, powered, as
+    these stops demand: the rig is safe, and the operator is told that the pressure is still on.
     """
     if not state.pressurised:
         return end(state)
+    if state.stopped:
+        state, actions = end(state)
+        text = f"the rig stands still at 0 A, but its hydraulics could not be switched off: {cause.detail}"
+        return state, (act.Note("error", text), *actions)
     if state.latch is not None:
         return lost(state, cause)
     return latch(state, StopKind.S1, cause, act.Stop(StopKind.S1, cause))

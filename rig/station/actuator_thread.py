@@ -11,9 +11,10 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer
+from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from protocols.actuator import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, State
 from protocols.register_map import Value
@@ -21,6 +22,8 @@ from rig.clock import monotonic_ns
 from rig.station.config import ActuatorConfig
 from rig.station.device_thread import DeviceThread
 from rig.station.interlocks import CONSECUTIVE, Finding
+from rig.station.line_judge import ClockWatch
+from rig.station.link_troubles import LinkTroubles
 from rig.station.roles import Travel
 from rig.station.safe_stop import STILL_S, Action
 from rig.station.status_judge import ControllerJudge
@@ -32,6 +35,9 @@ COUNTER_MODULUS = 1 << 16
 CLOCK_MODULUS = 1 << 32
 OPEN_PATIENCE_S = 2.0
 MOTION_M_S = 0.01
+FEED_AGAIN_NS = 100_000_000
+IDENTITY_EVERY = 50
+"""Polls between two looks at boot count and configuration."""
 COMMANDS = {
     Action.FADE: Command.FADE_STOP,
     Action.HALT: Command.HALT,
@@ -40,12 +46,33 @@ COMMANDS = {
 }
 
 
+@dataclass
+class SentStop:
+    """A stop command on its way, and how many statuses have been read since."""
+
+    action: Action
+    sequence: int
+    statuses: int = 0
+
+
 class ActuatorDriver(Protocol):
     """What this thread needs of the controller's driver."""
 
     @property
     def is_open(self) -> bool:
         """The connection stands, as far as is known."""
+
+    @property
+    def url(self) -> str:
+        """URL of the connection."""
+
+    @property
+    def stale(self) -> int:
+        """Answers to other requests that were recognised and thrown away."""
+
+    @property
+    def busy(self) -> int:
+        """"Busy" answers that were asked again."""
 
     def open(self) -> None:
         """Open the connection."""
@@ -94,6 +121,7 @@ class ActuatorThread(DeviceThread):
         self.polls = 0
         self.failures = 0
         self.speed_source: Callable[[], float] = lambda: math.nan
+        self.clock = ClockWatch(1.0)
         self.status_changed = threading.Condition()
         self._driver = driver
         self._travel = travel
@@ -107,7 +135,11 @@ class ActuatorThread(DeviceThread):
         self._stale_ns = int(config.stale_after_s * 1e9)
         self._last_ns = monotonic_ns()
         self._linked = True
+        self._troubles = LinkTroubles(driver)
+        self._feed_ns = 0
+        self._settings: tuple[int, int] | None = None
         self._retry: Action | None = None
+        self._sent: SentStop | None = None
         self._pulse_count: int | None = None
         self._device_us = NO_DEVICE_TIME
         self._clock_us = 0
@@ -167,6 +199,12 @@ class ActuatorThread(DeviceThread):
             self._wake.notify()
         return future.result(timeout_s)  # type: ignore[return-value]  # the future holds what the job returned
 
+    def expect_settings(self, expected: bool) -> None:
+        """Compare boot count and configuration with what they are now (True), or with nothing (False)."""
+        self._settings = None
+        if expected:
+            self._settings = _settings(self.call(lambda driver: driver.read_identity(), OPEN_PATIENCE_S))
+
     def wake(self) -> None:
         """Interrupt the wait for the next poll."""
         with self._wake:
@@ -191,6 +229,11 @@ class ActuatorThread(DeviceThread):
         off = status.state == State.OFF or not status.inputs & (Input.HYDRAULICS_LOW | Input.HYDRAULICS_ON)
         low = off or not status.inputs & Input.HYDRAULICS_ON
         return self.judge.moving(STILL_S), self.judge.clock_s, low, off
+
+    @property
+    def stop_taken(self) -> bool:
+        """No stop command waits to be sent or to be acknowledged."""
+        return not self._actions and self._retry is None and self._sent is None
 
     def in_motion(self) -> bool:
         """The controller's last status shows speed."""
@@ -233,14 +276,32 @@ class ActuatorThread(DeviceThread):
     def _serve(self) -> None:
         if not self._linked:
             self._reopen()
-        while (action := self._next_action()) is not None:
-            self._retry = action
-            self._driver.send(COMMANDS[action])
-            self._retry = None
-            self._supervisor.note_sent(action)
+        self._carry_out()
         if self._jobs:
             self._run_job()
         self._poll()
+        if self._settings is not None and self.polls % IDENTITY_EVERY == 0:
+            self._compare_settings(self._settings)
+
+    def _carry_out(self) -> None:
+        """Send the stop commands that wait; one that is refused waits for the next round, after a status was read."""
+        while (action := self._next_action()) is not None:
+            self._retry = action
+            try:
+                sequence = self._driver.send(COMMANDS[action])
+            except RequestRefused as error:
+                self._failed(error)
+                return
+            self._retry = None
+            self._sent = SentStop(action, sequence)
+            self._supervisor.note_sent(action)
+
+    def _compare_settings(self, expected: tuple[int, int]) -> None:
+        """A controller that has booted, or whose limits somebody else changed, is not the one that was prepared."""
+        found = _settings(self._driver.read_identity())
+        if found != expected:
+            detail = f"controller's boot count and configuration hash are {found}, they were {expected}"
+            self._supervisor.report([Finding("actuator-reboot", detail, monotonic_ns())])
 
     def _next_action(self) -> Action | None:
         with self._wake:
@@ -259,13 +320,19 @@ class ActuatorThread(DeviceThread):
             future.set_exception(error)
 
     def _poll(self) -> None:
-        if self._supervisor.may_feed(monotonic_ns()):
+        now_ns = monotonic_ns()
+        if self._supervisor.may_feed(now_ns) and now_ns >= self._feed_ns:
+            # A write that is refused is tried again, but not at every poll: the status can still be read.
+            self._feed_ns = now_ns + FEED_AGAIN_NS
             self._counter = (self._counter + 1) % COUNTER_MODULUS
             status = self._driver.exchange(self._counter)
+            self._feed_ns = 0
             self._follow_echo(status)
         else:
             status = self._driver.read_status()
         self.polls += 1
+        self._supervisor.report(self._troubles.answered(status.received_ns))
+        self._follow_stop(status)
         self._last_ns = status.received_ns
         self._record(status)
         findings = self.judge.judge(status, self._travel.position_m(status.received_ns), self.speed_source())
@@ -282,6 +349,22 @@ class ActuatorThread(DeviceThread):
             finding = Finding("modbus-write-lost", detail, status.received_ns, status.watchdog_echo, self._counter)
             self._supervisor.report([finding])
 
+    def _follow_stop(self, status: ActuatorStatus) -> None:
+        """A stop command that was acknowledged must also have been executed; else it is sent again."""
+        sent = self._sent
+        if sent is None:
+            return
+        sent.statuses += 1
+        if status.acked_sequence == sent.sequence:
+            self._sent = None
+        elif sent.statuses == CONSECUTIVE:
+            self._sent = None
+            name = COMMANDS[sent.action].name
+            detail = f"{name} was written as {sent.sequence}, the controller's last command is {status.acked_sequence}"
+            self._supervisor.report([Finding("modbus-write-lost", detail, status.received_ns)])
+            if not self._supervisor.settled:
+                self.act(sent.action)
+
     def _is(self, wanted: Callable[[ActuatorStatus], bool]) -> bool:
         return self.judge.status is not None and wanted(self.judge.status)
 
@@ -289,18 +372,10 @@ class ActuatorThread(DeviceThread):
         self.failures += 1
         now_ns = monotonic_ns()
         self._linked = self._driver.is_open
-        if isinstance(error, RequestRefused):
-            if "busy" in str(error):
-                # Nothing was done and nothing is broken: it counts once the status is stale.
-                self.slug = "modbus-busy"
-            else:
-                self._supervisor.report([Finding("modbus-reject", str(error), now_ns)])
-        elif isinstance(error, WrongAnswer):
-            self.slug = "modbus-mismatch"
-        elif isinstance(error, NoAnswer):
-            self.slug = "modbus-halfopen"
-        else:
-            self._supervisor.report([Finding("modbus-reset", str(error), now_ns)])
+        finding = self._troubles.failed(error, now_ns)
+        if not finding.warns and finding.slug != "modbus-wrong-tid":
+            self.slug = finding.slug
+        self._supervisor.report([finding])
 
     def _reopen(self) -> None:
         """Connect again, so that a stop reaches the controller; a latched trip stays latched.
@@ -316,6 +391,7 @@ class ActuatorThread(DeviceThread):
     def _record(self, status: ActuatorStatus) -> None:
         host_ns = status.received_ns
         device_us = self._unwrap(status.clock_us)
+        self.clock.take(host_ns, device_us)
         sequence = self.polls
         records: list[Record] = [
             (host_ns, device_us, float(value), sequence, channel, 0)
@@ -351,3 +427,7 @@ class ActuatorThread(DeviceThread):
             self._device_us += forward_us - CLOCK_MODULUS if forward_us >= CLOCK_MODULUS // 2 else forward_us
         self._clock_us = clock_us
         return self._device_us
+
+
+def _settings(identity: ActuatorIdentity) -> tuple[int, int]:
+    return identity.boot_count, identity.config_hash

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 from drivers.actuator import ModbusActuator
 from drivers.ecu import CanEcu
-from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity
+from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
 from drivers.serial_sensor import SerialSensor
 from protocols.errors import ProtocolError
@@ -16,6 +16,7 @@ from rig.station.coil_thread import CoilThread
 from rig.station.config import SensorConfig, StationConfig
 from rig.station.errors import StationRefused
 from rig.station.interlocks import ChannelJudge, MotionJudge
+from rig.station.line_judge import ClockWatch
 from rig.station.sensor_thread import SensorThread
 from rig.station.status_judge import ControllerJudge, EcuJudge
 from rig.station.supervisor import Supervisor
@@ -86,9 +87,12 @@ class Devices:
             parity=config.actuator.parity,
         )
         self.actuator = ActuatorThread(config.actuator, driver, judge, self.lvdt, supervisor, append)
+        self.coil.judge.controller_polls = lambda: self.actuator.polls
         self.actuator.speed_source = lambda: self.lvdt.speed_m_s
+        self.actuator.clock = ClockWatch(config.device_rate)
         for sensor in (self.load_cell, self.lvdt):
             sensor.in_motion = self.actuator.in_motion
+            sensor.reference_ppm = lambda: self.actuator.clock.ppm
 
     def _sensor(
         self,
@@ -111,7 +115,9 @@ class Devices:
             rate_Hz=given.rate_Hz,
             device_rate=self.config.device_rate,
         )
-        return SensorThread(given, slug, channel, driver, judge, self._supervisor, append, motion)
+        return SensorThread(
+            given, slug, channel, driver, judge, self._supervisor, append, motion, self.config.device_rate
+        )
 
     @property
     def sensors(self) -> tuple[SensorThread, ...]:
@@ -166,6 +172,8 @@ class Devices:
 
 def slug_of(error: Exception) -> str:
     """The refusal's slug for what a driver raised at connect."""
+    if isinstance(error, WrongLayout):
+        return "register-layout"
     if isinstance(error, WrongIdentity):
         return "wrong-identity"
     if isinstance(error, NoAnswer):

@@ -89,6 +89,7 @@ class Preparation:
                 lambda answer: answer.state != State.TRIPPED, "controller-trip", "controller stays tripped"
             )
         wanted = self._limits()
+        actuator.expect_settings(False)
         actuator.call(lambda driver: driver.write_limits(wanted), ACK_TIMEOUT_S)
         found = actuator.call(lambda driver: driver.read_limits(), ACK_TIMEOUT_S)
         for name, value in asdict(wanted).items():
@@ -96,6 +97,7 @@ class Preparation:
                 raise StationRefused(
                     "modbus-write-lost", f"arm: wrote {name} = {value}, the controller has {getattr(found, name)}"
                 )
+        actuator.expect_settings(True)
         return found
 
     def acquire(self) -> None:

@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 
 from drivers.errors import DriverError, RequestRefused
-from protocols.actuator import ActuatorStatus, Command, State, Waveform
+from protocols.actuator import ActuatorStatus, Command, Input, State, Waveform
 from protocols.register_map import Value
 from rig.clock import monotonic_ns
 from rig.station.commander import ACK_TIMEOUT_S, Commander
@@ -137,7 +137,7 @@ class Requests:
     def _hydraulics(self, arguments: Arguments) -> Answer:
         level = arguments.get("level")
         choices: dict[object, tuple[Command, Callable[[ActuatorStatus], bool]]] = {
-            "off": (Command.HYDRAULICS_OFF, lambda status: status.state == State.OFF),
+            "off": (Command.HYDRAULICS_OFF, _without_pressure),
             "low": (Command.HYDRAULICS_LOW, lambda status: status.state == State.LOW),
             "on": (Command.HYDRAULICS_ON, lambda status: status.state == State.HOLD),
         }
@@ -198,6 +198,8 @@ class Requests:
             values |= self._write_table(arguments, frequency_Hz)
         period_s = 1.0 / frequency_Hz
         self._supervisor.movement = Movement(self._config.actuator.fade_out_cycles * period_s, period_s)
+        cycles = sum(float(values[name]) for name in ("cycles", "ramp_in_cycles", "ramp_out_cycles"))
+        self._devices.actuator.judge.expect_program(cycles * period_s)
         status = self._commander.command(Command.START, **values)
         return {"program_id": status.program_id, "state": State(status.state).name}
 
@@ -295,6 +297,11 @@ class Requests:
             raise StationRefused("tripped", f"{do}: {supervisor.trip.slug} is latched; reset first")
         if not supervisor.armed:
             raise StationRefused("not-armed", f"{do}: arm first")
+
+
+def _without_pressure(status: ActuatorStatus) -> bool:
+    """Hydraulics are off; a latched trip stays the controller's state meanwhile."""
+    return status.state == State.OFF or not status.inputs & (Input.HYDRAULICS_LOW | Input.HYDRAULICS_ON)
 
 
 def _number(arguments: Arguments, name: str, low: float, high: float) -> float:

@@ -28,6 +28,10 @@ class Motion(Protocol):
         """Moving, clock (s), hydraulics low, hydraulics off; each None without a fresh status."""
 
     @property
+    def stop_taken(self) -> bool:
+        """No stop command waits to be sent or to be acknowledged."""
+
+    @property
     def state_name(self) -> str | None:
         """The controller's state by name, None without a fresh status."""
 

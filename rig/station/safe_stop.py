@@ -60,6 +60,7 @@ class View:
         hydraulics_low: pressure is low or off; None without a fresh status.
         hydraulics_off: hydraulics are off; None without a fresh status.
         current_A: measured coil current; None without a fresh ECU status.
+        stop_taken: the controller has acknowledged the stop command; False while none gets through.
         period_s: device seconds of one cycle of the program that ran (0: none), for standstill without the controller.
     """
 
@@ -71,6 +72,7 @@ class View:
     hydraulics_off: bool | None
     current_A: float | None
     period_s: float = 0.0
+    stop_taken: bool = True
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,7 @@ class SafeStop:
         halt: the halt ramp is used, not the fade-out.
         fade_s: device seconds the fade-out may take.
         device_rate: device clock against the wall.
+        watchdog_s: wall seconds after which the controller stops by itself when no command reaches it.
         started_ns: host time of the trip.
         step_ns: host time at which the present step began.
         clock_start_s: the controller's clock at the first fresh status after the trip; None until seen.
@@ -103,6 +106,7 @@ class SafeStop:
     standstill: bool = False
     current_zero: bool = False
     current_judged: bool = False
+    watchdog_s: float = 0.0
 
     @property
     def finished(self) -> bool:
@@ -111,11 +115,13 @@ class SafeStop:
 
 
 def begin(
-    kind: Stop, now_ns: int, *, halt: bool, fade_s: float, device_rate: float
+    kind: Stop, now_ns: int, *, halt: bool, fade_s: float, device_rate: float, watchdog_s: float = 0.0
 ) -> tuple[SafeStop, tuple[Action, ...]]:
     """Start a stop; its actions are to be carried out at once and independently of each other."""
     halt = halt or kind is Stop.SO
-    stop = SafeStop(kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns)
+    stop = SafeStop(
+        kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns, watchdog_s=watchdog_s
+    )
     return stop, (Action.ZERO_CURRENT, stop_command(stop))
 
 
@@ -195,7 +201,9 @@ def _late(stop: SafeStop, view: View) -> bool:
 
 
 def _stopping(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
-    if stop.clock_start_s is None and view.controller_clock_s is not None:
+    # A controller that no command reaches begins to fade out when its watchdog trips.
+    begun = view.stop_taken or _elapsed_s(stop.step_ns, view) > stop.watchdog_s
+    if begun and stop.clock_start_s is None and view.controller_clock_s is not None:
         stop = replace(stop, clock_start_s=view.controller_clock_s)
     if _standstill(stop, view):
         stop = replace(stop, standstill=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from protocols.actuator import ActuatorStatus, FaultBit, Input, State
 from protocols.ecu import CoilStatus, CoilTemperature, EcuFault
@@ -10,7 +11,12 @@ from rig.station.interlocks import CONSECUTIVE, STILL_TOLERANCE_M, Finding
 
 MOVING_STATES = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
 FROZEN_TRAVEL_M = 0.002
+OVERRUN_S = 0.1
+"""Device time by which a program may outlast its own length."""
+AT_REST_STATES = frozenset({State.HOLD, State.LOW, State.OFF})
+RESTLESS_M_S = 0.02
 CLOCK_MODULUS = 1 << 32
+UNDERVOLTAGE_NS = 50_000_000
 
 _FAULT_SLUGS = (
     (FaultBit.E_STOP, "estop"),
@@ -56,6 +62,14 @@ class ControllerJudge:
         self._apart = 0
         self._anchor_m = math.nan
         self._anchor_s = 0.0
+        self._program_s = math.inf
+        self._program_began_s = math.nan
+        self._restless = 0
+
+    def expect_program(self, duration_s: float) -> None:
+        """The program about to start lasts this long (device s), ramps included."""
+        self._program_s = duration_s
+        self._program_began_s = math.nan
 
     def judge(self, status: ActuatorStatus, lvdt_m: float | None, lvdt_speed_m_s: float) -> list[Finding]:
         """Take one status answer.
@@ -71,6 +85,7 @@ class ControllerJudge:
         findings: list[Finding] = []
         self._follow_clock(status, findings)
         self._follow_bits(status, findings)
+        self._follow_program(status, lvdt_speed_m_s, findings)
         if lvdt_m is not None:
             self._compare(status, lvdt_m, lvdt_speed_m_s, findings)
         if not abs(status.position_m - self._anchor_m) <= STILL_TOLERANCE_M:
@@ -132,6 +147,23 @@ class ControllerJudge:
         elif status.owner == 0:
             findings.append(Finding("actuator-reboot", "controller no longer knows our lease", t_ns))
 
+    def _follow_program(self, status: ActuatorStatus, lvdt_speed_m_s: float, findings: list[Finding]) -> None:
+        """A program ends when its cycles are done, and where the controller holds, the rod stands."""
+        t_ns = status.received_ns
+        if status.state != State.RUNNING:
+            self._program_began_s = math.nan
+        elif math.isnan(self._program_began_s):
+            self._program_began_s = self.clock_s
+        elif self.clock_s - self._program_began_s > self._program_s + OVERRUN_S:
+            ran_s = self.clock_s - self._program_began_s
+            detail = f"the program has run for {ran_s:.3f} s, it lasts {self._program_s:.3f} s"
+            findings.append(Finding("stop-ignored", detail, t_ns, ran_s, self._program_s))
+        restless = status.state in AT_REST_STATES and abs(lvdt_speed_m_s) > RESTLESS_M_S
+        self._restless = self._restless + 1 if restless else 0
+        if self._restless == 4 * CONSECUTIVE:
+            detail = f"the controller says {State(status.state).name}, the LVDT moves at {lvdt_speed_m_s:.3g} m/s"
+            findings.append(Finding("stop-ignored", detail, t_ns, lvdt_speed_m_s, RESTLESS_M_S))
+
     def _compare(self, status: ActuatorStatus, lvdt_m: float, speed_m_s: float, findings: list[Finding]) -> None:
         t_ns = status.received_ns
         if status.position_m == self._held_m:
@@ -160,17 +192,17 @@ class EcuJudge:
     def __init__(self, current_limit_A: float, coil_temperature_limit_degC: float) -> None:
         self.current_limit_A = current_limit_A
         self.coil_temperature_limit_degC = coil_temperature_limit_degC
+        self.controller_polls: Callable[[], int] = lambda: 0
         self._boot_count: int | None = None
-        self._undervoltage = False
+        self._undervoltage: tuple[int, int] | None = None
 
     def judge_status(self, status: CoilStatus, t_ns: int) -> list[Finding]:
         """Take one CoilStatus that arrived at `t_ns` (host monotonic)."""
         faults = status.faults
-        # An opened e-stop chain takes the ECU's supply too. The second status in a row counts, so that the controller,
-        # polled in between, can name the cause; the ECU is at 0 A by itself meanwhile.
-        if faults & EcuFault.UNDERVOLTAGE and not self._undervoltage:
+        if faults & EcuFault.UNDERVOLTAGE and self._controller_may_know(t_ns):
             faults &= ~EcuFault.UNDERVOLTAGE
-        self._undervoltage = bool(status.faults & EcuFault.UNDERVOLTAGE)
+        elif not faults & EcuFault.UNDERVOLTAGE:
+            self._undervoltage = None
         findings = [
             Finding(slug, f"ECU fault {EcuFault(faults & int(bits)).name}", t_ns, float(faults))
             for bits, slug in _ECU_SLUGS
@@ -180,6 +212,17 @@ class EcuJudge:
             detail = f"coil current {status.current_A:.3f} A, allowed {self.current_limit_A:.3f} A"
             findings.append(Finding("overcurrent", detail, t_ns, status.current_A, self.current_limit_A))
         return findings
+
+    def _controller_may_know(self, t_ns: int) -> bool:
+        """An opened e-stop chain takes the ECU's supply too: the controller is heard first, for it names the cause.
+
+        Two polls that began after the undervoltage was seen, or `UNDERVOLTAGE_NS`; the ECU is at 0 A by itself.
+        """
+        polls = self.controller_polls()
+        if self._undervoltage is None:
+            self._undervoltage = polls, t_ns
+        first_poll, since_ns = self._undervoltage
+        return polls < first_poll + 2 and t_ns - since_ns < UNDERVOLTAGE_NS
 
     def judge_temperature(self, temperature: CoilTemperature, t_ns: int) -> list[Finding]:
         """Take one CoilTemperature that arrived at `t_ns` (host monotonic)."""

@@ -240,7 +240,8 @@ class Supervisor:
                 if self._travel is not None:
                     self._travel.restart_still()
                 self.stop, actions = safe_stop.begin(
-                    kind, now_ns, halt=halt, fade_s=self.movement.fade_s, device_rate=self.config.device_rate
+                    kind, now_ns, halt=halt, fade_s=self.movement.fade_s, device_rate=self.config.device_rate,
+                    watchdog_s=self.config.actuator.watchdog_s,
                 )
             else:
                 self.stop, actions = safe_stop.escalate(self.stop, kind, now_ns, halt=halt)
@@ -347,7 +348,8 @@ class Supervisor:
             moving, clock_s, low, off = self._motion.fill_view(now_ns)
         still_s = None if self._travel is None else self._travel.still_s(now_ns)
         current_A = None if self._coil is None else self._coil.fresh_current_A
-        return View(now_ns, still_s, moving, clock_s, low, off, current_A, self.movement.period_s)
+        taken = self._motion is None or self._motion.stop_taken
+        return View(now_ns, still_s, moving, clock_s, low, off, current_A, self.movement.period_s, taken)
 
     def _tell_step(self, stop: SafeStop, view: View) -> None:
         if stop.step is Step.SAFE:

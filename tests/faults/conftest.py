@@ -34,6 +34,8 @@ COIL_LAG_S = 0.250
 NO_CURRENT_A = 0.05
 STILL_M_S = 2e-3
 STOP_COMMANDS = ("FADE_STOP", "HALT", "HYDRAULICS_OFF")
+OWN_STOPS = ("TRIP",)
+"""The controller stops by itself, where no command reaches it."""
 SETTLING_S = {"S2": 0.200, "S1": 0.200, "SO": 0.300}
 EXIT_CODES = {"S2": 4, "S1": 4, "SO": 4, "R": 3, "P": 5, "W": 0}
 
@@ -58,6 +60,10 @@ current_settled = "20 mA"
 """Each point moves for 4 s; the second one's cycles begin a little more than 4 s after the first one's."""
 PERIOD_S = 0.5
 IN_POINT_2_S = 6.3
+
+BRISK_POINTS = TWO_POINTS.replace('"2 Hz"', '"4 Hz"')
+"""For tests at speed 1: each point moves for 2 s."""
+BRISK_PERIOD_S = 0.25
 
 
 @dataclass(frozen=True)
@@ -245,10 +251,21 @@ def run(start: Start) -> Run:
     return to_the_end
 
 
-def settles_within_s(ending: Ending, kind: str, speed: float) -> float:
+@pytest.fixture
+def run_brisk(start: Start) -> Run:
+    """Runs a short campaign with faults of the simulated rig at speed 1, where the rows' times are meant."""
+
+    def to_the_end(*faults: str, simulator: tuple[str, ...] = ()) -> Ending:
+        injected = [part for fault in faults for part in ("--fault", fault)]
+        return start(*injected, *simulator, matrix=BRISK_POINTS, speed=1.0).finish()
+
+    return to_the_end
+
+
+def settles_within_s(kind: str, speed: float, period_s: float) -> float:
     """Simulated time from the stop command to standstill: fade-out and 200 ms, or 300 ms; commands of a faster rig
     arrive up to one wall tick late on its clock."""
-    fade_s = 0.0 if kind == "SO" else PERIOD_S
+    fade_s = 0.0 if kind == "SO" else period_s
     return fade_s + SETTLING_S[kind] + 0.002 * speed
 
 
@@ -262,7 +279,7 @@ def assert_stopped() -> Callable[..., None]:
     def judge(
         ending: Ending, slug: str, *, finished: tuple[str, ...] = ("p001",), broken: str | None = "p002",
         stop: str | None = None, speed: float = 5.0, first: str | None = None, settling_s: float | None = None,
-        injected_as: str | None = None,
+        injected_as: str | None = None, period_s: float = PERIOD_S,
     ) -> None:
         row, truth = MATRIX[slug], ending.truth
         kind = stop or row.stop
@@ -274,14 +291,16 @@ def assert_stopped() -> Callable[..., None]:
         fault_ns = ending.stopped_from_ns
         if fault_ns is None:
             fault_ns = truth.first("FAULT", text=injected_as or slug).host_ns
-        zero, motion = stop_commands(truth, fault_ns)
+        zero, motion = stop_commands(truth, fault_ns, OWN_STOPS if first == "TRIP" else STOP_COMMANDS)
         assert motion.code == (first or ("HALT" if kind == "SO" else "FADE_STOP"))
         allowed_s = max(10.0 * (row.limit_s or 0.1), 1.0)
         assert (min(zero.host_ns, motion.host_ns) - fault_ns) / 1e9 <= allowed_s
         assert no_motion_command_after(truth, motion)
-        assert_quiet(ending, zero, motion, settling_s or settles_within_s(ending, kind, speed))
-        if kind in {"S1"}:
-            assert truth.state[-1] == State.OFF
+        assert_quiet(ending, zero, motion, settling_s or settles_within_s(kind, speed, period_s))
+        if kind == "S1":
+            # A latched trip stays the controller's state, with the pressure gone.
+            assert truth.state[-1] in {State.OFF, State.TRIPPED}
+            assert truth.all("HYDRAULICS_OFF", text="DONE", after=motion)
         for name in finished:
             assert ending.verdicts()[name] == "valid"
             assert ending.point(name).verdict == "valid"
@@ -293,19 +312,19 @@ def assert_stopped() -> Callable[..., None]:
     return judge
 
 
-def stop_commands(truth: Truth, fault_ns: int) -> tuple[Happening, Happening]:
+def stop_commands(truth: Truth, fault_ns: int, codes: tuple[str, ...]) -> tuple[Happening, Happening]:
     """The current's and the motion's first stop command after the fault."""
     later = [each for each in truth.log if each.host_ns >= fault_ns]
     zero = [each for each in later if each.code == "SET_CURRENT" and each.text.startswith(("0.000", "-0.000"))]
     zero += [each for each in later if each.code == "ECU_FAULT"]
-    motion = [each for each in later if each.code in STOP_COMMANDS]
+    motion = [each for each in later if each.code in codes]
     assert motion, f"no stop command after the fault: {later}"
     return (min(zero, key=lambda each: each.host_ns) if zero else motion[0]), motion[0]
 
 
 def no_motion_command_after(truth: Truth, stop: Happening) -> bool:
-    """Whether nothing that moves or pressurises was asked for after the stop."""
-    return not truth.all("START", "MOVE_TO", "HYDRAULICS_LOW", "HYDRAULICS_ON", after=stop)
+    """Whether nothing that moves or raises the pressure was asked for after the stop (S1 lowers it first)."""
+    return not truth.all("START", "MOVE_TO", "HYDRAULICS_ON", after=stop)
 
 
 def assert_quiet(ending: Ending, zero: Happening, motion: Happening, settling_s: float) -> None:

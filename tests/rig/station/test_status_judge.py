@@ -108,7 +108,8 @@ def test_rod_at_rest_is_not_frozen() -> None:
 
 def test_disagreement_is_judged_at_rest_and_forgiven_for_the_age_difference_in_motion() -> None:
     made = judge()
-    moving = [slugs(made, status(ms, position_m=0.5e-3 * ms, velocity_m_s=0.5), 0.5e-3 * ms - 0.015, 0.5)
+    moving = [slugs(made, status(ms, position_m=0.5e-3 * ms, velocity_m_s=0.5, state=State.RUNNING),
+                    0.5e-3 * ms - 0.015, 0.5)
               for ms in range(0, 200, 10)]  # fmt: skip
     assert all(names == [] for names in moving)
     resting = [slugs(made, status(ms, position_m=0.1), 0.094, 0.0) for ms in range(200, 300, 10)]
@@ -148,11 +149,39 @@ def test_every_ecu_fault_bit_is_named(bit: EcuFault, slug: str) -> None:
     assert [f.slug for f in EcuJudge(3.15, 120.0).judge_status(coil(faults=int(bit)), 5)] == [slug]
 
 
-def test_undervoltage_counts_from_the_second_status_so_that_an_open_e_stop_chain_is_named_first() -> None:
+def test_undervoltage_waits_for_two_polls_of_the_controller_which_may_know_of_an_open_e_stop_chain() -> None:
+    made, polls = EcuJudge(3.15, 120.0), [7]
+    made.controller_polls = lambda: polls[0]
+    low = coil(faults=int(EcuFault.UNDERVOLTAGE))
+    assert [made.judge_status(answer, 5) for answer in (low, low, coil(), low)] == [[], [], [], []]
+    polls[0] = 8
+    assert made.judge_status(low, 5) == []
+    polls[0] = 9
+    assert [f.slug for f in made.judge_status(low, 5)] == ["ecu-overtemp"]
+
+
+def test_undervoltage_does_not_wait_for_a_controller_that_says_nothing() -> None:
     made = EcuJudge(3.15, 120.0)
     low = coil(faults=int(EcuFault.UNDERVOLTAGE))
-    assert [made.judge_status(answer, 5) for answer in (low, coil(), low)] == [[], [], []]
-    assert [f.slug for f in made.judge_status(low, 5)] == ["ecu-overtemp"]
+    assert made.judge_status(low, 0) == []
+    assert [f.slug for f in made.judge_status(low, 50_000_000)] == ["ecu-overtemp"]
+
+
+def test_a_program_that_runs_past_its_end_is_a_stop_that_was_ignored() -> None:
+    made = judge()
+    made.expect_program(0.3)
+    running = [slugs(made, status(ms, state=State.RUNNING), None, math.nan) for ms in range(0, 500, 10)]
+    assert all(names == [] for names in running[:41])
+    assert running[41] == ["stop-ignored"]
+    made.expect_program(0.3)
+    assert slugs(made, status(510, state=State.HOLD), None, math.nan) == []
+
+
+def test_a_controller_that_says_hold_while_the_lvdt_moves_is_not_believed() -> None:
+    made = judge()
+    said = [slugs(made, status(ms, state=State.HOLD), 0.0, 0.1) for ms in range(0, 130, 10)]
+    assert said[:11] == [[]] * 11
+    assert said[11] == ["stop-ignored"]
 
 
 @pytest.mark.parametrize(("current_A", "trips"), [(3.15, False), (3.151, True), (-3.151, True)])
