@@ -310,28 +310,28 @@ def _serial_baud(rig: SimulatedRig) -> None:
 
 
 @_injects("sensor-stuck")
-def _sensor_stuck(rig: SimulatedRig) -> None:
-    rig.channel("load_cell").sensor.faults.stuck = True
+def _sensor_stuck(rig: SimulatedRig) -> Undo:
+    return _switch(rig.channel("load_cell").sensor.faults, "stuck", True)
 
 
 @_injects("sensor-saturated")
-def _sensor_saturated(rig: SimulatedRig) -> None:
-    rig.channel("load_cell").sensor.faults.saturated = True
+def _sensor_saturated(rig: SimulatedRig) -> Undo:
+    return _switch(rig.channel("load_cell").sensor.faults, "saturated", True)
 
 
 @_injects("sensor-spike")
-def _sensor_spike(rig: SimulatedRig) -> None:
-    rig.channel("load_cell").sensor.faults.spikes = True
+def _sensor_spike(rig: SimulatedRig) -> Undo:
+    return _switch(rig.channel("load_cell").sensor.faults, "spikes", True)
 
 
 @_injects("sensor-nan")
-def _sensor_nan(rig: SimulatedRig) -> None:
-    rig.channel("load_cell").sensor.faults.not_a_number = True
+def _sensor_nan(rig: SimulatedRig) -> Undo:
+    return _switch(rig.channel("load_cell").sensor.faults, "not_a_number", True)
 
 
 @_injects("sample-gap")
-def _sample_gap(rig: SimulatedRig) -> None:
-    rig.channel("load_cell").sensor.faults.gaps = True
+def _sample_gap(rig: SimulatedRig) -> Undo:
+    return _switch(rig.channel("load_cell").sensor.faults, "gaps", True)
 
 
 @_injects("clock-drift")
@@ -360,7 +360,15 @@ def _wrong_damper(rig: SimulatedRig) -> None:
 
 
 @_injects("load-train")
-def _load_train(rig: SimulatedRig) -> None:
-    """A joint works loose: free play behind a softer mounting."""
-    rig.plant.constants["free_play_m"] = LOOSE_PLAY_M
-    rig.plant.constants["mount_stiffness_N_m"] = LOOSE_STIFFNESS_N_M
+def _load_train(rig: SimulatedRig) -> Undo:
+    """A joint works loose: free play behind a softer mounting; taken away, it is tight again."""
+    constants = rig.plant.constants
+    before = constants[["free_play_m", "mount_stiffness_N_m"]].copy()
+    constants["free_play_m"] = LOOSE_PLAY_M
+    constants["mount_stiffness_N_m"] = LOOSE_STIFFNESS_N_M
+
+    def tighten() -> None:
+        for name in ("free_play_m", "mount_stiffness_N_m"):
+            constants[name] = before[name]
+
+    return tighten

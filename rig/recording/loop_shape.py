@@ -22,7 +22,8 @@ SLOWER = 3.0
 SMALLEST_PLAY_M = 0.1e-3
 LARGEST_PLAY_SHARE = 0.2
 """Of the stroke: a force that rests at zero for longer is the specimen's own."""
-FLAT_NOISES = 2.5
+FLAT_NOISES = 2.0
+PLAY_CYCLES = 2
 SPAN_PERCENT = 3.0
 REPEATED_SHARE = 0.2
 """Where this share of all neighbours are equal, the resolution is coarse and a standing value says nothing."""
@@ -77,7 +78,7 @@ def loop_shape(
         scatter_N=float(np.sqrt(max(0.0, between**2 - noise_N**2))),
         change_N=float(np.mean(spans[-third:]) - np.mean(spans[:third])), span_N=float(np.mean(spans)),
         noise_N=noise_N,
-        free_play_m=_free_play_m(np.mean(forces, axis=0), np.mean(moves, axis=0), noise_N, len(forces)),
+        free_play_m=_largest_play_m(forces, moves, noise_N),
     )
 
 
@@ -96,6 +97,15 @@ def _by_phase(time_s: FloatArray, values: FloatArray, start_s: FloatArray) -> Fl
     grid = np.arange(PHASES) / PHASES
     wanted_s = start_s[:-1, None] + grid[None, :] * np.diff(start_s)[:, None]
     return np.asarray(np.interp(wanted_s, time_s[known], values[known]))
+
+
+def _largest_play_m(forces: FloatArray, moves: FloatArray, noise_N: float) -> float:
+    """Free play in any stretch of `PLAY_CYCLES` cycles: a joint may slip in the middle of a point."""
+    stretches = [slice(first, first + PLAY_CYCLES) for first in range(len(forces) - PLAY_CYCLES + 1)]
+    return max(
+        _free_play_m(np.mean(forces[rows], axis=0), np.mean(moves[rows], axis=0), noise_N, PLAY_CYCLES)
+        for rows in stretches
+    )
 
 
 def _free_play_m(force_N: FloatArray, displacement_m: FloatArray, noise_N: float, cycles: int) -> float:
