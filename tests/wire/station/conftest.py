@@ -36,6 +36,8 @@ frequency = ["2 Hz"]
 current = ["1 A"]
 """
 BEAT_S = 0.02
+PATIENCE_S = 60.0
+"""Wall seconds for what must happen; never for how fast it happens."""
 
 
 class Truth:
@@ -49,6 +51,15 @@ class Truth:
             self.displacement_m = data["displacement"][:]
             self.velocity_m_s = data["velocity"][:]
             self.current_A = data["current"][:]
+            events = file["entry/events"]
+            lines = zip(events["time_ns"], events["code"], strict=True)
+            self.log = [(1e-9 * float(time_ns), code.decode()) for time_ns, code in lines]
+
+    def still_after(self, code: str, within_s: float) -> bool:
+        """The rod stands still at the end, and from `within_s` of the rig's clock after that code in its log."""
+        began_s = next(when_s for when_s, each in self.log if each == code)
+        later = np.abs(self.velocity_m_s[self.time_s > began_s + within_s])
+        return self.at_rest(0.05) and bool(np.all(later < 2e-3))
 
     def at_rest(self, last_s: float) -> bool:
         """The rod stood still over the last seconds recorded."""
@@ -93,7 +104,7 @@ class StationRig:
         self._beats.join()
         return monotonic_ns()
 
-    def event(self, name: str, timeout_s: float = 20.0) -> dict[str, Any]:
+    def event(self, name: str, timeout_s: float = PATIENCE_S) -> dict[str, Any]:
         """The first event of that name since the start, waiting for it."""
         deadline_ns = monotonic_ns() + int(timeout_s * 1e9)
         while True:
@@ -128,6 +139,16 @@ class StationRig:
             "ramp_in_cycles": 1, "ramp_out_cycles": 1,
         }  # fmt: skip
         return self.client.request("start", **(program | changes))
+
+    def await_motion(self, position_m: float) -> None:
+        """Wait until the station has seen the rod that far from the centre, with nothing tripped."""
+        deadline_ns = monotonic_ns() + int(PATIENCE_S * 1e9)
+        while True:
+            status = self.client.request("status")
+            assert status["trip"] is None, status
+            if abs(status["position_m"] or 0.0) > position_m and status["state"] == "RUNNING":
+                return
+            assert monotonic_ns() < deadline_ns, status
 
     def truth(self) -> Truth:
         """End the simulated rig and read what really happened."""
