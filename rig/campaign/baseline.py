@@ -1,0 +1,77 @@
+"""What a campaign's first session found out about rig and damper; every later one must find the same."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rig.campaign.cause import Cause
+from rig.campaign.signature import Signature
+from rig.errors import FileProblem
+from rig.recording.durable import write_text_durably
+
+LASTING = {"actuator": ("vendor", "model", "serial_number", "firmware"), "ecu": ("serial_number", "firmware", "layout")}
+"""Of an identity, what no restart of the device changes."""
+
+
+class Baseline:
+    """`baseline.json` in a campaign's directory.
+
+    Args:
+        folder: the campaign's directory.
+
+    Raises:
+        FileProblem: the file is there but cannot be used.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / "baseline.json"
+        self._values: dict[str, Any] = {}
+        if self._path.is_file():
+            try:
+                self._values = dict(json.loads(self._path.read_text(encoding="utf-8")))
+            except (ValueError, TypeError) as error:
+                raise FileProblem(str(self._path), [f"not a JSON object: {error}"]) from error
+
+    @property
+    def signature(self) -> Signature | None:
+        """The damper's first 0 A signature; None before there was one.
+
+        Raises:
+            FileProblem: the entry is damaged.
+        """
+        found = self._values.get("signature")
+        try:
+            return None if found is None else Signature.from_json(found)
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileProblem(str(self._path), [f"signature: {error!r}"]) from error
+
+    def other_device(self, identities: Mapping[str, Any]) -> Cause | None:
+        """Why these are not the devices of the first session; None when they are, or in the first session."""
+        for device, known in self._values.get("devices", {}).items():
+            found = _lasting(device, identities)
+            for name, value in known.items():
+                if found.get(name) != value:
+                    return Cause(
+                        "wrong-identity",
+                        f"{device}: {name} {found.get(name)!r}, in the campaign's first session {value!r}",
+                    )
+        return None
+
+    def keep(self, identities: Mapping[str, Any], signature: Signature) -> None:
+        """Write down what was found, in the first session.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        if not self._values:
+            devices = {device: _lasting(device, identities) for device in LASTING}
+            self._values = {"devices": devices, "signature": signature.to_json()}
+            write_text_durably(self._path, json.dumps(self._values, indent=1) + "\n")
+
+
+def _lasting(device: str, identities: Mapping[str, Any]) -> dict[str, Any]:
+    entry = identities.get(device, {})
+    return {name: entry[name] for name in LASTING.get(device, ()) if name in entry}
