@@ -14,6 +14,7 @@ import rig.dampers
 from rig.dampers.algebraic import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.current_lag import CurrentLag, lag_of
 from rig.identification.fit import Estimate, Fit
 from rig.identification.identifiability import examine, explain
 from rig.identification.measurement import Measurement
@@ -62,12 +63,15 @@ def identify(
     started = time.perf_counter()
     settings = method if isinstance(method, Method) else Method(method)
     fitted, held_out, warnings = _split(tests, holdout)
+    lag, unusable_steps = lag_of(_recorded(tests))
+    warnings += unusable_steps
     names = list(rig.dampers.MODELS) if model == ALL else [model]
     models = [_model(name, hysteresis) for name in names]
     candidates, refused = _candidates(models, fitted, settings)
     warnings += refused
     ranking, best = compare(candidates, fitted, held_out, settings)
-    return _fit(best, fitted, held_out, ranking, settings, warnings, declared, started)
+    fit = _fit(best, fitted, held_out, ranking, settings, warnings, declared, started)
+    return fit if lag is None or "eta" not in fit.parameters else _with_lag(fit, lag)
 
 
 def identify_run(
@@ -146,7 +150,7 @@ def _split(
         IdentificationFailed: the filter holds out nothing or everything.
     """
     given = list(tests.valid) if isinstance(tests, Run) else list(tests)
-    points = [each for each in given if isinstance(each, RecordedPoint)]
+    points = [each for each in given if isinstance(each, RecordedPoint) and each.kind == "loop"]
     fitted = [each for each in given if isinstance(each, Measurement)]
     kept_out: list[RecordedPoint] = []
     held_out: list[Measurement] = []
@@ -174,6 +178,29 @@ def _split(
         held_out += prepared
         warnings += refused
     return fitted, held_out, warnings
+
+
+def _recorded(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:
+    """Every recorded point given, whatever it is for."""
+    given = list(tests.valid) if isinstance(tests, Run) else list(tests)
+    return [each for each in given if isinstance(each, RecordedPoint)]
+
+
+def _with_lag(fit: Fit, lag: CurrentLag) -> Fit:
+    """The fit with eta from the current steps in place of an eta that loops at constant current cannot show."""
+    together = quantile(len(fit.identifiable) + 1) * lag.std_1_s
+    low, high = lag.interval_1_s
+    eta = Estimate(
+        value=lag.eta_1_s,
+        unit=fit.parameters["eta"].unit,
+        low=low,
+        high=high,
+        simultaneous_low=lag.eta_1_s - together,
+        simultaneous_high=lag.eta_1_s + together,
+        standard_error=lag.std_1_s,
+    )
+    note = f"eta: from {lag.steps} current steps, commanded to measured current; the force model has no part in it"
+    return replace(fit, parameters={**fit.parameters, "eta": eta}, notes=(*fit.notes, note))
 
 
 def _candidates(

@@ -122,6 +122,11 @@ class RecordedPoint:
         return np.full(self.samples, np.nan) if found is None else np.asarray(found, np.float64)
 
     @property
+    def kind(self) -> str:
+        """What the point is for: `loop`, `friction` or `current_step`, as in `rig.matrix.point.TestPoint`."""
+        return str(self.test.get("kind", "loop"))
+
+    @property
     def _file(self) -> Path:
         if self.path is None:
             raise FileProblem(self.id, ["this point was made in memory without a file and without this data"])
