@@ -262,11 +262,13 @@ _ROWS = (
     ),
     FaultRow(
         "sensors-swapped", "Sensors swapped, sign/scale wrong", "wire", "sensor", "low-level proof move",
-        "preflight", "R", "R", "N", "c", "",
+        "preflight", "R", "R", "N", "c",
+        "test_sensors.py::test_exchanged_plugs_are_refused_by_name_before_arming",
     ),
     FaultRow(
         "not-tared", "Not tared, LVDT unplugged", "wire", "sensor", "rest window, shunt cal",
-        "preflight", "R", "R", "N", "c", "",
+        "preflight", "R", "R", "N", "c",
+        "test_sensors.py::test_a_load_cell_that_was_not_tared_is_refused_before_arming",
     ),
     FaultRow("sigint", "SIGINT", "process", "signal", "handler posts event", "50ms", "S2", "S2", "J", "c", ""),
     FaultRow(

@@ -79,6 +79,13 @@ class AwaitTemperature:
 
 
 @dataclass(frozen=True)
+class ProveSensors:
+    """Move 2 mm, slowly: `leg` 0 one way, 1 the other; report `ProofLegDone`, then `ProofJudged`."""
+
+    leg: int
+
+
+@dataclass(frozen=True)
 class Rest:
     """Report `RestOver` after `rest_s` seconds of the rig's clock."""
 
@@ -162,6 +169,7 @@ Action = (
     | Start
     | Stop
     | WatchZeros
+    | ProveSensors
     | ReadTemperature
     | AwaitTemperature
     | Rest
@@ -176,4 +184,4 @@ Action = (
     | Finish
 )
 
-MOTION_ACTIONS = (Move, Start)
+MOTION_ACTIONS = (ProveSensors, Move, Start)

@@ -37,6 +37,18 @@ class ZerosJudged:
 
 
 @dataclass(frozen=True)
+class ProofLegDone:
+    """The first way of the proof move has ended."""
+
+
+@dataclass(frozen=True)
+class ProofJudged:
+    """The proof move is over; `cause` is None when LVDT and load cell followed the actuator."""
+
+    cause: Cause | None
+
+
+@dataclass(frozen=True)
 class Centred:
     """The actuator holds at the commanded target."""
 
@@ -160,6 +172,8 @@ Event = (
     | Done
     | Declined
     | ZerosJudged
+    | ProofLegDone
+    | ProofJudged
     | Centred
     | CurrentSettled
     | ProgramEnded

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drivers.ring import Channel
 from rig.campaign import action as act
 from rig.campaign.action import Request
 from rig.campaign.asker import Asker
@@ -16,6 +17,7 @@ from rig.campaign.ledger import Ledger, attempt_name
 from rig.campaign.motion_seen import MotionWanted
 from rig.campaign.observer import Observer
 from rig.campaign.options import PointResult
+from rig.campaign.proof_move import PROOF_SPEED_M_S, proof_targets
 from rig.campaign.resume import set_aside
 from rig.clock import monotonic_ns
 from rig.matrix.point import TestPoint
@@ -51,6 +53,8 @@ class Hands:
         self.trouble: Cause | None = None
         """Why the campaign's journal can no longer be written; None while it can."""
         self._finaliser = finaliser
+        self._proof = self.observer.proof_watch(), (0.0, 0.0)
+        self._proof_leg = 0
         self._recorder: PointRecorder | None = None
         self._deadline: tuple[str, float, int, int] | None = None
         self._handed_in: dict[str, TestPoint] = {}
@@ -61,6 +65,7 @@ class Hands:
             act.Start: self._start,
             act.Stop: self._stop,
             act.WatchZeros: self._watch_zeros,
+            act.ProveSensors: self._prove_sensors,
             act.Rest: self._rest,
             act.AwaitStandstill: self._await_standstill,
             act.ReadTemperature: self._read_temperature,
@@ -180,6 +185,19 @@ class Hands:
     def _stop(self, action: act.Stop) -> None:
         self.observer.await_nothing()
         self.asker.stop(kind=str(action.stop), reason=action.cause.slug, detail=action.cause.detail)
+
+    def _prove_sensors(self, action: act.ProveSensors) -> None:
+        observer, limits = self.observer, self.crew.config.limits
+        if action.leg == 0:
+            start_m = observer.value(Channel.POSITION)
+            self._proof = observer.proof_watch(), proof_targets(start_m, limits.position_min_m, limits.position_max_m)
+        self._proof_leg = action.leg
+        self.asker.ask(Request.MOVE, target_m=self._proof[1][action.leg], speed_m_s=PROOF_SPEED_M_S)
+
+    def watch_proof(self, since_ns: int) -> None:
+        """The station has begun one way of the proof move: wait for its end."""
+        watch, targets = self._proof
+        self.observer.await_proof(watch, targets[self._proof_leg], since_ns)
 
     def _watch_zeros(self, action: act.WatchZeros) -> None:
         self.observer.await_zeros(self.crew.rest_limits)

@@ -6,6 +6,7 @@ controller's clock comes with its status (`device_us` of the channel STATE), arr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,7 @@ from protocols.actuator import State as ControllerState
 from rig.campaign import event as ev
 from rig.campaign.motion_seen import MOTION_CHANNELS, MotionWanted, seen_motion
 from rig.campaign.preflight import AtRest, RestLimits, judge_rest
+from rig.campaign.proof_move import ProofWatch
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
@@ -183,14 +185,26 @@ class Observer:
 
         self._wait = wait
 
+    def await_proof(self, watch: ProofWatch, target_m: float, since_ns: int) -> None:
+        """Wait for `ProofLegDone` or `ProofJudged`: one way of the proof move, to `target_m` (m)."""
+        self._wait = watch.leg(target_m, since_ns)
+
+    def proof_watch(self) -> ProofWatch:
+        """A fresh watch for a proof move."""
+        return ProofWatch(lambda at_m, since_ns: self._holds(since_ns) and self._near(at_m), lambda: self.device_s)
+
     def await_zeros(self, limits: RestLimits) -> None:
         """Wait for `ZerosJudged`: the samples of the next 0.2 s of the controller's clock, judged."""
-        until_s = self.device_s + REST_WINDOW_S
+        until_s = self.device_s + REST_WINDOW_S if self.device_s else math.nan
         parts: list[NDArray[Any]] = []
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
+            nonlocal until_s
             parts.append(records)
-            if self.device_s < until_s:
+            if math.isnan(until_s) and self.device_s:
+                # The first status since the station was connected: the window begins with it.
+                until_s = self.device_s + REST_WINDOW_S
+            if not self.device_s >= until_s:
                 return None
             window = np.concatenate(parts)
             seen = AtRest(*(

@@ -181,6 +181,8 @@ class Runner:
             self._connected(outcome.answer)
         elif request is Request.MOVE and self.state.phase is Phase.CENTRING:
             self._hands.observer.await_centre(self._hands.move_target_m, outcome.answered_ns)
+        elif request is Request.MOVE and self.state.phase is Phase.PROVING_SENSORS:
+            self._hands.watch_proof(outcome.answered_ns)
         return ev.Done(request)
 
     def _connected(self, identities: dict[str, Any]) -> None:

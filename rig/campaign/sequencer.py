@@ -3,11 +3,11 @@
 1. No clock, no I/O: everything that happens arrives as an event, everything wanted leaves as an action.
 2. Nothing moves unless the rig is armed, watchdog and zeros are proved, pressure is on and no stop is latched.
 
-The way through: connect, arm, prove the watchdog, check zeros, pressure low, pressure on, then for each point: centre,
-settle the current, record and run, back to 0 A, rest; at the end hydraulics off. Temperature, magnetic history and
-trial programs come in between where the matrix asks for them (`conditioning`). Two tables hold it: `NEXT` for the
-phase an event belongs to, `ALWAYS` for what can come at any time. An event found in neither is late news and changes
-nothing.
+The way through: connect, check zeros, arm, prove the watchdog, pressure low, pressure on, prove the sensors by a slow
+move, then for each point: centre, settle the current, record and run, back to 0 A, rest; at the end hydraulics off.
+Temperature, magnetic history and trial programs come in between where the matrix asks for them (`conditioning`). Two
+tables hold it: `NEXT` for the phase an event belongs to, `ALWAYS` for what can come at any time. An event found in
+neither is late news and changes nothing.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from rig.campaign.stopping import Handler, Step
 CENTRING_LIMIT_S = 60.0
 CURRENT_LIMIT_S = 5.0
 ZEROS_LIMIT_S = 5.0
+PROOF_LIMIT_S = 10.0
 PROGRAM_LIMIT_S = 5.0
 JUDGING_LIMIT_S = 120.0
 
@@ -65,8 +66,10 @@ def _check_zeros(state: State) -> Step:
 
 
 def _zeros(state: State, event: ev.ZerosJudged) -> Step:
-    if event.cause is not None:
-        return stopping.refuse(state, event.cause)
+    return _arm(state) if event.cause is None else stopping.refuse(state, event.cause)
+
+
+def _pressure_low(state: State) -> Step:
     state = replace(state, proved=True, pressurised=True)
     return stopping.enter(state, Phase.PRESSURE_LOW, act.Ask(Request.HYDRAULICS_LOW))
 
@@ -76,16 +79,24 @@ def _pressure_on(state: State) -> Step:
 
 
 def _powered(state: State) -> Step:
-    return _next_point(replace(state, powered=True))
+    return _prove_sensors(replace(state, powered=True), 0)
+
+
+def _prove_sensors(state: State, leg: int) -> Step:
+    return stopping.enter(state, Phase.PROVING_SENSORS, act.ProveSensors(leg), device_s=PROOF_LIMIT_S)
+
+
+def _sensors_proved(state: State, event: ev.ProofJudged) -> Step:
+    return _next_point(state) if event.cause is None else stopping.refuse(state, event.cause)
 
 
 PROVED: dict[tuple[Phase, Request], Callable[[State], Step]] = {
-    (Phase.CONNECTING, Request.CONNECT): _arm,
+    (Phase.CONNECTING, Request.CONNECT): _check_zeros,
     (Phase.ARMING, Request.ARM): _prove_watchdog,
-    (Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG): _check_zeros,
+    (Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG): _pressure_low,
     (Phase.PRESSURE_LOW, Request.HYDRAULICS_LOW): _pressure_on,
     (Phase.PRESSURE_ON, Request.HYDRAULICS_ON): _powered,
-    (Phase.RESETTING, Request.RESET): lambda state: _arm(state.unlatched()),
+    (Phase.RESETTING, Request.RESET): lambda state: _check_zeros(state.unlatched()),
     (Phase.FINISHING, Request.DISARM): lambda state: stopping.end(
         replace(state, armed=False, pressurised=False, powered=False)
     ),
@@ -282,6 +293,9 @@ OVERDUE: dict[Phase, Handler] = {
     Phase.CHECKING_ZEROS: lambda state, _: stopping.refuse(
         state, Cause("not-tared", "too few samples from the resting rig")
     ),
+    Phase.PROVING_SENSORS: lambda state, _: stopping.fault(
+        state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the actuator did not carry out the proof move"))
+    ),
     Phase.CENTRING: lambda state, _: stopping.fault(
         state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the actuator did not reach the centre"))
     ),
@@ -306,6 +320,8 @@ def _timed_out(state: State, event: ev.TimedOut) -> Step:
 NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
     (Phase.NEW, ev.Begin): _begin,
     (Phase.CHECKING_ZEROS, ev.ZerosJudged): _zeros,
+    (Phase.PROVING_SENSORS, ev.ProofLegDone): lambda state, _: _prove_sensors(state, 1),
+    (Phase.PROVING_SENSORS, ev.ProofJudged): _sensors_proved,
     (Phase.CENTRING, ev.Centred): _centred,
     (Phase.GATING, ev.TemperatureRead): lambda state, event: conditioning.gate(state, event, _approach),
     (Phase.COOLING, ev.CooledDown): lambda state, _: _next_point(state),

@@ -21,6 +21,7 @@ class Phase(StrEnum):
     CHECKING_ZEROS = "checking zeros"
     PRESSURE_LOW = "hydraulics to low pressure"
     PRESSURE_ON = "hydraulics to full pressure"
+    PROVING_SENSORS = "proving the sensors by a slow move"
     CENTRING = "centring"
     GATING = "reading the temperature"
     COOLING = "cooling down"

@@ -129,3 +129,25 @@ def test_a_clock_that_drifts_is_flagged_and_nothing_else(run: Run) -> None:
     assert "clock-drift" in ending.warned()
     assert ending.trips() == []
     assert ending.verdicts() == {"p001": "valid"}
+
+
+@pytest.mark.row("not-tared")
+def test_a_load_cell_that_was_not_tared_is_refused_before_arming(run: Run, assert_refused: Judge) -> None:
+    ending = run("not-tared")
+    assert_refused(ending, "not-tared")
+    assert not ending.truth.all("ACQUIRE"), "refused before the controller was even taken"
+
+
+@pytest.mark.row("sensors-swapped")
+def test_exchanged_plugs_are_refused_by_name_before_arming(run: Run, assert_refused: Judge) -> None:
+    ending = run("sensors-swapped")
+    assert_refused(ending, "sensors-swapped")
+    assert not ending.truth.all("ACQUIRE")
+
+
+@pytest.mark.row("sensors-swapped")
+@pytest.mark.parametrize("wrong", ["lvdt.gain=-1", "lvdt.gain=0.8", "load_cell.gain=-1"])
+def test_wrong_sign_and_scale_are_refused_by_the_slow_proof_move(run: Run, assert_refused: Judge, wrong: str) -> None:
+    ending = run(simulator=("--option", wrong))
+    assert_refused(ending, "sensors-swapped", still_m=4.5e-3)
+    assert ending.truth.state[-1] == 0, "hydraulics are off again"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +14,12 @@ from drivers.ring import Channel
 from protocols.actuator import State
 from rig.campaign import event as ev
 from rig.campaign.observer import Observer
-from rig.campaign.preflight import RestLimits, judge_rest
+from rig.campaign.preflight import AtRest, RestLimits, judge_rest
 from rig.recording.layout import RECORD_DTYPE
 
-LIMITS = RestLimits(force_N=5000.0, position_min_m=-0.085, position_max_m=0.085, disagreement_m=0.005)
+LIMITS = RestLimits(
+    force_N=5000.0, position_min_m=-0.085, position_max_m=0.085, disagreement_m=0.005, range_N=10_000.0
+)
 
 
 def records(*rows: tuple[Channel, int, float]) -> NDArray[Any]:
@@ -118,9 +122,21 @@ def test_zeros_are_judged_over_the_rest_window() -> None:
     observer = Observer()
     observer.observe(status(1_000_000_000, State.OFF))
     observer.await_zeros(LIMITS)
-    block = [(channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in (Channel.FORCE, Channel.DISPLACEMENT)]
+    channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
+    block = [(channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
     assert observer.observe(records(*block)) is None
     assert observer.observe(status(1_300_000_000, State.OFF)) == ev.ZerosJudged(None)
+
+
+def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None:
+    observer = Observer()
+    observer.await_zeros(LIMITS)
+    channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
+    assert observer.observe(status(7_000_000_000, State.OFF)) is None
+    block = [(channel, 7_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
+    assert observer.observe(records(*block)) is None
+    assert observer.observe(status(7_150_000_000, State.OFF)) is None
+    assert observer.observe(status(7_210_000_000, State.OFF)) == ev.ZerosJudged(None)
 
 
 def test_live_values_are_the_last_ones() -> None:
@@ -130,18 +146,18 @@ def test_live_values_are_the_last_ones() -> None:
 
 
 def rest(
-    force_N: float = -270.0, noise_N: float = 5.0, lvdt_m: float = 0.0, lvdt_noise_m: float = 5e-6, samples: int = 50
-) -> dict[str, NDArray[np.float64]]:
+    force_N: float = -270.0, noise_N: float = 5.0, lvdt_m: float = 0.0, lvdt_noise_m: float = 5e-6, samples: int = 50,
+    *, controller_N: float = math.nan,
+) -> AtRest:
     wobble = np.where(np.arange(samples) % 2, 1.0, -1.0)
-    return {
-        "force_N": force_N + noise_N * wobble,
-        "displacement_m": lvdt_m + lvdt_noise_m * wobble,
-        "position_m": np.zeros(20),
-    }
+    coarse_N = force_N if math.isnan(controller_N) and not math.isnan(force_N) else controller_N
+    return AtRest(
+        force_N + noise_N * wobble, lvdt_m + lvdt_noise_m * wobble, np.zeros(20), np.full(20, np.nan_to_num(coarse_N))
+    )
 
 
 def test_a_tared_rig_with_gas_force_passes() -> None:
-    assert judge_rest(**rest(), limits=LIMITS) is None
+    assert judge_rest(rest(), LIMITS) is None
 
 
 @pytest.mark.parametrize(
@@ -149,18 +165,38 @@ def test_a_tared_rig_with_gas_force_passes() -> None:
     [
         (rest(force_N=1200.0), "load cell at rest"),
         (rest(noise_N=150.0), "load cell's noise"),
+        (rest(force_N=230.0, controller_N=-270.0), "load cell against the controller's force: 500 N"),
         (rest(lvdt_m=0.006), "LVDT against controller"),
         (rest(lvdt_noise_m=1e-3), "LVDT's noise"),
         (rest(samples=5), "load cell: 5 samples"),
         (rest(force_N=float("nan")), "finite"),
         (rest(lvdt_m=float("inf")), "finite"),
     ],
-    ids=["offset", "noisy", "apart", "moving", "too-few", "nan", "inf"],
+    ids=["offset", "noisy", "disagree", "apart", "moving", "too-few", "nan", "inf"],
 )
-def test_a_rig_that_is_not_tared_or_not_at_rest_is_refused_by_name(
-    shown: dict[str, NDArray[np.float64]], named: str
-) -> None:
-    cause = judge_rest(**shown, limits=LIMITS)
+def test_a_rig_that_is_not_tared_or_not_at_rest_is_refused_by_name(shown: AtRest, named: str) -> None:
+    cause = judge_rest(shown, LIMITS)
     assert cause is not None
     assert cause.slug == "not-tared"
     assert named in cause.detail
+
+
+@pytest.mark.parametrize("scale", [1e-3, 2e-3])
+def test_exchanged_plugs_are_told_by_what_both_would_show_the_other_way_round(scale: float) -> None:
+    limits = replace(LIMITS, displacement_per_wire=scale, force_offset_N=20.0, displacement_offset_m=1e-3)
+    right = rest(force_N=-300.0)
+    swapped = right.exchanged(limits)
+    cause = judge_rest(swapped, limits)
+    assert cause is not None
+    assert cause.slug == "sensors-swapped"
+    assert judge_rest(swapped.exchanged(limits), limits) is None
+
+
+@pytest.mark.parametrize(
+    "seen", [replace(rest(), force_N=-rest().force_N), replace(rest(lvdt_m=-0.02), position_m=np.full(9, 0.02))]
+)
+def test_a_wrong_sign_shows_at_rest_where_there_is_something_to_show(seen: AtRest) -> None:
+    cause = judge_rest(seen, LIMITS)
+    assert cause is not None
+    assert cause.slug == "sensors-swapped"
+    assert "sign is wrong" in cause.detail

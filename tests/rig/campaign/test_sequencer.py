@@ -49,6 +49,9 @@ EVENTS: tuple[ev.Event, ...] = (
     *(ev.Done(request) for request in Request),
     *(ev.Declined(request, Cause("modbus-reject", "refused")) for request in Request),
     ev.ZerosJudged(None),
+    ev.ProofLegDone(),
+    ev.ProofJudged(None),
+    ev.ProofJudged(Cause("sensors-swapped", "the LVDT shows -4 mm")),
     ev.ZerosJudged(Cause("not-tared", "900 N at rest")),
     ev.Centred(),
     ev.CurrentSettled(),
@@ -176,7 +179,7 @@ def test_the_first_cause_is_never_replaced(edges: list[Edge]) -> None:
 def test_a_reset_demands_every_proof_again(edges: list[Edge]) -> None:
     cleared = [edge for edge in edges if edge.before.latch is not None and edge.after.latch is None]
     for edge in cleared:
-        assert edge.after.phase is Phase.ARMING
+        assert edge.after.phase is Phase.CHECKING_ZEROS
         assert not edge.after.proved
         assert not edge.after.powered
         assert edge.after.held_at_m is None
@@ -251,10 +254,19 @@ def test_the_end_is_said_once_and_absorbs_everything(edges: list[Edge]) -> None:
         )
 
 
-def test_at_the_end_the_pressure_is_gone_or_the_rigs_state_is_unknown(edges: list[Edge]) -> None:
+def test_at_the_end_the_pressure_is_gone_or_a_stop_was_proved_or_the_rigs_state_is_unknown(edges: list[Edge]) -> None:
     for edge in edges:
-        if edge.after.phase is Phase.ENDED:
-            assert not edge.after.pressurised or edge.after.rig_state is RigState.UNKNOWN
+        if edge.after.phase is Phase.ENDED and edge.after.pressurised:
+            held = edge.after.stopped and edge.after.latch is not None
+            assert held or edge.after.rig_state is RigState.UNKNOWN
+
+
+def test_a_stop_counts_as_proved_only_by_the_stations_word_since_the_latch(edges: list[Edge]) -> None:
+    for edge in edges:
+        if edge.after.stopped and not edge.before.stopped:
+            assert edge.event == ev.Safe()
+            assert edge.before.latch is not None
+        assert not edge.after.stopped or edge.after.latch is not None
 
 
 def test_pressure_is_only_gone_when_a_disarm_or_a_stop_with_hydraulics_off_was_proved(edges: list[Edge]) -> None:
@@ -301,6 +313,7 @@ def answers(state: State) -> Iterator[ev.Event]:
     reports: dict[Phase, ev.Event] = {
         Phase.NEW: ev.Begin(),
         Phase.CHECKING_ZEROS: ev.ZerosJudged(None),
+        Phase.PROVING_SENSORS: ev.ProofJudged(None),
         Phase.CENTRING: ev.Centred(),
         Phase.SETTLING: ev.CurrentSettled(),
         Phase.RUNNING: ev.ProgramEnded(at_centre=True),
