@@ -130,7 +130,9 @@ class Hands:
         if finished.error or not finished.file:
             return self._give_up(point, Cause("not-written", finished.error))
         file = self.crew.folder / "points" / finished.file
-        result = self.ledger.judged(point, file, finished.verdict, finished.reasons, finished.lost_samples)
+        result = self.ledger.judged(
+            point, file, finished.verdict, finished.reasons, finished.lost_samples, finished.quality
+        )
         self._announce(result)
         return result
 

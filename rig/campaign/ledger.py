@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.campaign.cause import Cause
@@ -40,10 +40,11 @@ class Ledger:
         self.motion_s += point.motion_s
 
     def judged(
-        self, point: TestPoint, file: Path | None, verdict: str, reasons: Iterable[str], lost_samples: int
+        self, point: TestPoint, file: Path | None, verdict: str, reasons: Iterable[str], lost_samples: int,
+        quality: Mapping[str, float] | None = None,
     ) -> PointResult:
-        """Enter an attempt's verdict; returns what was entered."""
-        result = _result(point, file, verdict, tuple(reasons), lost_samples)
+        """Enter an attempt's verdict and, when measured, its numbers; returns what was entered."""
+        result = replace(_result(point, file, verdict, tuple(reasons), lost_samples), quality=quality or {})
         known = self.results.get(point.id)
         if known is None or known.verdict != VALID:
             self.results[point.id] = result

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
 from rig.matrix.plan import Plan
+from rig.recording.verdict import blamed
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class PointResult:
     frequency_Hz: float
     current_A: float
     lost_samples: int
+    quality: Mapping[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """The keys of one entry of `points` in `rig run --json`; `file` absolute or null."""
@@ -62,6 +65,8 @@ class PointResult:
             "frequency_Hz": self.frequency_Hz,
             "current_A": self.current_A,
             "lost_samples": self.lost_samples,
+            "blamed": [blamed(reason) for reason in self.reasons],
+            "quality": {name: value for name, value in self.quality.items() if math.isfinite(value)},
         }
 
 
