@@ -5,7 +5,13 @@ from __future__ import annotations
 from difflib import get_close_matches
 
 from rig.dampers.algebraic import AsymmetricModel, BinghamModel, Hysteresis, KwokModel, SymmetricModel
-from rig.dampers.hysteretic import BoucWenModel, ModifiedBoucWenModel, NormalizedBoucWenModel, ViscoelasticPlasticModel
+from rig.dampers.hysteretic import (
+    BoucWenModel,
+    ModifiedBoucWenModel,
+    NormalizedBoucWenModel,
+    ThinningBoucWenModel,
+    ViscoelasticPlasticModel,
+)
 from rig.dampers.model import DamperModel
 from rig.dampers.parameter import ParameterSet
 from rig.dampers.parameter_sets import PARAMETER_SETS
@@ -27,6 +33,7 @@ MODELS: dict[str, DamperModel] = {
         BoucWenModel(),
         ModifiedBoucWenModel(),
         NormalizedBoucWenModel(),
+        ThinningBoucWenModel(),
     )
 }
 PRINTED: dict[str, DamperModel] = {each.name: each for each in (AsymmetricModel("printed"), SymmetricModel("printed"))}

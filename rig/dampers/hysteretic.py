@@ -13,6 +13,7 @@ from rig.dampers.kinds import (
     KIND_BOUC_WEN,
     KIND_MODIFIED_BOUC_WEN,
     KIND_NORMALIZED_BOUC_WEN,
+    KIND_THINNING_BOUC_WEN,
     KIND_VISCOELASTIC_PLASTIC,
 )
 from rig.dampers.model import DamperModel, FloatArray
@@ -102,6 +103,33 @@ class NormalizedBoucWenModel(HystereticModel):
             _shape("rho", "1/m", 500.0, 1e-2, 1e6, "inverse of the yield displacement"),
             _shape("sigma", "1", 0.6, 0.5, 100.0, "shape of the loop"),
             EXPONENT,
+        )
+
+
+class ThinningBoucWenModel(HystereticModel):
+    """Normalised Bouc-Wen model beside a shear-thinning viscous force, for real dampers.
+
+    Above yield the force of a real MR damper grows ever more slowly with speed (Herschel-Bulkley), and yield force and
+    viscous force saturate with the coil's field: kt tanh(v/vt) is the first, the cubic in the current the second.
+    """
+
+    name: ClassVar[str] = "thinning_bouc_wen"
+    states: ClassVar[int] = 1
+    equation: ClassVar[str] = (
+        "F = kx u + kv v + kt tanh(v/vt) + kw w + f0, w as in normalized_bouc_wen; kv affine, kt and kw cubic in I"
+    )
+
+    def __init__(self) -> None:
+        self.kind = KIND_THINNING_BOUC_WEN
+        self.parameters = (
+            *NormalizedBoucWenModel().parameters,
+            _gain("kw_c", "N/A^2", 0.0, "yield force per ampere squared"),
+            _gain("kw_d", "N/A^3", 0.0, "yield force per ampere cubed"),
+            _gain("kt", "N", 20.0, "saturating viscous force at zero current"),
+            _gain("kt_b", "N/A", 50.0, "the same per ampere"),
+            _gain("kt_c", "N/A^2", 0.0, "the same per ampere squared"),
+            _gain("kt_d", "N/A^3", 0.0, "the same per ampere cubed"),
+            _shape("vt", "m/s", 0.02, 1e-4, 10.0, "speed at which the viscous force has bent"),
         )
 
 

@@ -5,12 +5,13 @@ w' = rho [v - sigma |v| |w|^(n-1) w + (sigma - 1) v |w|^n] has three shape param
 F = kx u + kv v + kw w + f0 is linear in the others. A grid over the
 three on one cycle of each test is the start; Levenberg-Marquardt on the projected objective finishes on all.
 For `bouc_wen`: z = z0 w, z0 = (A/(beta + gamma))^(1/n), rho = A/z0, sigma = gamma/(beta + gamma), alpha = kw/z0, with
-A = 1, because A only scales alpha, beta and gamma.
+A = 1, because A only scales alpha, beta and gamma. `thinning_bouc_wen` has one shape parameter more, vt, the bend of
+its viscous force.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -30,6 +31,8 @@ FloatArray = NDArray[np.float64]
 YIELD_LENGTHS = np.geomspace(0.004, 0.5, 6)  # 1/rho, as a share of the smallest amplitude
 SIGMAS = (0.55, 1.0, 2.5)
 EXPONENTS = (1.2, 2.0, 4.0)
+BENDS = (0.1, 0.4)  # vt, as a share of the greatest speed
+SLOWEST_BEND, FASTEST_BEND = 1e-3, 3.0
 STARTS = 3
 SLOPE_STEP = 1e-4
 LOWEST_EXPONENT = 1.0
@@ -41,7 +44,9 @@ class BoucWenForm:
     pointwise = False
     fixed_names: tuple[str, ...] = ("kx", "kv", "kv_b", "f0")
     yield_names: tuple[str, ...] = ("kw", "kw_b")
+    powers: tuple[int, ...] = (2,)
     shape_names: tuple[str, ...] = ("rho", "sigma", "n - 1")
+    bends: tuple[int, ...] = (0, 0, 0)
     logarithmic: tuple[bool, ...] = (True, True, True)
 
     def __init__(self, smallest_amplitude_m: float) -> None:
@@ -76,38 +81,93 @@ def hysteresis(source: Measurement, shape: FloatArray) -> FloatArray:
     return w
 
 
+class ThinningForm(BoucWenForm):
+    """The thinning Bouc-Wen model split for projection; its second yield shape is tanh(v/vt)."""
+
+    yield_names: tuple[str, ...] = ("kw", "kw_b", "kw_c", "kw_d", "kt", "kt_b", "kt_c", "kt_d")
+    powers: tuple[int, ...] = (4, 4)
+    shape_names: tuple[str, ...] = (*BoucWenForm.shape_names, "vt")
+    bends: tuple[int, ...] = (0, 0, 0, 1)
+    logarithmic: tuple[bool, ...] = (True, True, True, True)
+
+    def __init__(self, smallest_amplitude_m: float, top_speed_m_s: float) -> None:
+        super().__init__(smallest_amplitude_m)
+        self.limits = np.vstack((self.limits, (SLOWEST_BEND * top_speed_m_s, FASTEST_BEND * top_speed_m_s)))
+
+    def yielding(self, source: Measurement, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
+        """See `Form.yielding`."""
+        hysteretic = super().yielding(source, rows, shape[:3], slope=slope)
+        argument = source.v_m_s[rows] / shape[3]
+        thinning = np.tanh(argument)
+        if not slope:
+            return [hysteretic[0], thinning]
+        return [hysteretic[0], thinning, *hysteretic[1:], -(1.0 - thinning**2) * argument / shape[3]]
+
+
 def solve_bouc_wen(
-    measurements: Sequence[Measurement], model: DamperModel, weighting: Weighting, held: frozenset[str]
+    measurements: Sequence[Measurement],
+    model: DamperModel,
+    weighting: Weighting,
+    held: frozenset[str],
+    near: Mapping[str, float] | None = None,
 ) -> Solution:
-    """Fit `normalized_bouc_wen` or `bouc_wen`.
+    """Fit `normalized_bouc_wen`, `bouc_wen` or `thinning_bouc_wen`.
 
     Args:
         measurements: the tests.
-        model: one of the two.
+        model: one of the three.
         weighting: which samples count, and how much.
         held: linear parameters left out, held at zero.
+        near: values to start from instead of the grid.
     """
-    without = frozenset({"kv_b", "kw_b"}) if held else frozenset()
-    amplitude = min(float(np.ptp(each.u_m)) / 2.0 for each in measurements)
-    form = BoucWenForm(amplitude)
-    short = Projection(form, [first_cycle(each) for each in measurements], weighting, without=without)
-    grid = [
-        np.array([1.0 / (share * amplitude), sigma, n - LOWEST_EXPONENT])
-        for share, sigma, n in product(YIELD_LENGTHS, SIGMAS, EXPONENTS)
-    ]
-    order = np.argsort([short.objective(shape) for shape in grid])[:STARTS]
-    refined = [levenberg_marquardt(short, grid[k]) for k in order]
+    translated = {"c0_b": "kv_b", "alpha_b": "kw_b"}
+    without = frozenset(translated.get(name, name) for name in held)
+    form, grid = _form_and_grid(measurements, model)
+    single = [first_cycle(each) for each in measurements]
+    short = Projection(form, single, weighting, without=without)
+    if near is None:
+        order = np.argsort([short.objective(shape) for shape in grid])[:STARTS]
+        starts = [grid[k] for k in order]
+    else:
+        starts = [np.clip(_shape(near), form.limits[:, 0], form.limits[:, 1])]
+    refined = [levenberg_marquardt(short, each) for each in starts]
     start = min(refined, key=lambda found: found[1].objective)[0]
     full = Projection(form, measurements, weighting, without=without)
     shape, inner = levenberg_marquardt(full, start)
     names = (*form.fixed_names, *form.yield_names)
     values = {name: float(value) for name, value in zip(names, inner.linear, strict=True)}
     values |= {"rho": float(shape[0]), "sigma": float(shape[1]), "n": LOWEST_EXPONENT + float(shape[2])}
-    share = sum(first_cycle(each).u_m.size for each in measurements) / sum(each.u_m.size for each in measurements)
+    if isinstance(form, ThinningForm):
+        values["vt"] = float(shape[3])
+    share = sum(each.u_m.size for each in single) / sum(each.u_m.size for each in measurements)
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
     if model.name == "bouc_wen":
         values = to_bouc_wen(values)
     return Solution(values, inner.objective, evaluations)
+
+
+def _shape(values: Mapping[str, float]) -> FloatArray:
+    """Shape parameters of the projected form for the values of any of the three models."""
+    if "gamma" in values:
+        total = values["gamma"] + values["beta"]
+        rho, sigma = values["A"] * (total / values["A"]) ** (1.0 / values["n"]), values["gamma"] / total
+    else:
+        rho, sigma = values["rho"], values["sigma"]
+    bend = [values["vt"]] if "vt" in values else []
+    return np.array([rho, sigma, values["n"] - LOWEST_EXPONENT, *bend])
+
+
+def _form_and_grid(measurements: Sequence[Measurement], model: DamperModel) -> tuple[BoucWenForm, list[FloatArray]]:
+    amplitude = min(float(np.ptp(each.u_m)) / 2.0 for each in measurements)
+    grid = [
+        np.array([1.0 / (share * amplitude), sigma, n - LOWEST_EXPONENT])
+        for share, sigma, n in product(YIELD_LENGTHS, SIGMAS, EXPONENTS)
+    ]
+    if model.name != "thinning_bouc_wen":
+        return BoucWenForm(amplitude), grid
+    top = max(float(np.max(np.abs(each.v_m_s))) for each in measurements)
+    bends = [share * top for share in BENDS]
+    return ThinningForm(amplitude, top), [np.append(shape, bend) for shape, bend in product(grid, bends)]
 
 
 def to_bouc_wen(normalised: dict[str, float]) -> dict[str, float]:

@@ -38,7 +38,10 @@ PER_AMPERE: Mapping[str, str] = {
     "kw_b": "kw",
     "c0b": "c0a",
     "c1b": "c1a",
+    "kt_b": "kt",
 }
+#: Parameters of higher powers of the current, and how many different currents they need.
+CURRENTS_NEEDED: Mapping[str, int] = {"kw_c": 3, "kt_c": 3, "kw_d": 4, "kt_d": 4}
 STIFFNESS = ("Ka", "Kb", "k", "k_b")
 VISCOUS = ("Ca", "Cb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "c", "c_b", "c0", "c0_b")
 YIELD = ("Fya", "Fyb", "alpha", "alpha_b", "fc", "fc_b", "beta", "delta", "lambda")
@@ -90,6 +93,13 @@ def _scale(model: DamperModel, found: Findings) -> None:
 def _current(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:
     low = min(float(np.min(each.current_A)) for each in measurements)
     high = max(float(np.max(each.current_A)) for each in measurements)
+    levels = _levels([float(np.mean(each.current_A)) for each in measurements])
+    for name, needed in CURRENTS_NEEDED.items():
+        if name in model.names and levels < needed:
+            found.held.add(name)
+            found.reasons[name] = (
+                f"{name} cannot be found: it needs tests at {needed} different currents, and there are {levels}"
+            )
     if high - low > SAME_CURRENT_A:
         return
     mean_A = 0.5 * (low + high)
@@ -111,6 +121,12 @@ def _current(model: DamperModel, measurements: Sequence[Measurement], found: Fin
         found.reasons[base] = (
             f"only {together} is known, at I = {mean_A:.2f} A, where every test ran; the value given is that sum"
         )
+
+
+def _levels(currents_A: Sequence[float]) -> int:
+    """How many of the currents differ."""
+    ordered = np.sort(currents_A)
+    return 1 + int(np.count_nonzero(np.diff(ordered) > SAME_CURRENT_A))
 
 
 def _inertia(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:

@@ -1,7 +1,8 @@
 """The weighted normal equations of an algebraic model, with everything that does not depend on its shape summed once.
 
-For shape parameters theta the force is linear in c: F = X c_fixed + (c_0 + c_1 I) y(theta). Solving for c inside leaves
-a function of theta alone (variable projection, Golub and Pereyra 1973); its slope uses Kaufman's (1975) simplification.
+For shape parameters theta the force is linear in c: F = X c_fixed + sum_j (c_j0 + c_j1 I + ...) y_j(theta). Solving for
+c inside leaves a function of theta alone (variable projection, Golub and Pereyra 1973); its slope uses Kaufman's (1975)
+simplification.
 Only sums over samples are kept, so any number of samples is streamed in pieces.
 """
 
@@ -72,12 +73,14 @@ class Piece:
 
 
 class Form(Protocol):
-    """A model split for projection: what is linear without the shape, and the yield shape times (1, I).
+    """A model split for projection: what is linear without the shape, and the yield shapes times powers of the current.
 
     Attributes:
         fixed_names: linear parameters whose regressors need no shape parameter.
-        yield_names: linear parameters of the yield shape, at zero current and per ampere.
+        yield_names: linear parameters of the yield shapes, of each by rising powers of the current.
+        powers: how many of `yield_names` belong to each yield shape.
         shape_names: the nonlinear parameters.
+        bends: for each of them, which yield shape it bends.
         logarithmic: for each of them, whether it is positive and searched by its logarithm.
         limits: lowest and highest value of each shape parameter, shape (s, 2).
         pointwise: whether a sample's regressors need no other sample, so that samples may be left out.
@@ -87,6 +90,10 @@ class Form(Protocol):
     def fixed_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
     @property
     def yield_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
+    @property
+    def powers(self) -> tuple[int, ...]: ...  # noqa: D102 - described above
+    @property
+    def bends(self) -> tuple[int, ...]: ...  # noqa: D102 - described above
     @property
     def shape_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
     @property
@@ -100,19 +107,21 @@ class Form(Protocol):
         """Regressors of `fixed_names`, shape (n, k), from extension (m), velocity, acceleration and current (A)."""
 
     def yielding(self, source: Measurement, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
-        """The yield shape of some rows, shape (n,), and with `slope` its derivative for each shape parameter."""
+        """The yield shapes of some rows, each (n,), then with `slope` a derivative for each shape parameter."""
 
 
 class AlgebraicForm:
     """An algebraic model split for projection."""
 
     pointwise = True
+    powers: tuple[int, ...] = (2,)
 
     def __init__(self, model: AlgebraicModel) -> None:
         self.model = model
         self.fixed_names: tuple[str, ...] = model.fixed_names
         self.yield_names: tuple[str, ...] = model.yield_names
         self.shape_names = model.shape_names
+        self.bends = (0,) * len(model.shape_names)
         self.logarithmic = tuple(name == "beta" for name in model.shape_names)
         self.limits = np.array([BETA_LIMITS if name == "beta" else (-np.inf, np.inf) for name in model.shape_names])
 
@@ -203,9 +212,8 @@ class Projection:
     def solve(self, shape: FloatArray, *, slope: bool = True) -> Inner:
         """Linear values, objective and, with `slope`, its projected slope at this shape, in one pass."""
         self.evaluations += 1
-        fixed = self._normal.shape[0]
-        extra = 2 + (2 * shape.size if slope else 0)
-        size = fixed + extra
+        fixed, powers = self._normal.shape[0], self.form.powers
+        size = fixed + sum(powers) + (sum(powers[k] for k in self.form.bends) if slope else 0)
         normal, right = np.zeros((size, size)), np.zeros(size)
         normal[:fixed, :fixed], right[:fixed] = self._normal, self._right
         for piece in self.pieces():
@@ -214,13 +222,19 @@ class Projection:
             normal[fixed:, fixed:] += block.T @ block
             right[fixed:] += block.T @ piece.force
         normal[:fixed, fixed:] = normal[fixed:, :fixed].T
-        return self._reduce(normal, right, fixed + 2)
+        return self._reduce(normal, right, fixed + sum(powers))
 
     def _block(self, piece: Piece, shape: FloatArray, *, slope: bool) -> FloatArray:
-        """Columns of the yield shape and of its slopes, each times 1 and times the current, shape (n, 2 + 2 s)."""
-        columns = self.form.yielding(piece.source, piece.rows, shape, slope=slope)
-        weighted = [column * piece.weight for column in columns]
-        return np.column_stack([part for column in weighted for part in (column, column * piece.current_A)])
+        """Columns of the yield shapes, then of their slopes, each times the powers of the current."""
+        powers = self.form.powers
+        counts = (*powers, *(powers[k] for k in self.form.bends)) if slope else powers
+        parts = []
+        for column, count in zip(self.form.yielding(piece.source, piece.rows, shape, slope=slope), counts, strict=True):
+            part = column * piece.weight
+            for _ in range(count):
+                parts.append(part)
+                part = part * piece.current_A
+        return np.column_stack(parts)
 
     def _reduce(self, normal: FloatArray, right: FloatArray, columns: int) -> Inner:
         active = np.flatnonzero(self._free)
@@ -228,10 +242,13 @@ class Projection:
         solver = scaled_inverse(normal[np.ix_(active, active)])
         linear[active] = solver(right[active])
         objective = max(self._power - float(linear @ right[:columns]), 0.0)
-        shapes = (normal.shape[0] - columns) // 2
+        powers, at = self.form.powers, columns
+        first = [columns - sum(powers[k:]) for k in range(len(powers))]
+        shapes = len(self.form.bends) if normal.shape[0] > columns else 0
         mix = np.zeros((normal.shape[0], shapes))
-        for k in range(shapes):
-            mix[columns + 2 * k : columns + 2 * k + 2, k] = linear[columns - 2 : columns]
+        for k, bent in enumerate(self.form.bends[:shapes]):
+            mix[at : at + powers[bent], k] = linear[first[bent] : first[bent] + powers[bent]]
+            at += powers[bent]
         padded = np.concatenate((linear, np.zeros(normal.shape[0] - columns)))
         gradient = mix.T @ (right - normal @ padded)
         cross = (normal @ mix)[active]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from rig.dampers.model import DamperModel
@@ -57,22 +57,27 @@ def _score(
     if held_out:
         unseen: float | None = score(model, values, held_out).nrmse_percent_of_peak
     else:
-        unseen = None if alone else cross_validated_nrmse(model, fitted, method)
+        unseen = None if alone else cross_validated_nrmse(model, fitted, method, values)
     samples = sum(test.samples for test in error.per_test)
     free = len([name for name in values if name not in candidate.findings.held])
     bic = samples * math.log(max(error.rmse_N, 1e-300) ** 2) + free * math.log(samples)
     return ModelScore(model.name, unseen, bic, error.rmse_N, free, method.name)
 
 
-def cross_validated_nrmse(model: DamperModel, measurements: Sequence[Measurement], method: Method) -> float | None:
-    """Mean relative error (% of peak) over groups of tests, each predicted from the others; None with one group."""
+def cross_validated_nrmse(
+    model: DamperModel, measurements: Sequence[Measurement], method: Method, near: Mapping[str, float] | None = None
+) -> float | None:
+    """Mean relative error (% of peak) over groups of tests, each predicted from the others; None with one group.
+
+    Each fit starts from `near`, the values fitted to all tests, where the method can make use of a start.
+    """
     groups = _groups(measurements)
     if len(groups) < 2:
         return None
     errors = []
     for group in groups:
         rest = [each for each in measurements if not any(each is other for other in group)]
-        solution = solve(model, rest, method, examine(model, rest))
+        solution = solve(model, rest, method, examine(model, rest), near)
         errors += [test.nrmse_percent_of_peak for test in score(model, solution.values, group).per_test]
     return sum(errors) / len(errors)
 

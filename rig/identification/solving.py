@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,7 +19,7 @@ from rig.identification.projection import Weighting
 from rig.identification.separable import Solution, solve_separable
 
 SEPARABLE = "separable"
-PARTLY_SEPARABLE = ("normalized_bouc_wen", "bouc_wen")
+PARTLY_SEPARABLE = ("normalized_bouc_wen", "bouc_wen", "thinning_bouc_wen")
 GUARD_S = 1e-3
 HUBER = 1.345  # standard deviations beyond which Huber's loss grows linearly; 95 % efficient on normal noise
 ROBUST_ROUNDS = 8
@@ -67,7 +67,13 @@ def known_methods() -> tuple[str, ...]:
     return (SEPARABLE, *METHODS)
 
 
-def solve(model: DamperModel, measurements: Sequence[Measurement], method: Method, findings: Findings) -> Solution:
+def solve(
+    model: DamperModel,
+    measurements: Sequence[Measurement],
+    method: Method,
+    findings: Findings,
+    start: Mapping[str, float] | None = None,
+) -> Solution:
     """Fit one model.
 
     Args:
@@ -75,24 +81,30 @@ def solve(model: DamperModel, measurements: Sequence[Measurement], method: Metho
         measurements: the tests.
         method: how.
         findings: parameters the tests cannot determine are held at zero.
+        start: values of a fit to nearly the same tests; `separable` then needs no global search.
 
     Raises:
-        IdentificationFailed: the method cannot fit this model, or is unknown.
+        IdentificationFailed: the method is unknown, or found nothing.
     """
     if method.name == SEPARABLE:
         if isinstance(model, AlgebraicModel):
-            return _separable(model, measurements, method, frozenset(findings.held))
-        return _partly_separable(model, measurements, method, frozenset(findings.held))
+            return _separable(model, measurements, method, frozenset(findings.held), start)
+        return _with_states(model, measurements, method, frozenset(findings.held), start)
     if method.name not in known_methods():
         raise IdentificationFailed(f"unknown method {method.name!r}; known: {', '.join(known_methods())}")
     return _search(model, measurements, method)
 
 
 def _separable(
-    model: AlgebraicModel, measurements: Sequence[Measurement], method: Method, held: frozenset[str]
+    model: AlgebraicModel,
+    measurements: Sequence[Measurement],
+    method: Method,
+    held: frozenset[str],
+    near: Mapping[str, float] | None,
 ) -> Solution:
     weighting = method.weighting(model)
-    solution = solve_separable(measurements, model, weighting, held=held)
+    shape = None if near is None else np.array([near[name] for name in model.shape_names])
+    solution = solve_separable(measurements, model, weighting, held=held, start=shape)
     if method.loss != "huber":
         return solution
     evaluations = solution.evaluations
@@ -110,21 +122,21 @@ def _separable(
     return Solution(solution.values, solution.objective, evaluations, solution.at_bound)
 
 
-def _partly_separable(
-    model: DamperModel, measurements: Sequence[Measurement], method: Method, held: frozenset[str]
+def _with_states(
+    model: DamperModel,
+    measurements: Sequence[Measurement],
+    method: Method,
+    held: frozenset[str],
+    near: Mapping[str, float] | None,
 ) -> Solution:
-    """The models with internal states that separate in part.
+    """The models with internal states: those that separate in part, and those that do not."""
+    if model.name in PARTLY_SEPARABLE:
+        from rig.identification.bouc_wen import solve_bouc_wen
 
-    Raises:
-        IdentificationFailed: the model does not separate.
-    """
-    if model.name not in PARTLY_SEPARABLE:
-        raise IdentificationFailed(
-            f"{model.name} does not separate; use a method that needs only its force: {', '.join(known_methods()[1:])}"
-        )
-    from rig.identification.bouc_wen import solve_bouc_wen
+        return solve_bouc_wen(measurements, model, method.weighting(model), held, near)
+    from rig.identification.state_models import solve_states
 
-    return solve_bouc_wen(measurements, model, method.weighting(model), held)
+    return solve_states(measurements, model, method.weighting(model), held, near)
 
 
 def _huber_weights(

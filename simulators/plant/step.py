@@ -16,7 +16,7 @@ from typing import Any
 
 from numba import njit
 
-from rig.dampers import algebraic, kernels, kinds
+from rig.dampers import algebraic, kernels, kinds, rate_independent
 from rig.dampers.kernels import advance
 from simulators.plant import motion, records
 from simulators.plant.motion import Record, move_rod, note
@@ -161,7 +161,7 @@ guard = njit(cache=False)(_guard)
 def _sources() -> int:
     """CRC-32 over every source the compiled loop is made of."""
     crc = 0
-    for module in (kernels, kinds, algebraic, records, motion, sys.modules[__name__]):
+    for module in (kernels, rate_independent, kinds, algebraic, records, motion, sys.modules[__name__]):
         crc = zlib.crc32(inspect.getsource(module).encode(), crc)
     return crc
 

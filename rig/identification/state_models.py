@@ -1,0 +1,280 @@
+"""Fit of the models that hardly separate, modified_bouc_wen and viscoelastic_plastic: all parameters at once.
+
+Levenberg-Marquardt on the normal equations, sensitivities by differences, started from the solution of the simpler
+model that each contains as a limit (Bouc-Wen with an infinitely stiff dashpot c1; Bingham without elasticity) with
+several values of the rest. Starts compete on one cycle of each test; the best is finished on all samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.algebraic import BinghamModel
+from rig.dampers.hysteretic import NormalizedBoucWenModel
+from rig.dampers.kernels import force_series
+from rig.dampers.model import DamperModel
+from rig.identification.bouc_wen import LOWEST_EXPONENT, solve_bouc_wen
+from rig.identification.measurement import Measurement
+from rig.identification.projection import Weighting
+from rig.identification.separable import Solution, solve_separable
+from rig.identification.shortening import first_cycle
+
+FloatArray = NDArray[np.float64]
+
+DIFFERENCE = 1e-4
+ITERATIONS, FIRST_ITERATIONS = 40, 6
+TOLERANCE = 1e-7
+CANDIDATES = 3
+STIFF_DASHPOTS = (5.0, 20.0, 80.0)  # c1 over c0
+STIFFNESS_SHARES = (0.1, 0.9)  # k0 over k0 + k1
+YIELD_SHARES = (0.004, 0.02, 0.1)  # deflection of the series spring at yield over the smallest amplitude
+SPRING_RATIOS = (0.03, 0.5)  # k1 over k2
+RETARDATIONS_S = (0.002, 0.02)  # c1 over k1
+LONGEST_LOGARITHM = 1.0
+FASTEST_1_S = 4e4  # rate of the viscoelastic element beyond which it is rigid
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """How a vector of unknowns becomes the model's parameters.
+
+    Attributes:
+        names: what is searched.
+        logarithmic: which of them are searched by their logarithm.
+        scales: sizes at which the others move.
+        model: the model.
+    """
+
+    names: tuple[str, ...]
+    logarithmic: NDArray[np.bool_]
+    scales: FloatArray
+    model: DamperModel
+
+    def vector(self, theta: FloatArray) -> FloatArray:
+        """The model's own vector."""
+        natural = np.where(self.logarithmic, np.exp(np.where(self.logarithmic, theta, 0.0)), theta * self.scales)
+        found = dict(zip(self.names, natural.tolist(), strict=True))
+        values = {each.name: each.start for each in self.model.parameters} | found
+        if "rho" in found:
+            values = _from_normalised(self.model, values, found)
+        return self.model.vector({name: values[name] for name in self.model.names})
+
+    def theta(self, values: Mapping[str, float]) -> FloatArray:
+        """The unknowns of named values."""
+        natural = np.array([values[name] for name in self.names])
+        return np.where(self.logarithmic, np.log(np.where(self.logarithmic, natural, 1.0)), natural / self.scales)
+
+
+def _from_normalised(model: DamperModel, values: dict[str, float], found: dict[str, float]) -> dict[str, float]:
+    """Parameters of modified_bouc_wen from rho, sigma, n - 1 and the yield force; A stays as it is."""
+    a, n = values["A"], LOWEST_EXPONENT + found["n - 1"]
+    z0 = a / found["rho"]
+    total = a * z0**-n
+    return values | {
+        "n": n,
+        "gamma": found["sigma"] * total,
+        "beta": (1.0 - found["sigma"]) * total,
+        "alpha_a": found["kw"] / z0,
+        "alpha_b": found["kw_b"] / z0,
+        "x0": found["f1"] / found["k1"] if found["k1"] != 0.0 else 0.0,
+        "eta": model.parameter("eta").start,
+    }
+
+
+class Sum:
+    """The weighted sum of squares, its gradient and curvature, over measurements."""
+
+    def __init__(self, unknowns: Unknowns, measurements: Sequence[Measurement], weighting: Weighting) -> None:
+        self._unknowns = unknowns
+        self._data = [(each, weighting.of(each, index)) for index, each in enumerate(measurements)]
+        self.evaluations = 0
+
+    def objective(self, theta: FloatArray) -> float:
+        """Sum of squares; infinite where the force is not finite."""
+        self.evaluations += 1
+        vector, total = self._unknowns.vector(theta), 0.0
+        for each, weight in self._data:
+            residual = (each.force_N - self._force(vector, each)) * weight
+            total += float(residual @ residual)
+        return total if np.isfinite(total) else np.inf
+
+    def slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """J'J and J'r of the weighted residual r, by forward differences."""
+        size = theta.size
+        self.evaluations += size + 1
+        curvature, gradient = np.zeros((size, size)), np.zeros(size)
+        vectors = [self._unknowns.vector(theta + DIFFERENCE * row) for row in np.eye(size)]
+        centre = self._unknowns.vector(theta)
+        for each, weight in self._data:
+            force = self._force(centre, each)
+            moved = [(self._force(vector, each) - force) * (weight / DIFFERENCE) for vector in vectors]
+            jacobian = np.column_stack(moved)
+            curvature += jacobian.T @ jacobian
+            gradient += jacobian.T @ ((each.force_N - force) * weight)
+        return curvature, gradient
+
+    def _force(self, vector: FloatArray, each: Measurement) -> FloatArray:
+        model, warm = self._unknowns.model, each.samples_per_cycle
+        state = model.initial_state(float(each.u_m[0]))
+        if warm > 1:
+            motion = (array[:warm] for array in (each.u_m, each.v_m_s, each.a_m_s2, each.current_A))
+            force_series(model.kind, vector, state, *motion, each.dt_s)
+        force: FloatArray = force_series(
+            model.kind, vector, state, each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.dt_s
+        )
+        return force
+
+    def minimise(self, theta: FloatArray, iterations: int) -> tuple[FloatArray, float]:
+        """Levenberg-Marquardt from `theta`; the best unknowns and their objective."""
+        value, damping = self.objective(theta), 1e-3
+        curvature, gradient = self.slopes(theta)
+        for _ in range(iterations):
+            scale = np.maximum(np.diag(curvature), 1e-12 * max(float(np.max(np.diag(curvature))), 1e-300))
+            step = np.linalg.solve(curvature + damping * np.diag(scale), gradient)
+            step = np.where(self._unknowns.logarithmic, np.clip(step, -LONGEST_LOGARITHM, LONGEST_LOGARITHM), step)
+            if not np.all(np.isfinite(step)) or float(step @ gradient) <= TOLERANCE * value:
+                break
+            found = self.objective(theta + step) if self._admissible(theta + step) else np.inf
+            if found < value:
+                theta, value, damping = theta + step, found, damping * 0.2
+                curvature, gradient = self.slopes(theta)
+            else:
+                damping *= 6.0
+                if damping > 1e8:
+                    break
+        return theta, value
+
+    def _admissible(self, theta: FloatArray) -> bool:
+        """Whether the model can be integrated: dashpots positive at every current, no rate beyond reason."""
+        names = self._unknowns.model.names
+        values = dict(zip(names, self._unknowns.vector(theta).tolist(), strict=True))
+        currents = [float(f(each.current_A)) for each, _ in self._data for f in (np.min, np.max)]
+        low, high = min(currents), max(currents)
+        if "c1a" in values:
+            dashpots = [values["c1a"] + values["c1b"] * amps for amps in (low, high)]
+            dashpots += [
+                values["c0a"] + values["c0b"] * amps + c1 for amps, c1 in zip((low, high), dashpots, strict=True)
+            ]
+            return min(dashpots) > 0.0 and 0.5 <= values["gamma"] / (values["gamma"] + values["beta"]) <= 20.0
+        viscous = min(values["c0"] + values["c0_b"] * amps for amps in (low, high))
+        yielding = min(values["fc"] + values["fc_b"] * amps for amps in (low, high))
+        if viscous <= 0.0 or yielding < 0.0:
+            return False
+        return values["k2"] * (1.0 / values["c1"] + 1.0 / viscous) + values["k1"] / values["c1"] < FASTEST_1_S
+
+
+def solve_states(
+    measurements: Sequence[Measurement],
+    model: DamperModel,
+    weighting: Weighting,
+    held: frozenset[str],
+    start: Mapping[str, float] | None = None,
+) -> Solution:
+    """Fit `modified_bouc_wen` or `viscoelastic_plastic`.
+
+    Args:
+        measurements: the tests.
+        model: one of the two.
+        weighting: which samples count, and how much.
+        held: parameters left out, held at zero.
+        start: values to start from instead of the simpler model's.
+    """
+    modified = model.name == "modified_bouc_wen"
+    starts = (
+        _modified_starts(measurements, weighting, held) if modified else _plastic_starts(measurements, weighting, held)
+    )
+    if start is not None:
+        starts = [_normalised(start) if modified else dict(start)]
+    unknowns = _unknowns(model, starts[0], held)
+    single = [first_cycle(each) for each in measurements]
+    short, full = Sum(unknowns, single, weighting), Sum(unknowns, measurements, weighting)
+    thetas = sorted((unknowns.theta(each) for each in starts), key=short.objective)[:CANDIDATES]
+    tried = [short.minimise(theta, FIRST_ITERATIONS) for theta in thetas]
+    best = min(tried, key=lambda found: found[1])
+    theta = short.minimise(best[0], ITERATIONS)[0]
+    theta, objective = full.minimise(theta, ITERATIONS)
+    values = dict(zip(model.names, unknowns.vector(theta).tolist(), strict=True))
+    share = sum(each.u_m.size for each in single) / sum(each.u_m.size for each in measurements)
+    evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
+    return Solution({name: value for name, value in values.items() if name != "eta"}, objective, evaluations)
+
+
+def _unknowns(model: DamperModel, start: Mapping[str, float], held: frozenset[str]) -> Unknowns:
+    positive = {"rho", "sigma", "n - 1", "c1a", "k1", "c1", "k2", "c0"}
+    translated = {"alpha_b": "kw_b"}
+    left_out = {translated.get(name, name) for name in held}
+    modified = model.name == "modified_bouc_wen"
+    signed = positive - {"k1"} if modified else positive
+    names = tuple(start) if modified else tuple(name for name in model.names if name not in left_out)
+    names = tuple(name for name in names if name not in left_out)
+    logarithmic = np.array([name in signed for name in names])
+    companions = {
+        "kw_b": "kw",
+        "c0b": "c0a",
+        "c1b": "c1a",
+        "fc_b": "fc",
+        "c0_b": "c0",
+        "k0": "k1",
+        "f1": "kw",
+        "f0": "fc",
+    }
+    sizes = [max(abs(start[name]), 0.3 * abs(start[companions.get(name, name)]), 1e-6) for name in names]
+    return Unknowns(names, logarithmic, np.array(sizes), model)
+
+
+def _modified_starts(
+    measurements: Sequence[Measurement], weighting: Weighting, held: frozenset[str]
+) -> list[dict[str, float]]:
+    """The Bouc-Wen solution with a stiff dashpot in series, for several stiffnesses of it."""
+    simpler = {"alpha_b": "kw_b", "c0b": "kv_b"}
+    without = frozenset(simpler[name] for name in held if name in simpler)
+    single = [first_cycle(each) for each in measurements]
+    simple = solve_bouc_wen(single, NormalizedBoucWenModel(), weighting, without).values
+    viscous = max(abs(simple["kv"]), 1e-3 * abs(simple["kw"]), 1.0)
+    return [
+        {
+            "kw": simple["kw"], "kw_b": simple["kw_b"], "c0a": simple["kv"], "c0b": simple["kv_b"],
+            "c1a": ratio * viscous, "c1b": ratio * max(simple["kv_b"], 0.0), "k0": share * simple["kx"],
+            "k1": (1.0 - share) * simple["kx"], "f1": -simple["f0"], "rho": simple["rho"],
+            "sigma": min(max(simple["sigma"], 0.51), 19.0), "n - 1": max(simple["n"] - LOWEST_EXPONENT, 1e-3),
+        }
+        for ratio, share in product(STIFF_DASHPOTS, STIFFNESS_SHARES)
+    ]  # fmt: skip
+
+
+def _normalised(values: Mapping[str, float]) -> dict[str, float]:
+    """The unknowns' names for values of modified_bouc_wen."""
+    total, n = values["gamma"] + values["beta"], values["n"]
+    z0 = (values["A"] / total) ** (1.0 / n)
+    kept = {name: values[name] for name in ("c0a", "c0b", "c1a", "c1b", "k0", "k1")}
+    shape = {"rho": values["A"] / z0, "sigma": values["gamma"] / total, "n - 1": max(n - LOWEST_EXPONENT, 1e-3)}
+    force = {"kw": values["alpha_a"] * z0, "kw_b": values["alpha_b"] * z0, "f1": values["k1"] * values["x0"]}
+    return force | kept | shape
+
+
+def _plastic_starts(
+    measurements: Sequence[Measurement], weighting: Weighting, held: frozenset[str]
+) -> list[dict[str, float]]:
+    """The Bingham solution with springs and a dashpot before yield, for several of each."""
+    simple = solve_separable(
+        [first_cycle(each) for each in measurements], BinghamModel(), weighting, held=held & {"fc_b", "c0_b"}
+    ).values
+    amplitude_m = min(float(np.ptp(each.u_m)) / 2.0 for each in measurements)
+    mean_A = float(np.mean([np.mean(each.current_A) for each in measurements]))
+    yield_N = max(abs(simple["fc"] + simple["fc_b"] * mean_A), 1.0)
+    starts = []
+    for deflection, ratio, retardation_s in product(YIELD_SHARES, SPRING_RATIOS, RETARDATIONS_S):
+        k2 = yield_N / (deflection * amplitude_m)
+        starts.append(
+            {
+                "k1": ratio * k2, "c1": max(ratio * k2 * retardation_s, 2.0 * k2 / FASTEST_1_S), "k2": k2,
+                "c0": max(simple["c0"], 4.0 * k2 / FASTEST_1_S, 1.0), "fc": max(simple["fc"], 0.0),
+                "fc_b": simple["fc_b"], "c0_b": max(simple["c0_b"], 0.0), "f0": simple["f0"],
+            }
+        )  # fmt: skip
+    return starts
