@@ -206,6 +206,12 @@ class RingWriter(_Mapped):
             for start in range(0, len(batch), _LARGEST_BATCH_STRUCT):
                 self._publish(batch[start : start + _LARGEST_BATCH_STRUCT])
 
+    @property
+    def unread_share(self) -> float:
+        """Share of the ring the recorder has not taken; more than 1 once it lost some, 0 while there is no recorder."""
+        cursor = self.recorder_cursor
+        return (self.write_index - cursor) / self.capacity if cursor else 0.0
+
     def beat(self, now_ns: int) -> None:
         """Show that the writer lives.
 

@@ -253,7 +253,8 @@ _ROWS = (
     ),
     FaultRow(
         "slow-consumer", "Slow consumer", "process", "starvation", "queue high-water; limits checked at reader",
-        "100ms", "P; limit lag S2", "P", "J", "a", "",
+        "100ms", "P; limit lag S2", "P", "J", "a",
+        "test_slow_consumer.py::test_what_the_recorder_could_not_take_spoils_the_point_and_nothing_else",
     ),
     FaultRow(
         "usb-renumber", "USB re-enumerates", "wire", "sensor", "bind by serial number; no reopen in motion",

@@ -149,7 +149,7 @@ def _ending(found: Findings) -> list[Reason]:
     if found.interrupted:
         reasons.append(("invalid", "INTERRUPTED: recording was cut off; recovered from the journal"))
     if found.overrun_records:
-        reasons.append(("invalid", f"recorder-overrun: {found.overrun_records} records overwritten before being read"))
+        reasons.append(("invalid", f"slow-consumer: {found.overrun_records} records overwritten before being read"))
     if found.missing_blocks or found.damaged_bytes:
         reasons.append((
             "invalid",

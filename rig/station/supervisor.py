@@ -24,6 +24,7 @@ from rig.station.safe_stop import Action, SafeStop, Step, View
 TICK_S = 0.005
 WARNING_EVERY_NS = 1_000_000_000
 STALLED_NS = 500_000_000
+HIGH_WATER = 0.5
 EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip"})
 
 Emit = Callable[[dict[str, object]], None]
@@ -71,6 +72,7 @@ class Supervisor:
         self.stop: SafeStop | None = None
         self.later: dict[str, str] = {}
         self.changed = threading.Condition()
+        self.unread_share: Callable[[], float] = lambda: 0.0
         self._emit = emit
         self._append = append
         self._ring_beat = beat
@@ -289,6 +291,7 @@ class Supervisor:
             self._check_ages(now_ns)
         if self._armed and self.trip is None:
             self._check_application(now_ns)
+            self._check_consumer(now_ns)
         self._advance_stop(now_ns)
 
     def _note_late(self, now_ns: int, late_s: float) -> None:
@@ -314,6 +317,13 @@ class Supervisor:
         if slept_s > 0.0:
             detail = f"the machine slept for {slept_s:.3f} s; what the rig did meanwhile is not known"
             self.report([Finding("host-suspend", detail, now_ns, slept_s)])
+
+    def _check_consumer(self, now_ns: int) -> None:
+        """What the recorder leaves unread; the limits never wait for it, they are judged before a record goes in."""
+        unread = self.unread_share()
+        if unread > HIGH_WATER:
+            detail = f"the recorder has left {100 * unread:.0f} % of the ring unread, allowed {100 * HIGH_WATER:.0f} %"
+            self.report([Finding("slow-consumer", detail, now_ns, unread, HIGH_WATER)])
 
     def _check_application(self, now_ns: int) -> None:
         silent_s = (now_ns - self._beat_ns) / 1e9

@@ -34,7 +34,7 @@ def test_a_point_with_nothing_found_is_valid() -> None:
     (replace(GOOD, stopped_by="estop"), "invalid", "estop"),
     (replace(GOOD, tripped=True), "invalid", "trip"),
     (replace(GOOD, interrupted=True), "invalid", "INTERRUPTED"),
-    (replace(GOOD, overrun_records=1), "invalid", "recorder-overrun"),
+    (replace(GOOD, overrun_records=1), "invalid", "slow-consumer"),
     (replace(GOOD, damaged_bytes=1), "invalid", "journal-damaged"),
     (replace(GOOD, measured_cycles=9), "valid", ""),
     (replace(GOOD, measured_cycles=8), "invalid", "too-few-cycles"),
