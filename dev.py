@@ -4,6 +4,8 @@
     python3 dev.py demo            the whole story on the simulated rig
     python3 dev.py test            every check this project has
     python3 dev.py test tests/rig  some of the tests only
+    python3 dev.py faults          the fault suite: every row of the fault matrix, on real processes
+    python3 dev.py faults --mutate [SLUG...]   each detector switched off: its test must fail
     python3 dev.py rig ...         any `rig` command
     python3 dev.py install         set up only
 """
@@ -106,6 +108,16 @@ def checks(arguments: list[str]) -> int:
     return 0
 
 
+def faults(arguments: list[str]) -> int:
+    """Run the fault suite and the injectors' own tests, or the mutation check."""
+    if arguments[:1] == ["--mutate"]:
+        return run(program("python"), "tests/faults/mutation.py", *arguments[1:])
+    return run(
+        program("python"), "-m", "pytest", "tests/faults", "tests/simulators/test_faults.py", "-q", "-p", "no:cacheprovider",
+        *arguments,
+    )
+
+
 def main(arguments: list[str]) -> int:
     """Dispatch the command named first."""
     if sys.version_info < (3, 11):  # noqa: UP036 - this file is what tells an older Python so
@@ -114,7 +126,7 @@ def main(arguments: list[str]) -> int:
     if command == "clean":
         shutil.rmtree(VENV, ignore_errors=True)
         return 0
-    if command not in {"demo", "test", "rig", "install"}:
+    if command not in {"demo", "test", "faults", "rig", "install"}:
         print(__doc__)
         return 0 if command in {"help", "-h", "--help"} else 2
     install()
@@ -122,6 +134,8 @@ def main(arguments: list[str]) -> int:
         return run(program("rig"), "demo", *rest)
     if command == "rig":
         return run(program("rig"), *rest)
+    if command == "faults":
+        return faults(rest)
     return checks(rest) if command == "test" else 0
 
 

@@ -120,7 +120,8 @@ _ROWS = (
     ),
     FaultRow(
         "host-silent", "Host stops kicking", "process", "silence", "controller latches trip",
-        "500ms", "controller S2", "S2", "J/K", "c", "",
+        "500ms", "controller S2", "S2", "J/K", "c",
+        "test_controller.py::test_a_station_that_falls_silent_is_stopped_by_the_controllers_watchdog",
     ),
     FaultRow(
         "watchdog-absent", "Watchdog disabled or 'freeze'", "wire", "controller", "starve it before each campaign",
@@ -334,7 +335,8 @@ _ROWS = (
     ),
     FaultRow(
         "load-train", "Load-train crack/looseness", "wire", "specimen", "peak, work, servo error per cycle",
-        "1 cycle", "S1", "S1", "J", "n", "",
+        "1 cycle", "S1", "S1", "J", "n",
+        "test_controller.py::test_a_joint_that_works_loose_stops_the_rig_within_a_cycle",
     ),
 )
 

@@ -13,6 +13,8 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from drivers.ring import Channel
 from rig.campaign import event as ev
 from rig.campaign.action import Request
@@ -22,6 +24,7 @@ from rig.campaign.conditions import conditions_of
 from rig.campaign.crew import Crew
 from rig.campaign.hands import Hands, disk_slug
 from rig.campaign.ledger import VALID, Ledger
+from rig.campaign.load_train import LoadTrainWatch
 from rig.campaign.sequencer import step
 from rig.campaign.signals import Signals
 from rig.campaign.state import Phase, State, start_state
@@ -64,6 +67,7 @@ class Runner:
         self._beat_ns = self._progress_ns = 0
         self._recorder_well = True
         self._wall_clock = WallClockWatch()
+        self._load_train = LoadTrainWatch()
 
     def run(self) -> State:
         """Run until the sequencer has ended and every recorded point is judged; returns the last state.
@@ -102,7 +106,7 @@ class Runner:
 
     def _gather(self) -> None:
         """Collect what happened since the last turn, in the order in which it is to be taken."""
-        fact = None if self._ring is None else self._hands.observer.observe(self._ring.read())
+        fact = None if self._ring is None else self._observe(self._ring.read())
         outcomes = self._hands.asker.outcomes()
         self._waiting.extend(self._signals.take())
         self._waiting.extend(self._station_events(0.0))
@@ -207,6 +211,13 @@ class Runner:
             self._said.add("lapped")
             self._waiting.append(ev.Spoiled(Cause("slow-consumer", f"{self._ring.lost} records overwritten unread")))
 
+    def _observe(self, records: NDArray[Any]) -> ev.Event | None:
+        """The awaited fact in new records; a load train that changed is a fault of its own."""
+        changed = self._load_train.watch(records)
+        if changed is not None and self.state.phase is Phase.RUNNING:
+            self._fault_once(Cause("load-train", changed), StopKind.S1)
+        return self._hands.observer.observe(records)
+
     def _watch_wall_clock(self) -> None:
         """Log a step of the wall clock; nothing here depends on it, but the times in names and journals do."""
         stepped_s = self._wall_clock.stepped_s()
@@ -215,10 +226,10 @@ class Runner:
             self._hands.note("warning", slug="clock-step", text=text, stepped_s=stepped_s)
             self._crew.display.message("warning", f"clock-step: {text}")
 
-    def _fault_once(self, cause: Cause) -> None:
+    def _fault_once(self, cause: Cause, stop: StopKind = StopKind.S2) -> None:
         if cause.slug not in self._said:
             self._said.add(cause.slug)
-            self._waiting.append(ev.Fault(StopKind.S2, cause))
+            self._waiting.append(ev.Fault(stop, cause))
 
     def _beat(self) -> None:
         now_ns = monotonic_ns()

@@ -95,7 +95,7 @@ _ROWS = (
     _matrix_row("actuator-reboot", 36, "controller clock fell back, lease gone, boot count or configuration changed"),
     _matrix_row("second-master", 37, "controller's lease is held by another"),
     FaultRow("controller-trip", 38, Stop.S2, "controller tripped by itself, not at a limit above"),
-    _matrix_row("host-silent", 39, "controller's watchdog tripped"),
+    _matrix_row("host-silent", 39, "controller's watchdog tripped, or the interlock loop itself stood still"),
     _matrix_row("estop", 40, "e-stop chain open"),
     FaultRow("supply-pressure", 41, Stop.S1, "controller's supply-pressure bit"),
     _matrix_row("stop-ignored", 42, "program runs on past its end, or no standstill within the stop's deadline"),
@@ -104,7 +104,6 @@ _ROWS = (
     _matrix_row("host-suspend", 58, "BOOTTIME went on while MONOTONIC stood still: the machine slept"),
     FaultRow("recorder-unwell", 52, Stop.S2, "application says that its recorder is not well"),
     _matrix_row("task-dies", 53, "a thread of the station ended"),
-    FaultRow("station-late", 54, Stop.S2, "the interlock loop itself stood still"),
     FaultRow("operator", 60, Stop.S2, "stop asked for by the application; its reason is in the detail"),
 )
 

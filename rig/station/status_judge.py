@@ -16,7 +16,9 @@ OVERRUN_S = 0.1
 AT_REST_STATES = frozenset({State.HOLD, State.LOW, State.OFF})
 RESTLESS_M_S = 0.02
 CLOCK_MODULUS = 1 << 32
-UNDERVOLTAGE_NS = 50_000_000
+CONSEQUENCE_NS = 50_000_000
+CONSEQUENCES = EcuFault.UNDERVOLTAGE | EcuFault.COMMAND_TIMEOUT
+"""What the ECU reports when the fault is elsewhere."""
 
 _FAULT_SLUGS = (
     (FaultBit.E_STOP, "estop"),
@@ -194,15 +196,15 @@ class EcuJudge:
         self.coil_temperature_limit_degC = coil_temperature_limit_degC
         self.controller_polls: Callable[[], int] = lambda: 0
         self._boot_count: int | None = None
-        self._undervoltage: tuple[int, int] | None = None
+        self._consequence: tuple[int, int] | None = None
 
     def judge_status(self, status: CoilStatus, t_ns: int) -> list[Finding]:
         """Take one CoilStatus that arrived at `t_ns` (host monotonic)."""
         faults = status.faults
-        if faults & EcuFault.UNDERVOLTAGE and self._controller_may_know(t_ns):
-            faults &= ~EcuFault.UNDERVOLTAGE
-        elif not faults & EcuFault.UNDERVOLTAGE:
-            self._undervoltage = None
+        if faults & CONSEQUENCES and self._controller_may_know(t_ns):
+            faults &= ~CONSEQUENCES
+        elif not faults & CONSEQUENCES:
+            self._consequence = None
         findings = [
             Finding(slug, f"ECU fault {EcuFault(faults & int(bits)).name}", t_ns, float(faults))
             for bits, slug in _ECU_SLUGS
@@ -214,15 +216,16 @@ class EcuJudge:
         return findings
 
     def _controller_may_know(self, t_ns: int) -> bool:
-        """An opened e-stop chain takes the ECU's supply too: the controller is heard first, for it names the cause.
+        """The controller is heard first, for it names the cause: two more polls, or `CONSEQUENCE_NS`.
 
-        Two polls that began after the undervoltage was seen, or `UNDERVOLTAGE_NS`; the ECU is at 0 A by itself.
+        An opened e-stop chain takes the ECU's supply too, and a silent host stops feeding both; the ECU is at 0 A by
+        itself meanwhile.
         """
         polls = self.controller_polls()
-        if self._undervoltage is None:
-            self._undervoltage = polls, t_ns
-        first_poll, since_ns = self._undervoltage
-        return polls < first_poll + 2 and t_ns - since_ns < UNDERVOLTAGE_NS
+        if self._consequence is None:
+            self._consequence = polls, t_ns
+        first_poll, since_ns = self._consequence
+        return polls < first_poll + 2 and t_ns - since_ns < CONSEQUENCE_NS
 
     def judge_temperature(self, temperature: CoilTemperature, t_ns: int) -> list[Finding]:
         """Take one CoilTemperature that arrived at `t_ns` (host monotonic)."""

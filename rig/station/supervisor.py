@@ -300,7 +300,7 @@ class Supervisor:
         self._append([(now_ns, NO_DEVICE_TIME, late_s, self.late.count, Channel.LOOP_LATE, 0)])
         self._emit({"event": "late", "late_s": late_s, "count": self.late.count, "t_ns": now_ns})
         if late_s * 1e9 > STALLED_NS:
-            self.report([Finding("station-late", f"interlock loop stood still for {late_s:.3f} s", now_ns, late_s)])
+            self.report([Finding("host-silent", f"interlock loop stood still for {late_s:.3f} s", now_ns, late_s)])
 
     def _check_ages(self, now_ns: int) -> None:
         for source in self._watched:

@@ -252,12 +252,18 @@ def run(start: Start) -> Run:
 
 
 @pytest.fixture
-def run_brisk(start: Start) -> Run:
-    """Runs a short campaign with faults of the simulated rig at speed 1, where the rows' times are meant."""
+def start_brisk(start: Start) -> Start:
+    """Starts a short campaign at speed 1, where the rows' times are meant."""
+    return lambda *simulator: start(*simulator, matrix=BRISK_POINTS, speed=1.0)
+
+
+@pytest.fixture
+def run_brisk(start_brisk: Start) -> Run:
+    """Runs such a campaign with faults of the simulated rig to its end."""
 
     def to_the_end(*faults: str, simulator: tuple[str, ...] = ()) -> Ending:
         injected = [part for fault in faults for part in ("--fault", fault)]
-        return start(*injected, *simulator, matrix=BRISK_POINTS, speed=1.0).finish()
+        return start_brisk(*injected, *simulator).finish()
 
     return to_the_end
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -9,9 +11,10 @@ import numpy as np
 import pytest
 
 from protocols.actuator import State
+from rig.clock import monotonic_ns
 
 if TYPE_CHECKING:
-    from conftest import Run
+    from conftest import Run, Start
 
 pytestmark = pytest.mark.wire
 
@@ -64,6 +67,28 @@ def test_a_program_that_does_not_end_is_stopped_by_taking_the_pressure_away(run_
     assert np.abs(truth.current_A[truth.since(fade.time_s + 0.25)]).max() < 0.05
     assert truth.state[-1] == State.OFF
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
+
+
+@pytest.mark.row("load-train")
+def test_a_joint_that_works_loose_stops_the_rig_within_a_cycle(run_brisk: Run, assert_stopped: Judge) -> None:
+    ending = run_brisk("load-train@3.2")
+    assert_stopped(ending, "load-train", **BRISK)
+    loose, fade = ending.truth.first("FAULT"), ending.truth.first("FADE_STOP")
+    assert fade.time_s - loose.time_s <= 2 * 0.25 + 0.2, "the rest of the cycle it happened in, and one more"
+
+
+@pytest.mark.row("host-silent")
+def test_a_station_that_falls_silent_is_stopped_by_the_controllers_watchdog(
+    start_brisk: Start, assert_stopped: Judge
+) -> None:
+    campaign = start_brisk()
+    campaign.wait_for("START", count=2)
+    station = campaign.station_pid()
+    os.kill(station, signal.SIGSTOP)
+    silent_ns = monotonic_ns()
+    campaign.wait_for("TRIP", "WATCHDOG", count=2)
+    os.kill(station, signal.SIGCONT)
+    assert_stopped(campaign.finish(silent_ns), "host-silent", first="TRIP", **BRISK)
 
 
 @pytest.mark.row("estop")

@@ -140,13 +140,21 @@ def coil(**changes: float) -> CoilStatus:
         (EcuFault.OVER_TEMPERATURE, "ecu-overtemp"),
         (EcuFault.OPEN, "coil-open-short"),
         (EcuFault.SHORT, "coil-open-short"),
-        (EcuFault.COMMAND_TIMEOUT, "ecu-command"),
         (EcuFault.COMMAND_CHECK, "ecu-command"),
         (EcuFault.RESTARTED, "ecu-restart"),
     ],
 )
 def test_every_ecu_fault_bit_is_named(bit: EcuFault, slug: str) -> None:
     assert [f.slug for f in EcuJudge(3.15, 120.0).judge_status(coil(faults=int(bit)), 5)] == [slug]
+
+
+def test_a_command_time_out_waits_too_since_the_controller_may_know_of_a_silent_host() -> None:
+    made, polls = EcuJudge(3.15, 120.0), [7]
+    made.controller_polls = lambda: polls[0]
+    late = coil(faults=int(EcuFault.COMMAND_TIMEOUT))
+    assert made.judge_status(late, 5) == []
+    polls[0] = 9
+    assert [f.slug for f in made.judge_status(late, 5)] == ["ecu-command"]
 
 
 def test_undervoltage_waits_for_two_polls_of_the_controller_which_may_know_of_an_open_e_stop_chain() -> None:
@@ -171,8 +179,8 @@ def test_a_program_that_runs_past_its_end_is_a_stop_that_was_ignored() -> None:
     made = judge()
     made.expect_program(0.3)
     running = [slugs(made, status(ms, state=State.RUNNING), None, math.nan) for ms in range(0, 500, 10)]
-    assert all(names == [] for names in running[:41])
-    assert running[41] == ["stop-ignored"]
+    assert all(names == [] for names in running[:40])
+    assert running[42] == ["stop-ignored"]
     made.expect_program(0.3)
     assert slugs(made, status(510, state=State.HOLD), None, math.nan) == []
 

@@ -1,0 +1,127 @@
+"""Switches each row's detector off and expects the row's test to fail: `python3 dev.py faults --mutate [SLUG...]`.
+
+A detector is switched off in a copy of the four packages, which the test's processes load instead of the real ones.
+Most are one slug that the station reports; the others are a changed line. A mutation that no longer applies, or that its
+test survives, fails the check.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.fault_matrix import MATRIX
+from rig.station.fault_table import TABLE
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("rig", "drivers", "protocols", "simulators")
+TIMEOUT_S = 400.0
+FAILED = 1
+"""Exit code of pytest when tests ran and some failed."""
+
+
+@dataclass(frozen=True)
+class Edit:
+    """A changed line: `old` becomes `new` in `file`, relative to the project."""
+
+    file: str
+    old: str
+    new: str
+
+
+def deaf_station(slug: str) -> Edit:
+    """The station does not hear what its detectors report by this slug."""
+    row = "            row = TABLE[finding.slug]\n"
+    return Edit("rig/station/supervisor.py", row, f'            if finding.slug == "{slug}":\n                continue\n{row}')
+
+
+MUTATIONS: dict[str, tuple[Edit, ...]] = {
+    "watchdog-absent": (
+        Edit("rig/station/preparation.py", "            if tripped is None:\n", "            if tripped is None and False:\n"),
+        Edit("rig/station/preparation.py", "(tripped.received_ns - begin_ns) / 1e9", "0.0"),
+    ),
+    "register-layout": (
+        Edit("drivers/actuator.py", "if identity.signature_u32 != SIGNATURE_U32 or", "if False and"),
+        Edit("drivers/actuator.py", "if identity.layout_version != LAYOUT_VERSION:", "if False:"),
+    ),
+    "load-train": (
+        Edit("rig/campaign/runner.py", "if changed is not None and self.state.phase", "if False and self.state.phase"),
+    ),
+}
+"""Detectors that are not one slug of the station's fault table."""
+
+
+def mutations_of(slug: str) -> tuple[Edit, ...]:
+    """How this row's detector is switched off; empty when nobody has said."""
+    if slug in MUTATIONS:
+        return MUTATIONS[slug]
+    return (deaf_station(slug),) if slug in TABLE else ()
+
+
+def mutated_copy(edits: tuple[Edit, ...], folder: Path) -> None:
+    """Copy the packages to `folder` and change them.
+
+    Raises:
+        ValueError: a line to be changed is not there exactly once.
+    """
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("*.pyc"))
+    for edit in edits:
+        path = folder / edit.file
+        text = path.read_text(encoding="utf-8")
+        if text.count(edit.old) != 1:
+            raise ValueError(f"{edit.file} has {text.count(edit.old)} times: {edit.old.strip()}")
+        path.write_text(text.replace(edit.old, edit.new), encoding="utf-8")
+
+
+def survives(slug: str) -> str:
+    """What is wrong with the row's test, empty when it fails without the detector as it should."""
+    edits = mutations_of(slug)
+    if not edits:
+        return "no mutation is known for its detector"
+    with tempfile.TemporaryDirectory(prefix="mutated-") as name:
+        folder = Path(name)
+        try:
+            mutated_copy(edits, folder)
+        except ValueError as error:
+            return f"the mutation no longer applies: {error}"
+        command = [
+            sys.executable, "-m", "pytest", f"tests/faults/{MATRIX[slug].test}", "-q", "-x", "-p", "no:cacheprovider",
+            f"--timeout={TIMEOUT_S:g}",
+        ]  # fmt: skip
+        try:
+            done = subprocess.run(
+                command, cwd=ROOT, env=os.environ | {"PYTHONPATH": name}, capture_output=True, text=True,
+                timeout=2 * TIMEOUT_S, check=False,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return "its test did not end"
+    if done.returncode == FAILED:
+        return ""
+    return "its test passes without its detector" if done.returncode == 0 else f"pytest ended with {done.returncode}"
+
+
+def main() -> int:
+    """Check the named rows, or all that have a test."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument("slugs", nargs="*", choices=sorted(MATRIX), metavar="SLUG")
+    slugs = parser.parse_args().slugs or [slug for slug, row in MATRIX.items() if row.tested]
+    begin_s, wrong = time.monotonic(), 0
+    for slug in slugs:
+        problem = survives(slug)
+        wrong += bool(problem)
+        sys.stdout.write(f"{slug:20} {problem or 'killed'}\n")
+        sys.stdout.flush()
+    sys.stdout.write(f"{len(slugs) - wrong} of {len(slugs)} mutants killed, {time.monotonic() - begin_s:.0f} s\n")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
