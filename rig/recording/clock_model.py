@@ -29,8 +29,9 @@ EDGE_PRIOR_S = 5e-6
 EDGE_PRIOR_COUNT = 2
 CLOCK_RESOLUTION_S = 0.5e-6
 """Both clocks count whole microseconds: no number of edges shows less."""
-UNKNOWN_LATENCY_S = 1e-3
-"""One standard deviation of the least latency of a link that offers no edge: adapters, drivers, the host's wake-up."""
+UNKNOWN_LATENCY_S = 2e-3
+"""One standard deviation of the least latency of a link that offers no edge: adapters (USB: 1 ms frames and a few of
+them in low-latency mode), drivers, the host's wake-up."""
 CRYSTAL_DRIFT = 1e-4
 """Relative rate error of a clock about which nothing is known."""
 SHORTEST_SPAN_S = 0.2

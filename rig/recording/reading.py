@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 TEXTS = ("id", "waveform")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A")
 OPTIONAL_NUMBERS = ("cycles", "ramp_in_cycles", "ramp_out_cycles", "centre_m", "rest_s")
+SENSOR_ATTRIBUTES = (
+    "units", "long_name", "sensor", "serial_number", "sensitivity", "offset", "certificate", "due", "overdue",
+    "uncertainty_percent", "delay_s", "range_SI", "rate_Hz",
+)
 VERDICTS = ("valid", "suspect", "invalid")
 
 
@@ -85,6 +89,19 @@ def read_channel(path: Path, name: str) -> NDArray[Any] | None:
                 f"/entry/data/{name} has shape {data[name].shape}, time has {data['time'].shape}",
             ])
         return _values(path, data[name])
+
+
+def channel_attributes(path: Path, name: str) -> dict[str, Any]:
+    """Attributes of one aligned channel: units, sensor, calibration; empty when the file does not hold it.
+
+    Raises:
+        FileProblem: the file cannot be trusted.
+    """
+    with opened(path) as file:
+        data = file["entry/data"]
+        if name not in data:
+            return {}
+        return {key: _plain(value) for key, value in data[name].attrs.items() if key in SENSOR_ATTRIBUTES}
 
 
 def read_raw(path: Path, name: str) -> dict[str, NDArray[Any]] | None:

@@ -27,7 +27,7 @@ REFERENCES = {"force": "controller_force", "displacement": "position"}
 """The controller's record of the same quantity."""
 DELAY_REACH_S = 0.03
 """Undeclared delays are looked for up to this."""
-ARRIVAL_REACH = 8.0
+ARRIVAL_REACH = 4.0
 """Clocks known by arrivals only are looked for within so many of their standard deviations."""
 MATCHING_RATE_Hz = 1000.0
 MOST_SPREAD = 1.0 / np.sqrt(12.0)

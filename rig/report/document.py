@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import rig.dampers
+from rig.characteristics import characterise
 from rig.dampers import DamperModel
 from rig.errors import FileProblem, RigError
 from rig.recording.durable import write_text_durably
 from rig.recording.run import Run
-from rig.report import loops, section
+from rig.report import loops, measurement, section, standard
 from rig.report.fragment import box, text
 from rig.report.style import STYLE_SHEET
 from rig.report.view import PointView, view_of
@@ -20,6 +21,8 @@ from rig.report.view import PointView, view_of
 
 def write_report(run_dir: Path) -> Path:
     """Write `report.html` into a campaign's directory, from its points and, if there is one, its `fit.json`.
+
+    What is measured without a model goes into `characteristics.json` beside it.
 
     Args:
         run_dir: the campaign's directory.
@@ -34,13 +37,17 @@ def write_report(run_dir: Path) -> Path:
     run = Run.open(run_dir)
     fit = read_fit(run.path)
     views, remark = views_of(run, fit)
+    found = characterise(run, {view.point.id: view.measured for view in views if view.measured is not None})
     parts = [section.header(run, fit), section.warnings(run, fit), remark, section.points_table(views)]
+    parts.append(measurement.time_base(run))
     if fit is not None:
         parts.append(section.parameters_table(fit))
     parts += [
+        standard.achieved_table(run.points), standard.standard_tests(found),
         loops.overview(views), loops.details(views, fitted=any(_has_fit(view) for view in views)),
-        section.provenance(run, fit),
+        measurement.budget(run), measurement.calibrations(run), section.provenance(run, fit),
     ]
+    write_text_durably(run.path / "characteristics.json", json.dumps(found.to_json(), indent=1, allow_nan=False) + "\n")
     path = run.path / "report.html"
     write_text_durably(path, page(f"Damper test report {run.path.name}", "".join(parts)))
     return path

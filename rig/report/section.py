@@ -7,6 +7,7 @@ from typing import Any
 
 import rig.dampers
 from rig.recording.run import RecordedPoint, Run
+from rig.recording.verdict import blamed
 from rig.report.fragment import NOTHING, box, chip, data_list, number, table, text
 from rig.report.view import PointView
 
@@ -48,6 +49,11 @@ def warnings(run: Run, fit: JsonObject | None) -> str:
     boxes = []
     if _count(run, "invalid"):
         boxes.append(box("bad", f"{_count(run, 'invalid')} point(s) are invalid and were left out of the fit."))
+    if _count(run, "suspect"):
+        boxes.append(box(
+            "warn", f"{_count(run, 'suspect')} point(s) are suspect and were left out of the fit; "
+            "<code>rig identify --suspect</code> takes them in.",
+        ))
     if fit is None:
         boxes.append(box("warn", "No fit is in this run: the loops below are measured only."))
     else:
@@ -68,7 +74,8 @@ def points_table(views: Sequence[PointView]) -> str:
     rows = []
     for view in views:
         point, quality = view.point, view.point.quality
-        remarks = [*point.reasons, *([view.why] if view.why and point.verdict != "invalid" else [])]
+        remarks = [f"{reason} [{blamed(reason)}]" for reason in point.reasons]
+        remarks += [view.why] if view.why and point.verdict != "invalid" else []
         if view.held_out:
             remarks.append("held out of the fit")
         rows.append(("", [
@@ -82,9 +89,9 @@ def points_table(views: Sequence[PointView]) -> str:
     note = "Error: 100 \N{MULTIPLICATION SIGN} RMS error / largest deviation of the force from its mean."
     if not all(view.point.imported for view in views):
         note += (
-            " Skew: by how much force would have lagged displacement if paired by arrival (not seen when a simulated "
-            "rig runs faster than real time); it is corrected, and \N{PLUS-MINUS SIGN} is one standard deviation of "
-            "what remains."
+            " Skew: by how much force lagged displacement beyond the declared delays; it is corrected, and "
+            "\N{PLUS-MINUS SIGN} is one standard deviation of what remains. In brackets behind a remark: whether it is "
+            "the specimen, the bench or the test that is at fault."
         )
     return f'<h2>Test points</h2><p class="lead">{note}</p>' + table(head, rows, (2, 3, 4, 5, 6, 7, 8, 9, 11))
 

@@ -1,0 +1,167 @@
+"""How far the numbers can be trusted: clocks and skew, calibrations, and an uncertainty budget for each channel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rig.identification.skew_pooling import pooled_skews
+from rig.recording.reading import channel_attributes
+from rig.recording.run import RecordedPoint, Run
+from rig.recording.skew import pooled
+from rig.report.fragment import NOTHING, box, number, table, text
+
+PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+CONFIDENCE = 1.96
+CHANNELS = (("force", "Force", "N"), ("displacement", "Displacement", "mm"))
+MILLI = {"N": 1.0, "mm": 1e3}
+
+
+def time_base(run: Run) -> str:
+    """Clocks, drifts and skew of every recorded point, and what the campaign as a whole says of the skew."""
+    points = [point for point in run.points if "force_clock_std_s" in point.quality]
+    if not points:
+        return ""
+    head = [
+        "Point", "Time base", "Force clock ppm", "Displacement clock ppm", "Force lagged by ms", "left uncertain ms",
+        "Arrival lag ms",
+    ]
+    rows = []
+    for point in points:
+        quality = point.quality
+        rows.append(("", [
+            text(point.id), text(quality.get("skew_method", "")), _drift(quality, "force"),
+            _drift(quality, "displacement"), number(_scaled(quality.get("skew_s"), 1e3), 3),
+            f"{PLUS_MINUS} {number(1e3 * CONFIDENCE * point.skew_std_s, 2)}",
+            number(_scaled(quality.get("arrival_skew_s"), 1e3), 3),
+        ]))
+    note = (
+        "Every sample is placed on the controller's clock. Force lagged by: its delay behind displacement beyond the "
+        "delays that the bench file declares; it is taken out. Arrival lag: what pairing by arrival would have given "
+        "(real time only). Intervals are 95 %."
+    )
+    heading = f'<h2>Time base and skew</h2><p class="lead">{note}</p>'
+    return heading + _pooled(points) + table(head, rows, (2, 3, 4, 5, 6))
+
+
+def _drift(quality: Mapping[str, Any], name: str) -> str:
+    drift, std = quality.get(f"{name}_clock_drift_ppm"), quality.get(f"{name}_clock_drift_std_ppm", 0.0)
+    return f"{number(drift, 4)} {PLUS_MINUS} {number(CONFIDENCE * float(std), 2)}"
+
+
+def _scaled(value: object, factor: float) -> float | None:
+    return factor * value if isinstance(value, (int, float)) else None
+
+
+def _pooled(points: Sequence[RecordedPoint]) -> str:
+    """One sentence on the skew of all points together."""
+    usable = [point for point in points if point.verdict != "invalid"]
+    seen = {
+        name: pooled((float(point.quality[f"{name}_matched_lag_s"]), float(point.quality[f"{name}_matched_lag_std_s"]))
+                     for point in usable if f"{name}_matched_lag_s" in point.quality)
+        for name in ("force", "displacement")
+    }
+    force, displacement = seen["force"], seen["displacement"]
+    if force is None or displacement is None:
+        return (
+            "<p>The declared delays could not be checked against the controller's own force and position "
+            "(<code>[actuator] input_delay</code> in the bench file says that they may be relied on).</p>"
+        )
+    skew_s, std_s = force[0] - displacement[0], math.hypot(force[1], displacement[1])
+    used = next(iter(pooled_skews(usable).values()), None)
+    left = "" if used is None else f" The fit uses all points together; {PLUS_MINUS} {_ms(used.std_s)} ms are left."
+    return (
+        f"<p>All points together: by its own signal, force lags displacement by <b>{number(1e3 * skew_s, 3)} "
+        f"{PLUS_MINUS} {_ms(std_s)} ms</b> beyond the declared delays.{left}</p>"
+    )
+
+
+def _ms(std_s: float) -> str:
+    return number(1e3 * CONFIDENCE * std_s, 2)
+
+
+@dataclass(frozen=True)
+class _Share:
+    """One contribution to a channel's uncertainty: a standard deviation, and where it comes from."""
+
+    what: str
+    value: float
+    origin: str
+
+
+def calibrations(run: Run) -> str:
+    """Sensors with their calibration, as recorded in the run's files."""
+    point = next((point for point in run.points if point.path is not None and not point.imported), None)
+    if point is None or point.path is None:
+        return ""
+    head = ["Channel", "Sensor", "Serial number", "SI per wire unit", "Certificate", "Due", "Uncertainty %", "Delay ms"]
+    rows, overdue = [], []
+    for name in ("force", "displacement", *(f"auxiliary_{n}" for n in range(1, 8))):
+        found = channel_attributes(point.path, name)
+        if "serial_number" not in found:
+            continue
+        late = bool(found.get("overdue", 0))
+        if late:
+            overdue.append(f"{name} ({found['serial_number']}, due {found.get('due', '')})")
+        rows.append(("no" if late else "", [
+            text(name), text(found.get("sensor", "")), text(found["serial_number"]),
+            number(found.get("sensitivity"), 6),
+            text(found.get("certificate", NOTHING)), text(found.get("due", NOTHING)) + (" overdue" if late else ""),
+            number(found.get("uncertainty_percent"), 3), number(_scaled(found.get("delay_s"), 1e3), 4),
+        ]))
+    warning = box("warn", f"Calibration overdue: {text('; '.join(overdue))}.") if overdue else ""
+    return "<h2>Calibration</h2>" + warning + table(head, rows, (3, 6, 7)) if rows else ""
+
+
+def budget(run: Run) -> str:
+    """Standard uncertainties of force and displacement at their peak, and what they add up to, in the worst point."""
+    points = [point for point in run.points if point.verdict != "invalid" and "force_span_N" in point.quality]
+    if not points:
+        return ""
+    worst = max(points, key=lambda point: float(point.quality["force_span_N"]) * point.frequency_Hz)
+    parts = [
+        "<h2>Uncertainty budget</h2>",
+        f'<p class="lead">Standard uncertainties at the peak of point {text(worst.id)}, where force changes fastest. '
+        "What nobody stated is shown as not stated and is not in the sum.</p>",
+    ]
+    for name, title, unit in CHANNELS:
+        parts.append(_channel_budget(worst, name, title, unit))
+    return "".join(parts)
+
+
+def _channel_budget(point: RecordedPoint, name: str, title: str, unit: str) -> str:
+    scale, quality = MILLI[unit], point.quality
+    amplitude = float(quality.get("measured_amplitude_m", point.amplitude_m))
+    peak = 0.5 * float(quality["force_span_N"]) if name == "force" else amplitude
+    stated = point.test.get(f"{name}_uncertainty_percent")
+    rate = 2.0 * math.pi * point.frequency_Hz
+    timing_s = point.skew_std_s if name == "force" else float(quality.get("displacement_clock_std_s", 0.0))
+    shares = [
+        _Share("calibration", peak * float(stated) / 100.0 if stated is not None else math.nan, "certificate"),
+        _Share("noise of one sample", _noise(point, name), "neighbouring samples"),
+        _Share("timing", peak * rate * timing_s, "clock and delay, times the rate of change"),
+    ]
+    if name == "force":
+        scatter_N = float(quality.get("force_scatter_N", 0.0))
+        shares.append(_Share("scatter between cycles", scatter_N, "cycle against cycle"))
+    known = [share.value for share in shares if math.isfinite(share.value)]
+    total = math.sqrt(sum(value * value for value in known))
+    shares.append(_Share("together (k = 1)", total, ""))
+    shares.append(_Share("expanded (k = 2)", 2.0 * total, ""))
+    rows = [
+        ("", [text(share.what), number(scale * share.value, 3) if math.isfinite(share.value) else "not stated",
+              number(100.0 * share.value / peak, 2) if peak > 0.0 else NOTHING, text(share.origin)])
+        for share in shares
+    ]
+    heading = f"<h3>{title}, peak {number(scale * peak, 4)} {unit}</h3>"
+    return heading + table(["Contribution", f"{unit}", "% of peak", "Known from"], rows, (1, 2))
+
+
+def _noise(point: RecordedPoint, name: str) -> float:
+    if name == "force":
+        return float(point.quality.get("force_noise_N", math.nan))
+    from rig.recording.loop_shape import noise_of
+
+    return noise_of(point.displacement_m)
