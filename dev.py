@@ -113,8 +113,7 @@ def faults(arguments: list[str]) -> int:
     if arguments[:1] == ["--mutate"]:
         return run(program("python"), "tests/faults/mutation.py", *arguments[1:])
     return run(
-        program("python"), "-m", "pytest", "tests/faults", "tests/simulators/test_faults.py", "-q", "-p", "no:cacheprovider",
-        *arguments,
+        program("python"), "-m", "pytest", "tests/faults", "tests/simulators/test_faults.py", "-q", *arguments
     )
 
 

@@ -227,6 +227,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
         process = subprocess.Popen(
             [*command, "--out", str(out), *arguments, "--", *simulator],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "200"},
+            cwd=tmp_path,
         )  # fmt: skip
         begun.append(Campaign(process, out))
         return begun[-1]

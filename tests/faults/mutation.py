@@ -1,8 +1,8 @@
 """Switches each row's detector off and expects the row's test to fail: `python3 dev.py faults --mutate [SLUG...]`.
 
 A detector is switched off in a copy of the four packages, which the test's processes load instead of the real ones.
-Most are one slug that the station reports; the others are a changed line. A mutation that no longer applies, or that its
-test survives, fails the check.
+Most are one slug that the station reports; the others are a changed line. A mutation that no longer applies, or that
+its test survives, fails the check.
 """
 
 from __future__ import annotations
@@ -39,12 +39,13 @@ class Edit:
 def deaf_station(slug: str) -> Edit:
     """The station does not hear what its detectors report by this slug."""
     row = "            row = TABLE[finding.slug]\n"
-    return Edit("rig/station/supervisor.py", row, f'            if finding.slug == "{slug}":\n                continue\n{row}')
+    deaf = f'            if finding.slug == "{slug}":\n                continue\n'
+    return Edit("rig/station/supervisor.py", row, deaf + row)
 
 
 MUTATIONS: dict[str, tuple[Edit, ...]] = {
     "watchdog-absent": (
-        Edit("rig/station/preparation.py", "            if tripped is None:\n", "            if tripped is None and False:\n"),
+        Edit("rig/station/preparation.py", "if tripped is None:\n", "if tripped is None and False:\n"),
         Edit("rig/station/preparation.py", "(tripped.received_ns - begin_ns) / 1e9", "0.0"),
     ),
     "register-layout": (

@@ -87,7 +87,7 @@ def test_a_current_that_stays_after_zero_takes_the_hydraulics_away(run: Run) -> 
     fault = truth.first("FAULT", text="current-stuck")
     zero = truth.first("SET_CURRENT", text="0.000", after=fault)
     stop = truth.first("FADE_STOP", after=zero)
-    assert (stop.host_ns - zero.host_ns) / 1e9 < 2.0
+    assert (stop.host_ns - zero.host_ns) / 1e9 < 1.5, "the detector, not the deadline of the phase"
     off = truth.first("HYDRAULICS_OFF", after=stop)
     assert truth.current_A[truth.since(off.time_s)].min() > 1.0, "the fault: current flows on, whatever is commanded"
     assert np.abs(truth.velocity_m_s[truth.since(off.time_s + 0.3)]).max() < 2e-3

@@ -14,8 +14,8 @@ WRITE = modbus.write_request(1, [10, 258])
 
 
 def test_requests_are_the_bytes_of_the_specification() -> None:
-    assert READ == bytes.fromhex("03 006B 0003")
-    assert WRITE == bytes.fromhex("10 0001 0002 04 000A 0102")
+    assert modbus.read_request(107, 3) == bytes.fromhex("03 006B 0003")
+    assert modbus.write_request(1, [10, 258]) == bytes.fromhex("10 0001 0002 04 000A 0102")
     assert modbus.exchange_request(3, 6, 14, [255, 255]) == bytes.fromhex("17 0003 0006 000E 0002 04 00FF 00FF")
 
 
