@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import click
@@ -19,7 +20,8 @@ def command(run: Path, as_json: bool) -> int:
 
     path = write_report(run).resolve()
     if as_json:
-        write_json({"campaign": str(run.resolve()), "report": str(path)})
+        found = json.loads((path.parent / "characteristics.json").read_text(encoding="utf-8"))
+        write_json({"campaign": str(run.resolve()), "report": str(path), "characteristics": found})
     else:
         click.echo(path)
     return EXIT_DONE

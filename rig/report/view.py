@@ -40,6 +40,7 @@ class PointView:
     why: str = ""
     error: Mapping[str, Any] = field(default_factory=dict)
     held_out: bool = False
+    measured: Measurement | None = field(default=None, repr=False)
 
 
 def view_of(
@@ -47,12 +48,14 @@ def view_of(
     *, held_out: bool = False,
 ) -> PointView:
     """Prepare a point for drawing; what keeps it from being drawn is said, never hidden."""
+    if point.kind == "current_step":
+        return PointView(point, None, "the rod stood still; the current was stepped", error or {}, held_out)
     try:
         measured = prepare(point)
     except RigError as problem:
         return PointView(point, None, str(problem), error or {}, held_out)
     fitted = None if model is None else modelled_force(model, values, measured)
-    return PointView(point, _middle_cycle(measured, fitted), "", error or {}, held_out)
+    return PointView(point, _middle_cycle(measured, fitted), "", error or {}, held_out, measured)
 
 
 def _middle_cycle(measured: Measurement, fitted_N: FloatArray | None) -> Loop:

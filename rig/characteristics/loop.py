@@ -1,0 +1,130 @@
+"""One loop's characteristics, cycle by cycle, with what the cycles' scatter leaves uncertain."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.identification.measurement import Measurement
+from rig.identification.preparation import prepare
+from rig.recording.run import RecordedPoint
+
+FloatArray = NDArray[np.float64]
+
+NEAR_PEAK = 0.97
+"""Samples whose speed is at least this share of the greatest one count as "at peak velocity"."""
+NEAR_REST = 0.10
+"""Samples slower than this share of the greatest speed and within this share of mid-stroke show the static force."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value, its standard uncertainty from the scatter over cycles, and that scatter (standard deviation of one)."""
+
+    value: float
+    std: float
+    scatter: float
+
+    def to_json(self) -> dict[str, float | None]:
+        """`value`, `std`, `scatter`; null where unknown."""
+        return {name: value if math.isfinite(value) else None for name, value in vars(self).items()}
+
+
+@dataclass(frozen=True)
+class LoopCharacteristics:
+    """One valid loop.
+
+    Attributes:
+        id: of the point; `waveform`, `amplitude_m`, `frequency_Hz`, `current_A` as wanted.
+        peak_speed_m_s: greatest measured speed, m/s.
+        rebound_N: mean force at peak velocity in extension, N (positive); `jounce_N` in compression (negative).
+        energy_J: dissipated in a cycle, the loop's area, J.
+        equivalent_damping_N_s_m: `E / (pi omega X^2)`: the viscous damper that dissipates as much in a sine of the
+            measured amplitude, N s/m.
+        force_scatter_N: standard deviation of the force from cycle to cycle at equal phase, N, noise included.
+        cycles: number of cycles.
+    """
+
+    id: str
+    waveform: str
+    amplitude_m: float
+    frequency_Hz: float
+    current_A: float
+    peak_speed_m_s: float
+    rebound_N: Measured
+    jounce_N: Measured
+    energy_J: Measured
+    equivalent_damping_N_s_m: Measured
+    force_scatter_N: float
+    cycles: int
+
+    @property
+    def motion(self) -> tuple[str, float, float]:
+        """What loops at different currents must share to be compared."""
+        return self.waveform, self.amplitude_m, self.frequency_Hz
+
+    def to_json(self) -> dict[str, Any]:
+        """Every attribute; measured ones as objects."""
+        entry = {name: each.to_json() if isinstance(each, Measured) else each for name, each in vars(self).items()}
+        return {name: None if isinstance(x, float) and not math.isfinite(x) else x for name, x in entry.items()}
+
+
+def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None) -> LoopCharacteristics:
+    """Measure a loop; `prepared` is its measurement where that was made already.
+
+    Raises:
+        RigError: too little of the point can be used; the message says why.
+    """
+    measured = prepare(point) if prepared is None else prepared
+    starts = _cycle_starts(measured)
+    energies, dampings, rebounds, jounces = [], [], [], []
+    for start, stop in itertools.pairwise(starts):
+        part = slice(start, stop)
+        u, v, force = measured.u_m[part], measured.v_m_s[part], measured.force_N[part]
+        good = measured.scored[part] & np.isfinite(force)
+        energy_J = float(np.mean((force * v)[good]) / measured.frequency_Hz) if measured.frequency_Hz > 0 else math.nan
+        amplitude_m = 0.5 * float(np.max(u) - np.min(u))
+        energies.append(energy_J)
+        dampings.append(energy_J / (math.pi * math.tau * measured.frequency_Hz * amplitude_m**2))
+        rebounds.append(_at_peak(force, v, good))
+        jounces.append(_at_peak(force, -v, good))
+    return LoopCharacteristics(
+        id=point.id,
+        waveform=point.waveform,
+        amplitude_m=point.amplitude_m,
+        frequency_Hz=point.frequency_Hz,
+        current_A=point.current_A,
+        peak_speed_m_s=float(np.max(np.abs(measured.v_m_s))),
+        rebound_N=over_cycles(rebounds),
+        jounce_N=over_cycles(jounces),
+        energy_J=over_cycles(energies),
+        equivalent_damping_N_s_m=over_cycles(dampings),
+        force_scatter_N=measured.noise_N,
+        cycles=len(energies),
+    )
+
+
+def over_cycles(values: list[float]) -> Measured:
+    """Mean over the cycles; its uncertainty needs at least two."""
+    known = np.array([value for value in values if math.isfinite(value)])
+    if len(known) == 0:
+        return Measured(math.nan, math.nan, math.nan)
+    scatter = float(np.std(known, ddof=1)) if len(known) > 1 else math.nan
+    return Measured(float(np.mean(known)), scatter / math.sqrt(len(known)), scatter)
+
+
+def _cycle_starts(measured: Measurement) -> list[int]:
+    count, per_cycle = len(measured.u_m), measured.samples_per_cycle
+    cycles = max(1, round(count / per_cycle)) if per_cycle else 1
+    return [round(number * count / cycles) for number in range(cycles + 1)]
+
+
+def _at_peak(force_N: FloatArray, speed_m_s: FloatArray, good: NDArray[np.bool_]) -> float:
+    """Mean force (N) where the speed in one direction is near its greatest."""
+    chosen = good & (speed_m_s >= NEAR_PEAK * float(np.max(speed_m_s)))
+    return float(np.mean(force_N[chosen])) if np.any(chosen) else math.nan

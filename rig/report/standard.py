@@ -1,0 +1,175 @@
+"""The report's standard damper tests: peak-velocity plot, energy, damping, dynamic range, friction, the coil's lag."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from rig.characteristics import Characteristics
+from rig.characteristics.loop import LoopCharacteristics, Measured
+from rig.identification.current_lag import CurrentLag
+from rig.recording.run import RecordedPoint
+from rig.report.chart import Chart, Trace
+from rig.report.fragment import NOTHING, number, table, text
+from rig.report.style import SEQUENCE
+
+PEAK_SPEED = "Peak velocity m/s"
+PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+
+
+def standard_tests(found: Characteristics) -> str:
+    """Everything measured of the damper itself, without a model; empty where there is nothing."""
+    parts = [_plots(found.loops), _loops_table(found.loops), _ranges(found), _special(found)]
+    body = "".join(parts)
+    if not body:
+        return ""
+    note = (
+        f"Measured, no model involved. {PLUS_MINUS} is one standard uncertainty from the scatter over the cycles; the "
+        "uncertainty of calibrations comes on top. Forces are mean forces at peak velocity, in extension (rebound) and "
+        "compression (jounce)."
+    )
+    return f'<h2>Standard damper tests</h2><p class="lead">{note}</p>{body}'
+
+
+def achieved_table(points: Sequence[RecordedPoint]) -> str:
+    """What the machine was told and what it did, for every point that moved."""
+    head = ["Point", "A wanted mm", "A commanded mm", "A measured mm", "Off %", "Mean mm", "f Hz",
+            "Phase \N{DEGREE SIGN}", "Distortion %", "I measured A", "I scatter mA"]
+    rows = []
+    for point in points:
+        quality = point.quality
+        measured_m = quality.get("measured_amplitude_m")
+        if measured_m is None or point.amplitude_m == 0.0:
+            continue
+        off = 100.0 * (float(measured_m) / point.amplitude_m - 1.0)
+        rows.append(("", [
+            text(point.id), number(1e3 * point.amplitude_m), _scaled(point.test.get("commanded_amplitude_m"), 1e3),
+            f"{_scaled(measured_m, 1e3)} {PLUS_MINUS} {_scaled(quality.get('measured_amplitude_std_m'), 1e3, 2)}",
+            number(off, 2), _scaled(quality.get("measured_mean_m"), 1e3, 3),
+            number(quality.get("measured_frequency_Hz")), number(quality.get("phase_deg"), 3),
+            _scaled(quality.get("harmonic_distortion"), 100.0, 2), number(quality.get("measured_current_A")),
+            _scaled(quality.get("measured_current_std_A"), 1e3, 2),
+        ]))
+    if not rows:
+        return ""
+    note = (
+        f"Means over the full cycles, {PLUS_MINUS} scatter from cycle to cycle. Phase: of measured displacement to the "
+        "controller's set-point. Distortion: harmonics 2 to 9 beyond the ideal waveform's. Values of each cycle are in "
+        "the point's file."
+    )
+    return f'<h2>Achieved motion and current</h2><p class="lead">{note}</p>' + table(head, rows, tuple(range(1, 11)))
+
+
+def _plots(loops: Sequence[LoopCharacteristics]) -> str:
+    cards = [_card("Peak-velocity plot (PVP)", _chart(loops, "Force N", lambda loop: (loop.rebound_N, loop.jounce_N)))]
+    cards.append(_card("Energy per cycle", _chart(loops, "Energy J", lambda loop: (loop.energy_J,))))
+    cards.append(_card(
+        "Equivalent viscous damping", _chart(loops, "Damping N s/m", lambda loop: (loop.equivalent_damping_N_s_m,)),
+    ))
+    if len(loops) < 2:
+        return ""
+    currents = sorted({loop.current_A for loop in loops})
+    key = "".join(
+        f'<i style="border-color:{_colour(index, len(currents))}"></i>{number(current)} A'
+        for index, current in enumerate(currents)
+    )
+    return f'<p class="key">One line a current.{key}</p><div class="charts">{"".join(cards)}</div>'
+
+
+def _chart(
+    loops: Sequence[LoopCharacteristics], label: str, values: Callable[[LoopCharacteristics], tuple[Measured, ...]],
+) -> Chart:
+    """One line for each current, waveform and amplitude, over peak velocity; a single loop is drawn as a short dash."""
+    currents = sorted({loop.current_A for loop in loops})
+    traces = []
+    for key in dict.fromkeys((loop.current_A, loop.waveform) for loop in loops):
+        alike = sorted(
+            (loop for loop in loops if (loop.current_A, loop.waveform) == key), key=lambda loop: loop.peak_speed_m_s,
+        )
+        speeds = np.array([loop.peak_speed_m_s for loop in alike])
+        for column in zip(*(values(loop) for loop in alike), strict=True):
+            height = np.array([each.value for each in column])
+            if len(alike) == 1:
+                speeds, height = speeds[0] * np.array([0.985, 1.015]), np.repeat(height, 2)
+            traces.append(Trace(
+                speeds, height, "m", f"{key[0]:g} A, {key[1]}", _colour(currents.index(key[0]), len(currents)),
+            ))
+    return Chart(PEAK_SPEED, label, traces, 400, 270, title=f"{label} over peak velocity")
+
+
+def _card(title: str, chart: Chart) -> str:
+    return f'<div class="card"><header><b>{text(title)}</b></header>{chart.svg()}</div>'
+
+
+def _loops_table(loops: Sequence[LoopCharacteristics]) -> str:
+    if not loops:
+        return ""
+    head = ["Point", "Waveform", "A mm", "f Hz", "I A", "Peak m/s", "Rebound N", "Jounce N", "Energy J",
+            "Damping N s/m", "Force scatter N"]
+    rows = [
+        ("", [
+            text(loop.id), text(loop.waveform), number(1e3 * loop.amplitude_m), number(loop.frequency_Hz),
+            number(loop.current_A), number(loop.peak_speed_m_s, 3), _measured(loop.rebound_N), _measured(loop.jounce_N),
+            _measured(loop.energy_J), _measured(loop.equivalent_damping_N_s_m), number(loop.force_scatter_N, 2),
+        ])
+        for loop in sorted(loops, key=lambda each: (each.current_A, each.peak_speed_m_s))
+    ]
+    note = "Loops at 0 A are the damper's zero-current signature. Force scatter: from cycle to cycle at equal phase."
+    return table(head, rows, tuple(range(2, 11))) + f'<p class="lead">{note}</p>'
+
+
+def _ranges(found: Characteristics) -> str:
+    if not found.dynamic_range:
+        return ""
+    head = ["Waveform", "A mm", "f Hz", "I A", "Rebound", "Jounce"]
+    rows = [
+        ("", [
+            text(each.motion[0]), number(1e3 * each.motion[1]), number(each.motion[2]), number(each.current_A),
+            f"{number(each.rebound, 4)} {PLUS_MINUS} {number(each.std, 2)}", number(each.jounce, 4),
+        ])
+        for each in found.dynamic_range
+    ]
+    note = "Force at peak velocity over that of the same motion at 0 A, the static force taken off both."
+    return f'<h3>Dynamic range</h3><p class="lead">{note}</p>' + table(head, rows, (1, 2, 3, 4, 5))
+
+
+def _special(found: Characteristics) -> str:
+    rows = []
+    for test in found.friction:
+        speed = f"{number(1e3 * test.speed_m_s, 3)} mm/s"
+        rows.append(("", [text(test.id), "Gas force (static)", _measured(test.gas_force_N), "N", f"at {speed}"]))
+        rows.append(("", [
+            text(test.id), "Friction", _measured(test.friction_N), "N", f"half the force's width at {speed}, 0 A",
+        ]))
+        rows.append(("", [
+            text(test.id), "Stiffness", _measured(test.stiffness_N_m), "N/m", "slope of the static force, mid-stroke",
+        ]))
+    if found.lag is not None:
+        rows += _lag_rows(found.lag)
+    if not rows:
+        return ""
+    head = ["Point", "Quantity", "Value", "Unit", "How"]
+    return "<h3>Gas force, friction, coil lag</h3>" + table(head, rows, (2,))
+
+
+def _lag_rows(lag: CurrentLag) -> list[tuple[str, list[str]]]:
+    value = f"{number(lag.eta_1_s, 5)} {PLUS_MINUS} {number(lag.std_1_s, 2)}"
+    rows = [("", [NOTHING, "Coil lag eta", value, "1/s", f"{lag.steps} current steps, command to measured current"])]
+    if lag.delay_s is not None:
+        rows.append(("", [NOTHING, "Command delay", number(1e3 * lag.delay_s, 3), "ms", "host to coil, median"]))
+    return rows
+
+
+def _measured(value: Measured, digits: int = 4) -> str:
+    spread = f" {PLUS_MINUS} {number(value.std, 2)}" if math.isfinite(value.std) else ""
+    return f"{number(value.value, digits)}{spread}"
+
+
+def _scaled(value: object, factor: float, digits: int = 4) -> str:
+    return number(factor * value, digits) if isinstance(value, (int, float)) else NOTHING
+
+
+def _colour(index: int, count: int) -> str:
+    return SEQUENCE[round(index * (len(SEQUENCE) - 1) / max(count - 1, 1))]
