@@ -55,6 +55,12 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     "load-train": (
         Edit("rig/campaign/runner.py", "if changed is not None and self.state.phase", "if False and self.state.phase"),
     ),
+    "not-tared": (
+        Edit("rig/campaign/sequencer.py", "_arm(state) if event.cause is None else", "_arm(state) if True else"),
+    ),
+    "sensors-swapped": (
+        Edit("rig/campaign/sequencer.py", "_arm(state) if event.cause is None else", "_arm(state) if True else"),
+    ),
 }
 """Detectors that are not one slug of the station's fault table."""
 
