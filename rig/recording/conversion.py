@@ -135,7 +135,8 @@ def build(
     alignment = align(content.records if records is None else records, context)
     waveform = str(context.point.get("waveform", "sine"))
     seen = overview(alignment, float(context.point["frequency_Hz"]))
-    motion = achieved_motion(seen.time_s, seen.displacement_m, waveform)
+    standing = context.point.get("kind") == "current_step"
+    motion = None if standing else achieved_motion(seen.time_s, seen.displacement_m, waveform)
     findings, shape = examine(content, context, alignment, seen, motion)
     verdict = judge(findings)
     light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
