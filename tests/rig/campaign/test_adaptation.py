@@ -1,0 +1,111 @@
+"""Compensation of the commanded motion: converges where the machine can, says why where it cannot, within limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from rig.campaign.adaptation import (
+    MOST_STEPS,
+    Ceiling,
+    Drive,
+    MotionSeen,
+    commanded,
+    drive_for,
+    learned,
+    remembered,
+    trial,
+    wants_trial,
+    within,
+)
+from rig.matrix.point import TestPoint
+
+POINT = TestPoint("p001", "sine", 0.03, 2.0, 1.0)
+FREE = Ceiling(0.085, "the specimen's stroke")
+Machine = Callable[[float, float], MotionSeen]
+
+
+def adapt(point: TestPoint, machine: Machine, ceiling: Ceiling = FREE, tolerance: float = 0.01) -> tuple[Drive, int]:
+    """Let a machine run a point until its drive is settled; how many programs that took."""
+    drive, programs = drive_for(point, (), ceiling), 0
+    while not drive.settled:
+        program = commanded(point, drive)
+        assert program.amplitude_m + abs(program.centre_m - point.centre_m) <= ceiling.amplitude_m + 1e-12
+        drive = learned(drive, point, machine(program.amplitude_m, program.centre_m), tolerance, ceiling)
+        programs += 1
+        assert programs <= MOST_STEPS + 1
+    return drive, programs
+
+
+@pytest.mark.parametrize("droop", [0.0, 0.02, 0.08, 0.3])
+def test_a_droop_is_compensated_in_one_correction(droop: float) -> None:
+    drive, programs = adapt(POINT, lambda command_m, centre_m: MotionSeen((1 - droop) * command_m, centre_m))
+    assert drive.cannot == ""
+    assert drive.command_m == pytest.approx(0.03 / (1 - droop))
+    assert programs == (1 if droop < 0.01 else 2)
+
+
+def test_a_softening_machine_is_compensated_within_three_corrections() -> None:
+    drive, _ = adapt(POINT, lambda command_m, centre_m: MotionSeen(0.04 * math.tanh(command_m / 0.04), centre_m))
+    assert drive.cannot == ""
+    assert 0.04 * math.tanh(drive.command_m / 0.04) == pytest.approx(0.03, rel=0.01)
+    assert drive.steps <= MOST_STEPS
+
+
+def test_an_offset_of_the_mean_is_taken_out_by_the_centre() -> None:
+    drive, programs = adapt(POINT, lambda command_m, centre_m: MotionSeen(command_m, centre_m + 0.0008))
+    assert drive.shift_m == pytest.approx(-0.0008)
+    assert programs == 2
+
+
+def test_a_limit_of_the_bench_is_named_and_never_passed() -> None:
+    ceiling = Ceiling(0.0305, "the bench's speed limit, 0.384 m/s")
+    drive, _ = adapt(POINT, lambda command_m, centre_m: MotionSeen(0.9 * command_m, centre_m), ceiling)
+    assert "beyond the bench's speed limit" in drive.cannot
+    assert drive.command_m == pytest.approx(0.0305)
+
+
+def test_a_saturated_valve_is_named() -> None:
+    drive, _ = adapt(POINT, lambda command_m, centre_m: MotionSeen(min(command_m, 0.027), centre_m, True, 0.004))
+    assert "valve is saturated" in drive.cannot
+    assert "-10.0 %" in drive.cannot
+
+
+def test_a_motion_that_does_not_follow_is_named_with_its_following_error() -> None:
+    drive, _ = adapt(POINT, lambda command_m, centre_m: MotionSeen(min(command_m, 0.027), centre_m, False, 0.0042))
+    assert "following error up to 4.2 mm" in drive.cannot
+
+
+def test_what_was_learned_serves_points_of_the_same_motion_at_any_current_without_a_trial() -> None:
+    drive, _ = adapt(POINT, lambda command_m, centre_m: MotionSeen(0.92 * command_m, centre_m))
+    known = remembered((), drive)
+    other = TestPoint("p002", "sine", 0.03, 2.0, 0.0)
+    assert drive_for(other, known, FREE) == drive
+    assert not wants_trial(other, known, 0.01)
+
+
+def test_a_new_motion_begins_with_the_droop_known_motions_predict_and_is_tried_first() -> None:
+    machine_gain = {2.0: 0.92, 1.0: 0.979}
+    known: tuple[Drive, ...] = ()
+    for frequency_Hz, gain in machine_gain.items():
+        point = TestPoint("p", "sine", 0.03, frequency_Hz, 0.0)
+        drive, _ = adapt(point, lambda command_m, centre_m, gain=gain: MotionSeen(gain * command_m, centre_m))
+        known = remembered(known, drive)
+    new = TestPoint("p003", "sine", 0.03, 0.5, 0.0)
+    assert drive_for(new, known, FREE).gain == pytest.approx(1.005, abs=0.004)
+    assert wants_trial(new, known, 0.01)
+    assert trial(new, drive_for(new, known, FREE)).motion_s < 0.5 * new.motion_s
+
+
+def test_a_good_machine_is_never_tried() -> None:
+    drive, programs = adapt(POINT, lambda command_m, centre_m: MotionSeen(0.998 * command_m, centre_m))
+    assert programs == 1
+    assert not wants_trial(TestPoint("p002", "sine", 0.03, 5.0, 0.0), remembered((), drive), 0.01)
+
+
+def test_within_judges_amplitude_and_mean() -> None:
+    assert within(POINT, MotionSeen(0.0302, 0.0002), 0.01)
+    assert not within(POINT, MotionSeen(0.0304, 0.0), 0.01)
+    assert not within(POINT, MotionSeen(0.03, 0.0004), 0.01)
