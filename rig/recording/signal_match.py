@@ -23,6 +23,7 @@ MOST_COARSE_STEPS = 400
 ROUNDS = 12
 CONVERGED_S = 1e-8
 OUTLIER_DEVIATIONS = 5.0
+JUMP_DEVIATIONS = 4.0
 UNRESOLVED_DEVIATIONS = 0.5
 """Where cubic and straight line through the samples differ by more than this share of the noise, neither is trusted."""
 SMALLEST_CORRELATION = 0.9
@@ -125,8 +126,16 @@ def smoothed(values: FloatArray) -> FloatArray | None:
         slope = np.convolve(values, inverse[1][::-1], "valid")
         slope = slope[np.isfinite(slope)]
         if len(slope) and noise**2 * float(inverse[1] @ inverse[1]) <= (SLOPE_NOISE**2) * float(np.mean(slope**2)):
-            return smooth
+            return _resolved(values, smooth, noise, half)
     return None
+
+
+def _resolved(values: FloatArray, smooth: FloatArray, noise: float, half: int) -> FloatArray:
+    """The smoothed samples without those around a jump, which no parabola follows: there the lag is anybody's guess."""
+    with np.errstate(invalid="ignore"):
+        jumps = np.abs(values - smooth) > JUMP_DEVIATIONS * noise
+    near = np.convolve(jumps, np.ones(2 * (half + 2) + 1), "same") > 0.0
+    return np.where(near, np.nan, smooth)
 
 
 @dataclass(frozen=True)
