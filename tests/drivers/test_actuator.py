@@ -338,6 +338,45 @@ def test_a_controller_that_cannot_be_reached_is_named(url: str) -> None:
         ModbusActuator(url).open()
 
 
+def another_number(frame: bytes, right: bytes) -> list[bytes]:
+    return [framed(bytes([frame[0], frame[1] ^ 0x55]) + frame[2:], right)]
+
+
+def another_unit(frame: bytes, right: bytes) -> list[bytes]:
+    return [framed(frame[:6] + bytes([frame[6] + 1]), right)]
+
+
+def not_modbus(frame: bytes, right: bytes) -> list[bytes]:
+    return [b"HTTP/1.1 400 Bad Request\r\n"]
+
+
+def test_an_answer_with_another_number_is_thrown_away_and_counted(
+    device: ModbusDevice, actuator: ModbusActuator
+) -> None:
+    device.faults = [another_number]
+    assert actuator.read_status().state == 0
+    assert (actuator.stale, actuator.timeouts) == (1, 1)
+
+
+def test_an_answer_of_another_unit_is_not_believed(device: ModbusDevice, actuator: ModbusActuator) -> None:
+    device.faults = [another_unit, another_unit]
+    with pytest.raises(WrongAnswer, match="asked unit 1, unit 2 answers"):
+        actuator.read_status()
+
+
+def test_a_peer_that_does_not_speak_modbus_is_left(device: ModbusDevice, actuator: ModbusActuator) -> None:
+    device.faults = [not_modbus]
+    with pytest.raises(WrongAnswer, match="no Modbus header"):
+        actuator.read_status()
+    assert not actuator.is_open
+
+
+def test_busy_answers_are_counted(device: ModbusDevice, actuator: ModbusActuator) -> None:
+    device.faults = [exception(6), exception(6)]
+    actuator.read_status()
+    assert actuator.busy == 2
+
+
 def test_drain_throws_away_what_nobody_waits_for(device: ModbusDevice, actuator: ModbusActuator) -> None:
     assert actuator.drain() == 0
     device.faults = [lambda frame, right: [framed(frame, right) + b"extra"]]
