@@ -1,0 +1,254 @@
+"""Feeds damaged input to every parser: `python tests/fuzz/fuzz.py [--inputs N] [--seed S] [TARGET...]`.
+
+Two things are demanded of each input: nothing but the parser's own error comes out (a crash is anything else), and what
+is accepted is what the bytes say, told by another way of reading them (no silent wrong value). HDF5 is read by a C
+library: run as a command, every target has a process of its own, so a crash there is seen and reported too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import random
+import re
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from damage import chunks, damaged
+
+from protocols import ecu, frame_format, line_format, modbus, slcan
+from protocols.actuator import CONFIG, ActuatorLimits, WatchdogAction, decode_limits, decode_status, encode_limits
+from protocols.errors import RemoteProtocolError
+from rig.bench.model import Bench
+from rig.errors import FileProblem
+from rig.matrix.model import load_matrix
+from rig.recording.importing import import_tests
+from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.recording.run import RecordedPoint, Run
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+INPUTS = 20_000
+SLOW = {"bench": 20, "matrix": 20, "csv": 40, "hdf5": 20}
+"""Targets that read files take this many times fewer inputs."""
+
+LIMITS = encode_limits(ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 5e3, 1.0, 20.0, 500, WatchdogAction.FADE_AND_HOLD))
+COLUMNS = {"time": "t_s", "displacement": "x_mm", "force": "F_N"}
+TEST = {"id": "p001", "waveform": "sine", "amplitude_m": 0.05, "frequency_Hz": 1.0, "current_A": 0.5}
+
+
+def fuzz_frame16(source: random.Random) -> None:
+    """Sensor frames: every reading given, encoded again, stands in the bytes."""
+    sent = [
+        frame_format.encode(source.uniform(-1e4, 1e4), source.randrange(1 << 16), source.randrange(1 << 32), 0, 3)
+        for _ in range(source.randrange(1, 5))
+    ]
+    data = damaged(b"".join(sent), source)
+    decoder = frame_format.FrameDecoder()
+    for reading in [each for part in chunks(data, source) for each in decoder.feed(part)]:
+        sequence, device_us, value, status, edges = reading
+        if not math.isnan(value):
+            assert frame_format.encode(value, sequence, device_us, status, edges) in data
+
+
+def fuzz_lines(source: random.Random) -> None:
+    """Readings of every shipped line format: the number's digits stand in the bytes, in this order."""
+    shipped = line_format.PRESETS[source.choice(sorted(line_format.PRESETS))]
+    lines = [shipped.encode(round(source.uniform(0, 9), 1)) for _ in range(4)]
+    data = damaged(b"".join(lines), source)
+    decoder = line_format.LineDecoder(shipped)
+    for _, _, value, _, _ in [each for part in chunks(data, source) for each in decoder.feed(part)]:
+        if math.isfinite(value):
+            digits = f"{abs(value):.6f}".replace(".", "").strip("0").encode()
+            assert digits in re.sub(rb"[^0-9]", b"", data), (value, data)
+        else:
+            assert math.isnan(value)
+
+
+def fuzz_slcan(source: random.Random) -> None:
+    """CAN frames as lines: each one given, written again, stands in the bytes."""
+    sent = [slcan.encode_frame(source.randrange(0x800), source.randbytes(source.randrange(9))) for _ in range(4)]
+    sent.append(slcan.encode_frame(source.randrange(1 << 29), b"", extended=True, remote=True, length=3))
+    data = damaged(b"".join(sent), source)
+    decoder = slcan.SlcanDecoder()
+    for frame in [each for part in chunks(data, source) for each in decoder.feed(part)]:
+        identifier, payload, extended, remote, length = frame
+        line = slcan.encode_frame(identifier, payload, extended, remote, length)[:-1]
+        assert line in data.upper().replace(b"\a", b"").replace(b"T", b"t") or line.lower() in data.lower().replace(
+            b"\a", b""
+        )
+
+
+def fuzz_ecu(source: random.Random) -> None:
+    """ECU frames: what passes counter and CRC is, encoded again, the same frame."""
+    sent = ecu.encode_status(ecu.CoilStatus(source.randrange(15), 2, round(source.uniform(-3, 3), 3), 0, 10.0, 77))
+    data = damaged(sent, source)
+    with contextlib.suppress(RemoteProtocolError):
+        status = ecu.decode_status(data)
+        assert ecu.decode_status(ecu.encode_status(status)) == status
+        assert len(data) == ecu.FRAME_LENGTH
+    with contextlib.suppress(RemoteProtocolError):
+        ecu.decode_command(data)
+    with contextlib.suppress(RemoteProtocolError):
+        ecu.decode_temperature(data)
+    with contextlib.suppress(RemoteProtocolError):
+        ecu.decode_identity(data)
+
+
+def fuzz_modbus(source: random.Random) -> None:
+    """Frames and registers: accepted words are the bytes of the answer, accepted limits encode to the same words."""
+    request = modbus.read_request(CONFIG.address, CONFIG.count)
+    words = [word & 0xFFFF for word in LIMITS]
+    answer = bytes([3, 2 * len(words)]) + b"".join(word.to_bytes(2, "big") for word in words)
+    data = damaged(modbus.encode_tcp(7, 1, answer), source)
+    frames = modbus.TcpFrames()
+    with contextlib.suppress(RemoteProtocolError):
+        for part in chunks(data, source):
+            frames.feed(part)
+            while (frame := frames.next()) is not None:
+                got = modbus.decode_words(request, frame[2], CONFIG.count)
+                assert b"".join(word.to_bytes(2, "big") for word in got) in data
+                decode_status([*got, *got, *got][:34], 0)
+                limits = decode_limits(got)
+                if all(map(math.isfinite, asdict(limits).values())):
+                    assert decode_limits(encode_limits(limits)) == limits
+    with contextlib.suppress(RemoteProtocolError):
+        modbus.rtu_answer_size(data, request)
+
+
+@contextmanager
+def file_of(data: bytes, name: str) -> Iterator[Path]:
+    """A file with these bytes, for a moment."""
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        path = Path(folder) / name
+        path.write_bytes(data)
+        yield path
+
+
+def quantity(text: object, units: dict[str, float]) -> float | None:
+    """The SI value of `number unit`; None for what this reader does not know."""
+    found = re.fullmatch(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*(\S+)\s*", text) if isinstance(text, str) else None
+    return float(found[1]) * units[found[2]] if found and found[2] in units else None
+
+
+def fuzz_bench(source: random.Random) -> None:
+    """Bench files: an accepted speed and force limit is the file's number in its unit."""
+    data = damaged((EXAMPLES / "demo-bench.toml").read_bytes(), source)
+    with file_of(data, "bench.toml") as path, contextlib.suppress(FileProblem):
+        bench = Bench.load(path)
+        limits = tomllib.loads(data.decode())["limits"]
+        low, high = bench.limits.position_m
+        assert -1.0 <= low < high <= 1.0
+        for value, key, units in (
+            (bench.limits.speed_m_s, "speed", {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2}),
+            (bench.limits.force_N, "force", {"N": 1.0, "kN": 1e3}),
+        ):
+            expected = quantity(limits.get(key), units)
+            assert math.isfinite(value)
+            assert value > 0
+            assert expected is None or math.isclose(value, expected, rel_tol=1e-12)
+
+
+def fuzz_matrix(source: random.Random) -> None:
+    """Matrix files: accepted amplitudes and frequencies are the file's; every point is finite and named once."""
+    data = damaged((EXAMPLES / "quick.toml").read_bytes(), source)
+    with file_of(data, "matrix.toml") as path, contextlib.suppress(FileProblem):
+        points = load_matrix(path).points()
+        assert len({point.id for point in points}) == len(points)
+        given = tomllib.loads(data.decode()).get("matrix", {})
+        amplitudes = [quantity(text, {"mm": 1e-3, "m": 1.0, "cm": 1e-2}) for text in given.get("amplitude", ())]
+        for point in points:
+            assert all(map(math.isfinite, (point.amplitude_m, point.frequency_Hz, point.current_A)))
+            if amplitudes and None not in amplitudes and "point" not in tomllib.loads(data.decode()):
+                assert any(math.isclose(point.amplitude_m, value or 0.0, rel_tol=1e-9) for value in amplitudes)
+
+
+def csv_text() -> bytes:
+    time_s = np.arange(400) * 0.01
+    x_mm, force_N = 5.0 * np.sin(2 * np.pi * time_s), 300.0 * np.cos(2 * np.pi * time_s)
+    rows = [f"{t:.3f},{x:.4f},{f:.2f}" for t, x, f in zip(time_s, x_mm, force_N, strict=True)]
+    return "\n".join(["t_s,x_mm,F_N", *rows, ""]).encode()
+
+
+CSV = csv_text()
+
+
+def fuzz_csv(source: random.Random) -> None:
+    """Foreign tests: refused with the line, or every force is the number in its line; NaN where the line has none."""
+    data = damaged(CSV, source)
+    with file_of(data, "a.csv") as path, contextlib.suppress(FileProblem):
+        run = Run.open(import_tests([path], columns=COLUMNS, out=path.parent / "out", current_A=0.5))
+        lines = [line.split(",") for line in data.decode().strip().splitlines() if line.strip()]
+        column = [name.strip() for name in lines[0]].index("F_N")
+        cells = [line[column].strip() if len(line) > column else "" for line in lines[1:]]
+        expected = np.array([float(cell) if cell else math.nan for cell in cells])
+        np.testing.assert_allclose(run.points[0].force_N, expected, rtol=1e-6, atol=1e-3)
+
+
+def hdf5_bytes() -> bytes:
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        path = Path(folder) / "p001.h5"
+        time_s = np.arange(500) / 250.0
+        channels = [AlignedChannel("force", np.sin(time_s), "N", "Force"),
+                    AlignedChannel("displacement", np.cos(time_s), "m", "Displacement")]  # fmt: skip
+        write_file(path, PointFile(time_s, 250.0, channels, test=TEST))
+        return path.read_bytes()
+
+
+HDF5: list[bytes] = []
+
+
+def fuzz_hdf5(source: random.Random) -> None:
+    """Points from outside: refused, or read; a declared length is what comes."""
+    if not HDF5:
+        HDF5.append(hdf5_bytes())
+    with file_of(damaged(HDF5[0], source), "p001.h5") as path, contextlib.suppress(FileProblem):
+        point = RecordedPoint.open(path)
+        assert len(point.time_s) == len(point.force_N) == len(point.displacement_m)
+
+
+TARGETS: dict[str, Callable[[random.Random], None]] = {
+    "frame16": fuzz_frame16, "lines": fuzz_lines, "slcan": fuzz_slcan, "ecu": fuzz_ecu, "modbus": fuzz_modbus,
+    "bench": fuzz_bench, "matrix": fuzz_matrix, "csv": fuzz_csv, "hdf5": fuzz_hdf5,
+}  # fmt: skip
+
+
+def fuzz(target: str, inputs: int, seed: int) -> int:
+    """Feed one target; the number of inputs. The first input that breaks a demand raises, its seed in a note."""
+    count = max(1, inputs // SLOW.get(target, 1))
+    for number in range(count):
+        try:
+            TARGETS[target](random.Random(f"{target} {seed} {number}"))
+        except BaseException as error:
+            error.add_note(f"fuzz target {target}, seed {seed}, input {number}")
+            raise
+    return count
+
+
+def main() -> int:
+    """Every target in a process of its own."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument("targets", nargs="*", metavar="TARGET", help=", ".join(TARGETS))
+    parser.add_argument("--inputs", type=int, default=INPUTS)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--here", action="store_true", help="in this process")
+    given = parser.parse_args()
+    targets = given.targets or list(TARGETS)
+    if given.here:
+        for target in targets:
+            sys.stdout.write(f"{target:8} {fuzz(target, given.inputs, given.seed)} inputs, no crash, no wrong value\n")
+        return 0
+    settings = ["--here", "--inputs", str(given.inputs), "--seed", str(given.seed)]
+    codes = [subprocess.run([sys.executable, __file__, each, *settings], check=False).returncode for each in targets]
+    return 1 if any(codes) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
