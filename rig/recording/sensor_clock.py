@@ -75,25 +75,27 @@ def timed_sensor(
         local_s = mapped(channel["device_us"], lambda device_us: device_us * 1e-6, np.float64)
     else:
         local_s = unwrapped(np.asarray(channel["sequence"])) / sensor.rate_Hz
+    frequency_Hz = float(context.point.get("frequency_Hz", 0.0))
+    cycle_s = 1.0 / frequency_Hz if frequency_Hz > 0.0 else np.inf
     reference = _reference(name, by_name, context)
     pairs = matched_edges(by_name.get(f"{name}_edge"), by_name.get("pulse"))
     if has_clock and len(pairs):
         clock = by_edges(pairs[:, 0], pairs[:, 1])
         clock = replace(clock, std_s=float(np.hypot(clock.std_s, clock.rate_std * MOST_SPREAD * _span_s(local_s))))
-        return _by_edges(clock, local_s, channel, sensor, reference)
+        return _by_edges(clock, local_s, channel, sensor, reference, cycle_s)
     arrival_s = mapped(channel["host_ns"], host.time_s, np.float64)
     clock = by_envelope(local_s, arrival_s, device_rate=context.device_rate)
     if not has_clock:
         clock = replace(clock, method="nominal rate")
-    return _by_signal(clock, local_s, channel, sensor, reference, context.device_rate)
+    return _by_signal(clock, local_s, channel, sensor, reference, context.device_rate, cycle_s)
 
 
 def _by_edges(
     clock: ClockModel, local_s: Values, channel: Records, sensor: SensorContext,
-    reference: tuple[FloatArray, FloatArray] | None,
+    reference: tuple[FloatArray, FloatArray] | None, cycle_s: float,
 ) -> SensorClock:
     time_s = _times(local_s, clock, sensor.delay_s)
-    found = _match(reference, time_s, channel, sensor, DELAY_REACH_S, with_drift=False)
+    found = _match(reference, time_s, channel, sensor, DELAY_REACH_S, with_drift=False, cycle_s=cycle_s)
     measured = (None, 0.0) if found is None else (found.lag_s, found.lag_std_s)
     delay = undeclared(tolerance_s(sensor.delay_s), *measured)
     sure = replace(clock, std_s=float(np.hypot(clock.std_s, delay.std_s)))
@@ -103,11 +105,11 @@ def _by_edges(
 
 def _by_signal(
     clock: ClockModel, local_s: Values, channel: Records, sensor: SensorContext,
-    reference: tuple[FloatArray, FloatArray] | None, device_rate: float,
+    reference: tuple[FloatArray, FloatArray] | None, device_rate: float, cycle_s: float,
 ) -> SensorClock:
     """Without edges: the signal laid over the controller's, which takes in every delay; else arrivals as they are."""
     reach_s = ARRIVAL_REACH * max(clock.std_s, UNKNOWN_LATENCY_S * device_rate)
-    found = _match(reference, _times(local_s, clock, 0.0), channel, sensor, reach_s, with_drift=True)
+    found = _match(reference, _times(local_s, clock, 0.0), channel, sensor, reach_s, with_drift=True, cycle_s=cycle_s)
     if found is None:
         return SensorClock(_times(local_s, clock, sensor.delay_s), clock, sensor.delay_s, 0.0, clock.std_s, None)
     spread_s = MOST_SPREAD * _span_s(local_s)
@@ -140,12 +142,14 @@ def _reference(
 
 def _match(
     reference: tuple[FloatArray, FloatArray] | None, time_s: Values, channel: Records, sensor: SensorContext,
-    reach_s: float, *, with_drift: bool,
+    reach_s: float, *, with_drift: bool, cycle_s: float,
 ) -> Match | None:
     if reference is None:
         return None
     coarse_s, values, period_s = _coarsened(time_s, channel, sensor.rate_Hz)
-    return match(*reference, coarse_s, values, period_s, reach_s=reach_s, with_drift=with_drift)
+    return match(
+        *reference, coarse_s, values, period_s, reach_s=reach_s, with_drift=with_drift, cycle_s=cycle_s
+    )
 
 
 def _coarsened(time_s: Values, channel: Records, rate_Hz: float) -> tuple[FloatArray, FloatArray, float]:

@@ -18,6 +18,7 @@ from rig.recording.layout import FloatArray
 
 FEWEST_SAMPLES = 12
 MOST_REFERENCES = 6000
+PHASE_BINS = 50
 COARSE_STEP_S = 2e-3
 MOST_COARSE_STEPS = 400
 ROUNDS = 12
@@ -57,7 +58,7 @@ class Match:
 
 def match(
     reference_s: FloatArray, reference: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float,
-    *, reach_s: float, with_drift: bool,
+    *, reach_s: float, with_drift: bool, cycle_s: float = np.inf,
 ) -> Match | None:
     """Lay a sensor's samples over the controller's record of the same quantity.
 
@@ -69,6 +70,7 @@ def match(
         period_s: nominal sample period of the sensor, s.
         reach_s: the lag is searched within plus and minus this (s).
         with_drift: fit a drift of the sensor's clock too.
+        cycle_s: period of the motion: errors at equal phase repeat, so they count once.
 
     Returns:
         None when the two cannot be laid over each other: too few samples, nothing moves, or no likeness.
@@ -89,7 +91,7 @@ def match(
     drift, middle_s = 0.0, float(np.mean(at_s))
     used: NDArray[np.bool_] | None = None
     for _ in range(ROUNDS):
-        step = _step(at_s, wanted, time_s, values, period_s, lag_s, drift, middle_s, with_drift, used)
+        step = _step(at_s, wanted, time_s, values, period_s, lag_s, drift, middle_s, with_drift, used, cycle_s)
         if step is None:
             return None
         lag_s, drift = lag_s + step.lag_s, drift + step.drift
@@ -164,7 +166,7 @@ def _coarse(at_s: FloatArray, wanted: FloatArray, time_s: FloatArray, values: Fl
 
 def _step(
     at_s: FloatArray, wanted: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float,
-    lag_s: float, drift: float, middle_s: float, with_drift: bool, used: NDArray[np.bool_] | None,
+    lag_s: float, drift: float, middle_s: float, with_drift: bool, used: NDArray[np.bool_] | None, cycle_s: float,
 ) -> _Step | None:
     """One Gauss-Newton step about (lag, drift), with what it says about itself; None when too little is left."""
     shifted_s = at_s + lag_s + drift * (at_s - middle_s)
@@ -197,13 +199,23 @@ def _step(
         return None
     rest = wanted[keep] - (design / scale) @ solution
     variance = float(rest @ rest) / max(count - design.shape[1], 1)
-    spread = np.sqrt(variance * np.diag(np.linalg.inv((design / scale).T @ (design / scale)))) / scale / gain
+    inverse = np.linalg.inv((design / scale).T @ (design / scale))
+    repeated = _repeated(design / scale * rest[:, None], (at_s[keep] - middle_s) / cycle_s)
+    spread = np.sqrt(np.maximum(variance * np.diag(inverse), np.diag(inverse @ repeated @ inverse))) / scale / gain
     power = float(np.sum((wanted[keep] - np.mean(wanted[keep])) ** 2))
     found = solution / scale / gain
     return _Step(
         float(found[2]), float(found[3]) if with_drift else 0.0, float(spread[2]),
         float(spread[3]) if with_drift else 0.0, float(np.sqrt(max(0.0, 1.0 - float(rest @ rest) / power))), keep,
     )
+
+
+def _repeated(scores: FloatArray, cycles: FloatArray) -> FloatArray:
+    """Covariance (p, p) of the summed scores (n, p) when those at equal phase of the cycle share their error."""
+    bins = np.floor(PHASE_BINS * (cycles % 1.0)).astype(np.int64)
+    sums = np.array([np.bincount(bins, column, PHASE_BINS) for column in scores.T])
+    filled = int(np.count_nonzero(np.bincount(bins, minlength=PHASE_BINS)))
+    return np.asarray(sums @ sums.T) * filled / max(filled - scores.shape[1], 1)
 
 
 def _residual(wanted: FloatArray, shown: FloatArray, keep: NDArray[np.bool_]) -> FloatArray:
