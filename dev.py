@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """One entry for a fresh machine: makes .venv, installs the project, runs it. Needs only Python 3.11+.
 
-    python3 dev.py demo            the whole story on the simulated rig
-    python3 dev.py test            every check this project has
-    python3 dev.py test tests/rig  some of the tests only
-    python3 dev.py faults          the fault suite: every row of the fault matrix, on real processes
-    python3 dev.py faults --mutate [SLUG...]   each detector switched off: its test must fail
-    python3 dev.py rig ...         any `rig` command
-    python3 dev.py install         set up only
+python3 dev.py demo            the whole story on the simulated rig
+python3 dev.py test            every check this project has
+python3 dev.py test tests/rig  some of the tests only
+python3 dev.py faults          the fault suite: every row of the fault matrix, on real processes
+python3 dev.py faults --mutate [SLUG...]   each detector switched off: its test must fail
+python3 dev.py rig ...         any `rig` command
+python3 dev.py install         set up only
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def install() -> None:
 
 
 def wheel_smoke_test() -> int:
-    """Build the wheel, install it in a fresh environment elsewhere, run it from there."""
+    """Build the wheel, unpack it into a folder elsewhere, import the four packages from there."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         build = run(
@@ -70,10 +70,11 @@ def wheel_smoke_test() -> int:
                        "--no-deps", "--target", str(target), str(wheel)):
             return code
         script = (
-            f"import sys; sys.path.insert(0, {str(target)!r}); import rig, drivers, protocols, simulators\n"
-            "from pathlib import Path\n"
-            f"assert all(Path(m.__file__).is_relative_to({str(target)!r}) for m in (rig, drivers, protocols, simulators))\n"
-            "assert all((Path(m.__file__).parent / 'py.typed').exists() for m in (rig, drivers, protocols, simulators))\n"
+            f"import sys; from pathlib import Path; site = {str(target)!r}; sys.path.insert(0, site)\n"
+            "import rig, drivers, protocols, simulators\n"
+            "for package in (rig, drivers, protocols, simulators):\n"
+            "    folder = Path(package.__file__).parent\n"
+            "    assert folder.is_relative_to(site) and (folder / 'py.typed').exists(), folder\n"
             "import protocols.ecu, rig.cli.main, simulators.__main__\n"
         )
         return run(program("python"), "-P", "-c", script, cwd=place)
