@@ -86,6 +86,11 @@ class ProveSensors:
 
 
 @dataclass(frozen=True)
+class TakeSignature:
+    """Run the slow, small program that shows the damper's 0 A signature, and report `SignatureJudged`."""
+
+
+@dataclass(frozen=True)
 class Rest:
     """Report `RestOver` after `rest_s` seconds of the rig's clock."""
 
@@ -169,6 +174,7 @@ Action = (
     | Start
     | Stop
     | WatchZeros
+    | TakeSignature
     | ProveSensors
     | ReadTemperature
     | AwaitTemperature
@@ -184,4 +190,4 @@ Action = (
     | Finish
 )
 
-MOTION_ACTIONS = (ProveSensors, Move, Start)
+MOTION_ACTIONS = (ProveSensors, TakeSignature, Move, Start)

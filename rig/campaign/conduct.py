@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rig.bench.model import Bench
 from rig.campaign import resume
+from rig.campaign.baseline import Baseline
 from rig.campaign.calibration import check_calibrations
 from rig.campaign.crew import Crew
 from rig.campaign.guarded_display import GuardedDisplay
@@ -260,6 +261,7 @@ def _run(
             display=display,
             simulated=start.options.simulate,
             stock=start.stock,
+            baseline=Baseline(start.folder),
         )
         runner = Runner(crew, signals, finaliser)
         try:

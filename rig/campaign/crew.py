@@ -8,6 +8,7 @@ from typing import Any
 
 from rig import __version__
 from rig.bench.model import Bench, Sensor
+from rig.campaign.baseline import Baseline
 from rig.campaign.ledger import attempt_name
 from rig.campaign.options import Display
 from rig.campaign.preflight import RestLimits
@@ -41,6 +42,7 @@ class Crew:
         display: what the operator sees.
         simulated: no real damper is tested.
         stock: what is kept of earlier sessions, and what remains to be run.
+        baseline: what the campaign's first session found.
         identities: what the devices said about themselves at connect.
     """
 
@@ -54,6 +56,7 @@ class Crew:
     display: Display
     simulated: bool
     stock: Stock
+    baseline: Baseline
     identities: dict[str, Any] = field(default_factory=dict)
 
     @property

@@ -19,12 +19,22 @@ from rig.campaign.observer import Observer
 from rig.campaign.options import PointResult
 from rig.campaign.proof_move import PROOF_SPEED_M_S, proof_targets
 from rig.campaign.resume import set_aside
+from rig.campaign.signature import (
+    Signature,
+    expected_signature,
+    judge_damper,
+    measured_signature,
+    signature_point,
+)
 from rig.clock import monotonic_ns
 from rig.matrix.point import TestPoint
 from rig.recording.finaliser import Finaliser
 from rig.recording.recorder import PointRecorder, RecorderFailed
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from rig.recording.conversion import FinishedPoint
 
 DEADLINE_WALL_NS = 2_000_000_000
@@ -66,6 +76,7 @@ class Hands:
             act.Stop: self._stop,
             act.WatchZeros: self._watch_zeros,
             act.ProveSensors: self._prove_sensors,
+            act.TakeSignature: self._take_signature,
             act.Rest: self._rest,
             act.AwaitStandstill: self._await_standstill,
             act.ReadTemperature: self._read_temperature,
@@ -173,6 +184,9 @@ class Hands:
             monotonic_ns(),
             MotionWanted(point.waveform, point.frequency_Hz, self.crew.bench.lvdt.rate_Hz),
         )
+        self._ask_program(point)
+
+    def _ask_program(self, point: TestPoint) -> None:
         self.asker.ask(
             Request.START,
             waveform=point.waveform,
@@ -203,6 +217,28 @@ class Hands:
 
     def _watch_zeros(self, action: act.WatchZeros) -> None:
         self.observer.await_zeros(self.crew.rest_limits)
+
+    def _take_signature(self, action: act.TakeSignature) -> None:
+        crew = self.crew
+        point = signature_point(tuple(item.point for item in crew.plan.points))
+        expected = expected_signature(crew.matrix.specimen, point)
+
+        def judge(force_N: NDArray[np.float64], displacement_m: NDArray[np.float64]) -> Cause | None:
+            found = measured_signature(force_N, displacement_m, point)
+            self.note("signature", found=str(found), expected=str(expected), first=str(crew.baseline.signature))
+            cause = judge_damper(found, expected, crew.baseline.signature)
+            if cause is None and found is not None:
+                self._keep(found)
+            return cause
+
+        self.observer.await_signature(point.centre_m, monotonic_ns(), judge)
+        self._ask_program(point)
+
+    def _keep(self, signature: Signature) -> None:
+        try:
+            self.crew.baseline.keep(self.crew.identities, signature)
+        except OSError as error:
+            self.trouble = self.trouble or Cause(disk_slug(error), f"baseline.json: {error}")
 
     def _rest(self, action: act.Rest) -> None:
         self.observer.await_rest(action.rest_s)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from protocols.actuator import State as ControllerState
 from rig.campaign import event as ev
+from rig.campaign.cause import Cause
 from rig.campaign.motion_seen import MOTION_CHANNELS, MotionWanted, seen_motion
 from rig.campaign.preflight import AtRest, RestLimits, judge_rest
 from rig.campaign.proof_move import ProofWatch
@@ -37,6 +38,7 @@ LIVE = {
     "coil_temperature_degC": Channel.COIL_TEMPERATURE,
 }
 
+SignatureJudge = Callable[[NDArray[np.float64], NDArray[np.float64]], Cause | None]
 Wait = Callable[[NDArray[Any]], ev.Event | None]
 
 
@@ -127,6 +129,32 @@ class Observer:
                 motion = None if wanted is None else seen_motion(np.concatenate(parts), wanted)
                 return ev.ProgramEnded(self._near(centre_m), motion)
             return None
+
+        self._wait = wait
+
+    def await_signature(self, centre_m: float, since_ns: int, judge: SignatureJudge) -> None:
+        """Wait for `SignatureJudged`: as `await_program`; what force and LVDT showed meanwhile is judged.
+
+        Args:
+            centre_m: where the move ends (m).
+            since_ns: when it was asked for (monotonic ns).
+            judge: told the samples of force (N) and displacement (m) from before the move until after it.
+        """
+        self.await_program(centre_m, since_ns)
+        program = self._wait
+        parts: list[NDArray[Any]] = []
+
+        def wait(records: NDArray[Any]) -> ev.Event | None:
+            parts.append(records)
+            ended = None if program is None else program(records)
+            if not isinstance(ended, ev.ProgramEnded):
+                return None
+            taken = np.concatenate(parts)
+            force, displacement = (
+                taken["value"][taken["channel"] == channel].astype(np.float64)
+                for channel in (Channel.FORCE, Channel.DISPLACEMENT)
+            )
+            return ev.SignatureJudged(judge(force, displacement), ended.at_centre)
 
         self._wait = wait
 

@@ -16,6 +16,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
+from rig.campaign import action as act
 from rig.campaign import event as ev
 from rig.campaign.action import Request
 from rig.campaign.asker import Outcome
@@ -139,9 +140,10 @@ class Runner:
             try:
                 self._hands.carry_out(action)
             except RecorderFailed as error:
-                # Nothing of this step may follow: a motion must not start without its recording.
                 self._fault_once(Cause(disk_slug(error), str(error)))
-                break
+                if isinstance(action, act.BeginRecording):
+                    # A motion must not start without its recording; what follows the end of one goes on.
+                    break
 
     def _tell_pause(self, event: ev.PauseAsked | ev.ResumeAsked) -> None:
         asked = isinstance(event, ev.PauseAsked)
@@ -183,7 +185,10 @@ class Runner:
             return ev.Declined(request, Cause(error.slug, error.message))
         if request is Request.CONNECT:
             self._connected(outcome.answer)
-        elif request is Request.MOVE and self.state.phase is Phase.CENTRING:
+            other = self._crew.baseline.other_device(outcome.answer)
+            if other is not None:
+                return ev.Declined(request, other)
+        elif request is Request.MOVE and self.state.phase in {Phase.CENTRING, Phase.APPROACHING}:
             self._hands.observer.await_centre(self._hands.move_target_m, outcome.answered_ns)
         elif request is Request.MOVE and self.state.phase is Phase.PROVING_SENSORS:
             self._hands.watch_proof(outcome.answered_ns)
