@@ -27,6 +27,7 @@ _FAULT_SLUGS = (
     (FaultBit.POSITION_LIMIT, "stroke-limit"),
     (FaultBit.SPEED_LIMIT, "speed-limit"),
     (FaultBit.FORCE_LIMIT, "force-limit"),
+    (FaultBit.SENSOR, "feedback-lost"),
 )
 _ECU_SLUGS = (
     (EcuFault.OPEN | EcuFault.SHORT, "coil-open-short"),

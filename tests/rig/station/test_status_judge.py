@@ -46,6 +46,7 @@ def slugs(made: ControllerJudge, answer: ActuatorStatus, lvdt_m: float | None = 
         (FaultBit.SUPPLY_PRESSURE, "supply-pressure"),
         (FaultBit.POSITION_LIMIT, "stroke-limit"),
         (FaultBit.FOLLOWING_ERROR, "controller-trip"),
+        (FaultBit.SENSOR, "feedback-lost"),
         (1 << 20, "controller-trip"),
     ],
 )
