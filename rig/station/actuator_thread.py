@@ -12,19 +12,18 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from protocols.actuator import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, State
-from protocols.register_map import Value
+from protocols.actuator import ActuatorIdentity, ActuatorStatus, Command, Input, State
 from rig.clock import monotonic_ns
 from rig.station.config import ActuatorConfig
 from rig.station.device_thread import DeviceThread
 from rig.station.interlocks import CONSECUTIVE, Finding
 from rig.station.line_judge import ClockWatch
 from rig.station.link_troubles import LinkTroubles
-from rig.station.roles import Travel
+from rig.station.roles import ActuatorDriver, Travel
 from rig.station.safe_stop import STILL_S, Action
 from rig.station.status_judge import ControllerJudge
 from rig.station.supervisor import Supervisor
@@ -53,53 +52,6 @@ class SentStop:
     action: Action
     sequence: int
     statuses: int = 0
-
-
-class ActuatorDriver(Protocol):
-    """What this thread needs of the controller's driver."""
-
-    @property
-    def is_open(self) -> bool:
-        """The connection stands, as far as is known."""
-
-    @property
-    def url(self) -> str:
-        """URL of the connection."""
-
-    @property
-    def stale(self) -> int:
-        """Answers to other requests that were recognised and thrown away."""
-
-    @property
-    def busy(self) -> int:
-        """"Busy" answers that were asked again."""
-
-    def open(self) -> None:
-        """Open the connection."""
-
-    def close(self) -> None:
-        """Close the connection."""
-
-    def read_identity(self) -> ActuatorIdentity:
-        """Identity block, signature proved."""
-
-    def read_status(self) -> ActuatorStatus:
-        """Status block."""
-
-    def exchange(self, watchdog_counter: int) -> ActuatorStatus:
-        """Feed the watchdog and read the status block in one trip."""
-
-    def write_limits(self, limits: ActuatorLimits) -> None:
-        """Write the config block."""
-
-    def read_limits(self) -> ActuatorLimits:
-        """Read the config block back."""
-
-    def write_table(self, values_m: list[float]) -> None:
-        """Load the samples of a table waveform (m about the centre)."""
-
-    def send(self, command: Command, **values: Value) -> int:
-        """Send a command; its sequence number."""
 
 
 class ActuatorThread(DeviceThread):

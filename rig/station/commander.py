@@ -7,8 +7,9 @@ from collections.abc import Callable
 from protocols.actuator import ActuatorStatus, Command, Result
 from protocols.register_map import Value
 from rig.clock import monotonic_ns
-from rig.station.actuator_thread import ActuatorDriver, ActuatorThread
+from rig.station.actuator_thread import ActuatorThread
 from rig.station.errors import StationRefused
+from rig.station.roles import ActuatorDriver
 from rig.station.supervisor import Supervisor
 
 ACK_TIMEOUT_S = 1.0

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from protocols.actuator import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command
+from protocols.register_map import Value
 from rig.station.safe_stop import Action
 
 
@@ -61,3 +63,50 @@ class Watched(Protocol):
 
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
         """Age of its last data and the age at which they are stale (ns)."""
+
+
+class ActuatorDriver(Protocol):
+    """What this thread needs of the controller's driver."""
+
+    @property
+    def is_open(self) -> bool:
+        """The connection stands, as far as is known."""
+
+    @property
+    def url(self) -> str:
+        """URL of the connection."""
+
+    @property
+    def stale(self) -> int:
+        """Answers to other requests that were recognised and thrown away."""
+
+    @property
+    def busy(self) -> int:
+        """"Busy" answers that were asked again."""
+
+    def open(self) -> None:
+        """Open the connection."""
+
+    def close(self) -> None:
+        """Close the connection."""
+
+    def read_identity(self) -> ActuatorIdentity:
+        """Identity block, signature proved."""
+
+    def read_status(self) -> ActuatorStatus:
+        """Status block."""
+
+    def exchange(self, watchdog_counter: int) -> ActuatorStatus:
+        """Feed the watchdog and read the status block in one trip."""
+
+    def write_limits(self, limits: ActuatorLimits) -> None:
+        """Write the config block."""
+
+    def read_limits(self) -> ActuatorLimits:
+        """Read the config block back."""
+
+    def write_table(self, values_m: list[float]) -> None:
+        """Load the samples of a table waveform (m about the centre)."""
+
+    def send(self, command: Command, **values: Value) -> int:
+        """Send a command; its sequence number."""
