@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rig.dampers import MODELS, UnknownName, model, parameter_set
+from rig.dampers.algebraic import TanhModel
 from rig.dampers.kernels import advance, lag_step
 from rig.dampers.parameter_sets import PARAMETER_SETS
 
@@ -155,3 +156,20 @@ def test_unknown_names_are_refused_with_what_would_fit() -> None:
 def test_a_vector_and_its_values_are_inverse() -> None:
     damper = model("asymmetric")
     assert damper.values(damper.vector(DEMO)) == dict(DEMO)
+
+
+def test_the_tanhs_argument_changes_with_its_shape_as_finite_differences_say() -> None:
+    u, v = np.array([0.01, -0.02, 0.0]), np.array([0.005, 0.001, -0.015])
+    for form, shape in (("kwok", {"beta": 50.0, "delta": 1.0}), ("printed", {"beta": 50.0, "lambda": 0.02})):
+        damper = model("asymmetric", form)
+        assert isinstance(damper, TanhModel)
+        argument = np.arctanh(damper.yield_shape(shape, u, v))
+        for name, slope in zip(shape, damper.argument_slopes(shape, u, v), strict=True):
+            step = 1e-6 * shape[name]
+            moved = np.arctanh(damper.yield_shape({**shape, name: shape[name] + step}, u, v))
+            assert slope == pytest.approx((moved - argument) / step, rel=1e-3, abs=1e-7)
+
+
+def test_a_parameter_the_model_does_not_have_is_named_with_those_it_has() -> None:
+    with pytest.raises(KeyError, match="bingham has no parameter 'beta'; it has fc, fc_b"):
+        model("bingham").parameter("beta")
