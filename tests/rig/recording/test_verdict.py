@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from rig.recording.verdict import Findings, SensorCounts, judge
+from rig.recording.verdict import Findings, SensorCounts, blamed, judge
 
 GOOD = Findings(
     sensors={"force": SensorCounts(2500), "displacement": SensorCounts(2500)}, wanted_cycles=10,
@@ -46,6 +46,18 @@ def test_a_point_with_nothing_found_is_valid() -> None:
     (replace(GOOD, current_error_A=0.021), "invalid", "current-tracking"),
     (replace(GOOD, current_error_A=None), "suspect", "no-current"),
     (replace(GOOD, skew_std_s=0.004), "suspect", "skew"),
+    (with_force(flat=6), "invalid", "sensor-saturated"),
+    (replace(with_force(standing=40, flat=2), samples_a_cycle=250.0), "invalid", "sensor-stuck"),
+    (replace(GOOD, temperature_degC=(25.0, 29.0)), "valid", ""),
+    (replace(GOOD, temperature_degC=(25.0, 32.0)), "suspect", "temperature-drift"),
+    (replace(GOOD, temperature_degC=(25.0, 36.0)), "invalid", "temperature-drift"),
+    (replace(GOOD, temperature_degC=(46.0, 47.0), temperature_window_degC=(25.0, 45.0)), "invalid",
+     "temperature-window"),
+    (replace(GOOD, free_play_m=1e-3), "invalid", "free-play"),
+    (replace(GOOD, span_N=1000.0, scatter_N=30.0, change_N=0.0), "suspect", "force-scatter"),
+    (replace(GOOD, span_N=1000.0, scatter_N=60.0, change_N=0.0), "invalid", "force-scatter"),
+    (replace(GOOD, span_N=1000.0, scatter_N=60.0, change_N=0.0, amplitude_std_m=1e-3), "invalid", "amplitude-scatter"),
+    (replace(GOOD, span_N=1000.0, scatter_N=0.0, change_N=-100.0), "invalid", "force-change"),
     (replace(GOOD, skew_std_s=0.002), "valid", ""),
 ])
 def test_each_finding_has_its_verdict_and_its_slug(findings: Findings, verdict: str, slug: str) -> None:
@@ -58,3 +70,11 @@ def test_invalid_reasons_come_before_suspect_ones_and_all_are_kept() -> None:
     found = judge(replace(GOOD, stopped_by="estop", current_error_A=None, measured_amplitude_m=0.04))
     assert found.verdict == "invalid"
     assert [reason.split(":")[0] for reason in found.reasons] == ["estop", "amplitude", "no-current"]
+
+
+@pytest.mark.parametrize(("reason", "who"), [
+    ("free-play: a joint slips", "bench"), ("sample-gap: 4 lost", "bench"), ("force-scatter: 6 %", "specimen"),
+    ("temperature-drift: 12 K", "test"), ("too-few-cycles: none", "test"), ("anything-else: said", "bench"),
+])
+def test_every_reason_says_who_is_to_blame(reason: str, who: str) -> None:
+    assert blamed(reason) == who

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rig.recording.loop_shape import loop_shape, noise_of, standing
+
+RATE_Hz, FREQUENCY_Hz, CYCLES = 250.0, 1.0, 6
+TIME_S = np.arange(CYCLES * RATE_Hz / FREQUENCY_Hz + 1) / RATE_Hz
+PHASE = 2.0 * np.pi * FREQUENCY_Hz * TIME_S
+STARTS_S = np.arange(CYCLES + 1) / FREQUENCY_Hz
+NOISE_N = 5.0 * np.random.default_rng(3).standard_normal(len(TIME_S))
+
+
+def damper_N(displacement_m: np.ndarray, rod_m: np.ndarray) -> np.ndarray:
+    """A viscous damper with yield force on `displacement_m`; nothing where it stands while the rod moves on."""
+    speed_m_s = np.gradient(displacement_m, 1.0 / RATE_Hz)
+    return np.where(np.abs(speed_m_s) < 1e-9, 0.0, 900.0 * speed_m_s + 240.0 * np.tanh(50.0 * speed_m_s))
+
+
+def with_play(rod_m: np.ndarray, play_m: float) -> np.ndarray:
+    """The damper's end behind a joint with free play."""
+    end_m = np.empty_like(rod_m)
+    end_m[0] = rod_m[0]
+    for k in range(1, len(rod_m)):
+        end_m[k] = np.clip(end_m[k - 1], rod_m[k] - play_m / 2, rod_m[k] + play_m / 2)
+    return end_m
+
+
+@pytest.mark.parametrize("play_m", [1e-3, 3e-3])
+def test_a_loose_joint_shows_as_rest_of_the_force_at_zero(play_m: float) -> None:
+    rod_m = 0.03 * np.sin(PHASE)
+    force_N = damper_N(with_play(rod_m, play_m), rod_m) + NOISE_N
+    shape = loop_shape(TIME_S, rod_m, force_N, STARTS_S)
+    assert shape is not None
+    assert 0.5 * play_m < shape.free_play_m < 2.0 * play_m + 0.5e-3
+
+
+def test_a_tight_joint_shows_none() -> None:
+    rod_m = 0.03 * np.sin(PHASE)
+    shape = loop_shape(TIME_S, rod_m, damper_N(rod_m, rod_m) + NOISE_N, STARTS_S)
+    assert shape is not None
+    assert shape.free_play_m == 0.0
+    assert shape.scatter_N < 2.0
+    assert abs(shape.change_N) < 0.01 * shape.span_N
+
+
+def test_a_specimen_that_weakens_changes_and_one_that_wobbles_scatters() -> None:
+    rod_m = 0.03 * np.sin(PHASE)
+    clean_N = damper_N(rod_m, rod_m)
+    weakening = loop_shape(TIME_S, rod_m, clean_N * (1.0 - 0.03 * TIME_S) + NOISE_N, STARTS_S)
+    assert weakening is not None
+    assert weakening.change_N / weakening.span_N == pytest.approx(-0.12, abs=0.03)
+    factor = np.repeat([1.0, 0.8, 1.1, 0.9, 1.2, 1.0], int(RATE_Hz))
+    wobbling = loop_shape(TIME_S[:-1], rod_m[:-1], clean_N[:-1] * factor + NOISE_N[:-1], STARTS_S)
+    assert wobbling is not None
+    assert wobbling.scatter_N > 0.04 * wobbling.span_N
+
+
+def test_two_cycles_say_nothing_about_scatter() -> None:
+    assert loop_shape(TIME_S, np.sin(PHASE), np.cos(PHASE), STARTS_S[:3]) is None
+
+
+def test_the_noise_of_a_smooth_signal_is_told_from_its_neighbours() -> None:
+    assert noise_of(500.0 * np.sin(PHASE) + NOISE_N) == pytest.approx(5.0, rel=0.1)
+
+
+def test_an_amplifier_at_its_end_and_a_stuck_value_are_told_apart() -> None:
+    moving = 500.0 * np.sin(PHASE) + NOISE_N
+    assert standing(np.minimum(moving, 450.0)).at_extreme > 20
+    stuck = moving.copy()
+    stuck[300:360] = stuck[300]
+    assert standing(stuck).longest == 60
+    assert standing(stuck).at_extreme < 5
+    assert standing(np.round(3.0 * np.sin(PHASE))).at_extreme == 0

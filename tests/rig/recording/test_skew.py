@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from synthetic_rig import SyntheticRig
+
+from drivers.ring import Channel
+from rig.recording.alignment import align
+from rig.recording.context import SensorContext
+from rig.recording.signal_match import match
+from rig.recording.skew import pooled, tolerance_s, undeclared
+
+
+def with_controller_record(rig: SyntheticRig, force_lag_s: float) -> np.ndarray:
+    """The rig's records, the controller's own position and force among them; force lags by `force_lag_s` more."""
+    late = rig.sensor(Channel.FORCE)
+    time_s = rig.start_s - 0.5 + np.arange(len(late)) / rig.rate_Hz / (1 + 1e-6 * rig.force_ppm)
+    late["value"] = rig.force(time_s - force_lag_s)
+    position, coarse = (rig.status(channel, 0.0, 100.0, 0.0, 1) for channel in (Channel.POSITION, 32))
+    clock_s = position["device_us"] * 1e-6
+    noise = np.random.default_rng(rig.seed).standard_normal((2, len(clock_s)))
+    position["value"] = rig.displacement(clock_s) + 10e-6 * noise[0]
+    coarse["value"] = rig.force(clock_s) + 10.0 * noise[1]
+    others = rig.records()
+    others = others[~np.isin(others["channel"], (1, 20))]
+    records = np.concatenate((late, position, coarse, others))
+    return records[np.argsort(records["host_ns"], kind="stable")]
+
+
+def test_a_delay_nobody_declared_is_found_and_taken_out() -> None:
+    rig = SyntheticRig(frequency_Hz=2.0, cycles=10)
+    found = align(with_controller_record(rig, 0.002), rig.context(controller_delay_s=0.0))
+    assert found.skew_s == pytest.approx(0.002, abs=3 * found.skew_std_s)
+    assert found.skew_std_s < 0.2e-3
+    force = found.timed["force"]
+    lag_s = np.median(force.time_s - (rig.start_s - 0.5 + np.arange(len(force.time_s)) / 250.0 / (1 + 80e-6)))
+    assert lag_s == pytest.approx(-0.002, abs=3 * found.skew_std_s)
+
+
+def test_a_right_declaration_is_kept_to_its_tolerance() -> None:
+    rig = SyntheticRig(frequency_Hz=2.0, cycles=10)
+    found = align(with_controller_record(rig, 0.0), rig.context(controller_delay_s=0.0))
+    assert abs(found.skew_s) < 20e-6
+    assert found.skew_std_s < 30e-6
+
+
+def test_without_edges_the_signals_tie_the_clocks_at_any_rate() -> None:
+    rig = SyntheticRig(frequency_Hz=2.0, cycles=10, edges=False)
+    records = with_controller_record(rig, 0.0)
+    found = align(records, rig.context(controller_delay_s=0.0))
+    assert found.skew_method == "force by signals, displacement by signals"
+    assert found.skew_s is None
+    assert found.skew_std_s < 0.3e-3
+    assert 1e6 * (1.0 / found.timed["displacement"].clock.rate - 1.0) == pytest.approx(-120.0, abs=30.0)
+
+
+def test_a_controller_whose_inputs_are_not_to_be_relied_on_is_not() -> None:
+    rig = SyntheticRig(frequency_Hz=2.0, cycles=10)
+    found = align(with_controller_record(rig, 0.002), rig.context(controller_delay_s=None))
+    assert found.skew_s == 0.0
+    assert found.timed["force"].sensor.match is None
+
+
+def test_the_lag_of_two_noisy_signals_is_found_within_its_uncertainty() -> None:
+    errors = []
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        time_s = np.arange(0.0, 6.0, 0.004)
+        at_s = np.sort(random.uniform(0.1, 5.9, 400))
+        lag_s = random.uniform(-4e-3, 4e-3)
+        values = 500.0 * np.sin(12.0 * (time_s - lag_s)) + 5.0 * random.standard_normal(len(time_s))
+        reference = 480.0 * np.sin(12.0 * at_s) + 30.0 + 10.0 * random.standard_normal(len(at_s))
+        found = match(at_s, reference, time_s, values, 0.004, reach_s=0.02, with_drift=False)
+        assert found is not None
+        errors.append((found.lag_s - lag_s) / found.lag_std_s)
+    assert np.sqrt(np.mean(np.square(errors))) < 1.6
+
+
+def test_what_does_not_move_cannot_be_matched() -> None:
+    time_s = np.arange(0.0, 2.0, 0.004)
+    noise = np.random.default_rng(0).standard_normal(len(time_s))
+    assert match(time_s[::3], noise[::3], time_s, noise[::-1].copy(), 0.004, reach_s=0.02, with_drift=False) is None
+
+
+def test_a_measurement_that_agrees_leaves_the_declaration_and_one_far_off_replaces_it() -> None:
+    tolerance = tolerance_s(0.4e-3)
+    agreed = undeclared(tolerance, 0.1e-3, 0.1e-3)
+    assert abs(agreed.value_s) < 30e-6
+    forgotten = undeclared(tolerance, 2e-3, 0.1e-3)
+    assert forgotten.value_s == pytest.approx(2e-3, rel=0.01)
+    assert forgotten.std_s == pytest.approx(0.1e-3, rel=0.05)
+    between = undeclared(tolerance, 0.35e-3, 0.1e-3)
+    assert between.std_s > 0.1e-3
+    assert not undeclared(tolerance, 2e-3, 1e-3).checked
+
+
+def test_points_of_one_sensor_are_taken_together() -> None:
+    mean, std = pooled([(1e-3, 1e-4), (1.2e-3, 1e-4), (0.8e-3, 1e-4), (1e-3, 1e-4)])
+    assert mean == pytest.approx(1e-3)
+    assert 0.5e-4 <= std < 1.5e-4
+    assert pooled([]) is None
+
+
+def test_a_declared_delay_is_used_with_its_tolerance() -> None:
+    rig = SyntheticRig()
+    sensors = {"force": SensorContext("load_cell", 250.0, delay_s=1e-3), "displacement": SensorContext("lvdt", 250.0)}
+    assert align(rig.records(), rig.context(sensors=sensors)).skew_std_s == pytest.approx(50e-6, rel=0.1)
