@@ -18,8 +18,8 @@ FloatArray = NDArray[np.float64]
 
 NEAR_PEAK = 0.97
 """Samples whose speed is at least this share of the greatest one count as "at peak velocity"."""
-NEAR_REST = 0.10
-"""Samples slower than this share of the greatest speed and within this share of mid-stroke show the static force."""
+FEWEST_FOR_A_LINE = 5
+LEAST_SPREAD = 0.004
 
 
 @dataclass(frozen=True)
@@ -125,6 +125,15 @@ def _cycle_starts(measured: Measurement) -> list[int]:
 
 
 def _at_peak(force_N: FloatArray, speed_m_s: FloatArray, good: NDArray[np.bool_]) -> float:
-    """Mean force (N) where the speed in one direction is near its greatest."""
-    chosen = good & (speed_m_s >= NEAR_PEAK * float(np.max(speed_m_s)))
-    return float(np.mean(force_N[chosen])) if np.any(chosen) else math.nan
+    """Force (N) at the greatest speed in one direction: a straight line through the samples near it.
+
+    Where the speed hardly varies there (a triangle's flank), their mean.
+    """
+    peak_m_s = float(np.max(speed_m_s))
+    chosen = good & (speed_m_s >= NEAR_PEAK * peak_m_s)
+    if not np.any(chosen):
+        return math.nan
+    below = speed_m_s[chosen] / peak_m_s - 1.0
+    if np.count_nonzero(chosen) < FEWEST_FOR_A_LINE or float(np.std(below)) < LEAST_SPREAD:
+        return float(np.mean(force_N[chosen]))
+    return float(np.polyfit(below, force_N[chosen], 1)[1])

@@ -24,6 +24,8 @@ FEWEST_SAMPLES_A_STEP = 8
 LEAST_STEP_A = 0.05
 T_975_LARGE = 1.96
 ETA_START = (5.0, 20.0, 80.0, 320.0)
+MOST_LAGS_A_SAMPLE = 2.0
+"""A response over within a sample or so shows only that it is faster than that."""
 LARGEST_DETERMINED_SHARE = 0.5
 """An eta whose standard error is more than this share of it is not determined."""
 
@@ -99,7 +101,9 @@ def fit_lag(point: RecordedPoint) -> CurrentLag:
     response = _Response(time_s, current_A, starts_s, levels_A)
     solutions = [response.solve(eta) for eta in ETA_START]
     best = min((each for each in solutions if each is not None), key=lambda each: each.rmse_A, default=None)
-    if best is None or not best.std_1_s < LARGEST_DETERMINED_SHARE * best.eta_1_s:
+    fastest_1_s = MOST_LAGS_A_SAMPLE / float(np.median(np.diff(time_s)))
+    known = best is not None and 0.0 < best.std_1_s < LARGEST_DETERMINED_SHARE * best.eta_1_s
+    if best is None or not known or best.eta_1_s > fastest_1_s:
         raise IdentificationFailed(
             "its current does not follow the steps as a first-order lag slow enough for the ECU's status period; "
             "eta is not determined"
@@ -200,7 +204,9 @@ def _step_times(time_s: FloatArray, current_A: FloatArray, levels_A: Sequence[fl
         starts.append(float(time_s[first]))
         arrived = np.flatnonzero(share[half[0] :] >= 0.95)
         if len(arrived) == 0:
-            raise IdentificationFailed(f"the current has not settled at {after_A:g} A before the next step; hold longer")
+            raise IdentificationFailed(
+                f"the current has not settled at {after_A:g} A before the next step; hold longer"
+            )
         position += int(half[0] + arrived[0])
         if len(starts) > 1 and np.count_nonzero((time_s >= starts[-2]) & (time_s < starts[-1])) < FEWEST_SAMPLES_A_STEP:
             raise IdentificationFailed(f"fewer than {FEWEST_SAMPLES_A_STEP} samples of the current in a step")

@@ -1,0 +1,99 @@
+"""Standard damper tests on dampers whose answers are known in closed form."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from rig.characteristics.friction import friction_of
+from rig.characteristics.loop import characterise_loop
+from rig.characteristics.summary import Characteristics, dynamic_range
+from rig.recording.run import RecordedPoint
+
+RATE_HZ, AMPLITUDE_M = 500.0, 0.02
+
+
+def viscous(damping_N_s_m: float, frequency_Hz: float, gas_N: float = 0.0, current_A: float = 0.0) -> RecordedPoint:
+    """A sine on a viscous damper with gas force and 1 N of noise; `damping_N_s_m` in both directions."""
+    time_s = np.arange(0.0, 8.0 / frequency_Hz, 1.0 / RATE_HZ)
+    omega = math.tau * frequency_Hz
+    noise = np.random.default_rng(1).standard_normal(len(time_s))
+    return RecordedPoint.from_arrays(
+        time_s=time_s,
+        displacement_m=AMPLITUDE_M * np.sin(omega * time_s),
+        force_N=gas_N + damping_N_s_m * AMPLITUDE_M * omega * np.cos(omega * time_s) + noise,
+        id=f"p-{frequency_Hz:g}-{current_A:g}",
+        waveform="sine",
+        amplitude_m=AMPLITUDE_M,
+        frequency_Hz=frequency_Hz,
+        current_A=current_A,
+        sample_rate_Hz=RATE_HZ,
+    )
+
+
+def test_a_viscous_dampers_energy_damping_and_peak_forces_are_the_closed_form() -> None:
+    loop = characterise_loop(viscous(800.0, 1.5, gas_N=-120.0))
+    speed_m_s = AMPLITUDE_M * math.tau * 1.5
+    assert loop.peak_speed_m_s == pytest.approx(speed_m_s, rel=1e-3)
+    assert loop.energy_J.value == pytest.approx(math.pi * 800.0 * math.tau * 1.5 * AMPLITUDE_M**2, rel=2e-3)
+    assert loop.equivalent_damping_N_s_m.value == pytest.approx(800.0, rel=2e-3)
+    assert loop.rebound_N.value == pytest.approx(-120.0 + 800.0 * speed_m_s, abs=5.0 * loop.rebound_N.std)
+    assert loop.jounce_N.value == pytest.approx(-120.0 - 800.0 * speed_m_s, abs=5.0 * loop.jounce_N.std)
+    assert loop.rebound_N.std < 0.5
+    assert loop.force_scatter_N == pytest.approx(1.0, rel=0.2)
+
+
+def test_the_stated_uncertainty_covers_the_error_of_the_energy() -> None:
+    loop = characterise_loop(viscous(800.0, 1.5))
+    exact_J = math.pi * 800.0 * math.tau * 1.5 * AMPLITUDE_M**2
+    assert 0.0 < loop.energy_J.std < 0.01 * exact_J
+    assert abs(loop.energy_J.value - exact_J) < 4.0 * loop.energy_J.std + 1e-3 * exact_J
+
+
+def test_dynamic_range_is_the_ratio_of_forces_without_the_gas_force() -> None:
+    loops = [characterise_loop(viscous(500.0, 1.0, -200.0)), characterise_loop(viscous(1500.0, 1.0, -200.0, 1.0))]
+    (found,) = dynamic_range(loops)
+    assert found.current_A == 1.0
+    assert (found.rebound, found.jounce) == (pytest.approx(3.0, rel=5e-3), pytest.approx(3.0, rel=5e-3))
+
+
+def test_without_a_loop_at_no_current_there_is_no_range() -> None:
+    assert dynamic_range([characterise_loop(viscous(1500.0, 1.0, current_A=1.0))]) == []
+
+
+@pytest.mark.parametrize(("gas_N", "friction_N", "stiffness_N_m"), [(-270.0, 35.0, 0.0), (150.0, 8.0, 2000.0)])
+def test_gas_force_friction_and_gas_spring_come_from_a_slow_triangle(
+    gas_N: float, friction_N: float, stiffness_N_m: float
+) -> None:
+    frequency_Hz = 0.25
+    time_s = np.arange(0.0, 16.0, 1.0 / RATE_HZ)
+    phase = time_s * frequency_Hz
+    displacement_m = 0.005 * 2.0 / math.pi * np.arcsin(np.sin(math.tau * phase))
+    speed_m_s = 0.005 * np.sign(np.cos(math.tau * phase))
+    noise = np.random.default_rng(2).standard_normal(len(time_s))
+    point = RecordedPoint.from_arrays(
+        time_s=time_s,
+        displacement_m=displacement_m,
+        velocity_m_s=speed_m_s,
+        force_N=gas_N + friction_N * np.sign(speed_m_s) + stiffness_N_m * displacement_m + noise,
+        id="friction",
+        waveform="triangle",
+        amplitude_m=0.005,
+        frequency_Hz=frequency_Hz,
+        current_A=0.0,
+    )
+    found = friction_of(point)
+    assert found.gas_force_N.value == pytest.approx(gas_N, abs=0.3)
+    assert found.friction_N.value == pytest.approx(friction_N, abs=0.3)
+    assert found.stiffness_N_m.value == pytest.approx(stiffness_N_m, abs=60.0)
+    assert found.speed_m_s == pytest.approx(0.005, rel=1e-6)
+
+
+def test_everything_can_be_written_as_json_without_nan() -> None:
+    loop = characterise_loop(viscous(800.0, 1.5))
+    found = Characteristics((loop,), (), (), None, ("p009: invalid",))
+    text = json.dumps(found.to_json(), allow_nan=False)
+    assert json.loads(text)["signature"] == [loop.id]
