@@ -7,7 +7,6 @@ application's beat, the stop machine, its own lateness.
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from rig.clock import SuspendWatch, monotonic_ns
 from rig.station import safe_stop
 from rig.station.config import StationConfig
+from rig.station.events import trip_event, unknown_reason
 from rig.station.fault_table import TABLE, FaultRow, Stop
 from rig.station.interlocks import Finding
 from rig.station.roles import Coil, Motion, Travel, Watched
@@ -252,7 +252,7 @@ class Supervisor:
         self._perform(actions)
         if first or not known:
             self._append([(now_ns, NO_DEVICE_TIME, float(row.code), 0, Channel.TRIP, 0)])
-            self._emit(_trip_event(finding, kind, first, now_ns))
+            self._emit(trip_event(finding, kind, first, now_ns))
         with self.changed:
             self.changed.notify_all()
 
@@ -372,36 +372,9 @@ class Supervisor:
                 "stopped_s": (view.now_ns - stop.started_ns) / 1e9,
             }
         elif stop.step is Step.UNKNOWN:
-            event = {"event": "unknown", "reason": _unknown_reason(stop, view), **self.evidence()}
+            event = {"event": "unknown", "reason": unknown_reason(stop, view), **self.evidence()}
         else:
             event = {"event": "stop", "step": stop.step.name.lower()}
         self._emit({**event, "t_ns": view.now_ns})
         with self.changed:
             self.changed.notify_all()
-
-
-def _trip_event(finding: Finding, kind: Stop, first: bool, now_ns: int) -> dict[str, object]:
-    return {
-        "event": "trip" if first else "also",
-        "slug": finding.slug,
-        "stop": str(kind),
-        "detail": finding.detail,
-        "t_ns": finding.t_ns,
-        "latched_ns": now_ns,
-        "value": None if math.isnan(finding.value) else finding.value,
-        "limit": None if math.isnan(finding.limit) else finding.limit,
-    }
-
-
-def _unknown_reason(stop: SafeStop, view: View) -> str:
-    lost = [
-        name
-        for name, value in (
-            ("controller", view.controller_moving),
-            ("LVDT", view.still_s),
-            ("ECU", view.current_A),
-        )
-        if value is None
-    ]
-    proof = "hydraulics off cannot be proved" if stop.standstill else "standstill cannot be proved"
-    return f"{proof}; no fresh data from: {', '.join(lost) or 'none lost'}"
