@@ -118,7 +118,8 @@ def test_the_campaign_keeps_its_files_and_its_story(job: Job) -> None:
 
 
 def test_the_operator_sees_phases_live_numbers_and_a_shrinking_time_left(job: Job) -> None:
-    assert [phase for phase in job.seen.phases if phase.startswith("prov")] == ["proving the watchdog"]
+    proofs = [phase for phase in job.seen.phases if phase.startswith(("prov", "check"))]
+    assert proofs == ["checking zeros", "proving the watchdog", "proving the sensors by a slow move"]
     assert set(job.seen.live) == {"position_m", "force_N", "current_A", "coil_temperature_degC"}
     assert job.seen.times_left_s[0] == pytest.approx(4 * (8.0 + 2.0) / SPEED)
     assert job.seen.times_left_s == sorted(job.seen.times_left_s, reverse=True)
