@@ -86,11 +86,6 @@ class ProveSensors:
 
 
 @dataclass(frozen=True)
-class TakeSignature:
-    """Run the slow, small program that shows the damper's 0 A signature, and report `SignatureJudged`."""
-
-
-@dataclass(frozen=True)
 class Rest:
     """Report `RestOver` after `rest_s` seconds of the rig's clock."""
 
@@ -174,7 +169,6 @@ Action = (
     | Start
     | Stop
     | WatchZeros
-    | TakeSignature
     | ProveSensors
     | ReadTemperature
     | AwaitTemperature
@@ -190,4 +184,4 @@ Action = (
     | Finish
 )
 
-MOTION_ACTIONS = (ProveSensors, TakeSignature, Move, Start)
+MOTION_ACTIONS = (ProveSensors, Move, Start)

@@ -49,17 +49,6 @@ class ProofJudged:
 
 
 @dataclass(frozen=True)
-class SignatureJudged:
-    """The damper's 0 A signature was taken; `cause` is None when it is the campaign's damper.
-
-    `at_centre` says whether the actuator holds at the move's centre.
-    """
-
-    cause: Cause | None
-    at_centre: bool
-
-
-@dataclass(frozen=True)
 class Centred:
     """The actuator holds at the commanded target."""
 
@@ -185,7 +174,6 @@ Event = (
     | ZerosJudged
     | ProofLegDone
     | ProofJudged
-    | SignatureJudged
     | Centred
     | CurrentSettled
     | ProgramEnded

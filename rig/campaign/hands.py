@@ -17,24 +17,15 @@ from rig.campaign.ledger import Ledger, attempt_name
 from rig.campaign.motion_seen import MotionWanted
 from rig.campaign.observer import Observer
 from rig.campaign.options import PointResult
-from rig.campaign.proof_move import PROOF_SPEED_M_S, proof_targets
+from rig.campaign.proof_move import PROOF_M, PROOF_SPEED_M_S, Leg, proof_targets
 from rig.campaign.resume import set_aside
-from rig.campaign.signature import (
-    Signature,
-    expected_signature,
-    judge_damper,
-    measured_signature,
-    signature_point,
-)
+from rig.campaign.signature import Signature, expected_signature, judge_damper, measured_signature
 from rig.clock import monotonic_ns
 from rig.matrix.point import TestPoint
 from rig.recording.finaliser import Finaliser
 from rig.recording.recorder import PointRecorder, RecorderFailed
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from rig.recording.conversion import FinishedPoint
 
 DEADLINE_WALL_NS = 2_000_000_000
@@ -63,7 +54,8 @@ class Hands:
         self.trouble: Cause | None = None
         """Why the campaign's journal can no longer be written; None while it can."""
         self._finaliser = finaliser
-        self._proof = self.observer.proof_watch(), (0.0, 0.0)
+        self._expected = expected_signature(crew.matrix.specimen, PROOF_M, PROOF_SPEED_M_S)
+        self._proof = self.observer.proof_watch(self._judge_damper), (0.0, 0.0)
         self._proof_leg = 0
         self._recorder: PointRecorder | None = None
         self._deadline: tuple[str, float, int, int] | None = None
@@ -76,7 +68,6 @@ class Hands:
             act.Stop: self._stop,
             act.WatchZeros: self._watch_zeros,
             act.ProveSensors: self._prove_sensors,
-            act.TakeSignature: self._take_signature,
             act.Rest: self._rest,
             act.AwaitStandstill: self._await_standstill,
             act.ReadTemperature: self._read_temperature,
@@ -184,9 +175,6 @@ class Hands:
             monotonic_ns(),
             MotionWanted(point.waveform, point.frequency_Hz, self.crew.bench.lvdt.rate_Hz),
         )
-        self._ask_program(point)
-
-    def _ask_program(self, point: TestPoint) -> None:
         self.asker.ask(
             Request.START,
             waveform=point.waveform,
@@ -206,7 +194,8 @@ class Hands:
         observer, limits = self.observer, self.crew.config.limits
         if action.leg == 0:
             start_m = observer.value(Channel.POSITION)
-            self._proof = observer.proof_watch(), proof_targets(start_m, limits.position_min_m, limits.position_max_m)
+            targets = proof_targets(start_m, limits.position_min_m, limits.position_max_m)
+            self._proof = observer.proof_watch(self._judge_damper), targets
         self._proof_leg = action.leg
         self.asker.ask(Request.MOVE, target_m=self._proof[1][action.leg], speed_m_s=PROOF_SPEED_M_S)
 
@@ -218,21 +207,14 @@ class Hands:
     def _watch_zeros(self, action: act.WatchZeros) -> None:
         self.observer.await_zeros(self.crew.rest_limits)
 
-    def _take_signature(self, action: act.TakeSignature) -> None:
+    def _judge_damper(self, up: Leg, down: Leg) -> Cause | None:
         crew = self.crew
-        point = signature_point(tuple(item.point for item in crew.plan.points))
-        expected = expected_signature(crew.matrix.specimen, point)
-
-        def judge(force_N: NDArray[np.float64], displacement_m: NDArray[np.float64]) -> Cause | None:
-            found = measured_signature(force_N, displacement_m, point)
-            self.note("signature", found=str(found), expected=str(expected), first=str(crew.baseline.signature))
-            cause = judge_damper(found, expected, crew.baseline.signature)
-            if cause is None and found is not None:
-                self._keep(found)
-            return cause
-
-        self.observer.await_signature(point.centre_m, monotonic_ns(), judge)
-        self._ask_program(point)
+        found, expected = measured_signature(up.force_N, down.force_N), self._expected
+        self.note("signature", found=str(found), expected=str(expected), first=str(crew.baseline.signature))
+        cause = judge_damper(found, expected, crew.baseline.signature)
+        if cause is None and found is not None:
+            self._keep(found)
+        return cause
 
     def _keep(self, signature: Signature) -> None:
         try:

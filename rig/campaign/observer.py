@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from protocols.actuator import State as ControllerState
 from rig.campaign import event as ev
-from rig.campaign.cause import Cause
 from rig.campaign.motion_seen import MOTION_CHANNELS, MotionWanted, seen_motion
 from rig.campaign.preflight import AtRest, RestLimits, judge_rest
-from rig.campaign.proof_move import ProofWatch
+from rig.campaign.proof_move import DamperJudge, ProofWatch
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
@@ -38,7 +37,6 @@ LIVE = {
     "coil_temperature_degC": Channel.COIL_TEMPERATURE,
 }
 
-SignatureJudge = Callable[[NDArray[np.float64], NDArray[np.float64]], Cause | None]
 Wait = Callable[[NDArray[Any]], ev.Event | None]
 
 
@@ -132,32 +130,6 @@ class Observer:
 
         self._wait = wait
 
-    def await_signature(self, centre_m: float, since_ns: int, judge: SignatureJudge) -> None:
-        """Wait for `SignatureJudged`: as `await_program`; what force and LVDT showed meanwhile is judged.
-
-        Args:
-            centre_m: where the move ends (m).
-            since_ns: when it was asked for (monotonic ns).
-            judge: told the samples of force (N) and displacement (m) from before the move until after it.
-        """
-        self.await_program(centre_m, since_ns)
-        program = self._wait
-        parts: list[NDArray[Any]] = []
-
-        def wait(records: NDArray[Any]) -> ev.Event | None:
-            parts.append(records)
-            ended = None if program is None else program(records)
-            if not isinstance(ended, ev.ProgramEnded):
-                return None
-            taken = np.concatenate(parts)
-            force, displacement = (
-                taken["value"][taken["channel"] == channel].astype(np.float64)
-                for channel in (Channel.FORCE, Channel.DISPLACEMENT)
-            )
-            return ev.SignatureJudged(judge(force, displacement), ended.at_centre)
-
-        self._wait = wait
-
     def await_current(self, target_A: float, tolerance_A: float, since_ns: int) -> None:
         """Wait for `CurrentSettled`: the newest three measured currents after `since_ns` are within `tolerance_A`."""
         newest = np.empty(0)
@@ -217,9 +189,11 @@ class Observer:
         """Wait for `ProofLegDone` or `ProofJudged`: one way of the proof move, to `target_m` (m)."""
         self._wait = watch.leg(target_m, since_ns)
 
-    def proof_watch(self) -> ProofWatch:
-        """A fresh watch for a proof move."""
-        return ProofWatch(lambda at_m, since_ns: self._holds(since_ns) and self._near(at_m), lambda: self.device_s)
+    def proof_watch(self, damper: DamperJudge) -> ProofWatch:
+        """A fresh watch for a proof move; `damper` judges both ways once the sensors are proved."""
+        return ProofWatch(
+            lambda at_m, since_ns: self._holds(since_ns) and self._near(at_m), lambda: self.device_s, damper
+        )
 
     def await_zeros(self, limits: RestLimits) -> None:
         """Wait for `ZerosJudged`: the samples of the next 0.2 s of the controller's clock, judged."""

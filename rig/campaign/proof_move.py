@@ -61,6 +61,9 @@ class Leg:
     controller_force_N: NDArray[np.float64]
 
 
+DamperJudge = Callable[[Leg, Leg], Cause | None]
+
+
 def judge_proof(up: Leg, down: Leg) -> Cause | None:
     """Whether the sensors followed the actuator; None when they did.
 
@@ -99,12 +102,19 @@ class ProofWatch:
     Args:
         holds: whether the controller holds at a position (m) in a status that arrived after a host time (ns).
         device_s: the controller's clock now (s).
+        damper: whether it is the campaign's damper, by both ways; asked once the sensors are proved.
     """
 
-    def __init__(self, holds: Callable[[float, int], bool], device_s: Callable[[], float]) -> None:
+    def __init__(
+        self, holds: Callable[[float, int], bool], device_s: Callable[[], float], damper: DamperJudge
+    ) -> None:
+        self._damper = damper
         self._holds = holds
         self._device_s = device_s
         self._legs: list[Leg] = []
+
+    def _judged(self, up: Leg, down: Leg) -> Cause | None:
+        return judge_proof(up, down) or self._damper(up, down)
 
     def leg(self, target_m: float, since_ns: int) -> Callable[[NDArray[Any]], ev.Event | None]:
         """What to ask every batch of records until the way to `target_m` has ended: `ProofLegDone`, `ProofJudged`."""
@@ -126,7 +136,7 @@ class ProofWatch:
                 return None
             forces = _values(on_the_way, Channel.FORCE), _values(on_the_way, Channel.CONTROLLER_FORCE)
             self._legs.append(Leg(float(np.mean(lvdt_m)), float(np.mean(position_m)), *forces))
-            return ev.ProofLegDone() if len(self._legs) == 1 else ev.ProofJudged(judge_proof(*self._legs))
+            return ev.ProofLegDone() if len(self._legs) == 1 else ev.ProofJudged(self._judged(*self._legs))
 
         return wait
 

@@ -188,7 +188,7 @@ class Runner:
             other = self._crew.baseline.other_device(outcome.answer)
             if other is not None:
                 return ev.Declined(request, other)
-        elif request is Request.MOVE and self.state.phase in {Phase.CENTRING, Phase.APPROACHING}:
+        elif request is Request.MOVE and self.state.phase is Phase.CENTRING:
             self._hands.observer.await_centre(self._hands.move_target_m, outcome.answered_ns)
         elif request is Request.MOVE and self.state.phase is Phase.PROVING_SENSORS:
             self._hands.watch_proof(outcome.answered_ns)

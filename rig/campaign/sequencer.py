@@ -4,10 +4,10 @@
 2. Nothing moves unless the rig is armed, watchdog and zeros are proved, pressure is on and no stop is latched.
 
 The way through: connect, check zeros, arm, prove the watchdog, pressure low, pressure on, prove the sensors by a slow
-move, take the damper's signature, then for each point: centre, settle the current, record and run, back to 0 A, rest;
-at the end hydraulics off. Temperature, magnetic history and trial programs come in between where the matrix asks for
-them (`conditioning`). Two tables hold it: `NEXT` for the phase an event belongs to, `ALWAYS` for what can come at any
-time. An event found in neither is late news and changes nothing.
+move, then for each point: centre, settle the current, record and run, back to 0 A, rest; at the end hydraulics off.
+Temperature, magnetic history and trial programs come in between where the matrix asks for them (`conditioning`). Two
+tables hold it: `NEXT` for the phase an event belongs to, `ALWAYS` for what can come at any time. An event found in
+neither is late news and changes nothing.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ CENTRING_LIMIT_S = 60.0
 CURRENT_LIMIT_S = 5.0
 ZEROS_LIMIT_S = 5.0
 PROOF_LIMIT_S = 10.0
-SIGNATURE_LIMIT_S = 60.0
 PROGRAM_LIMIT_S = 5.0
 JUDGING_LIMIT_S = 120.0
 
@@ -88,20 +87,7 @@ def _prove_sensors(state: State, leg: int) -> Step:
 
 
 def _sensors_proved(state: State, event: ev.ProofJudged) -> Step:
-    if event.cause is not None:
-        return stopping.refuse(state, event.cause)
-    move = act.Move(state.point.centre_m)
-    return stopping.enter(replace(state, held_at_m=None), Phase.APPROACHING, move, device_s=CENTRING_LIMIT_S)
-
-
-def _take_signature(state: State, event: ev.Centred) -> Step:
-    return stopping.enter(state, Phase.TAKING_SIGNATURE, act.TakeSignature(), device_s=SIGNATURE_LIMIT_S)
-
-
-def _damper_known(state: State, event: ev.SignatureJudged) -> Step:
-    if event.cause is not None:
-        return stopping.refuse(state, event.cause)
-    return _next_point(replace(state, held_at_m=state.point.centre_m if event.at_centre else None))
+    return _next_point(state) if event.cause is None else stopping.refuse(state, event.cause)
 
 
 PROVED: dict[tuple[Phase, Request], Callable[[State], Step]] = {
@@ -291,9 +277,6 @@ def _resume(state: State, event: ev.ResumeAsked) -> Step:
 
 # Deadlines
 
-_centre_not_reached: Handler = lambda state, _: stopping.fault(  # noqa: E731 - one entry of a table, twice
-    state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the actuator did not reach the centre"))
-)
 _program_overdue: Handler = lambda state, _: stopping.fault(  # noqa: E731 - one entry of a table, four times
     state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the motion program did not run to its end in time"))
 )
@@ -313,9 +296,9 @@ OVERDUE: dict[Phase, Handler] = {
     Phase.PROVING_SENSORS: lambda state, _: stopping.fault(
         state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the actuator did not carry out the proof move"))
     ),
-    Phase.APPROACHING: _centre_not_reached,
-    Phase.TAKING_SIGNATURE: _program_overdue,
-    Phase.CENTRING: _centre_not_reached,
+    Phase.CENTRING: lambda state, _: stopping.fault(
+        state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the actuator did not reach the centre"))
+    ),
     Phase.SETTLING: _current_never_settled,
     Phase.RUNNING: _program_overdue,
     Phase.CLEARING: lambda state, _: stopping.fault(
@@ -339,8 +322,6 @@ NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
     (Phase.CHECKING_ZEROS, ev.ZerosJudged): _zeros,
     (Phase.PROVING_SENSORS, ev.ProofLegDone): lambda state, _: _prove_sensors(state, 1),
     (Phase.PROVING_SENSORS, ev.ProofJudged): _sensors_proved,
-    (Phase.APPROACHING, ev.Centred): _take_signature,
-    (Phase.TAKING_SIGNATURE, ev.SignatureJudged): _damper_known,
     (Phase.CENTRING, ev.Centred): _centred,
     (Phase.GATING, ev.TemperatureRead): lambda state, event: conditioning.gate(state, event, _approach),
     (Phase.COOLING, ev.CooledDown): lambda state, _: _next_point(state),

@@ -1,7 +1,7 @@
-"""The damper's 0 A signature (fault row `wrong-damper`): one slow, small sine at 0 A before the matrix.
+"""The damper's 0 A signature (fault row `wrong-damper`), from the slow proof move before the matrix.
 
-Its mean is gas force and offset, its swing friction and oil. It must not be stronger than the specimen's prior allows,
-because the plan relies on that, and in a resumed campaign it must be the signature of the first session.
+Its mean is gas force and offset, its swing friction and oil at that speed. It must not be stronger than the specimen's
+prior allows, because the plan relies on that, and in a resumed campaign it must be the signature of the first session.
 """
 
 from __future__ import annotations
@@ -15,18 +15,11 @@ from numpy.typing import NDArray
 
 from rig.campaign.cause import Cause
 from rig.matrix.model import Specimen
-from rig.matrix.point import TestPoint
 
 FloatArray = NDArray[np.float64]
 
-LARGEST_AMPLITUDE_M = 5e-3
-FREQUENCY_HZ = 1.0
-SLOWEST_HZ = 0.1
-CYCLES = 2
-FEWEST_SAMPLES = 50
-MOVED_SHARE = 0.1
-AT_REST = 5
-"""So many samples at least come before the slow ramp of the move can be told from rest."""
+FEWEST_SAMPLES = 10
+STEPS_A_CYCLE = 400
 STRONGER_SHARE, STRONGER_N = 0.4, 30.0
 """How much stronger than its prior a damper may be: priors are rough, but the plan relies on them."""
 MEAN_SHARE, MEAN_N = 0.15, 25.0
@@ -36,7 +29,7 @@ SWING_SHARE, SWING_N = 0.35, 20.0
 
 @dataclass(frozen=True)
 class Signature:
-    """Mean force and swing (square root of two times the standard deviation) of the move, N."""
+    """Mean of the forces on the way up and down, and half of their difference, N."""
 
     mean_N: float
     swing_N: float
@@ -63,54 +56,40 @@ class Signature:
         return cls(float(entry["mean_N"]), float(entry["swing_N"]))
 
 
-def signature_point(points: tuple[TestPoint, ...]) -> TestPoint:
-    """The move of a campaign: no larger and no faster than the gentlest of its points.
+def expected_signature(specimen: Specimen, amplitude_m: float, speed_m_s: float) -> Signature | None:
+    """What the specimen's prior predicts for a slow move there and back; None without a prior.
 
     Args:
-        points: the campaign's points; at least one.
+        specimen: the damper as the matrix describes it.
+        amplitude_m: half of the move's way (m).
+        speed_m_s: its speed (m/s).
     """
-    amplitude_m = min(LARGEST_AMPLITUDE_M, *(point.amplitude_m for point in points))
-    slowest_m_s = min(point.peak_speed_m_s for point in points)
-    frequency_Hz = min(FREQUENCY_HZ, max(SLOWEST_HZ, slowest_m_s / (math.tau * amplitude_m)))
-    return TestPoint("signature", "sine", amplitude_m, frequency_Hz, 0.0, cycles=CYCLES, centre_m=points[0].centre_m)
-
-
-def expected_signature(specimen: Specimen, point: TestPoint) -> Signature | None:
-    """What the specimen's prior predicts; None without a prior."""
     if specimen.prior is None:
         return None
     from rig.dampers import model, parameter_set
 
     prior = parameter_set(specimen.prior)
     damper = model(prior.model, "printed" if prior.hysteresis == "printed" else "kwok")
-    steps = 400
-    phase = math.tau * (np.arange(2 * steps) + 0.5) / steps
-    omega = math.tau * point.frequency_Hz
-    u = point.amplitude_m * np.sin(phase)
-    v = omega * point.amplitude_m * np.cos(phase)
-    # Models with memory start at rest: the second cycle counts.
-    force_N = damper.force(prior.values, u, v, -omega * omega * u, 0.0, 1.0 / (point.frequency_Hz * steps))[steps:]
-    return _signature(np.asarray(force_N, np.float64))
+    # Two cycles; the second counts, because models with memory start at rest.
+    dt_s = 4.0 * amplitude_m / speed_m_s / STEPS_A_CYCLE
+    quarter = np.arange(2 * STEPS_A_CYCLE) % STEPS_A_CYCLE / STEPS_A_CYCLE
+    v = np.where((quarter < 0.25) | (quarter >= 0.75), speed_m_s, -speed_m_s)
+    force_N = damper.force(prior.values, np.cumsum(v) * dt_s, v, np.zeros_like(v), 0.0, dt_s)[STEPS_A_CYCLE:]
+    upwards = v[STEPS_A_CYCLE:] > 0.0
+    return measured_signature(np.asarray(force_N[upwards]), np.asarray(force_N[~upwards]))
 
 
-def measured_signature(force_N: FloatArray, displacement_m: FloatArray, point: TestPoint) -> Signature | None:
-    """The signature over the cycles at full amplitude; None when these samples show no such move.
+def measured_signature(up_N: FloatArray, down_N: FloatArray) -> Signature | None:
+    """The signature of a slow move; None with too few samples.
 
     Args:
-        force_N: load cell, (n,) N, evenly spaced, from before the move until after it.
-        displacement_m: LVDT, (m,) m, likewise.
-        point: the move that was commanded.
+        up_N: force on the way up, (n,) N.
+        down_N: force on the way down, (m,) N.
     """
-    if min(len(force_N), len(displacement_m)) < FEWEST_SAMPLES:
+    if min(len(up_N), len(down_N)) < FEWEST_SAMPLES:
         return None
-    away = np.abs(displacement_m - float(np.median(displacement_m[:AT_REST])))
-    moving = np.flatnonzero(away > MOVED_SHARE * point.amplitude_m)
-    if len(moving) < FEWEST_SAMPLES:
-        return None
-    first, last = moving[0] / len(away), (moving[-1] + 1) / len(away)
-    # The ramps take one cycle each.
-    ramp = (last - first) / (CYCLES + 2.0)
-    return _signature(force_N[round((first + ramp) * len(force_N)) : round((last - ramp) * len(force_N))])
+    up, down = float(np.median(up_N)), float(np.median(down_N))
+    return Signature(0.5 * (up + down), 0.5 * abs(up - down))
 
 
 def judge_damper(found: Signature | None, expected: Signature | None, first: Signature | None) -> Cause | None:
@@ -136,6 +115,3 @@ def judge_damper(found: Signature | None, expected: Signature | None, first: Sig
         )
     return None
 
-
-def _signature(samples: FloatArray) -> Signature:
-    return Signature(float(np.mean(samples)), math.sqrt(2.0) * float(np.std(samples)))

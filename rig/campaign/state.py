@@ -22,8 +22,6 @@ class Phase(StrEnum):
     PRESSURE_LOW = "hydraulics to low pressure"
     PRESSURE_ON = "hydraulics to full pressure"
     PROVING_SENSORS = "proving the sensors by a slow move"
-    APPROACHING = "centring for the damper's signature"
-    TAKING_SIGNATURE = "taking the damper's signature"
     CENTRING = "centring"
     GATING = "reading the temperature"
     COOLING = "cooling down"

@@ -74,7 +74,7 @@ def block(t_ms: int, state: State, position_m: float, force_N: float, lvdt_m: fl
 @pytest.mark.parametrize(("sign", "slug"), [(1.0, None), (-1.0, "sensors-swapped")])
 def test_both_ways_are_found_in_the_records(sign: float, slug: str | None) -> None:
     observer = Observer()
-    watch, t_ms, events = observer.proof_watch(), 0, []
+    watch, t_ms, events = observer.proof_watch(lambda up, down: None), 0, []
     for target_m, force_N in ((0.002, 60.0), (-0.002, -60.0)):
         observer.await_proof(watch, target_m, t_ms * MS)
         for part in np.linspace(0.0, 1.0, 20):
