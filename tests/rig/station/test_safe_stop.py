@@ -194,3 +194,13 @@ def test_every_constant_view_ends_and_safe_always_means_standstill_was_shown(kin
             assert (given["still_s"], given["controller_moving"]) != (None, None), given
             if stop.kind is Stop.S1:
                 assert given["hydraulics_off"] is True, given
+
+
+def test_a_stop_that_reaches_nobody_waits_for_the_controllers_own_watchdog_before_it_is_late() -> None:
+    refused = replace(MOVING, stop_taken=False)
+    stop = replace(begin(fade_s=1.0), watchdog_s=0.5)
+    _, done = run(stop, refused, 3000)
+    late_ms = next(ms for ms, action in done if action is Action.STOP_IGNORED)
+    assert 500 + 1000 + 200 <= late_ms <= 500 + 1000 + 400
+    _, done = run(stop, MOVING, 3000)
+    assert next(ms for ms, action in done if action is Action.STOP_IGNORED) < 1500
