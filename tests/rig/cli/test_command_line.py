@@ -188,3 +188,24 @@ def test_packages_of_the_same_name_from_another_project_are_named(tmp_path: Path
     told = foreign_packages([])
     assert told is not None
     assert "missing" in told
+
+
+def test_what_is_wrong_in_matrix_and_bench_is_said_at_once(tmp_path: Path) -> None:
+    matrix, bench = tmp_path / "matrix.toml", tmp_path / "bench.toml"
+    matrix.write_text(Path(TABLE1).read_text(encoding="utf-8").replace("frequency", "frequenzy"), encoding="utf-8")
+    bench.write_text(Path(DEMO).read_text(encoding="utf-8").replace("0.8 m/s\"", "0.8 N\""), encoding="utf-8")
+    for command in ("plan", "run"):
+        out = ["--out", str(tmp_path / "out")] if command == "run" else []
+        result = rig(command, str(matrix), "--bench", str(bench), "--json", *out)
+        assert result.returncode == 2
+        error = one_object(result)
+        assert [text for text in error["problems"] if "matrix.toml" in text and "did you mean frequency?" in text]
+        assert [text for text in error["problems"] if "bench.toml" in text and "0.8 N is a force" in text]
+    assert not (tmp_path / "out").exists()
+
+
+def test_arguments_the_simulated_rig_does_not_take_are_bad_usage(tmp_path: Path) -> None:
+    quick = str(EXAMPLES / "quick.toml")
+    result = rig("run", quick, "--simulate", "--json", "--out", str(tmp_path), "--", "--fault", "x")
+    assert result.returncode == 2
+    assert "'x' is not in the fault matrix" in one_object(result)["error"]
