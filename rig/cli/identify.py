@@ -61,7 +61,13 @@ def command(
 
     settings = Method(method, weight=weight, loss=loss, budget=budget, population=population, seed=seed)
     fit = identify_run(
-        runs, model=model, method=settings, holdout=holdout, hysteresis=hysteresis, suspect=suspect
+        runs,
+        model=model,
+        method=settings,
+        holdout=holdout,
+        hysteresis=hysteresis,
+        suspect=suspect,
+        told=None if model != "all" else lambda line: click.echo(line, err=True),
     ).to_json()
     if as_json:
         write_json(fit)

@@ -33,6 +33,7 @@ SIGMAS = (0.55, 1.0, 2.5)
 EXPONENTS = (1.2, 2.0, 4.0)
 BENDS = (0.1, 0.4)  # vt, as a share of the greatest speed
 SLOWEST_BEND, FASTEST_BEND = 1e-3, 3.0
+SIGMA_LIMITS = (0.3, 20.0)  # 0.5 is the lowest that dissipates; a fit must be able to pass it
 STARTS = 3
 SLOPE_STEP = 1e-4
 LOWEST_EXPONENT = 1.0
@@ -51,7 +52,7 @@ class BoucWenForm:
 
     def __init__(self, smallest_amplitude_m: float) -> None:
         steepest = 2.0 / (YIELD_LENGTHS[0] * smallest_amplitude_m)
-        self.limits = np.array([(1e-3 / smallest_amplitude_m, steepest), (0.5, 20.0), (1e-3, 15.0)])
+        self.limits = np.array([(1e-3 / smallest_amplitude_m, steepest), SIGMA_LIMITS, (1e-3, 15.0)])
 
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
         """See `Form.fixed_columns`."""

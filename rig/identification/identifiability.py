@@ -85,7 +85,8 @@ def _scale(model: DamperModel, found: Findings) -> None:
     for name in model.names:
         if name in {"A", "alpha", "alpha_a", "alpha_b", "beta", "gamma"}:
             found.reasons[name] = (
-                f"{name} cannot be told alone: A only scales alpha, beta and gamma; the values given are for A = 1 "
+                f"{name} cannot be told alone: A only scales alpha, beta and gamma; the values given are for A = "
+                f"{model.parameter('A').start:g} "
                 "(normalized_bouc_wen has no such freedom)"
             )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,6 +43,7 @@ def identify(
     holdout: str | Run | Sequence[RecordedPoint] | Sequence[Measurement] | None = None,
     hysteresis: Hysteresis = "kwok",
     declared: DeclaredErrors | None = None,
+    told: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
 
@@ -53,6 +54,7 @@ def identify(
         holdout: tests kept out of the fit and scored apart: a filter such as "waveform=triangle" on `tests`, or others.
         hysteresis: form of the tanh models' argument.
         declared: scale and position errors to include in the intervals.
+        told: called with a line of text before each model is fitted and each comparison.
 
     Returns:
         The fit; with "all", that of the recommended model.
@@ -67,8 +69,10 @@ def identify(
     warnings += unusable_steps
     names = list(rig.dampers.MODELS) if model == ALL else [model]
     models = [_model(name, hysteresis) for name in names]
-    candidates, refused = _candidates(models, fitted, settings)
+    candidates, refused = _candidates(models, fitted, settings, told)
     warnings += refused
+    if told is not None and len(candidates) > 1:
+        told("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, settings)
     fit = _fit(best, fitted, held_out, ranking, settings, warnings, declared, started)
     return fit if lag is None or "eta" not in fit.parameters else _with_lag(fit, lag)
@@ -82,6 +86,7 @@ def identify_run(
     holdout: str | None = None,
     hysteresis: Hysteresis = "kwok",
     suspect: bool = False,
+    told: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit recorded runs and write `fit.json` into the first of them.
 
@@ -92,6 +97,7 @@ def identify_run(
         holdout: a filter on the points, or the path of another run.
         hysteresis: as in `identify`.
         suspect: take suspect points too, not only valid ones.
+        told: as in `identify`.
 
     Raises:
         IdentificationFailed: nothing can be identified.
@@ -110,7 +116,9 @@ def identify_run(
         )
     other = Run.open(Path(holdout)) if holdout is not None and Path(holdout).exists() else holdout
     declared = declared_errors(points)
-    fit = identify(points, model=model, method=method, holdout=other, hysteresis=hysteresis, declared=declared)
+    fit = identify(
+        points, model=model, method=method, holdout=other, hysteresis=hysteresis, declared=declared, told=told
+    )
     fit = replace(fit, warnings=(*left_out, *fit.warnings))
     write_fit(fit, runs[0].path)
     return fit
@@ -204,7 +212,10 @@ def _with_lag(fit: Fit, lag: CurrentLag) -> Fit:
 
 
 def _candidates(
-    models: Sequence[DamperModel], fitted: Sequence[Measurement], method: Method
+    models: Sequence[DamperModel],
+    fitted: Sequence[Measurement],
+    method: Method,
+    told: Callable[[str], None] | None,
 ) -> tuple[list[Candidate], list[str]]:
     """Every model that the method can fit, and a line for each that it cannot.
 
@@ -212,7 +223,9 @@ def _candidates(
         IdentificationFailed: no model can be fitted.
     """
     candidates, refused = [], []
-    for model in models:
+    for number, model in enumerate(models, 1):
+        if told is not None:
+            told(f"fitting {model.name} ({number} of {len(models)})")
         findings = examine(model, fitted)
         try:
             candidates.append(Candidate(model, findings, solve(model, fitted, method, findings)))

@@ -12,6 +12,7 @@ from rig.identification.identifiability import Findings, examine
 from rig.identification.measurement import Measurement
 from rig.identification.scoring import score
 from rig.identification.separable import Solution
+from rig.identification.shortening import first_cycle
 from rig.identification.solving import Method, solve
 
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
@@ -69,8 +70,10 @@ def cross_validated_nrmse(
 ) -> float | None:
     """Mean relative error (% of peak) over groups of tests, each predicted from the others; None with one group.
 
-    Each fit starts from `near`, the values fitted to all tests, where the method can make use of a start.
+    One cycle of each test is used, and each fit starts from `near`, the values fitted to all tests, where the method
+    can make use of a start: this ranks models, nothing else.
     """
+    measurements = [first_cycle(each) for each in measurements]
     groups = _groups(measurements)
     if len(groups) < 2:
         return None

@@ -18,7 +18,7 @@ from rig.dampers.algebraic import BinghamModel
 from rig.dampers.hysteretic import NormalizedBoucWenModel
 from rig.dampers.kernels import force_series
 from rig.dampers.model import DamperModel
-from rig.identification.bouc_wen import LOWEST_EXPONENT, solve_bouc_wen
+from rig.identification.bouc_wen import LOWEST_EXPONENT, SIGMA_LIMITS, solve_bouc_wen
 from rig.identification.measurement import Measurement
 from rig.identification.projection import Weighting
 from rig.identification.separable import Solution, solve_separable
@@ -27,14 +27,16 @@ from rig.identification.shortening import first_cycle
 FloatArray = NDArray[np.float64]
 
 DIFFERENCE = 1e-4
-ITERATIONS, FIRST_ITERATIONS = 40, 6
+ITERATIONS, FIRST_ITERATIONS = 40, 15
 TOLERANCE = 1e-7
-CANDIDATES = 3
-STIFF_DASHPOTS = (5.0, 20.0, 80.0)  # c1 over c0
-STIFFNESS_SHARES = (0.1, 0.9)  # k0 over k0 + k1
+STIFF_DASHPOTS = (5.0, 15.0, 40.0, 120.0)  # c1 over c0
+STIFFNESS_SHARE = 0.5  # k0 over k0 + k1
+BENDS = ((0.5, 1.0), (0.6, 0.3))  # sigma and n - 1 beside those of the Bouc-Wen solution
+LOWEST_BEND = 0.01  # of n - 1
 YIELD_SHARES = (0.004, 0.02, 0.1)  # deflection of the series spring at yield over the smallest amplitude
 SPRING_RATIOS = (0.03, 0.5)  # k1 over k2
 RETARDATIONS_S = (0.002, 0.02)  # c1 over k1
+FAMILY = 4  # successive starts of which the best is refined
 LONGEST_LOGARITHM = 1.0
 FASTEST_1_S = 4e4  # rate of the viscoelastic element beyond which it is rigid
 
@@ -122,8 +124,8 @@ class Sum:
         model, warm = self._unknowns.model, each.samples_per_cycle
         state = model.initial_state(float(each.u_m[0]))
         if warm > 1:
-            motion = (array[:warm] for array in (each.u_m, each.v_m_s, each.a_m_s2, each.current_A))
-            force_series(model.kind, vector, state, *motion, each.dt_s)
+            u, v, a, current = (array[:warm] for array in (each.u_m, each.v_m_s, each.a_m_s2, each.current_A))
+            force_series(model.kind, vector, state, u, v, a, current, each.dt_s)
         force: FloatArray = force_series(
             model.kind, vector, state, each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.dt_s
         )
@@ -152,7 +154,7 @@ class Sum:
     def _admissible(self, theta: FloatArray) -> bool:
         """Whether the model can be integrated: dashpots positive at every current, no rate beyond reason."""
         names = self._unknowns.model.names
-        values = dict(zip(names, self._unknowns.vector(theta).tolist(), strict=True))
+        values: dict[str, float] = dict(zip(names, self._unknowns.vector(theta).tolist(), strict=True))
         currents = [float(f(each.current_A)) for each, _ in self._data for f in (np.min, np.max)]
         low, high = min(currents), max(currents)
         if "c1a" in values:
@@ -160,7 +162,10 @@ class Sum:
             dashpots += [
                 values["c0a"] + values["c0b"] * amps + c1 for amps, c1 in zip((low, high), dashpots, strict=True)
             ]
-            return min(dashpots) > 0.0 and 0.5 <= values["gamma"] / (values["gamma"] + values["beta"]) <= 20.0
+            return (
+                min(dashpots) > 0.0
+                and SIGMA_LIMITS[0] <= values["gamma"] / (values["gamma"] + values["beta"]) <= SIGMA_LIMITS[1]
+            )
         viscous = min(values["c0"] + values["c0_b"] * amps for amps in (low, high))
         yielding = min(values["fc"] + values["fc_b"] * amps for amps in (low, high))
         if viscous <= 0.0 or yielding < 0.0:
@@ -193,7 +198,8 @@ def solve_states(
     unknowns = _unknowns(model, starts[0], held)
     single = [first_cycle(each) for each in measurements]
     short, full = Sum(unknowns, single, weighting), Sum(unknowns, measurements, weighting)
-    thetas = sorted((unknowns.theta(each) for each in starts), key=short.objective)[:CANDIDATES]
+    families = [starts[k : k + FAMILY] for k in range(0, len(starts), FAMILY)]
+    thetas = [min((unknowns.theta(each) for each in family), key=short.objective) for family in families]
     tried = [short.minimise(theta, FIRST_ITERATIONS) for theta in thetas]
     best = min(tried, key=lambda found: found[1])
     theta = short.minimise(best[0], ITERATIONS)[0]
@@ -236,14 +242,15 @@ def _modified_starts(
     single = [first_cycle(each) for each in measurements]
     simple = solve_bouc_wen(single, NormalizedBoucWenModel(), weighting, without).values
     viscous = max(abs(simple["kv"]), 1e-3 * abs(simple["kw"]), 1.0)
+    bends = ((min(max(simple["sigma"], 0.4), 19.0), max(simple["n"] - LOWEST_EXPONENT, LOWEST_BEND)), *BENDS)
     return [
         {
             "kw": simple["kw"], "kw_b": simple["kw_b"], "c0a": simple["kv"], "c0b": simple["kv_b"],
-            "c1a": ratio * viscous, "c1b": ratio * max(simple["kv_b"], 0.0), "k0": share * simple["kx"],
-            "k1": (1.0 - share) * simple["kx"], "f1": -simple["f0"], "rho": simple["rho"],
-            "sigma": min(max(simple["sigma"], 0.51), 19.0), "n - 1": max(simple["n"] - LOWEST_EXPONENT, 1e-3),
+            "c1a": ratio * viscous, "c1b": ratio * max(simple["kv_b"], 0.0), "k0": STIFFNESS_SHARE * simple["kx"],
+            "k1": (1.0 - STIFFNESS_SHARE) * simple["kx"], "f1": -simple["f0"], "rho": simple["rho"],
+            "sigma": sigma, "n - 1": bend,
         }
-        for ratio, share in product(STIFF_DASHPOTS, STIFFNESS_SHARES)
+        for (sigma, bend), ratio in product(bends, STIFF_DASHPOTS)
     ]  # fmt: skip
 
 

@@ -108,11 +108,9 @@ def test_unusable_points_are_left_out_with_a_warning(demo_points: list[RecordedP
     assert fit.warnings == (f"{broken.id} left out: its recording is invalid (tripped)",)
 
 
-def test_unknown_methods_and_models_that_do_not_separate_are_refused(demo_points: list[RecordedPoint]) -> None:
+def test_unknown_methods_are_refused(demo_points: list[RecordedPoint]) -> None:
     with pytest.raises(IdentificationFailed, match="unknown method 'simplex'"):
         identify(demo_points, method="simplex")
-    with pytest.raises(IdentificationFailed, match="does not separate"):
-        identify(demo_points, model="viscoelastic_plastic")
 
 
 def test_a_one_off_fit_loads_neither_numba_nor_scipy() -> None:

@@ -1,0 +1,90 @@
+"""Models with internal states: fitted to the noise, truth inside the intervals, told apart from each other."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from rig.dampers import model, parameter_set
+from rig.identification import Measurement, identify
+from rig.identification.model_slope import modelled_force
+
+NOISE_N = 5.0
+CURRENTS_A = (0.0, 0.7, 1.3, 2.0)
+FREQUENCIES_HZ = (0.5, 2.0)
+
+
+def recorded(set_name: str, seed: int = 3) -> list[Measurement]:
+    """Two settled cycles of each test, white noise on the force."""
+    rng = np.random.default_rng(seed)
+    chosen = parameter_set(set_name)
+    tests = []
+    for current in CURRENTS_A:
+        for frequency in FREQUENCIES_HZ:
+            t = np.arange(round(2 / frequency * 250)) / 250.0
+            omega = 2.0 * np.pi * frequency
+            each = Measurement(
+                id=f"{current:g} A, {frequency:g} Hz",
+                u_m=0.05 * np.sin(omega * t),
+                v_m_s=0.05 * omega * np.cos(omega * t),
+                a_m_s2=-0.05 * omega**2 * np.sin(omega * t),
+                force_N=np.zeros_like(t),
+                current_A=np.full_like(t, current),
+                dt_s=0.004,
+                amplitude_m=0.05,
+                frequency_Hz=frequency,
+                nominal_current_A=current,
+                samples_per_cycle=round(250 / frequency),
+                noise_N=NOISE_N,
+            )
+            each.force_N[:] = modelled_force(model(chosen.model), chosen.values, each) + rng.normal(0, NOISE_N, t.size)
+            tests.append(each)
+    return tests
+
+
+@pytest.mark.parametrize(
+    "set_name", ["demo-modified-bouc-wen", "demo-viscoelastic-plastic", "demo-thinning-bouc-wen", "demo-bouc-wen"]
+)
+def test_a_model_with_states_is_found_to_the_noise_with_its_truth_inside_the_intervals(set_name: str) -> None:
+    chosen = parameter_set(set_name)
+    fit = identify(recorded(set_name), model=chosen.model)
+    assert fit.adequate
+    assert fit.error.rmse_N == pytest.approx(NOISE_N, rel=0.06)
+    known = {name: fit.parameters[name] for name in fit.identifiable}
+    assert {"n", "c0"} & set(known)
+    for name, each in known.items():
+        assert each.simultaneous_low <= chosen.values[name] <= each.simultaneous_high, name  # type: ignore[operator]  # identifiable
+
+
+def test_the_bouc_wen_family_says_for_which_scale_its_values_are() -> None:
+    fit = identify(recorded("demo-modified-bouc-wen"), model="modified_bouc_wen")
+    assert "for A = 100" in fit.parameters["alpha_a"].reason
+    assert fit.parameters["A"].value == 100.0
+
+
+def test_all_models_compared_recommend_the_plant_with_a_roll_off_at_small_speeds() -> None:
+    tests = recorded("demo-modified-bouc-wen")
+    held_out = [test for test in tests if test.nominal_current_A == 1.3]
+    told: list[str] = []
+    fit = identify(
+        [test for test in tests if test.nominal_current_A != 1.3], model="all", holdout=held_out, told=told.append
+    )
+    assert fit.model == "modified_bouc_wen"
+    assert fit.adequate
+    assert told[0] == "fitting asymmetric (1 of 9)"
+    errors = {score.model: score.holdout_nrmse_percent_of_peak for score in fit.selection}
+    assert errors["bingham"] > 2.0 * errors["modified_bouc_wen"]  # type: ignore[operator]  # tests were held out
+
+
+@pytest.mark.parametrize("currents", [1, 2, 3])
+def test_powers_of_the_current_that_the_tests_cannot_tell_are_left_out(
+    currents: int, make_synthetic: Callable[..., list[Measurement]]
+) -> None:
+    tests = make_synthetic(
+        parameter_set("demo").values, currents_A=CURRENTS_A[:currents], frequencies_Hz=(1.0,), cycles=2
+    )
+    fit = identify(tests, model="thinning_bouc_wen")
+    powers = ("kt", "kt_b", "kt_c", "kt_d")
+    for name in powers[currents:]:
+        assert fit.parameters[name].value == 0.0
+        assert "current" in fit.parameters[name].reason
