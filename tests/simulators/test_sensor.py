@@ -216,3 +216,21 @@ def test_a_wrong_baud_rate_leaves_no_valid_frame() -> None:
 def test_an_untared_sensor_is_off_by_its_zero() -> None:
     readings, _ = faulty(zero_offset=500.0)
     assert np.mean([reading[2] for reading in readings[-200:]]) == pytest.approx(550.0, abs=1.0)
+
+
+def test_an_undeclared_skew_delays_the_quantity_and_not_its_stamp() -> None:
+    ramp = 1000.0 * np.arange(1, 16_001) * DT_S
+    plain, late = (decode(run(sensor(skew_s=skew_s), ramp)[0])[0][-1] for skew_s in (0.0, 2.03e-3))
+    assert late[1] == plain[1]
+    assert plain[2] - late[2] == pytest.approx(2.03, abs=1e-2)
+
+
+def test_an_amplifier_clips_without_saying_so() -> None:
+    readings, _ = decode(run(sensor(clip=50.0), np.full(8_000, 80.0))[0])
+    assert readings[-1][2] == pytest.approx(50.0)
+    assert readings[-1][3] & frame_format.STATUS_OVERLOAD == 0
+
+
+def test_a_sensor_may_latch_no_edges() -> None:
+    readings, _ = decode(run(sensor(latches_edges=False), np.zeros(8_000), pulses_s=(0.3, 0.6))[0])
+    assert not any(reading[3] & frame_format.STATUS_EDGE for reading in readings)
