@@ -75,6 +75,7 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         log = CampaignLog(folder)
         ends.callback(_or_say, display, log.close)
         ends.enter_context(_refusals_in(log))
+        locks = () if known is None else ends.enter_context(locked(known))
         if options.resume_path is None:
             copy_into(options.matrix_path, folder, "matrix.toml")
             if options.bench_path is not None:
@@ -96,7 +97,7 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
             display.message("warning", f"calibration-overdue: {warning}")
         for result in stock.results:
             display.point_done(result)
-        locks = ends.enter_context(locked(bench))
+        locks = locks or ends.enter_context(locked(bench))
         ended = _run(start, locks, log, finaliser, signals, display)
         if ended.rig_state == RigState.UNKNOWN:
             rig.settle_s = _dead_men_s(bench, start.plan)
