@@ -78,6 +78,8 @@ def table_1(out: Path) -> tuple[Answer, float]:
     ended_s = 1e-9 * monotonic_ns()
     print(f"Table 1 at speed {SPEED:g}: {ended_s - began_s:.1f} s (limit 30 s), {answer.json['valid']} of "
           f"{answer.json['total']} points valid, exit code {answer.exit_code}")
+    if answer.exit_code != 0:
+        raise SystemExit(f"stopped by {answer.json['stopped_by']}: {answer.json.get('error')}")
     for part, took_s in breakdown(Path(answer.json["campaign"]), began_s, ended_s).items():
         print(f"  {took_s:6.2f} s  {part}")
     print(f"  {answer.json['motion_s'] / SPEED:6.2f} s  of the points is motion at that speed")
