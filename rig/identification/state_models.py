@@ -2,7 +2,8 @@
 
 Levenberg-Marquardt on the normal equations, sensitivities by differences, started from the solution of the simpler
 model that each contains as a limit (Bouc-Wen with an infinitely stiff dashpot c1; Bingham without elasticity) with
-several values of the rest. Starts compete on one cycle of each test; the best is finished on all samples.
+several values of the rest. Starts compete on one cycle of each test; the best is finished on all samples where it comes
+near the noise.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ SPRING_RATIOS = (0.03, 0.5)  # k1 over k2
 RETARDATIONS_S = (0.002, 0.02)  # c1 over k1
 FAMILY = 4  # successive starts of which the best is refined
 LONGEST_LOGARITHM = 1.0
-FASTEST_1_S = 4e4  # rate of the viscoelastic element beyond which it is rigid
+FASTEST = 10.0  # rate of the viscoelastic element, times the sampling interval, beyond which it is rigid
+LAST_ITERATIONS = 15
+DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
 
 
 @dataclass(frozen=True)
@@ -89,11 +92,14 @@ def _from_normalised(model: DamperModel, values: dict[str, float], found: dict[s
 
 
 class Sum:
-    """The weighted sum of squares, its gradient and curvature, over measurements."""
+    """The weighted sum of squares, its gradient and curvature; `noise_power` is what the tests' scatter leaves."""
 
     def __init__(self, unknowns: Unknowns, measurements: Sequence[Measurement], weighting: Weighting) -> None:
         self._unknowns = unknowns
         self._data = [(each, weighting.of(each, index)) for index, each in enumerate(measurements)]
+        self._fastest_1_s = FASTEST / min(each.dt_s for each in measurements)
+        noise_N = [0.0 if np.isnan(each.noise_N) else each.noise_N for each in measurements]
+        self.noise_power = sum(n**2 * float(w @ w) for n, (_, w) in zip(noise_N, self._data, strict=True)) or np.inf
         self.evaluations = 0
 
     def objective(self, theta: FloatArray) -> float:
@@ -170,7 +176,7 @@ class Sum:
         yielding = min(values["fc"] + values["fc_b"] * amps for amps in (low, high))
         if viscous <= 0.0 or yielding < 0.0:
             return False
-        return values["k2"] * (1.0 / values["c1"] + 1.0 / viscous) + values["k1"] / values["c1"] < FASTEST_1_S
+        return values["k2"] * (1.0 / values["c1"] + 1.0 / viscous) + values["k1"] / values["c1"] < self._fastest_1_s
 
 
 def solve_states(
@@ -202,8 +208,9 @@ def solve_states(
     thetas = [min((unknowns.theta(each) for each in family), key=short.objective) for family in families]
     tried = [short.minimise(theta, FIRST_ITERATIONS) for theta in thetas]
     best = min(tried, key=lambda found: found[1])
-    theta = short.minimise(best[0], ITERATIONS)[0]
-    theta, objective = full.minimise(theta, ITERATIONS)
+    theta, left = short.minimise(best[0], ITERATIONS)
+    finish = LAST_ITERATIONS if left <= DESCRIBED * short.noise_power else 0
+    theta, objective = full.minimise(theta, finish) if finish else (theta, full.objective(theta))
     values = dict(zip(model.names, unknowns.vector(theta).tolist(), strict=True))
     share = sum(each.u_m.size for each in single) / sum(each.u_m.size for each in measurements)
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
@@ -274,13 +281,14 @@ def _plastic_starts(
     amplitude_m = min(float(np.ptp(each.u_m)) / 2.0 for each in measurements)
     mean_A = float(np.mean([np.mean(each.current_A) for each in measurements]))
     yield_N = max(abs(simple["fc"] + simple["fc_b"] * mean_A), 1.0)
+    fastest_1_s = FASTEST / min(each.dt_s for each in measurements)
     starts = []
     for deflection, ratio, retardation_s in product(YIELD_SHARES, SPRING_RATIOS, RETARDATIONS_S):
         k2 = yield_N / (deflection * amplitude_m)
         starts.append(
             {
-                "k1": ratio * k2, "c1": max(ratio * k2 * retardation_s, 2.0 * k2 / FASTEST_1_S), "k2": k2,
-                "c0": max(simple["c0"], 4.0 * k2 / FASTEST_1_S, 1.0), "fc": max(simple["fc"], 0.0),
+                "k1": ratio * k2, "c1": max(ratio * k2 * retardation_s, 2.5 * k2 / fastest_1_s), "k2": k2,
+                "c0": max(simple["c0"], 4.0 * k2 / fastest_1_s, 1.0), "fc": max(simple["fc"], 0.0),
                 "fc_b": simple["fc_b"], "c0_b": max(simple["c0_b"], 0.0), "f0": simple["f0"],
             }
         )  # fmt: skip
