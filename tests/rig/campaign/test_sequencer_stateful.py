@@ -1,0 +1,133 @@
+"""The sequencer pushed around by operator, rig and faults in any order, with the invariants of the fault matrix."""
+
+from __future__ import annotations
+
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from rig.campaign import action as act
+from rig.campaign import event as ev
+from rig.campaign.action import Action, Request
+from rig.campaign.cause import Cause, StopKind
+from rig.campaign.sequencer import step
+from rig.campaign.state import Phase, RigState, start_state
+from rig.matrix.point import TestPoint
+
+POINTS = tuple(
+    TestPoint(f"p{number:03d}", "sine", 0.02, 2.0, 0.5 * number, cycles=3, rest_s=float(number % 2))
+    for number in range(1, 5)
+)
+CAUSES = st.sampled_from(["ecu-silent", "ecu-crc", "estop", "coil-open-short", "serial-garbage", "stroke-limit"])
+KINDS = st.sampled_from([StopKind.S2, StopKind.S1, StopKind.SO])
+ENDS = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
+
+
+class Rig(RuleBasedStateMachine):
+    """What a rig answers, what can go wrong, what the operator does, in any order."""
+
+    @initialize(retries=st.integers(0, 2))
+    def begin(self, retries: int) -> None:
+        self.state = start_state(POINTS, retries)
+        self.open: tuple[str, int] | None = None
+        self.faults_in_open = False
+        self.valid: list[str] = []
+        self.take(ev.Begin())
+
+    def take(self, event: ev.Event) -> tuple[Action, ...]:
+        before = self.state
+        self.state, actions = step(before, event)
+        for action in actions:
+            if isinstance(action, act.MOTION_ACTIONS):
+                assert self.state.armed
+                assert self.state.powered
+                assert self.state.proved
+                assert self.state.latch is None
+            if isinstance(action, act.BeginRecording):
+                assert self.open is None
+                self.open, self.faults_in_open = (action.point.id, action.attempt), False
+            if isinstance(action, act.EndRecording):
+                assert self.open == (action.point.id, action.attempt)
+                assert not (action.fault is None and self.faults_in_open), "a valid point never contains a fault"
+                if action.fault is None:
+                    self.valid.append(action.point.id)
+                self.open = None
+        return actions
+
+    @rule()
+    def the_rig_does_what_it_was_asked(self) -> None:
+        requests = {
+            Phase.CONNECTING: Request.CONNECT, Phase.ARMING: Request.ARM, Phase.PRESSURE_LOW: Request.HYDRAULICS_LOW,
+            Phase.PROVING_WATCHDOG: Request.STARVE_WATCHDOG, Phase.PRESSURE_ON: Request.HYDRAULICS_ON,
+            Phase.RESETTING: Request.RESET, Phase.FINISHING: Request.DISARM,
+        }  # fmt: skip
+        facts: dict[Phase, ev.Event] = {
+            Phase.CHECKING_ZEROS: ev.ZerosJudged(None), Phase.PROVING_SENSORS: ev.ProofJudged(None),
+            Phase.CENTRING: ev.Centred(), Phase.SETTLING: ev.CurrentSettled(), Phase.CLEARING: ev.CurrentSettled(),
+            Phase.RUNNING: ev.ProgramEnded(at_centre=True), Phase.RESTING: ev.RestOver(),
+            Phase.STANDING: ev.Standstill(), Phase.STOPPING: ev.Safe(), Phase.PAUSED: ev.ResumeAsked(),
+        }  # fmt: skip
+        if self.state.phase in requests:
+            self.take(ev.Done(requests[self.state.phase]))
+        elif self.state.phase in facts:
+            self.take(facts[self.state.phase])
+        elif self.state.unjudged:
+            self.take(ev.Judged(self.state.unjudged[0], valid=True))
+
+    @rule(kind=KINDS, slug=CAUSES)
+    def the_station_trips(self, kind: StopKind, slug: str) -> None:
+        armed = self.state.armed
+        self.faults_in_open = self.faults_in_open or self.open is not None
+        self.take(ev.Tripped(kind, Cause(slug)))
+        if armed:
+            assert self.state.phase in ENDS
+            assert self.state.latch is not None or self.state.phase is Phase.ENDED
+
+    @rule(slug=CAUSES)
+    def a_point_is_spoiled(self, slug: str) -> None:
+        self.faults_in_open = self.faults_in_open or self.open is not None
+        self.take(ev.Spoiled(Cause(slug)))
+
+    @rule(kind=st.sampled_from([StopKind.S2, StopKind.S1]))
+    def the_operator_stops(self, kind: StopKind) -> None:
+        self.faults_in_open = self.faults_in_open or self.open is not None
+        self.take(ev.Abort(kind, Cause("sigint")))
+
+    @rule(paused=st.booleans())
+    def the_operator_pauses_or_goes_on(self, paused: bool) -> None:
+        self.take(ev.PauseAsked() if paused else ev.ResumeAsked())
+
+    @rule()
+    def time_runs_out(self) -> None:
+        self.faults_in_open = self.faults_in_open or self.open is not None
+        self.take(ev.TimedOut(self.state.phase))
+
+    @rule(request=st.sampled_from(list(Request)))
+    def something_is_refused(self, request: Request) -> None:
+        self.faults_in_open = self.faults_in_open or self.open is not None
+        self.take(ev.Declined(request, Cause("modbus-reject")))
+
+    @rule(name=st.sampled_from([point.id for point in POINTS]), valid=st.booleans())
+    def a_verdict_comes(self, name: str, valid: bool) -> None:
+        self.take(ev.Judged(name, valid))
+
+    @precondition(lambda self: self.state.phase is Phase.STOPPING and self.state.armed)
+    @rule()
+    def standstill_cannot_be_proved(self) -> None:
+        self.take(ev.Unknown("links lost"))
+        assert self.state.rig_state is RigState.UNKNOWN
+
+    @invariant()
+    def an_open_recording_is_known(self) -> None:
+        if hasattr(self, "state"):
+            assert self.state.recording is (self.open is not None)
+
+    @invariant()
+    def the_end_is_safe_or_said_to_be_unknown(self) -> None:
+        if hasattr(self, "state") and self.state.phase is Phase.ENDED:
+            stopped = getattr(self.state, "stopped", False)
+            assert not self.state.pressurised or self.state.rig_state is RigState.UNKNOWN or stopped
+
+
+Rig.TestCase.settings = settings(max_examples=150, stateful_step_count=60, deadline=None)
+TestRig = Rig.TestCase
