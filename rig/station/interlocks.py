@@ -119,7 +119,8 @@ class ChannelJudge:
         self._saturated = self._saturated + 1 if flags & Quality.OVERLOAD or abs(value) >= self.span else 0
         if self._saturated == CONSECUTIVE:
             findings.append(Finding("sensor-saturated", f"{self.name}: at its end", host_ns, value, self.span))
-        if abs(value - self.last_value) > self.spike_jump:
+        # Over lost samples the value may have gone anywhere; its limits are judged all the same.
+        if not flags & Quality.GAP_BEFORE and abs(value - self.last_value) > self.spike_jump:
             self._jumps += 1
             if self._jumps < CONSECUTIVE:
                 detail = f"{self.name}: sample {sequence} jumps from {self.last_value:g} to {value:g} {self.unit}"

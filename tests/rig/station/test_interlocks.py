@@ -53,6 +53,17 @@ def test_single_spike_is_flagged_and_does_not_trip() -> None:
     assert judge.last_value == 120.0
 
 
+def test_over_lost_samples_a_large_change_is_no_spike_but_its_limits_hold() -> None:
+    judge = force_judge(spike_jump=3000.0)
+    judge.judge([record(0, -2000.0)])
+    after = [record(40, 2000.0, int(Quality.GAP_BEFORE)), record(41, 2010.0), record(42, 2020.0)]
+    records, findings = judge.judge(after)
+    assert [finding.slug for finding in findings] == ["sample-gap"]
+    assert records == after
+    beyond = judge.judge([record(80, -5100.0, int(Quality.GAP_BEFORE))])[1]
+    assert [finding.slug for finding in beyond] == ["sample-gap", "force-limit"]
+
+
 def test_three_spikes_in_a_row_trip_at_the_third() -> None:
     judge = force_judge(spike_jump=3000.0)
     judge.judge([record(0, 100.0)])
