@@ -41,7 +41,7 @@ def test_what_the_recorder_could_not_take_spoils_the_point_and_nothing_else(tmp_
     done = subprocess.run(
         [sys.executable, str(script), "run", str(matrix), "--simulate", "--speed", "1", "--seed", "1", "--no-identify",
          "--json", "--out", str(out)],
-        capture_output=True, text=True, check=False, timeout=150,
+        capture_output=True, text=True, check=False, timeout=150, cwd=tmp_path,
     )  # fmt: skip
     answer = json.loads(done.stdout)
     assert done.returncode == 5, done.stderr
