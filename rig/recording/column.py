@@ -43,7 +43,7 @@ class Column:
         index = key if key >= 0 else len(self) + key
         return self._part(index, index + 1)[0]
 
-    def __array__(self, dtype: DTypeLike = None, copy: bool | None = None) -> NDArray[Any]:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         whole = np.empty(len(self), self.dtype)
         for rows in parts(len(self)):
             whole[rows] = self[rows]

@@ -90,15 +90,16 @@ def match(
     lag_s = _coarse(at_s, wanted, time_s[finite], values[finite], reach_s)
     drift, middle_s = 0.0, float(np.mean(at_s))
     used: NDArray[np.bool_] | None = None
+    step = None
     for _ in range(ROUNDS):
         step = _step(at_s, wanted, time_s, values, period_s, lag_s, drift, middle_s, with_drift, used, cycle_s)
         if step is None:
-            return None
+            break
         lag_s, drift = lag_s + step.lag_s, drift + step.drift
         used = step.keep
         if abs(step.lag_s) < CONVERGED_S and abs(step.drift) < CONVERGED_S:
             break
-    if step.correlation < SMALLEST_CORRELATION or abs(lag_s) > 1.5 * reach_s:
+    if step is None or step.correlation < SMALLEST_CORRELATION or abs(lag_s) > 1.5 * reach_s:
         return None
     count = int(np.sum(step.keep))
     widening = np.sqrt(1.0 + SMALL_SAMPLE / count)
@@ -215,7 +216,7 @@ def _repeated(scores: FloatArray, cycles: FloatArray) -> FloatArray:
     bins = np.floor(PHASE_BINS * (cycles % 1.0)).astype(np.int64)
     sums = np.array([np.bincount(bins, column, PHASE_BINS) for column in scores.T])
     filled = int(np.count_nonzero(np.bincount(bins, minlength=PHASE_BINS)))
-    return np.asarray(sums @ sums.T) * filled / max(filled - scores.shape[1], 1)
+    return np.asarray(sums @ sums.T * (filled / max(filled - scores.shape[1], 1)), np.float64)
 
 
 def _residual(wanted: FloatArray, shown: FloatArray, keep: NDArray[np.bool_]) -> FloatArray:
