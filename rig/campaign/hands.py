@@ -210,6 +210,8 @@ class Hands:
     def _judge_damper(self, up: Leg, down: Leg) -> Cause | None:
         crew = self.crew
         found, expected = measured_signature(up.force_N, down.force_N), self._expected
+        if found is None:
+            found = measured_signature(up.rest_force_N, down.rest_force_N)
         self.note("signature", found=str(found), expected=str(expected), first=str(crew.baseline.signature))
         cause = judge_damper(found, expected, crew.baseline.signature)
         if cause is None and found is not None:

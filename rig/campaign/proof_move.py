@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -53,12 +53,14 @@ class Leg:
         position_m: the controller's own position there.
         force_N: load-cell samples on the way, (n,).
         controller_force_N: the controller's own coarse force input on the way, (k,).
+        rest_force_N: load-cell samples at the end, (m,); on a rig faster than life the way can be over unseen.
     """
 
     lvdt_m: float
     position_m: float
     force_N: NDArray[np.float64]
     controller_force_N: NDArray[np.float64]
+    rest_force_N: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
 DamperJudge = Callable[[Leg, Leg], Cause | None]
@@ -135,7 +137,8 @@ class ProofWatch:
             if self._device_s() < held_s + QUIET_S or len(lvdt_m) < FEWEST_SAMPLES or len(position_m) == 0:
                 return None
             forces = _values(on_the_way, Channel.FORCE), _values(on_the_way, Channel.CONTROLLER_FORCE)
-            self._legs.append(Leg(float(np.mean(lvdt_m)), float(np.mean(position_m)), *forces))
+            rest_N = _values(at_end, Channel.FORCE)
+            self._legs.append(Leg(float(np.mean(lvdt_m)), float(np.mean(position_m)), *forces, rest_N))
             return ev.ProofLegDone() if len(self._legs) == 1 else ev.ProofJudged(self._judged(*self._legs))
 
         return wait

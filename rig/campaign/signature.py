@@ -18,7 +18,7 @@ from rig.matrix.model import Specimen
 
 FloatArray = NDArray[np.float64]
 
-FEWEST_SAMPLES = 10
+FEWEST_SAMPLES = 5
 STEPS_A_CYCLE = 400
 STRONGER_SHARE, STRONGER_N = 0.4, 30.0
 """How much stronger than its prior a damper may be: priors are rough, but the plan relies on them."""

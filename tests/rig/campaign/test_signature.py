@@ -37,7 +37,7 @@ def test_the_prior_predicts_gas_force_and_friction_of_the_slow_move() -> None:
 
 
 def test_a_move_that_was_not_seen_has_no_signature_and_is_refused() -> None:
-    assert measured_signature(NOISE[0][:5], NOISE[1]) is None
+    assert measured_signature(NOISE[0][:4], NOISE[1]) is None
     refusal = judge_damper(None, None, None)
     assert refusal is not None
     assert refusal.slug == "wrong-damper"
