@@ -293,7 +293,9 @@ def test_a_thread_of_the_station_that_dies_stops_the_rig(
 def test_a_finaliser_that_dies_stops_the_rig_and_its_points_are_recovered(
     in_motion: Callable[..., Campaign], assert_stopped: Judge
 ) -> None:
-    campaign = in_motion()
+    campaign = in_motion(matrix=LONG)
+    while not (campaign.folder / "points" / "p001.h5").exists():
+        run_on(campaign, 0.2)
     found = subprocess.check_output(["pgrep", "-P", str(campaign.process.pid), "-f", "finaliser"], text=True)
     killed_ns = monotonic_ns()
     os.kill(int(found.split()[0]), signal.SIGKILL)
