@@ -1,5 +1,6 @@
 """Modbus requests and answers for holding registers (FC3, FC16, FC23), and their frames on TCP and on a serial line.
 
+Messages and frames are built and read by pymodbus; what is added here is the matching of an answer to its request.
 House rules: no I/O here; an answer is believed only when function, count and echo are those of the request.
 
     PDU     function u8 | data                          an exception answer: function + 0x80 | code u8
@@ -9,8 +10,16 @@ House rules: no I/O here; an answer is believed only when function, count and ec
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
+
+from pymodbus.framer import FramerRTU, FramerSocket
+from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadWriteMultipleRegistersRequest,
+    WriteMultipleRegistersRequest,
+    WriteMultipleRegistersResponse,
+)
 
 from protocols.errors import RemoteProtocolError
 
@@ -22,26 +31,33 @@ EXCEPTION_NAMES = {
     5: "acknowledge", 6: "busy", 10: "gateway path unavailable", 11: "gateway target silent",
 }
 LONGEST_PDU = 253
-_TCP_HEADER = struct.Struct(">HHHB")
-_EXCEPTION_SIZE = 5
-_WRITE_SIZE = 8
+_ANSWERS = DecodePDU(is_server=False)
+_TCP = FramerSocket(_ANSWERS)
+_RTU = FramerRTU(_ANSWERS)
+_TCP_HEADER_SIZE = 7
 _CRC_SIZE = 2
+
+
+def _pdu(message: ModbusPDU) -> bytes:
+    return bytes([message.function_code]) + message.encode()
 
 
 def read_request(address: int, count: int) -> bytes:
     """PDU of a read of `count` (1..125) registers from `address`."""
-    return struct.pack(">BHH", READ, address, count)
+    return _pdu(ReadHoldingRegistersRequest(address=address, count=count))
 
 
 def write_request(address: int, words: Sequence[int]) -> bytes:
     """PDU of a write of `words` (1..123) from `address`."""
-    return struct.pack(f">BHHB{len(words)}H", WRITE, address, len(words), 2 * len(words), *words)
+    return _pdu(WriteMultipleRegistersRequest(address=address, count=len(words), registers=list(words)))
 
 
 def exchange_request(read_address: int, read_count: int, write_address: int, words: Sequence[int]) -> bytes:
     """PDU of a write of `words` (1..121) followed by a read of `read_count` (1..125) registers."""
-    return struct.pack(
-        f">BHHHHB{len(words)}H", EXCHANGE, read_address, read_count, write_address, len(words), 2 * len(words), *words
+    return _pdu(
+        ReadWriteMultipleRegistersRequest(
+            read_address=read_address, read_count=read_count, write_address=write_address, write_registers=list(words)
+        )
     )
 
 
@@ -62,7 +78,10 @@ def decode_words(request: bytes, answer: bytes, count: int) -> list[int]:
         raise RemoteProtocolError(f"the answer's byte count does not fit its {len(answer)} bytes")
     if answer[1] != 2 * count:
         raise RemoteProtocolError(f"asked for {count} registers, got {answer[1] // 2}")
-    return list(struct.unpack_from(f">{count}H", answer, 2))
+    message = _ANSWERS.decode(answer)
+    if message is None:
+        raise RemoteProtocolError(f"the answer {answer.hex()} cannot be decoded")
+    return list(message.registers)
 
 
 def check_written(request: bytes, answer: bytes) -> None:
@@ -85,7 +104,7 @@ def _check_function(request: bytes, answer: bytes) -> None:
 
 def encode_tcp(transaction: int, unit: int, pdu: bytes) -> bytes:
     """A frame on TCP."""
-    return _TCP_HEADER.pack(transaction, 0, len(pdu) + 1, unit) + pdu
+    return _TCP.encode(pdu, unit, transaction)
 
 
 class TcpFrames:
@@ -104,40 +123,22 @@ class TcpFrames:
         Raises:
             RemoteProtocolError: the header is not Modbus; the stream cannot be followed any further.
         """
-        if len(self._held) < _TCP_HEADER.size:
+        if len(self._held) < _TCP_HEADER_SIZE:
             return None
-        transaction, protocol, length, unit = _TCP_HEADER.unpack_from(self._held)
+        protocol, length = int.from_bytes(self._held[2:4], "big"), int.from_bytes(self._held[4:6], "big")
         if protocol != 0 or not 2 <= length <= LONGEST_PDU + 1:
             raise RemoteProtocolError(f"no Modbus header: protocol {protocol}, length {length}")
-        end = _TCP_HEADER.size - 1 + length
+        end = _TCP_HEADER_SIZE - 1 + length
         if len(self._held) < end:
             return None
-        pdu = bytes(self._held[_TCP_HEADER.size : end])
+        _, unit, transaction, pdu = _TCP.decode(bytes(self._held[:end]))
         del self._held[:end]
         return transaction, unit, pdu
 
 
-def crc16(data: bytes) -> int:
-    """CRC-16/MODBUS (reflected 0x8005, start 0xFFFF)."""
-    crc = 0xFFFF
-    for byte in data:
-        crc = (crc >> 8) ^ _CRC_TABLE[(crc ^ byte) & 0xFF]
-    return crc
-
-
-def _crc_entry(byte: int) -> int:
-    for _ in range(8):
-        byte = (byte >> 1) ^ (0xA001 if byte & 1 else 0)
-    return byte
-
-
-_CRC_TABLE = tuple(_crc_entry(byte) for byte in range(256))
-
-
 def encode_rtu(unit: int, pdu: bytes) -> bytes:
     """A frame on a serial line."""
-    body = bytes([unit]) + pdu
-    return body + crc16(body).to_bytes(_CRC_SIZE, "little")
+    return _RTU.encode(pdu, unit, 0)
 
 
 def rtu_answer_size(head: bytes, request: bytes) -> int | None:
@@ -153,11 +154,11 @@ def rtu_answer_size(head: bytes, request: bytes) -> int | None:
     if len(head) < 2:
         return None
     if head[1] == request[0] | EXCEPTION_BIT:
-        return _EXCEPTION_SIZE
+        return ExceptionResponse.rtu_frame_size
     if head[1] != request[0]:
         raise RemoteProtocolError(f"asked function {request[0]}, the answer is one to function {head[1]}")
     if head[1] == WRITE:
-        return _WRITE_SIZE
+        return WriteMultipleRegistersResponse.rtu_frame_size
     return None if len(head) < 3 else 3 + head[2] + _CRC_SIZE
 
 
@@ -167,9 +168,10 @@ def decode_rtu(frame: bytes) -> tuple[int, bytes]:
     Raises:
         RemoteProtocolError: too short, or the checksum is wrong.
     """
-    if len(frame) < _EXCEPTION_SIZE:
+    if len(frame) < ExceptionResponse.rtu_frame_size:
         raise RemoteProtocolError(f"a frame of {len(frame)} bytes")
-    body, sent = frame[:-_CRC_SIZE], int.from_bytes(frame[-_CRC_SIZE:], "little")
-    if crc16(body) != sent:
-        raise RemoteProtocolError(f"checksum 0x{sent:04X}, computed 0x{crc16(body):04X}")
-    return frame[0], body[1:]
+    sent = int.from_bytes(frame[-_CRC_SIZE:], "big")
+    if not FramerRTU.check_CRC(frame[:-_CRC_SIZE], sent):
+        computed = FramerRTU.compute_CRC(frame[:-_CRC_SIZE])
+        raise RemoteProtocolError(f"checksum 0x{sent:04X}, computed 0x{computed:04X}")
+    return frame[0], frame[1:-_CRC_SIZE]
