@@ -48,7 +48,8 @@ def _sensors(point: RecordedPoint) -> tuple[object, ...]:
 def _delay(name: str, group: Sequence[RecordedPoint]) -> Delay:
     seen = [
         (float(point.quality[f"{name}_matched_lag_s"]), float(point.quality[f"{name}_matched_lag_std_s"]))
-        for point in group if f"{name}_matched_lag_s" in point.quality
+        for point in group
+        if f"{name}_matched_lag_s" in point.quality
     ]
     measured = pooled(seen)
     tolerance = tolerance_s(float(group[0].quality[f"{name}_declared_delay_s"]))
