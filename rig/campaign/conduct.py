@@ -39,6 +39,9 @@ from rig.recording.claim import campaign_held
 from rig.recording.finaliser import Finaliser
 from rig.station.client import StationClient, StationLost
 
+TRUTH_AFTER_STOP_S = 1.0
+"""What a simulated rig's truth still shows after a stop (s, its own clock): the coil empty, the rod at rest."""
+
 
 def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
     """Plan a matrix, run it on the bench or on a simulated rig, record and judge every point.
@@ -101,6 +104,8 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         ended = _run(start, locks, log, finaliser, signals, display)
         if ended.rig_state == RigState.UNKNOWN:
             rig.settle_s = _dead_men_s(bench, start.plan)
+        elif ended.stopped_by is not None:
+            rig.settle_s = TRUTH_AFTER_STOP_S / bench.clock.device_rate
         return ended
 
 

@@ -26,6 +26,7 @@ QUIET_SHARE = 0.04
 QUIET_OF_PEAK = 0.05
 SERVO_SHARE = 0.5
 SERVO_FLOOR_M = 1e-4
+CURRENT_APART_A = 0.1
 CYCLES_AFTER_CURRENT = 2
 _EDGES = {Channel.FORCE_EDGE: Channel.FORCE, Channel.DISPLACEMENT_EDGE: Channel.DISPLACEMENT}
 _EDGE_MODULUS = 256
@@ -62,7 +63,7 @@ class _Track:
         self.edges: dict[int, float] = {}
 
     def take(self, records: NDArray[Any]) -> None:
-        good = np.isfinite(records["value"])
+        good = np.isfinite(records["value"]) & (records["flags"] == 0)
         self.times = np.concatenate((self.times, records["device_us"][good].astype(float)))[-_MOST_KEPT:]
         self.values = np.concatenate((self.values, records["value"][good]))[-_MOST_KEPT:]
 
@@ -139,8 +140,15 @@ class LoadTrainWatch:
         commanded = records["value"][channels == Channel.COMMANDED_CURRENT]
         if len(commanded) and (np.ptp(commanded) > 0 or commanded[-1] != self._current_A):
             self._current_A = float(commanded[-1])
-            self._before.clear()
-            self._skip = CYCLES_AFTER_CURRENT
+            self._begin_anew()
+        measured = records["value"][channels == Channel.COIL_CURRENT]
+        if np.any(np.abs(measured - self._current_A) > CURRENT_APART_A):
+            # Another current is another damper; that row has a detector of its own.
+            self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._before.clear()
+        self._skip = CYCLES_AFTER_CURRENT
 
     def _overtaken(self) -> bool:
         """The cycle waited for will not be completed: every channel is already at a later one."""

@@ -27,8 +27,8 @@ FRESH_TEMPERATURE_NS = 300_000_000
 STILL_WINDOW_S = 0.3
 STILL_M = 0.2e-3
 
-SAMPLED = tuple(range(Channel.FORCE, Channel.AUXILIARY_7 + 1))
-"""Channels of the serial sensors."""
+SAMPLED = (*range(Channel.FORCE, Channel.AUXILIARY_7 + 1), Channel.COIL_CURRENT)
+"""Channels of the sensors, and the coil current: what a point's measurement is made of."""
 
 LIVE = {
     "position_m": Channel.DISPLACEMENT,
