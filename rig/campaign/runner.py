@@ -38,7 +38,7 @@ from rig.station.client import StationLost
 TURN_S = 0.002
 BEAT_NS = 40_000_000
 PROGRESS_NS = 100_000_000
-STALE_NS = 1_000_000_000
+STALE_HEARTBEATS = 2.0
 
 log = logging.getLogger(__name__)
 
@@ -210,8 +210,9 @@ class Runner:
         if hands.trouble is not None:
             self._fault_once(hands.trouble)
         newest_ns = hands.observer.last_host_ns(Channel.STATE)
-        if self.state.armed and newest_ns is not None and monotonic_ns() - newest_ns > STALE_NS:
-            self._fault_once(Cause("data-stale", "no status of the controller for a second"))
+        stale_s = STALE_HEARTBEATS * self._crew.config.heartbeat_timeout_s
+        if self.state.armed and newest_ns is not None and monotonic_ns() - newest_ns > stale_s * 1e9:
+            self._fault_once(Cause("data-stale", f"no status of the controller for {stale_s:g} s"))
         if self._ring is not None and self._ring.lost > 0 and "lapped" not in self._said:
             self._said.add("lapped")
             self._waiting.append(ev.Spoiled(Cause("slow-consumer", f"{self._ring.lost} records overwritten unread")))
