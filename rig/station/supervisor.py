@@ -84,6 +84,7 @@ class Supervisor:
         self._starving = False
         self._proving = False
         self._beat_ns = monotonic_ns()
+        self._was_late = False
         self._application_well = True
         self._application_gone = False
         self._warned: dict[str, tuple[int, int]] = {}
@@ -285,13 +286,17 @@ class Supervisor:
         self.tick_ns = now_ns
         self._ring_beat(now_ns)
         self._check_suspend(now_ns)
-        if late_s > self.config.late_after_s:
+        late = late_s > self.config.late_after_s
+        if late:
             self._note_late(now_ns, late_s)
-        else:
+        # Having stood still itself, the station first reads what waits before it calls anybody silent: once, not for ever.
+        if not late or self._was_late:
             self._check_ages(now_ns)
+            if self._armed and self.trip is None:
+                self._check_application(now_ns)
         if self._armed and self.trip is None:
-            self._check_application(now_ns)
             self._check_consumer(now_ns)
+        self._was_late = late
         self._advance_stop(now_ns)
 
     def _note_late(self, now_ns: int, late_s: float) -> None:
