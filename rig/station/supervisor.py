@@ -289,7 +289,7 @@ class Supervisor:
         late = late_s > self.config.late_after_s
         if late:
             self._note_late(now_ns, late_s)
-        # Having stood still itself, the station first reads what waits before it calls anybody silent: once, not for ever.
+        # Having stood still, the station first reads what waits before it calls anybody silent: once, not for ever.
         if not late or self._was_late:
             self._check_ages(now_ns)
             if self._armed and self.trip is None:
