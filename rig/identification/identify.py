@@ -263,7 +263,7 @@ def _fit(
         parameters=_estimates(model, values, known, reasons, best.solution, sum(each.u_m.size for each in fitted)),
         error=score(model, values, fitted),
         holdout=score(model, values, held_out) if held_out else None,
-        selection=ranking,  # type: ignore[arg-type]
+        selection=ranking,  # type: ignore[arg-type]  # a list of mappings, each value checked where it is made
         adequate=fits is not False,
         warnings=tuple(warnings),
         evaluations=best.solution.evaluations,

@@ -16,7 +16,8 @@ NOW = 10**12
 
 
 def stream(**options: float) -> SampleStream:
-    return SampleStream(FrameDecoder(), Channel.FORCE, **{"nominal_rate_Hz": 250.0} | options)  # type: ignore[arg-type]
+    settings = {"nominal_rate_Hz": 250.0} | options
+    return SampleStream(FrameDecoder(), Channel.FORCE, **settings)  # type: ignore[arg-type]  # any option by name
 
 
 def frames(numbers: list[int], period_us: int = 4000) -> bytes:

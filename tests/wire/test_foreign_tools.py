@@ -105,7 +105,9 @@ def test_mbpoll_reads_signature_vendor_and_position(bench: dict[str, Any]) -> No
     assert abs(float(motion[109])) < 1e-2
 
 
-def test_python_cans_logger_and_viewer_show_the_ecus_frames(bench: dict[str, Any], terminal: Any) -> None:  # noqa: ANN401
+def test_python_cans_logger_and_viewer_show_the_ecus_frames(
+    bench: dict[str, Any], terminal: Any,  # noqa: ANN401 - a factory fixture
+) -> None:
     channel = bench["ecu"]["channel"]
     options = ("-i", "slcan", "-c", channel, "-b", "500000")
     logged = terminal(sys.executable, "-m", "can.logger", *options).read_until(r"ID: +123 .*DL: +8")
@@ -115,7 +117,9 @@ def test_python_cans_logger_and_viewer_show_the_ecus_frames(bench: dict[str, Any
     viewer.read_until(r"0x121(.|\n)*0x122")
 
 
-def test_a_serial_terminal_shows_the_load_cells_lines(bench: dict[str, Any], terminal: Any) -> None:  # noqa: ANN401
+def test_a_serial_terminal_shows_the_load_cells_lines(
+    bench: dict[str, Any], terminal: Any,  # noqa: ANN401 - a factory fixture
+) -> None:
     shown = terminal(sys.executable, "-m", "serial.tools.miniterm", bench["load_cell"]["url"], "921600")
     lines = re.findall(r"([+-]\d{7}\.\d) N\s", shown.read_until(r"(?:[+-]\d{7}\.\d N\s+){3}"))
     assert all(float(line) == pytest.approx(-270.0, abs=60.0) for line in lines), "the gas force at rest"
