@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from rig.dampers.algebraic import Hysteresis
 from rig.dampers.kinds import KIND_VISCOELASTIC_PLASTIC
 from rig.dampers.model import DamperModel
 from rig.identification.measurement import Measurement
+from rig.identification.model_slope import modelled_force
 
 FloatArray = NDArray[np.float64]
 Weight = Literal["v", "1"]
@@ -41,6 +43,7 @@ TO_GENERAL: dict[str, dict[str, tuple[str, ...]]] = {
         "f0": ("F0",),
     },
 }
+UNACCEPTABLE = 1e12  # residual of a sample whose modelled force is not finite
 SIGN_SLOPE_S_M = 1e12  # tanh of so steep an argument is the sign function of the Bingham model
 
 
@@ -139,21 +142,43 @@ class Problem:
             return np.array([self._lagged(candidate) for candidate in candidates])
         return self._algebraic_batch(self._general(candidates), *self._joined)
 
+    def residuals(self, vector: FloatArray | Sequence[float]) -> FloatArray:
+        """Weighted residuals (Fexp - F) w of one candidate, shape (n_samples,); their squares sum to `objective`.
+
+        Where the model's force is not finite, a residual is too large for any local search to accept.
+
+        Raises:
+            ValueError: the vector's length is not `n_parameters`.
+        """
+        values = self.values(vector)
+        parts = []
+        for each, squared in zip(self.measurements, self._weights, strict=True):
+            source = replace(each, current_A=self._coil_current(each, values["eta"])) if self.lag else each
+            parts.append((each.force_N - modelled_force(self.model, values, source)) * np.sqrt(squared))
+        joined = np.concatenate(parts)
+        return np.where(np.isfinite(joined), joined, UNACCEPTABLE)
+
     def _algebraic_batch(self, general: FloatArray, *data: FloatArray) -> FloatArray:
         from rig.identification.objective_kernels import tanh_objective
 
         total: FloatArray = tanh_objective(general, *data)
         return np.where(np.isfinite(total), total, np.inf)
 
-    def _lagged(self, candidate: FloatArray) -> float:
+    @staticmethod
+    def _coil_current(each: Measurement, eta_1_s: float) -> FloatArray:
+        """Coil current (A), shape (n,), that follows the commanded one by equation (9)."""
         from rig.identification.objective_kernels import lagged_current
 
+        commanded = each.current_A if each.commanded_A is None else each.commanded_A
+        current: FloatArray = lagged_current(commanded, float(each.current_A[0]), eta_1_s, each.dt_s)
+        return current
+
+    def _lagged(self, candidate: FloatArray) -> float:
         eta = candidate[self.names.index("eta")]
         general = self._general(candidate[None, :])
         total = 0.0
         for each, weight in zip(self.measurements, self._weights, strict=True):
-            commanded = each.current_A if each.commanded_A is None else each.commanded_A
-            current = lagged_current(commanded, float(each.current_A[0]), eta, each.dt_s)
+            current = self._coil_current(each, eta)
             data = (each.u_m, each.v_m_s, each.a_m_s2, current, each.force_N, weight)
             total += float(self._algebraic_batch(general, *data)[0])
         return total

@@ -19,6 +19,7 @@ from rig.identification.projection import Weighting
 from rig.identification.separable import Solution, solve_separable
 
 SEPARABLE = "separable"
+THREE_STEPS = "zhu_three_step"
 PARTLY_SEPARABLE = ("normalized_bouc_wen", "bouc_wen", "thinning_bouc_wen")
 GUARD_S = 1e-3
 HUBER = 1.345  # standard deviations beyond which Huber's loss grows linearly; 95 % efficient on normal noise
@@ -30,8 +31,8 @@ class Method:
     """How to fit.
 
     Attributes:
-        name: "separable" or one of the papers' algorithms.
-        weight: "1", "v", or None for the method's own (separable: 1; the papers' algorithms: v).
+        name: "separable", one of the papers' algorithms, or "zhu_three_step".
+        weight: "1", "v", or None for the method's own (the papers' algorithms: v; the others: 1).
         loss: "squares" or "huber" (separable only).
         budget: evaluations of equation (12) for the papers' algorithms.
         population: candidates a generation.
@@ -51,7 +52,7 @@ class Method:
 
     def weighting(self, model: DamperModel) -> Weighting:
         """Which samples count for a model, and how much; those at its jumps do not."""
-        weight = self.weight or ("1" if self.name == SEPARABLE else "v")
+        weight = self.weight or ("1" if self.name in {SEPARABLE, THREE_STEPS} else "v")
         guard_s = GUARD_S if self.name == SEPARABLE else 0.0
         return Weighting(
             "v" if weight == "v" else "1",
@@ -64,7 +65,7 @@ def known_methods() -> tuple[str, ...]:
     """Names of all methods."""
     from rig.identification.algorithms import METHODS
 
-    return (SEPARABLE, *METHODS)
+    return (SEPARABLE, *METHODS, THREE_STEPS)
 
 
 def solve(
@@ -90,6 +91,10 @@ def solve(
         if isinstance(model, AlgebraicModel):
             return _separable(model, measurements, method, frozenset(findings.held), start)
         return _with_states(model, measurements, method, frozenset(findings.held), start)
+    if method.name == THREE_STEPS:
+        from rig.identification.three_steps import solve_three_steps
+
+        return solve_three_steps(model, measurements, method.weighting(model), frozenset(findings.held))
     if method.name not in known_methods():
         raise IdentificationFailed(f"unknown method {method.name!r}; known: {', '.join(known_methods())}")
     return _search(model, measurements, method)

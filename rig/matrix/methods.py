@@ -5,4 +5,5 @@ As in `rig.identification`, which lies above this room and may not be imported h
 
 METHODS = (
     "separable", "c_foa", "foa", "ga", "de", "pso", "i_abc", "ga_standard", "ga_kwok", "ga_novel", "hybrid",
+    "zhu_three_step",
 )  # fmt: skip

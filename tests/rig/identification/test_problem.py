@@ -2,12 +2,13 @@
 
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rig.dampers import model, parameter_set
-from rig.identification import Measurement, Problem
+from rig.identification import Measurement, Method, Problem, identify
 
 Make = Callable[..., list[Measurement]]
 
@@ -104,3 +105,27 @@ def test_a_problem_travels_to_worker_processes(make_synthetic: Make) -> None:
     assert problem.bounds.shape == (12, 2)
     assert problem.n_samples == 2000
     assert problem.values(problem.start)["beta"] == 40.0
+
+
+@pytest.mark.parametrize("lag", [False, True])
+@pytest.mark.parametrize("name", ["demo", "demo-kwok", "demo-normalized-bouc-wen"])
+def test_squared_residuals_sum_to_the_objective(name: str, lag: bool, make_synthetic: Make) -> None:
+    chosen = parameter_set(name)
+    tests = make_synthetic(dict(parameter_set("demo").values), (0.0, 1.0), (1.0,), cycles=3)
+    if lag:
+        step = np.where(np.arange(tests[0].u_m.size) < 300, 0.0, 1.0)
+        tests[0] = replace(tests[0], commanded_A=step)
+    problem = Problem(tests, chosen.model, "v", lag=lag and "eta" in model(chosen.model).names)
+    vector = problem.vector(chosen.values)
+    residuals = problem.residuals(vector)
+    assert residuals.shape == (problem.n_samples,)
+    assert float(residuals @ residuals) == pytest.approx(problem.objective(vector), rel=1e-9)
+
+
+def test_the_hybrid_reaches_the_noise_where_its_swarm_alone_does_not(make_synthetic: Make) -> None:
+    tests = make_synthetic(dict(parameter_set("demo").values), (0.0, 1.0), (1.0, 2.0), cycles=3)
+    alone = identify(tests, method=Method("c_foa", weight="1", budget=4000))
+    both = identify(tests, method=Method("hybrid", weight="1", budget=4000))
+    assert both.error.rmse_N == pytest.approx(5.0, rel=0.05)
+    assert alone.error.rmse_N > 2.0 * both.error.rmse_N
+    assert both.evaluations <= 4000
