@@ -39,6 +39,11 @@ def write_examples(formatter: click.HelpFormatter, examples: tuple[str, ...]) ->
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output.")
+scheduler_option = click.option(
+    "--scheduler",
+    metavar="URL",
+    help="Dask scheduler (tcp://HOST:8786) whose workers do the searching; they need this software, too.",
+)
 out_option = click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.output import Command, console, json_option, write_json
+from rig.cli.output import Command, console, json_option, scheduler_option, write_json
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     help="Folder of the results; the same folder again goes on where it stopped.  [default: logs/study-<file's name>]",
 )
 @click.option("--processes", type=click.IntRange(1, 1024), help="Worker processes.  [default: one for each processor]")
+@scheduler_option
 @json_option
-def command(file: Path, out: Path | None, processes: int | None, as_json: bool) -> int:
+def command(file: Path, out: Path | None, processes: int | None, scheduler: str | None, as_json: bool) -> int:
     """Run the study FILE: tables, statistics and figures of both papers over its recordings.
 
     Interrupt it when you like: finished searches are kept, the same command goes on. Writes tables (CSV), study.json
@@ -43,7 +44,7 @@ def command(file: Path, out: Path | None, processes: int | None, as_json: bool) 
             left = "" if progress.seconds_left is None else f"{_minutes(progress.seconds_left)} left"
             bar.update(task, completed=progress.done, total=progress.total, left=left)
 
-        outcome = run_study(file, folder, processes, show)
+        outcome = run_study(file, folder, processes, show, scheduler)
     if as_json:
         found = plain(outcome.tables, outcome.kruskal_wallis, outcome.facts)
         write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **found})

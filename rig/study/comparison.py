@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.study.figures import figures, setting_groups
+from rig.identification.cluster import cluster
+from rig.study.figures import figures
 from rig.study.outputs import write_outputs
 from rig.study.paper1_tables import (
     TITLES,
@@ -18,6 +21,7 @@ from rig.study.paper1_tables import (
     parallel_table,
     parameter_tables,
     sensitivity_tables,
+    setting_groups,
     setting_values,
     tests_table,
 )
@@ -25,11 +29,12 @@ from rig.study.paper2_tables import current_tables
 from rig.study.parallel_timing import time_parallel
 from rig.study.results_file import ResultsFile
 from rig.study.runner import StudyProgress, run_cells
-from rig.study.search_cell import all_cells
+from rig.study.search_cell import all_cells, searches
 from rig.study.statistics import KruskalWallis, kruskal_wallis
 from rig.study.study_file import StudyFile, load_study
 from rig.study.table import Table
 from rig.study.workbench import Workbench
+from rig.study.workers import Workers, local_workers
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,7 @@ def run_study(
     folder: Path,
     processes: int | None = None,
     report: Callable[[StudyProgress], None] | None = None,
+    scheduler: str | None = None,
 ) -> StudyOutcome:
     """Run a study, or what is missing of it, and write its outputs.
 
@@ -64,12 +70,15 @@ def run_study(
         folder: Where results and outputs go; results of an earlier session of the same study are kept and completed.
         processes: Worker processes; None: one for each processor.
         report: Called at the start and after every search.
+        scheduler: Address of a Dask scheduler whose workers search instead of processes here.
 
     Returns:
         The finished study.
 
     Raises:
-        FileProblem: The study file is wrong, or the folder holds results of other recordings or settings.
+        FileProblem: The study file is wrong, the folder holds results of other recordings or settings, or another
+            process works in it.
+        RigError: The scheduler cannot be used.
     """
     started_ns = time.monotonic_ns()
     study = load_study(path)
@@ -77,17 +86,17 @@ def run_study(
     folder.mkdir(parents=True, exist_ok=True)
     cells = all_cells(study)
     with ResultsFile(folder / "results.jsonl", bench.fingerprint) as results:
-        run_cells(study, cells, results, processes, report)
-        if study.parallel is not None and not any(key.startswith("parallel|") for key in results.lines):
-            for line in time_parallel(study, bench):
-                results.add(line)
+        with _workers(processes, scheduler) as workers:
+            run_cells(study, cells, results, workers, report)
+        if study.parallel is not None:
+            time_parallel(study.parallel, bench, results)
         lines = dict(results.lines)
     facts = {
         "name": study.name,
         "recordings": "synthetic" if study.data.simulate else ", ".join(study.data.runs),
         "tests": len(bench.tests),
         "samples": sum(len(test.u_m) for test in bench.tests),
-        "searches": len(cells),
+        "searches": len(searches(cells, ())),
         "left_out": bench.left_out,
         "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
     }
@@ -95,6 +104,16 @@ def run_study(
     tests = study_tests(study, lines)
     page = write_outputs(folder, study.name, tables, figures(study, lines), tests, facts)
     return StudyOutcome(folder, page, tuple(tables), tests, facts)
+
+
+@contextmanager
+def _workers(processes: int | None, scheduler: str | None) -> Iterator[Workers]:
+    if scheduler is None:
+        with local_workers(processes or os.cpu_count() or 1) as workers:
+            yield workers
+        return
+    with cluster(scheduler) as (executor, count):
+        yield Workers(executor, count)
 
 
 def study_tables(study: StudyFile, bench: Workbench, lines: dict[str, dict[str, Any]]) -> list[Table]:
@@ -122,7 +141,7 @@ def study_tables(study: StudyFile, bench: Workbench, lines: dict[str, dict[str, 
 
 
 def study_tests(study: StudyFile, lines: dict[str, dict[str, Any]]) -> dict[str, KruskalWallis | None]:
-    """Kruskal-Wallis over all settings, over the methods at each setting, and over best-tuned ones as the paper does.
+    """Kruskal-Wallis over all settings, at each budget, at each setting, and over best-tuned ones as the paper does.
 
     Args:
         study: The study.
@@ -132,7 +151,14 @@ def study_tests(study: StudyFile, lines: dict[str, dict[str, Any]]) -> dict[str,
         What was compared -> test.
     """
     wanted, model = study.comparison, study.comparison.models[0]
-    tests = {"all settings": kruskal_wallis(setting_groups(study, lines))}
+    tests = {"all settings": _over_all_settings(study, lines)}
+    for budget in wanted.budgets:
+        groups = {
+            f"{TITLES[m]}, N={N}": setting_values(study, lines, model, m, N, budget)
+            for m in wanted.methods
+            for N in wanted.populations
+        }
+        tests[f"methods and populations at fun_evals={budget}"] = kruskal_wallis(groups)
     for population in wanted.populations:
         for budget in wanted.budgets:
             groups = {TITLES[m]: setting_values(study, lines, model, m, population, budget) for m in wanted.methods}
@@ -141,3 +167,12 @@ def study_tests(study: StudyFile, lines: dict[str, dict[str, Any]]) -> dict[str,
     tuned = {TITLES[m]: setting_values(study, lines, model, m, N, budget) for m, (N, budget, _) in best.items()}
     tests["best-tuned settings only, as the paper tests"] = kruskal_wallis(tuned)
     return tests
+
+
+def _over_all_settings(study: StudyFile, lines: dict[str, dict[str, Any]]) -> KruskalWallis | None:
+    note = "Each search counts once: the repeats of searches that serve several budgets are dealt out to them."
+    once = kruskal_wallis(setting_groups(study, lines, each_search_once=True), note)
+    if once is not None:
+        return once
+    note = "Too few repeats to count each search once: budgets that share a search are not independent here."
+    return kruskal_wallis(setting_groups(study, lines), note)

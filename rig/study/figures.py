@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.study.paper1_tables import TITLES, best_settings, setting_values
+from rig.study.paper1_tables import TITLES, best_settings, setting_groups
 from rig.study.paper2_tables import current_results, parameter_relations
 from rig.study.search_cell import SearchCell
 from rig.study.study_file import StudyFile
@@ -39,26 +39,6 @@ def figures(study: StudyFile, results: Lines) -> dict[str, str]:
     if current_results(study, results):
         drawn["paper2-figure-relations"] = _svg(_against_current(study, results))
     return drawn
-
-
-def setting_groups(study: StudyFile, results: Lines) -> dict[str, list[float]]:
-    """Values of every setting of the first model: method, population and budget, not only the best-tuned ones.
-
-    Args:
-        study: The study.
-        results: Result lines by key.
-
-    Returns:
-        Setting -> values; settings without a result are left out.
-    """
-    model, wanted = study.comparison.models[0], study.comparison
-    groups = {
-        f"{TITLES[method]}, N={N}, {budget}": setting_values(study, results, model, method, N, budget)
-        for method in wanted.methods
-        for N in wanted.populations
-        for budget in wanted.budgets
-    }
-    return {name: values for name, values in groups.items() if values}
 
 
 def _new_figure(height_inch: float) -> Figure:

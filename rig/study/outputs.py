@@ -74,7 +74,7 @@ def as_json(
     return {
         "study": dict(facts),
         "kruskal_wallis": {
-            name: None if test is None else {"H": test.statistic, "p": test.p, "mean_ranks": dict(test.mean_ranks)}
+            name: None if test is None else _test_as_json(test)
             for name, test in tests.items()
         },
         "tables": [
@@ -88,6 +88,10 @@ def as_json(
             for table in tables
         ],
     }
+
+
+def _test_as_json(test: KruskalWallis) -> dict[str, object]:
+    return {"H": test.statistic, "p": test.p, "mean_ranks": dict(test.mean_ranks), "note": test.note}
 
 
 def _plain(cell: object) -> object:
@@ -128,5 +132,5 @@ def _html_test(name: str, test: KruskalWallis | None) -> str:
         return f"<p>{html.escape(name)}: not possible (too few values, or all equal).</p>"
     ranked = sorted(test.mean_ranks.items(), key=lambda entry: entry[1])
     rows = "".join(f"<tr><td>{html.escape(each)}</td><td>{rank:.1f}</td></tr>" for each, rank in ranked)
-    head = f"<p>{html.escape(name)}: H = {test.statistic:.3f}, p = {test.p:.3g}.</p>"
+    head = f"<p>{html.escape(name)}: H = {test.statistic:.3f}, p = {test.p:.3g}. {html.escape(test.note)}</p>"
     return f"{head}<table><tr><th>setting</th><th>mean rank</th></tr>{rows}</table>"

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rig.identification.measurement import Measurement
-from rig.study.search_cell import SearchCell, sensitivity_cells, symmetry_cells
+from rig.study.parallel_timing import parallel_key
+from rig.study.search_cell import SENSITIVITY, SearchCell, comparison_cells, symmetry_cells, varied_cells
 from rig.study.statistics import Summary, summarise
 from rig.study.study_file import StudyFile
 from rig.study.table import Table
@@ -109,6 +110,30 @@ def setting_values(
     return _values(cells, results)
 
 
+def setting_groups(study: StudyFile, results: Lines, *, each_search_once: bool = False) -> dict[str, list[float]]:
+    """Values of every setting of the first model: method, population and budget, not only the best-tuned ones.
+
+    Args:
+        study: The study.
+        results: Result lines by key.
+        each_search_once: Where one search gives the values of several budgets, count it for one of them only: its
+            repeats are dealt out to the budgets, so that no two groups hold values of the same search.
+
+    Returns:
+        Setting -> values; settings without a result are left out.
+    """
+    model, wanted = study.comparison.models[0], study.comparison
+    groups: dict[str, list[float]] = {}
+    for method in wanted.methods:
+        for N in wanted.populations:
+            for turn, budget in enumerate(wanted.budgets):
+                cells = [SearchCell(model, method, N, budget, repeat) for repeat in range(wanted.repeats)]
+                if each_search_once and cells[0].shares_searches:
+                    cells = cells[turn :: len(wanted.budgets)]
+                groups[f"{TITLES[method]}, N={N}, {budget}"] = _values(cells, results)
+    return {name: values for name, values in groups.items() if values}
+
+
 def setting_summary(
     study: StudyFile, results: Lines, model: str, method: str, population: int, budget: int
 ) -> Summary | None:
@@ -194,11 +219,12 @@ def parameter_tables(study: StudyFile, results: Lines, units: Mapping[str, str])
     """
     model = study.comparison.models[0]
     winners: dict[str, Mapping[str, Any]] = {}
-    for line in results.values():
-        if line["problem"] == model and line["method"] in study.comparison.methods:
-            held = winners.get(line["method"])
-            if held is None or line["value"] < held["value"]:
-                winners[line["method"]] = line
+    for cell in comparison_cells(study):
+        line = results.get(cell.key)
+        if line is not None and cell.problem == model:
+            held = winners.setdefault(cell.method, line)
+            if line["value"] < held["value"]:
+                winners[cell.method] = line
     ordered = [method for method in study.comparison.methods if method in winners]
     tables = []
     for name, methods in (("table-04", [m for m in ordered if m == "c_foa"]), ("table-05", ordered)):
@@ -223,25 +249,24 @@ def sensitivity_tables(study: StudyFile, results: Lines) -> list[Table]:
     Returns:
         Three tables, or none when the study does not ask.
     """
-    if study.sensitivity is None:
+    wanted = study.sensitivity
+    if wanted is None:
         return []
     tables = []
-    for number, parameter in ((7, "N"), (8, "K"), (9, "Nres")):
+    held = {"N": wanted.populations[0], "K": wanted.generations[0], "Nres": wanted.resolutions[0]}
+    for number, parameter in enumerate(SENSITIVITY, start=7):
         groups: dict[str, list[SearchCell]] = {}
-        for cell in sensitivity_cells(study, parameter):
-            value = {
-                "N": cell.population, "K": (cell.budget - 1) // cell.population, "Nres": cell.settings["resolution"],
-            }[parameter]  # fmt: skip
+        for value, cell in varied_cells(study, wanted, parameter):
             groups.setdefault(f"{parameter} = {value}", []).append(cell)
-        title = f"c-FOA against {parameter}; kappa = 5, M = 0.95, c = 0.9"
-        tables.append(
-            Table(f"table-{number:02d}", title, ("c-FOA", *VALUE_COLUMNS), _group_rows(groups, results), OBJECTIVE)
-        )
+        others = ", ".join(f"{name} = {value}" for name, value in held.items() if name != parameter)
+        title = f"c-FOA against {parameter} for {others}, kappa = 5, M = 0.95 and c = 0.9"
+        rows = _group_rows(groups, results)
+        tables.append(Table(f"table-{number:02d}", title, ("c-FOA", *VALUE_COLUMNS), rows, OBJECTIVE))
     return tables
 
 
 def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
-    """Table 6: seconds and efficiency on one and more processes.
+    """Table 6: seconds and efficiency of each model's population on one and more processes.
 
     Args:
         study: The study.
@@ -250,17 +275,30 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
     Returns:
         One table, or none when nothing was timed.
     """
-    timed = [line for key, line in results.items() if key.startswith("parallel|")]
-    if study.parallel is None or not timed:
+    if study.parallel is None:
         return []
-    serial = next((line["seconds"] for line in timed if line["processes"] == 1), float("nan"))
-    rows = tuple(
-        (line["processes"], line["seconds"], serial / line["seconds"], serial / line["seconds"] / line["processes"])
-        for line in sorted(timed, key=lambda line: line["processes"])
+    wanted, rows, processors = study.parallel, [], 0
+    for model in wanted.models:
+        keys = [parallel_key(wanted, model, processes) for processes in sorted(wanted.processes)]
+        timed = [results[key] for key in keys if key in results]
+        serial = next((line["seconds"] for line in timed if line["processes"] == 1), float("nan"))
+        for line in timed:
+            speed_up = serial / line["seconds"]
+            processors = line["processors"]
+            rows.append((model, _processes(line["processes"]), line["seconds"], speed_up, speed_up / line["processes"]))
+    if not rows:
+        return []
+    title = f"Computational cost of {TITLES[wanted.method]}, N = {wanted.population}, fun_evals = {wanted.evaluations}"
+    note = (
+        f"Measured on {processors} processors: more processes than that cannot gain. Seconds of the search alone; "
+        "workers already started and holding the recordings."
     )
-    title = f"Serial and parallel computing, {TITLES[study.parallel.method]}, fun_evals = {study.parallel.evaluations}"
-    note = "Seconds of the search alone; workers already started and holding the recordings."
-    return [Table("table-06", title, ("processes", "seconds", "speed-up", "efficiency"), rows, note)]
+    columns = ("model", "computing", "seconds", "speed-up", "efficiency")
+    return [Table("table-06", title, columns, tuple(rows), note)]
+
+
+def _processes(count: int) -> str:
+    return "serial" if count == 1 else f"parallel, {count} processes"
 
 
 def _group_rows(groups: Mapping[str, Iterable[SearchCell]], results: Lines) -> tuple[tuple[str | float, ...], ...]:

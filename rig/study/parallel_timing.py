@@ -2,47 +2,79 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ProcessPoolExecutor
+import os
+from concurrent.futures import Executor, ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
 
-from rig.identification.algorithms import minimise
+from rig.identification.algorithms import Result, minimise
 from rig.study.result_line import result_line
+from rig.study.results_file import ResultsFile
 from rig.study.search_cell import SearchCell
-from rig.study.study_file import StudyFile
+from rig.study.study_file import Parallel
 from rig.study.workbench import Workbench
 
+WARM_GENERATIONS = 4
 
-def time_parallel(study: StudyFile, tests: Workbench) -> list[dict[str, Any]]:
-    """Wall time of the same search on one and on more processes, Table 6.
+
+def parallel_key(wanted: Parallel, model: str, processes: int) -> str:
+    """Key of one timing in the results file; another method, population or length is another timing.
 
     Args:
-        study: The study; its `parallel` section says how long and on how many processes.
-        tests: Has the problem.
+        wanted: Method, population and evaluations.
+        model: Damper model.
+        processes: How many.
 
     Returns:
-        One results line for each number of processes.
+        The key; it begins with `parallel|`.
     """
-    if study.parallel is None:
-        return []
-    wanted, lines = study.parallel, []
-    problem = tests.problem(study.comparison.models[0])
-    for processes in wanted.processes:
-        cell = SearchCell(problem.model.name, wanted.method, wanted.population, wanted.evaluations, 0)
-        name, settings = cell.algorithm
-        started = tests.start(cell, problem.n_parameters)
-        call: dict[str, Any] = {
-            "method": name, "start": started, "population": wanted.population, "bounds": tests.bounds(problem),
-            "seed": 1, **settings,
-        }  # fmt: skip
-        if processes == 1:
-            minimise(problem, budget=wanted.population, **call)
-            found = minimise(problem, budget=wanted.evaluations, **call)
-        else:
-            with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-                call |= {"executor": pool, "chunks": processes}
-                minimise(problem, budget=4 * wanted.population, **call)
-                found = minimise(problem, budget=wanted.evaluations, **call)
-        line = result_line(cell, problem.names, found)
-        lines.append({**line, "key": f"parallel|{processes}|{cell.key}", "processes": processes})
-    return lines
+    return f"parallel|{processes}|{_cell(wanted, model).key}"
+
+
+def time_parallel(wanted: Parallel, bench: Workbench, results: ResultsFile) -> None:
+    """Wall time of the same search on one and on more processes, where it is not known yet.
+
+    Args:
+        wanted: What is timed.
+        bench: Has the problems.
+        results: Gets one line for each model and number of processes.
+    """
+    for model in wanted.models:
+        for processes in wanted.processes:
+            key = parallel_key(wanted, model, processes)
+            if key in results:
+                continue
+            if processes == 1:
+                line = _timed(wanted, bench, model, None)
+            else:
+                with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+                    line = _timed(wanted, bench, model, pool, processes)
+            results.add({**line, "key": key, "processes": processes, "processors": os.cpu_count() or 1})
+
+
+def _cell(wanted: Parallel, model: str) -> SearchCell:
+    return SearchCell(model, wanted.method, wanted.population, wanted.evaluations, 0)
+
+
+def _timed(
+    wanted: Parallel, bench: Workbench, model: str, executor: Executor | None, chunks: int = 1
+) -> dict[str, Any]:
+    problem, cell = bench.problem(model), _cell(wanted, model)
+    name, settings = cell.algorithm
+
+    def search(budget: int) -> Result:
+        return minimise(
+            problem,
+            method=name,
+            start=bench.start(cell, problem.n_parameters),
+            bounds=bench.bounds(problem),
+            population=wanted.population,
+            budget=budget,
+            seed=1,
+            executor=executor,
+            chunks=chunks,
+            **settings,
+        )
+
+    search(WARM_GENERATIONS * wanted.population)
+    return result_line(cell, problem.names, search(wanted.evaluations))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -40,15 +40,36 @@ def result_line(cell: SearchCell, names: Sequence[str], found: Result, **more: o
         "repeat": cell.repeat,
         "settings": dict(cell.settings),
         "value": found.value,
-        "parameters": {name: float(each) for name, each in zip(names, found.best, strict=True)},
+        "parameters": _named(names, found.best),
         "evaluations": found.evaluations,
         "generations": found.generations,
         "stopped_by": found.stopped_by,
         "seconds": found.seconds,
         "host": f"{socket.gethostname()}:{os.getpid()}",
         "history": thin_history(found.history),
+        "marks": {
+            str(mark): {"value": value, "parameters": _named(names, best)}
+            for mark, (best, value) in found.marks.items()
+        },
         **more,
     }
+
+
+def shorter_lines(line: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Results at the smaller budgets a search served.
+
+    Args:
+        line: From `result_line`.
+
+    Yields:
+        A line without what only the whole search has.
+    """
+    for mark, found in line["marks"].items():
+        same = {name: line[name] for name in ("problem", "method", "population", "repeat", "settings")}
+        cell = SearchCell(budget=int(mark), **same)
+        history = [row for row in line["history"] if row[0] <= cell.budget]
+        spent = min(cell.budget, line["evaluations"])
+        yield {**same, **found, "key": cell.key, "budget": cell.budget, "evaluations": spent, "history": history}
 
 
 def thin_history(history: Array) -> list[list[float]]:
@@ -98,3 +119,7 @@ def error_summary(error_N: Array) -> dict[str, float]:
         "mae_N": float(np.mean(np.abs(error_N))),
         "sd_N": float(np.std(error_N, ddof=1)),
     }
+
+
+def _named(names: Sequence[str], vector: Array) -> dict[str, float]:
+    return {name: float(each) for name, each in zip(names, vector, strict=True)}

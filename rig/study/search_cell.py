@@ -1,14 +1,22 @@
-"""One search of a study as a value, its key in the results file, and the list a study file stands for."""
+"""One search of a study as a value, its key in the results file, and the list a study file stands for.
+
+A method whose path does not depend on its budget spends the same evaluations first whatever the budget. So its cells
+that differ in nothing but the budget have one seed, and one search, the longest, gives the values of them all.
+"""
 
 from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from rig.study.study_file import SETTINGS, StudyFile
+from rig.identification.algorithms.c_foa import ContrastFruitFly
+from rig.identification.algorithms.registry import STEERED_BY_BUDGET
+from rig.study.study_file import SETTINGS, Sensitivity, StudyFile
+
+SENSITIVITY = ("N", "K", "Nres")
 
 
 @dataclass(frozen=True)
@@ -22,6 +30,7 @@ class SearchCell:
         budget: Evaluations, fun_evals.
         repeat: Counts from 0.
         settings: Settings beside those the method's name implies.
+        marks: Smaller budgets whose values the same search gives.
     """
 
     problem: str
@@ -30,15 +39,25 @@ class SearchCell:
     budget: int
     repeat: int
     settings: Mapping[str, object] = field(default_factory=dict)
+    marks: tuple[int, ...] = ()
 
     @property
     def key(self) -> str:
         """Name in the results file; equal cells of different tables share one search."""
+        return self.key_at(self.budget)
+
+    def key_at(self, budget: int) -> str:
+        """Key of the cell that differs from this one in nothing but its budget."""
         extra = json.dumps(dict(self.settings), sort_keys=True) if self.settings else ""
-        return f"{self.problem}|{self.method}|N={self.population}|fun_evals={self.budget}|{self.repeat}{extra}"
+        return f"{self.problem}|{self.method}|N={self.population}|fun_evals={budget}|{self.repeat}{extra}"
+
+    @property
+    def shares_searches(self) -> bool:
+        """Whether cells of other budgets are the beginning or the continuation of this one's search."""
+        return self.algorithm[0] not in STEERED_BY_BUDGET
 
     def seed(self, study_seed: int) -> int:
-        """Seed of this search: its own, the same in every session.
+        """Seed of this search: the same in every session, and for all budgets where they share a search.
 
         Args:
             study_seed: Seed of the study.
@@ -46,7 +65,8 @@ class SearchCell:
         Returns:
             A non-negative integer.
         """
-        return study_seed * 2**32 + zlib.crc32(self.key.encode())
+        name = self.key_at(0) if self.shares_searches else self.key
+        return study_seed * 2**32 + zlib.crc32(name.encode())
 
     @property
     def algorithm(self) -> tuple[str, dict[str, Any]]:
@@ -90,33 +110,41 @@ def symmetry_cells(study: StudyFile) -> Iterator[SearchCell]:
             yield SearchCell(model, wanted.method, wanted.population, wanted.budget, repeat)
 
 
-def sensitivity_cells(study: StudyFile, parameter: str | None = None) -> Iterator[SearchCell]:
-    """c-FOA with one of N, K, N_res varied and the others at their first values, Tables 7-9.
+def sensitivity_cells(study: StudyFile) -> Iterator[SearchCell]:
+    """c-FOA with one of N, K, N_res varied, Tables 7-9.
 
     Args:
         study: The study.
-        parameter: `N`, `K` or `Nres`; None for all three.
 
     Yields:
-        Repeat by repeat. A search of K generations has N K + 1 evaluations: the start counts, too.
+        Parameter by parameter.
     """
-    if study.sensitivity is None:
-        return
-    wanted = study.sensitivity
-    model = study.comparison.models[0]
-    N, K, resolution = wanted.populations[0], wanted.generations[0], wanted.resolutions[0]
-    settings = {
-        "N": [(each, K, resolution) for each in wanted.populations],
-        "K": [(N, each, resolution) for each in wanted.generations],
-        "Nres": [(N, K, each) for each in wanted.resolutions],
-    }
+    if study.sensitivity is not None:
+        for parameter in SENSITIVITY:
+            for _, cell in varied_cells(study, study.sensitivity, parameter):
+                yield cell
+
+
+def varied_cells(study: StudyFile, wanted: Sensitivity, parameter: str) -> Iterator[tuple[int, SearchCell]]:
+    """c-FOA with one parameter varied and the others at their first values.
+
+    Args:
+        study: The study.
+        wanted: Its values.
+        parameter: One of `SENSITIVITY`.
+
+    Yields:
+        The parameter's value and a cell with it, repeat by repeat. A search of K generations has N K + 1 evaluations:
+        the start counts, too.
+    """
+    first = {"N": wanted.populations[0], "K": wanted.generations[0], "Nres": wanted.resolutions[0]}
+    choices = {"N": wanted.populations, "K": wanted.generations, "Nres": wanted.resolutions}[parameter]
     for repeat in range(study.comparison.repeats):
-        for name, choices in settings.items():
-            if parameter not in {None, name}:
-                continue
-            for population, generations, each in choices:
-                budget = population * generations + 1
-                yield SearchCell(model, "c_foa", population, budget, repeat, {"resolution": each})
+        for value in choices:
+            each = {**first, parameter: value}
+            budget = each["N"] * each["K"] + 1
+            settings = {} if each["Nres"] == ContrastFruitFly().resolution else {"resolution": each["Nres"]}
+            yield value, SearchCell(study.comparison.models[0], "c_foa", each["N"], budget, repeat, settings)
 
 
 def current_cells(study: StudyFile) -> Iterator[SearchCell]:
@@ -140,16 +168,38 @@ def current_cells(study: StudyFile) -> Iterator[SearchCell]:
 
 
 def all_cells(study: StudyFile) -> list[SearchCell]:
-    """Every search of a study, each once.
+    """Every cell of a study's tables, each once.
 
     Args:
         study: The study.
 
     Returns:
-        Cells with different keys, in the order in which they are run.
+        Cells with different keys, repeat by repeat.
     """
     cells: dict[str, SearchCell] = {}
     for source in (comparison_cells, symmetry_cells, sensitivity_cells, current_cells):
         for cell in source(study):
             cells.setdefault(cell.key, cell)
     return sorted(cells.values(), key=lambda cell: cell.repeat)
+
+
+def searches(cells: Iterable[SearchCell], finished: Collection[str]) -> list[SearchCell]:
+    """The searches that give every cell its result.
+
+    Args:
+        cells: Cells of a study.
+        finished: Keys that have a result.
+
+    Returns:
+        Cells to run, repeat by repeat and the longest of a repeat first; `marks` are the budgets they serve besides
+        their own.
+    """
+    alike: dict[str, list[SearchCell]] = {}
+    for cell in cells:
+        if cell.key not in finished:
+            alike.setdefault(cell.key_at(0) if cell.shares_searches else cell.key, []).append(cell)
+    todo = []
+    for group in alike.values():
+        *shorter, longest = sorted(group, key=lambda cell: cell.budget)
+        todo.append(replace(longest, marks=tuple(cell.budget for cell in shorter)))
+    return sorted(todo, key=lambda cell: (cell.repeat, -cell.budget))

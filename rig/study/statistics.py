@@ -54,18 +54,21 @@ class KruskalWallis:
         statistic: H, corrected for ties.
         p: Probability of so large an H under the hypothesis.
         mean_ranks: Mean rank of each setting over all values together, lower is better.
+        note: What the reader must know of the values; empty when nothing.
     """
 
     statistic: float
     p: float
     mean_ranks: Mapping[str, float]
+    note: str = ""
 
 
-def kruskal_wallis(groups: Mapping[str, Sequence[float]]) -> KruskalWallis | None:
+def kruskal_wallis(groups: Mapping[str, Sequence[float]], note: str = "") -> KruskalWallis | None:
     """Kruskal-Wallis test over settings.
 
     Args:
-        groups: Values of each setting.
+        groups: Values of each setting, independent of each other.
+        note: Kept with the test.
 
     Returns:
         The test; None when there are fewer than two settings, a setting has fewer than two values, or all values are
@@ -82,4 +85,4 @@ def kruskal_wallis(groups: Mapping[str, Sequence[float]]) -> KruskalWallis | Non
     outcome = kruskal(*values)
     ranks = np.split(rankdata(pooled), np.cumsum([len(group) for group in values])[:-1])
     mean_ranks = {name: float(np.mean(part)) for name, part in zip(groups, ranks, strict=True)}
-    return KruskalWallis(float(outcome.statistic), float(outcome.pvalue), mean_ranks)
+    return KruskalWallis(float(outcome.statistic), float(outcome.pvalue), mean_ranks, note)

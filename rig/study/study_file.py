@@ -9,8 +9,9 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from rig.bench.problems import load_section
+from rig.bench.problems import load_section, problem_at
 from rig.bench.quantity import Quantity, Section
+from rig.errors import FileProblem
 
 Method = Literal[
     "c_foa", "c_foa printed", "foa", "ga", "ga feasible", "de", "de 5", "pso", "i_abc", "ga_standard", "ga_kwok",
@@ -80,6 +81,7 @@ class Sensitivity(Section):
 class Parallel(Section):
     """Serial against parallel computing: Table 6."""
 
+    models: tuple[str, ...] = Field(default=("asymmetric",), min_length=1)
     method: Method = "c_foa"
     population: Population = 50
     evaluations: Budget = 1000
@@ -138,13 +140,15 @@ def load_study(path: Path) -> StudyFile:
     """
     study, source = load_section(path, StudyFile)
     known = _known_models()
-    wrong = [name for name in study.comparison.models if name not in known]
-    if wrong:
-        from rig.bench.problems import problem_at
-        from rig.errors import FileProblem
-
-        message = f"{wrong[0]!r} is no model; known: {', '.join(known)}"
-        raise FileProblem(str(path), [problem_at(source, ("comparison", "models"), message)])
+    named = {"comparison": study.comparison.models, "parallel": study.parallel.models if study.parallel else ()}
+    problems = [
+        problem_at(source, (section, "models"), f"{name!r} is no model; known: {', '.join(known)}")
+        for section, names in named.items()
+        for name in names
+        if name not in known
+    ]
+    if problems:
+        raise FileProblem(str(path), problems)
     return study
 
 

@@ -85,6 +85,7 @@ class Workbench:
             budget=cell.budget,
             seed=cell.seed(self.study.seed),
             callback=callback,
+            marks=cell.marks,
             **settings,
         )
         return result_line(cell, problem.names, found, **force_errors(problem, found.best))
@@ -136,6 +137,7 @@ class Workbench:
             budget=cell.budget,
             seed=cell.seed(self.study.seed),
             callback=callback,
+            marks=cell.marks,
             **settings,
         )
         whole = objective.whole(found.best[None, :])[0]

@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 import importlib
 import time
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from typing import Protocol
 
@@ -37,6 +38,10 @@ METHODS: dict[str, tuple[str, str]] = {
     "hybrid": ("hybrid", "Hybrid"),
 }
 """Method name -> module of this package and its settings class."""
+
+STEERED_BY_BUDGET = frozenset({"ga", "hybrid"})
+"""Methods whose path depends on the budget (mutation that shrinks until its end, a share of it). Any other search is
+the beginning of every longer one with the same seed."""
 
 
 class Algorithm(Protocol):
@@ -93,6 +98,7 @@ def minimise(
     callback: Callback | None = None,
     executor: Executor | None = None,
     chunks: int | None = None,
+    marks: Sequence[int] = (),
     **settings: object,
 ) -> Result:
     """Minimise an objective with one of the published algorithms.
@@ -111,6 +117,8 @@ def minimise(
             worker.
         chunks: Parts of a population; None: one for each processor of this machine (give the cluster's size for a
             cluster).
+        marks: Evaluations after which `Result.marks` says what was found: what a search of that budget finds, where
+            the method is not in `STEERED_BY_BUDGET`.
         **settings: The algorithm's own settings, by the names of its class.
 
     Returns:
@@ -130,6 +138,7 @@ def minimise(
         callback=callback,
         executor=executor,
         chunks=chunks,
+        marks=marks,
     )
     started_ns = time.monotonic_ns()
     try:

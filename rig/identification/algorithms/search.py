@@ -6,8 +6,9 @@ exceeded, the best point ever seen cannot be lost, and the history is monotone w
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -78,6 +79,7 @@ class Result:
         generations: Generations the algorithm completed.
         stopped_by: `budget`, `callback`, `stall`, `statistics` or `converged`.
         seconds: Wall time of the search.
+        marks: Evaluations -> best point (p,) and value after so many; the end's where the search ended earlier.
     """
 
     best: Array
@@ -87,6 +89,7 @@ class Result:
     generations: int
     stopped_by: str
     seconds: float
+    marks: Mapping[int, tuple[Array, float]] = field(default_factory=dict)
 
 
 @dataclass
@@ -102,6 +105,7 @@ class Search:
         budget: Evaluations allowed.
         rng: The only source of randomness.
         callback: Called after each evaluation with `Progress`; returning True ends the search.
+        marks: Evaluations after which the best point is kept apart, though a generation is under way.
     """
 
     objective: Objective
@@ -113,11 +117,13 @@ class Search:
     rng: np.random.Generator
     callback: Callback | None = None
     evaluation: Evaluation = field(default_factory=Evaluation)
+    marks: tuple[int, ...] = ()
     best: Array = field(init=False)
     value: float = field(init=False, default=float("inf"))
     evaluations: int = field(init=False, default=0)
     generations: int = field(init=False, default=0)
     history: list[tuple[int, float]] = field(init=False, default_factory=list)
+    marked: dict[int, tuple[Array, float]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.best = np.full(self.objective.n_parameters, np.nan) if self.start is None else self.start.copy()
@@ -211,10 +217,16 @@ class Search:
         """
         if not len(points):
             return
-        self.evaluations += len(points)
-        if self.evaluations == len(points) or values.min() < self.value:
-            winner = int(np.argmin(values))
-            self.best, self.value = points[winner].copy(), float(values[winner])
+        before = self.evaluations
+        after = before + len(points)
+        ends = [*(mark for mark in self.marks if before < mark < after), after]
+        for first, last in itertools.pairwise([0, *(end - before for end in ends)]):
+            winner = first + int(np.argmin(values[first:last]))
+            if self.evaluations == 0 or values[winner] < self.value:
+                self.best, self.value = points[winner].copy(), float(values[winner])
+            self.evaluations = before + last
+            if self.evaluations in self.marks:
+                self.marked[self.evaluations] = (self.best, self.value)
         self.history.append((self.evaluations, self.value))
         if self.callback is None:
             return
@@ -243,7 +255,8 @@ class Search:
         """
         history = np.array(self.history, dtype=np.float64).reshape(-1, 2)
         seconds = (time.monotonic_ns() - started_ns) * 1e-9
-        return Result(self.best, self.value, self.evaluations, history, self.generations, stopped_by, seconds)
+        marks = {mark: self.marked.get(mark, (self.best, self.value)) for mark in self.marks}
+        return Result(self.best, self.value, self.evaluations, history, self.generations, stopped_by, seconds, marks)
 
 
 def require(algorithm: str, setting: str, value: float, low: float, high: float) -> None:
@@ -274,6 +287,7 @@ def make_search(
     callback: Callback | None,
     executor: Executor | None,
     chunks: int | None,
+    marks: Sequence[int] = (),
 ) -> Search:
     """Check what the caller gave and make a `Search` of it.
 
@@ -287,6 +301,7 @@ def make_search(
         callback: Called after each evaluation; True ends the search.
         executor: Where populations are evaluated; None: here.
         chunks: Parts a population is cut into for the executor; None: one for each processor of this machine.
+        marks: Evaluations after which the best point is kept apart.
 
     Returns:
         A search that has evaluated nothing yet.
@@ -310,7 +325,18 @@ def make_search(
             )
     first = None if start is None else _checked_start(np.asarray(start, dtype=np.float64), low, high)
     rng = np.random.default_rng(seed)
-    return Search(objective, first, low, high, population, budget, rng, callback, Evaluation(executor, chunks))
+    return Search(
+        objective,
+        first,
+        low,
+        high,
+        population,
+        budget,
+        rng,
+        callback,
+        Evaluation(executor, chunks),
+        tuple(sorted(set(marks))),
+    )
 
 
 def _checked_start(start: Array, low: Array, high: Array) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rig.identification.algorithms import METHODS, Progress, SearchError, minimise
+from rig.identification.algorithms.registry import STEERED_BY_BUDGET
 
 if TYPE_CHECKING:
     from conftest import Bowl
@@ -56,6 +57,22 @@ def test_the_best_point_ever_evaluated_is_archived(bowl: Bowl, method: str) -> N
     values = [float(np.sum((point - bowl.target) ** 2)) for point in bowl.points]
     assert found.value == min(values)
     assert np.sum((found.best - bowl.target) ** 2) == found.value
+
+
+@pytest.mark.parametrize("method", [method for method in METHODS if method not in STEERED_BY_BUDGET])
+def test_a_mark_holds_to_the_bit_what_a_search_of_that_budget_finds(bowl: Bowl, method: str) -> None:
+    whole = minimise(bowl, method=method, budget=900, seed=7, marks=[10, 120, 375, 900])
+    for budget, (best, value) in whole.marks.items():
+        alone = minimise(bowl, method=method, budget=budget, seed=7)
+        assert value == alone.value
+        assert np.array_equal(best, alone.best)
+    assert whole.marks[10][1] > whole.marks[900][1]
+
+
+def test_a_mark_beyond_the_end_of_a_search_holds_its_end(bowl: Bowl) -> None:
+    whole = minimise(bowl, method="ga_novel", bounds=BOX, budget=100_000, seed=1, marks=[90_000])
+    assert whole.evaluations < 90_000
+    assert whole.marks[90_000] == (pytest.approx(whole.best), whole.value)
 
 
 @pytest.mark.parametrize("method", POPULATION_METHODS)

@@ -13,9 +13,10 @@ from rig.dampers import parameter_set
 from rig.errors import FileProblem
 from rig.study.comparison import run_study
 from rig.study.recordings import BOUC_WEN_TRUTH, bouc_wen, table1
+from rig.study.result_line import shorter_lines
 from rig.study.results_file import ResultsFile
 from rig.study.runner import StudyProgress
-from rig.study.search_cell import SearchCell, all_cells
+from rig.study.search_cell import SearchCell, all_cells, searches
 from rig.study.study_file import load_study
 from rig.study.workbench import Workbench
 
@@ -53,16 +54,40 @@ def test_the_example_study_asks_for_every_table_of_both_papers() -> None:
     assert [cell.repeat for cell in cells] == sorted(cell.repeat for cell in cells)
 
 
-def test_every_cell_has_a_seed_of_its_own_that_stays() -> None:
+def test_every_search_has_a_seed_of_its_own_that_stays() -> None:
     cells = [SearchCell("asymmetric", "pso", 50, 4000, repeat) for repeat in range(30)]
     assert len({cell.seed(1) for cell in cells}) == 30
     assert cells[0].seed(1) == SearchCell("asymmetric", "pso", 50, 4000, 0).seed(1) != cells[0].seed(2)
 
 
+def test_budgets_share_a_search_unless_the_method_plans_with_its_budget() -> None:
+    def planned(method: str) -> list[SearchCell]:
+        return searches([SearchCell("asymmetric", method, 50, budget, 0) for budget in (4000, 16_000, 8000)], ())
+
+    assert [(cell.budget, cell.marks) for cell in planned("pso")] == [(16_000, (4000, 8000))]
+    assert [(cell.budget, cell.marks) for cell in planned("ga")] == [(16_000, ()), (8000, ()), (4000, ())]
+    assert len({cell.seed(1) for cell in planned("ga")}) == 3
+
+
+def test_a_budget_of_a_shared_search_has_the_value_of_a_search_of_its_own(small_study: Path) -> None:
+    bench = Workbench(load_study(small_study))
+    whole = bench.run(SearchCell("asymmetric", "c_foa", 8, 120, 0, marks=(60,)))
+    alone = bench.run(SearchCell("asymmetric", "c_foa", 8, 60, 0))
+    (shorter,) = shorter_lines(whole)
+    kept = ("key", "value", "parameters", "budget", "evaluations", "population", "repeat", "settings")
+    assert {name: shorter[name] for name in kept} == {name: alone[name] for name in kept}
+
+
+def test_only_the_missing_budget_is_searched_again() -> None:
+    cells = [SearchCell("asymmetric", "pso", 50, budget, 0) for budget in (4000, 8000, 16_000)]
+    assert [cell.budget for cell in searches(cells, {cells[0].key, cells[1].key})] == [16_000]
+    assert searches(cells, {cell.key for cell in cells}) == []
+
+
 def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_study: Path, tmp_path: Path) -> None:
     seen: list[StudyProgress] = []
     outcome = run_study(small_study, tmp_path / "out", processes=2, report=seen.append)
-    total = len(all_cells(load_study(small_study)))
+    total = len(searches(all_cells(load_study(small_study)), ()))
     assert (seen[0].done, seen[-1].done, seen[-1].total) == (0, total, total)
     assert seen[-1].seconds_left == pytest.approx(0.0)
     names = {table.name for table in outcome.tables}
@@ -75,12 +100,15 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
     assert second.tables == outcome.tables
 
     lines = [json.loads(line) for line in (tmp_path / "out" / "results.jsonl").read_text().splitlines()[1:]]
-    values = [line["value"] for line in lines if (line["method"], line["population"], line["budget"]) == ("de", 8, 120)]
+    of_de = [line for line in lines if (line["method"], line["population"], line["budget"]) == ("de", 8, 120)]
+    values = {120: [line["value"] for line in of_de], 60: [line["marks"]["60"]["value"] for line in of_de]}
     with (tmp_path / "out" / "tables" / "table-11.csv").open() as file:
-        row = next(row for row in csv.DictReader(file) if row["setting"] == "N=8, fun_evals=120")
-    assert float(row["BV"]) == min(values)
-    assert float(row["MV"]) == pytest.approx(np.mean(values))
-    assert float(row["SD"]) == pytest.approx(np.std(values, ddof=1))
+        rows = {row["setting"]: row for row in csv.DictReader(file)}
+    for budget, found in values.items():
+        row = rows[f"N=8, fun_evals={budget}"]
+        assert float(row["BV"]) == min(found)
+        assert float(row["MV"]) == pytest.approx(np.mean(found))
+        assert float(row["SD"]) == pytest.approx(np.std(found, ddof=1))
 
     page = outcome.page.read_text()
     assert "Kruskal-Wallis" in page
@@ -88,6 +116,7 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
     plain = json.loads((tmp_path / "out" / "study.json").read_text())
     assert plain["kruskal_wallis"]["all settings"]["p"] <= 1.0
     assert len(plain["kruskal_wallis"]["all settings"]["mean_ranks"]) == 3 * 2 * 2
+    assert "not independent" in plain["kruskal_wallis"]["all settings"]["note"]  # two repeats for two budgets
 
 
 def test_a_study_goes_on_after_a_torn_last_line(small_study: Path, tmp_path: Path) -> None:
