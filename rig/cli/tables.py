@@ -103,13 +103,20 @@ def _remarks(fit: Mapping[str, Any]) -> list[Text]:
         lines.append(Text(f"error over held-out tests, which the fit has not seen: {measures}"))
     if not fit.get("adequate", True):
         lines.append(Text("the model does not describe these data within their noise", style="red"))
-    for name, entry in fit["parameters"].items():
-        if not entry["identifiable"]:
-            reason = str(entry.get("reason") or "the data do not determine it")
-            text = reason if reason.startswith(f"{name} ") else f"{name} cannot be identified: {reason}"
-            lines.append(Text(text, style="yellow"))
+    lines += [Text(text, style="yellow") for text in _reasons(fit["parameters"])]
     lines += [Text(f"warning: {text}", style="yellow") for text in fit.get("warnings", [])]
     return lines
+
+
+def _reasons(parameters: Mapping[str, Any]) -> list[str]:
+    """Why parameters cannot be identified, those with the same reason together."""
+    named: dict[str, list[str]] = {}
+    for name, entry in parameters.items():
+        if not entry["identifiable"]:
+            reason = str(entry.get("reason") or "the data do not determine it")
+            rest = reason.removeprefix(f"{name} ")
+            named.setdefault(rest if rest != reason else f"cannot be identified: {reason}", []).append(name)
+    return [f"{', '.join(names)} {reason}" for reason, names in named.items()]
 
 
 def _interval(entry: Mapping[str, Any]) -> tuple[float | None, float | None]:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from rig.identification.residuals import Residual
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -52,6 +54,8 @@ class TestError:
         nrmse_percent_of_peak: 100 rmse / max|F - mean F|.
         noise_N: scatter of the force from cycle to cycle (N); None when unknown.
         samples: number of samples.
+        energy_J: energy dissipated in a mean cycle, measured (J).
+        modelled_energy_J: the same by the model (J).
     """
 
     __test__ = False  # pytest takes classes called Test for its own
@@ -63,6 +67,8 @@ class TestError:
     nrmse_percent_of_peak: float
     noise_N: float | None
     samples: int
+    energy_J: float
+    modelled_energy_J: float
 
 
 @dataclass(frozen=True)
@@ -99,6 +105,19 @@ class ModelScore:
 
 
 @dataclass(frozen=True)
+class Passivity:
+    """Where the fitted model takes energy out, over the tested speeds (both ways) and currents.
+
+    Attributes:
+        share: share of the envelope with F v >= 0, gas force and springs left out.
+        worst: what happens elsewhere, in words; empty when `share` is 1.
+    """
+
+    share: float
+    worst: str
+
+
+@dataclass(frozen=True)
 class Fit:
     """A model fitted to a run.
 
@@ -119,6 +138,8 @@ class Fit:
         condition: condition number of the scaled normal matrix.
         correlation: parameter names to names to correlation.
         notes: how the intervals were made.
+        residuals: what each fitted test's residual consists of, in the order of `error.per_test`.
+        passivity: where the fitted model takes energy out; None when it was not looked at.
     """
 
     model: str
@@ -137,6 +158,8 @@ class Fit:
     condition: float
     correlation: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    residuals: tuple[Residual, ...] = ()
+    passivity: Passivity | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -151,6 +174,8 @@ class Fit:
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig identify --json`: plain types, no NaN or infinity (null instead)."""
         error = _summary(self.error)
+        for entry, residual in zip(error["per_test"], self.residuals, strict=False):
+            entry["residual"] = _plain(residual)
         error["holdout"] = None if self.holdout is None else _summary(self.holdout)
         scores = [
             {
@@ -178,6 +203,7 @@ class Fit:
             "objective": _number(self.objective),
             "condition": _number(self.condition),
             "correlation": {name: {k: _number(v) for k, v in row.items()} for name, row in self.correlation.items()},
+            "passivity": None if self.passivity is None else _plain(self.passivity),
             "notes": list(self.notes),
         }
 
@@ -192,8 +218,13 @@ def _number(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
+def _plain(each: object) -> dict[str, Any]:
+    """The fields of a dataclass, what is not finite as null."""
+    return {key: _number(value) if isinstance(value, float) else value for key, value in vars(each).items()}
+
+
 def _estimate(each: Estimate) -> dict[str, Any]:
-    entry = {key: _number(value) if isinstance(value, float) else value for key, value in vars(each).items()}
+    entry = _plain(each)
     if not entry["reason"]:
         del entry["reason"]
     return entry
@@ -206,8 +237,5 @@ def _summary(summary: ErrorSummary) -> dict[str, Any]:
         "sd_N": _number(summary.sd_N),
         "r_squared": _number(summary.r_squared),
         "nrmse_percent_of_peak": _number(summary.nrmse_percent_of_peak),
-        "per_test": [
-            {key: _number(value) if isinstance(value, float) else value for key, value in vars(each).items()}
-            for each in summary.per_test
-        ],
+        "per_test": [_plain(each) for each in summary.per_test],
     }

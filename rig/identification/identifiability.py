@@ -20,6 +20,8 @@ PROPORTIONAL = 1e-4  # share of the acceleration that displacement does not expl
 ONE_SPEED = 2e-3  # share of the velocity that its sign does not explain, below which C and Fy are one
 
 SATURATED = 0.999
+DEGENERATE = 0.03  # share of its possible energy that the yield force takes out, below which the tanh is sgn(u)
+STRAIGHT = 0.15  # largest tanh up to which it is a straight line: its bend is then below 1 %
 FEWEST_PASSING = 20  # samples on the slope of the tanh that its shape needs at least
 
 #: Parameters per ampere, and the value at zero current that each belongs to.
@@ -179,14 +181,54 @@ def explain(
         else:
             reasons[name] = f"{name} cannot be told from {', '.join(partners)} in these tests"
     if isinstance(model, TanhModel):
-        passing = sum(
-            int(np.count_nonzero(np.abs(model.yield_shape(values, each.u_m, each.v_m_s)) < SATURATED))
-            for each in measurements
-        )
-        if passing < FEWEST_PASSING:
-            for name in model.shape_names:
-                reasons[name] = (
-                    f"{name} cannot be found: the tanh is saturated at all but {passing} samples, so it hardly "
-                    "changes the force; the yield force is only a sign function here"
-                )
+        reasons |= _tanh(model, values, measurements)
     return reasons
+
+
+def _tanh(model: TanhModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> dict[str, str]:
+    """Reasons where the tanh has become something simpler: sgn(u), a sign function, or a straight line."""
+    yielding = np.concatenate([model.yield_shape(values, each.u_m, each.v_m_s) for each in measurements])
+    v = np.concatenate([each.v_m_s for each in measurements])
+    passing, largest = int(np.count_nonzero(np.abs(yielding) < SATURATED)), float(np.max(np.abs(yielding)))
+    if abs(_dissipated_share(yielding, v)) < DEGENERATE:
+        text = (
+            f"cannot be told: the hysteresis is degenerate, {model.shape_names[1]} outweighs every speed, so that the "
+            "tanh follows sgn(u) and the yield force dissipates nothing; only its height is known"
+        )
+        return {name: f"{name} {text}" for name in (*model.shape_names, *model.yield_names)}
+    if passing < FEWEST_PASSING:
+        text = (
+            f"cannot be found: the tanh is saturated at all but {passing} samples, so it hardly changes the force; "
+            "the yield force is only a sign function here"
+        )
+        return {name: f"{name} {text}" for name in model.shape_names}
+    if largest < STRAIGHT:
+        viscous = [name for name in VISCOUS if name in model.names]
+        text = (
+            f"cannot be told: the tanh is a straight line here (at most {largest:.2g}), so that yield and viscous "
+            "force are one; add faster tests"
+        )
+        return {name: f"{name} {text}" for name in (*model.shape_names, *model.yield_names, *viscous)}
+    return {}
+
+
+def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> list[str]:
+    """A warning where the tanh follows sgn(u), as with the printed lambda of 1.41 m/s: a yield force without loss."""
+    if not isinstance(model, TanhModel):
+        return []
+    yielding = np.concatenate([model.yield_shape(values, each.u_m, each.v_m_s) for each in measurements])
+    v = np.concatenate([each.v_m_s for each in measurements])
+    if abs(_dissipated_share(yielding, v)) >= DEGENERATE:
+        return []
+    offset = model.shape_names[1]
+    return [
+        f"degenerate hysteresis: {offset} = {values[offset]:.3g} outweighs beta v at every tested speed, so that the "
+        "yield force follows the side of mid-stroke, sgn(u), and not the motion, and dissipates nothing; check the "
+        "mid-stroke, or fit another model"
+    ]
+
+
+def _dissipated_share(yielding: FloatArray, v_m_s: FloatArray) -> float:
+    """Energy that a yield force of this shape takes out, as a share of what it would with the sign of the speed."""
+    most = float(np.sum(np.abs(yielding * v_m_s)))
+    return float(np.sum(yielding * v_m_s)) / most if most > 0.0 else 1.0

@@ -8,31 +8,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 import rig.dampers
 from rig.dampers.algebraic import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.consistency import contradictions, refuse_seen, runs_apart
 from rig.identification.current_lag import CurrentLag, lag_of
+from rig.identification.energy import refuse_reversed_signs
 from rig.identification.fit import Estimate, Fit
-from rig.identification.identifiability import examine, explain
+from rig.identification.identifiability import examine
+from rig.identification.judging import judged
 from rig.identification.measurement import Measurement
 from rig.identification.preparation import prepare_all
 from rig.identification.scoring import describes, score
 from rig.identification.selection import Candidate, compare
-from rig.identification.separable import Solution
 from rig.identification.solving import Method, solve
-from rig.identification.uncertainty import DeclaredErrors, Information, information, quantile
+from rig.identification.uncertainty import DeclaredErrors, quantile
 from rig.recording.run import RecordedPoint, Run
 
 ALL = "all"
-NOTES = (
-    "low, high: pointwise 95 % intervals; simultaneous_low, simultaneous_high: 95 % for all identifiable parameters "
-    "together (Bonferroni)",
-    "covariance: sandwich of weighted least squares with each test's own residual variance, widened by the residual's "
-    "autocorrelation and by the stated skew uncertainty",
-)
 
 
 def identify(
@@ -65,6 +59,8 @@ def identify(
     started = time.perf_counter()
     settings = method if isinstance(method, Method) else Method(method)
     fitted, held_out, warnings = _split(tests, holdout)
+    refuse_reversed_signs(fitted)
+    warnings += contradictions(fitted)
     lag, unusable_steps = lag_of(_recorded(tests))
     warnings += unusable_steps
     names = list(rig.dampers.MODELS) if model == ALL else [model]
@@ -74,7 +70,11 @@ def identify(
     if told is not None and len(candidates) > 1:
         told("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, settings)
-    fit = _fit(best, fitted, held_out, ranking, settings, warnings, declared, started)
+    if describes(best.model, best.solution.values, fitted, settings.weighting(best.model)) is False:
+        warnings += runs_apart(
+            fitted, score(best.model, best.solution.values, fitted).rmse_N, _error_of(best, settings)
+        )
+    fit = judged(best, fitted, held_out, ranking, settings, warnings, declared, started)
     return fit if lag is None or "eta" not in fit.parameters else _with_lag(fit, lag)
 
 
@@ -155,7 +155,7 @@ def _split(
     """Measurements to fit, measurements held out, warnings.
 
     Raises:
-        IdentificationFailed: the filter holds out nothing or everything.
+        IdentificationFailed: the filter holds out nothing or everything, or a test is on both sides.
     """
     given = list(tests.valid) if isinstance(tests, Run) else list(tests)
     points = [each for each in given if isinstance(each, RecordedPoint) and each.kind == "loop"]
@@ -176,6 +176,7 @@ def _split(
         others = list(holdout.valid) if isinstance(holdout, Run) else list(holdout)
         kept_out = [each for each in others if isinstance(each, RecordedPoint)]
         held_out = [each for each in others if isinstance(each, Measurement)]
+    refuse_seen([*points, *fitted], [*kept_out, *held_out])
     warnings: list[str] = []
     if points or not fitted:
         prepared, refused = prepare_all(points)
@@ -186,6 +187,17 @@ def _split(
         held_out += prepared
         warnings += refused
     return fitted, held_out, warnings
+
+
+def _error_of(best: Candidate, method: Method) -> Callable[[list[Measurement]], float]:
+    """Root mean square error (N) of the chosen model fitted to some of the tests."""
+
+    def error_N(tests: list[Measurement]) -> float:
+        findings = examine(best.model, tests)
+        solution = solve(best.model, tests, method, findings, best.solution.values)
+        return score(best.model, solution.values, tests).rmse_N
+
+    return error_N
 
 
 def _recorded(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:
@@ -234,107 +246,3 @@ def _candidates(
     if not candidates:
         raise IdentificationFailed("; ".join(refused))
     return candidates, refused
-
-
-def _fit(
-    best: Candidate,
-    fitted: list[Measurement],
-    held_out: list[Measurement],
-    ranking: tuple[object, ...],
-    method: Method,
-    warnings: list[str],
-    declared: DeclaredErrors | None,
-    started: float,
-) -> Fit:
-    """Judge the chosen candidate: errors, intervals, what cannot be found, warnings."""
-    model, values = best.model, best.solution.values
-    weighting = method.weighting(model)
-    fits = describes(model, values, fitted, weighting)
-    free = [name for name in model.names if name in values and name not in best.findings.held]
-    known = information(model, values, free, fitted, weighting, declared, fits=fits is not False)
-    reasons = {**explain(model, known, values, fitted), **best.findings.reasons}
-    warnings = [*warnings, *(text for each in (*fitted, *held_out) for text in each.warnings)]
-    warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
-    return Fit(
-        model=model.name,
-        hysteresis=getattr(model, "hysteresis", "kwok"),
-        method=method.name,
-        weight=weighting.weight,
-        parameters=_estimates(model, values, known, reasons, best.solution, sum(each.u_m.size for each in fitted)),
-        error=score(model, values, fitted),
-        holdout=score(model, values, held_out) if held_out else None,
-        selection=ranking,  # type: ignore[arg-type]  # a list of mappings, each value checked where it is made
-        adequate=fits is not False,
-        warnings=tuple(warnings),
-        evaluations=best.solution.evaluations,
-        wall_s=time.perf_counter() - started,
-        objective=best.solution.objective,
-        condition=known.condition,
-        correlation=_correlation(known),
-        notes=NOTES,
-    )
-
-
-def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[str]:
-    warnings = []
-    if fits is False:
-        warnings.append(
-            "the model leaves more than the tests' own scatter: its parameters are those of the closest model, and "
-            "their intervals do not cover what the model lacks"
-        )
-    if fits is None:
-        warnings.append("no test has two whole cycles, so it cannot be told whether the model fits to the noise")
-    warnings += [f"{name} would be negative; it is held at 0" for name in solution.at_bound]
-    if weight == "v":
-        warnings.append("weight v (equation 12) mutes the reversals; compare with weight 1")
-    return warnings
-
-
-def _unresolved(fitted: Sequence[Measurement]) -> list[str]:
-    """A warning when all tests reverse more sharply than the displacement's samples resolve."""
-    sharp = [each.unseen_v_m_s for each in fitted if each.unseen_v_m_s is not None]
-    if len(sharp) < len(fitted):
-        return []
-    worst_mm_s = 1e3 * max(float(np.max(np.abs(unseen))) for unseen in sharp)
-    return [
-        f"every test reverses more sharply than its displacement samples resolve (velocity there uncertain by up to "
-        f"{worst_mm_s:.1f} mm/s); the intervals allow for it; add sines to narrow them"
-    ]
-
-
-def _estimates(
-    model: DamperModel,
-    values: dict[str, float],
-    known: Information,
-    reasons: dict[str, str],
-    solution: Solution,
-    samples: int,
-) -> dict[str, Estimate]:
-    """Every parameter of the model with its intervals, or the reason why it has none."""
-    identifiable = [name for name in known.names if name not in reasons]
-    freedom = samples / max(known.inflation) - len(known.names)
-    one, together = quantile(1, freedom), quantile(len(identifiable), freedom)
-    estimates = {}
-    for name in model.names:
-        unit = model.parameter(name).unit
-        if name in reasons or name not in known.names:
-            estimates[name] = Estimate(values.get(name), unit, identifiable=False, reason=reasons.get(name, ""))
-            continue
-        value, error = values[name], known.standard_error(name)
-        floor = 0.0 if name in solution.at_bound else -np.inf
-        estimates[name] = Estimate(
-            value=value,
-            unit=unit,
-            low=max(floor, value - one * error),
-            high=value + one * error,
-            simultaneous_low=max(floor, value - together * error),
-            simultaneous_high=value + together * error,
-            standard_error=error,
-            variance_inflation=1.0 / float(known.alone[known.names.index(name)]),
-        )
-    return estimates
-
-
-def _correlation(known: Information) -> dict[str, dict[str, float]]:
-    rows = known.correlation.tolist()
-    return {name: dict(zip(known.names, row, strict=True)) for name, row in zip(known.names, rows, strict=True)}

@@ -28,7 +28,7 @@ FEWEST_SAMPLES = 50
 STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its mean is better than its samples
 LARGEST_MISSING_SHARE = 0.2
 MEDIAN_OF_NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
-SATURATED_RUN = 5  # equal extreme values in a row that mean the force stood at the end of its range
+SATURATED_RUN = 5  # equal extreme values in a row that mean that the force stood at the end of its range
 
 
 def prepare_all(points: Iterable[RecordedPoint]) -> tuple[list[Measurement], list[str]]:
@@ -84,7 +84,8 @@ def prepare(point: RecordedPoint, skew: Skew | None = None) -> Measurement:
         )
     mean_m = motion.harmonics.mean_m if motion.harmonics is not None else cycles.mean_m
     reference_m = mean_m if point.mid_stroke_m is None else point.mid_stroke_m
-    warnings += _saturation(point.id, force_N[usable], len(cycles))
+    usable, saturated = _without_saturation(point.id, force_N, usable, len(cycles))
+    warnings += saturated
     dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
     per_cycle = round(float(np.mean(np.diff(cycles.start_s))) / dt_s)
     unseen = None if motion.harmonics is None else motion.harmonics.unseen_at(grid_s)
@@ -144,11 +145,7 @@ def _force_on_grid(
     spacing = float(np.median(np.diff(time_s)))
     places = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(np.diff(time_s) / spacing).astype(np.int64)))))
     count = int(places[-1]) + 1
-    if good.sum() < (1.0 - LARGEST_MISSING_SHARE) * count:
-        raise IdentificationFailed(
-            f"{100.0 * (1.0 - good.sum() / count):.0f} % of the force samples in the kept cycles are missing or "
-            f"flagged; at most {100 * LARGEST_MISSING_SHARE:.0f} % may be"
-        )
+    _enough(int(good.sum()), count, "missing or flagged")
     grid_s = np.interp(np.arange(count), places, time_s)
     force = np.zeros(count)
     usable = np.zeros(count, dtype=bool)
@@ -182,19 +179,48 @@ def _current(point: RecordedPoint, wanted_s: FloatArray, warnings: list[str]) ->
     return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured])
 
 
-def _saturation(name: str, force_N: FloatArray, cycles: int) -> list[str]:
-    """A warning when the force stands still at its greatest or least value in at least half of the cycles."""
-    warnings = []
-    for word, extreme in (("greatest", np.max(force_N)), ("least", np.min(force_N))):
-        same = np.concatenate(([0], (force_N == extreme).astype(np.int8), [0]))
+def _enough(good: int, count: int, what: str) -> None:
+    """Refuse a test of which too many force samples say nothing.
+
+    Raises:
+        IdentificationFailed: the message says what share they are and what may be.
+    """
+    if good < (1.0 - LARGEST_MISSING_SHARE) * count:
+        raise IdentificationFailed(
+            f"{100.0 * (1.0 - good / count):.0f} % of the force samples in the kept cycles are {what}; at most "
+            f"{100 * LARGEST_MISSING_SHARE:.0f} % may be"
+        )
+
+
+def _without_saturation(
+    name: str, force_N: FloatArray, usable: NDArray[np.bool_], cycles: int
+) -> tuple[NDArray[np.bool_], list[str]]:
+    """Which samples remain where the force stands still at an extreme value in half of the cycles, and a warning.
+
+    What is cut off is a stretch of time, from shortly before the first to shortly after the last sample at the limit:
+    to cut by the force itself would keep those whose noise was lucky.
+
+    Raises:
+        IdentificationFailed: the force is saturated in too much of the test.
+    """
+    kept, warnings = usable.copy(), []
+    for word, extreme in (("greatest", np.max(force_N[usable])), ("least", np.min(force_N[usable]))):
+        same = np.concatenate(([0], ((force_N == extreme) & usable).astype(np.int8), [0]))
         edges = np.flatnonzero(np.diff(same))
-        standing = int(np.count_nonzero(edges[1::2] - edges[::2] >= SATURATED_RUN))
-        if 2 * standing >= cycles:
-            warnings.append(
-                f"{name}: the force stands still at its {word} value, {extreme:.1f} N, {standing} times; it is "
-                "probably saturated"
-            )
-    return warnings
+        starts, stops = edges[::2], edges[1::2]
+        standing = int(np.count_nonzero(stops - starts >= SATURATED_RUN))
+        if 2 * standing < cycles:
+            continue
+        for start, stop in zip(starts, stops, strict=True):
+            margin = SATURATED_RUN + (stop - start) // 5 if stop - start >= SATURATED_RUN else 0
+            kept[max(0, start - margin) : stop + margin] = False
+        warnings.append(
+            f"{name}: the force stands still at its {word} value, {extreme:.1f} N, {standing} times; it is probably "
+            "saturated, and the fit does without these samples: the greatest forces are not in it"
+        )
+    if warnings:
+        _enough(int(np.count_nonzero(kept)), kept.size, "at the end of the force's range, or missing")
+    return kept, warnings
 
 
 def cycle_scatter_N(force_N: FloatArray, usable: NDArray[np.bool_], time_s: FloatArray, cycles: Cycles) -> float:

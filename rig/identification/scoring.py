@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rig.dampers.model import DamperModel
+from rig.identification.energy import cycle_energy_J
 from rig.identification.fit import ErrorSummary, TestError
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
@@ -27,7 +28,8 @@ def score(model: DamperModel, values: Mapping[str, float], measurements: Sequenc
     for each in measurements:
         scored = each.scored
         force = each.force_N[scored]
-        error = force - modelled_force(model, values, each)[scored]
+        modelled = modelled_force(model, values, each)
+        error = force - modelled[scored]
         rmse = float(np.sqrt(np.mean(error**2)))
         peak = each.peak_force_N
         tests.append(
@@ -39,6 +41,8 @@ def score(model: DamperModel, values: Mapping[str, float], measurements: Sequenc
                 nrmse_percent_of_peak=100.0 * rmse / peak if peak > 0.0 else math.nan,
                 noise_N=None if math.isnan(each.noise_N) else each.noise_N,
                 samples=int(error.size),
+                energy_J=cycle_energy_J(each, each.force_N),
+                modelled_energy_J=cycle_energy_J(each, modelled),
             )
         )
         errors.append(error)

@@ -2,13 +2,11 @@
 
 Covariance of the weighted least-squares estimate (sandwich form):
 C = A^-1 (sum_t q_t s_t^2 B_t + sum_k d_k d_k') A^-1, with A = sum J'W^2 J and B_t = J'W^4 J of test t, s_t its
-residual's standard deviation, q_t >= 1 the sum of the residual's autocorrelation (1 + 2 sum rho_k up to the first lag
-within noise; Bartlett 1946), and d_k the effect J'W^2 dF/dk of each declared error k: the skew left in each test, the
+residual's root mean square, q_t >= 1 what correlation in time and misfit that repeats every cycle add to it
+(`residuals`), and d_k the effect J'W^2 dF/dk of each declared error k: the skew left in each test, the
 scale of force and displacement, the position of mid-stroke, the motion that the displacement's samples do not resolve
 at sharp reversals. A skew is taken as shared by all tests, which is the larger of the two possible effects; unresolved
-motion, whose effects on the tests may cancel, counts test by test. Where the model does not reach the noise, the misfit
-repeats every cycle: q_t is then multiplied by the number of cycles, because repeating a cycle adds nothing to what is
-known.
+motion, whose effects on the tests may cancel, counts test by test.
 """
 
 from __future__ import annotations
@@ -32,10 +30,12 @@ from rig.identification.model_slope import (
     unseen_force,
 )
 from rig.identification.projection import Weighting
+from rig.identification.residuals import Residual, judge
 
 FloatArray = NDArray[np.float64]
 
 CONFIDENCE = 0.95
+LEAST_FREEDOM = 4.0
 INSEPARABLE = 1e-8  # smallest share of a parameter's own information that must be its alone
 
 
@@ -65,7 +65,10 @@ class Information:
         alone: share of each parameter's information that no other parameter can imitate (1 / variance inflation), (p,).
         condition: condition number of the scaled normal matrix.
         partners: for each inseparable parameter, those it cannot be told from.
-        inflation: factor by which correlated residuals widen the variance, one a test.
+        curvature: inverse of the variance that unit weighted noise would give each parameter, others free, (p,).
+        step: how far each parameter lies from the least-squares solution, in its unit, (p,).
+        residuals: what each test's residual consists of.
+        freedom: independent residuals, less the parameters.
     """
 
     names: tuple[str, ...]
@@ -74,7 +77,10 @@ class Information:
     alone: FloatArray
     condition: float
     partners: Mapping[str, tuple[str, ...]]
-    inflation: tuple[float, ...]
+    curvature: FloatArray
+    step: FloatArray
+    residuals: tuple[Residual, ...]
+    freedom: float
 
     def standard_error(self, name: str) -> float:
         """Standard error in the parameter's unit; infinite where it cannot be told from others."""
@@ -88,8 +94,6 @@ def information(
     measurements: Sequence[Measurement],
     weighting: Weighting,
     declared: DeclaredErrors | None = None,
-    *,
-    fits: bool = True,
 ) -> Information:
     """Information about `names` at `values`.
 
@@ -100,11 +104,12 @@ def information(
         measurements: the tests of the fit.
         weighting: the weights of the fit.
         declared: errors the data do not show; none by default.
-        fits: whether the residual is noise; when it is not, its correlation over cycles is taken into account.
     """
     declared = declared or DeclaredErrors()
     size = len(names)
-    normal, meat, inflation = np.zeros((size, size)), np.zeros((size, size)), []
+    normal, meat, gradient = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
+    residuals: list[Residual] = []
+    independent = 0.0
     shared = np.zeros((4, size))
     for index, each in enumerate(measurements):
         squared = weighting.of(each, index) ** 2
@@ -112,12 +117,13 @@ def information(
         force = modelled_force(model, values, each)
         weighted = slopes * squared[:, None]
         normal += slopes.T @ weighted
-        residual = (each.force_N - force)[squared > 0.0]
-        widening = autocorrelation_sum(residual)
-        if not fits and each.samples_per_cycle > 0:
-            widening *= max(1.0, each.u_m.size / each.samples_per_cycle)
-        inflation.append(widening)
-        meat += widening * float(np.mean(residual**2)) * (weighted.T @ weighted)
+        error, counting = each.force_N - force, squared > 0.0
+        gradient += weighted.T @ error
+        residual = judge(error, counting, each.u_m, each.dt_s)
+        residuals.append(residual)
+        independent += np.count_nonzero(counting) / residual.widening
+        power = float(np.mean(error[counting] ** 2)) if np.any(counting) else 0.0
+        meat += residual.widening * power * (weighted.T @ weighted)
         if each.skew_std_s > 0.0:
             shared[0] += each.skew_std_s * (weighted.T @ time_slope(model, values, each))
         if declared.force_gain > 0.0:
@@ -130,10 +136,17 @@ def information(
             effect = weighted.T @ unseen_force(model, values, each)
             meat += np.outer(effect, effect)
     meat += shared.T @ shared
-    return _invert(tuple(names), normal, meat, tuple(inflation))
+    return _invert(tuple(names), normal, meat, gradient, tuple(residuals), independent)
 
 
-def _invert(names: tuple[str, ...], normal: FloatArray, meat: FloatArray, inflation: tuple[float, ...]) -> Information:
+def _invert(
+    names: tuple[str, ...],
+    normal: FloatArray,
+    meat: FloatArray,
+    gradient: FloatArray,
+    residuals: tuple[Residual, ...],
+    independent: float,
+) -> Information:
     size = len(names)
     scale = np.sqrt(np.diag(normal))
     seen = scale > 0.0
@@ -156,7 +169,12 @@ def _invert(names: tuple[str, ...], normal: FloatArray, meat: FloatArray, inflat
     full = np.diag((vectors * inverse) @ vectors.T)
     alone[told] = 1.0 / np.maximum(full[told], 1.0)
     condition = float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0.0 else math.inf
-    return Information(names, covariance, correlation, alone, condition, partners, inflation)
+    step = ((vectors * inverse) @ (vectors.T @ (gradient / safe))) / safe
+    curvature = np.where(full > 0.0, safe**2 / np.where(full > 0.0, full, 1.0), 0.0)
+    freedom = max(LEAST_FREEDOM, independent - size)
+    return Information(
+        names, covariance, correlation, alone, condition, partners, curvature, np.asarray(step), residuals, freedom
+    )
 
 
 def _partners(names: tuple[str, ...], null: FloatArray, seen: NDArray[np.bool_]) -> dict[str, tuple[str, ...]]:
@@ -171,22 +189,6 @@ def _partners(names: tuple[str, ...], null: FloatArray, seen: NDArray[np.bool_])
             others = {other for other in members if other != name} | set(partners.get(name, ()))
             partners[name] = tuple(sorted(others, key=names.index))
     return partners
-
-
-def autocorrelation_sum(residual: FloatArray) -> float:
-    """1 + 2 sum of the residual's autocorrelations up to the first one within noise; at least 1."""
-    n = residual.size
-    centred = residual - float(np.mean(residual))
-    power = float(centred @ centred)
-    if n < 10 or power == 0.0:
-        return 1.0
-    total = 1.0
-    for lag in range(1, n // 2):
-        correlation = float(centred[lag:] @ centred[:-lag]) / power
-        if correlation < 2.0 / math.sqrt(n):
-            break
-        total += 2.0 * correlation
-    return total
 
 
 def quantile(intervals: int = 1, freedom: float = math.inf) -> float:

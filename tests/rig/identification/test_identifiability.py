@@ -6,8 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig.dampers import parameter_set
+from rig.dampers import model, parameter_set
 from rig.identification import Fit, Measurement, identify
+from rig.identification.identifiability import explain
+from rig.identification.projection import Weighting
+from rig.identification.uncertainty import information
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
@@ -76,3 +79,22 @@ def test_a_models_scale_freedom_is_named(make_synthetic: Make) -> None:
     assert {"A", "alpha", "beta", "gamma"} <= unknown(fit)
     assert "A = 1" in fit.parameters["alpha"].reason
     assert fit.parameters["n"].low < 2.0 < fit.parameters["n"].high  # type: ignore[operator] - identifiable, so not None
+
+
+@pytest.mark.parametrize("delta", [40.0, 200.0])
+def test_a_degenerate_hysteresis_is_warned_of_and_its_parameters_are_not_told(
+    delta: float, make_synthetic: Make
+) -> None:
+    fit = identify(make_synthetic({**DEMO, "delta": delta, "beta": 20.0}))
+    assert {"beta", "delta", "Fya", "Fyb"} <= unknown(fit)
+    assert any(text.startswith("degenerate hysteresis") for text in fit.warnings)
+
+
+def test_a_tanh_without_a_bend_is_called_a_straight_line(make_synthetic: Make) -> None:
+    values = {**DEMO, "beta": 0.1, "delta": 0.02, "Fyb": 2000.0}
+    tests, names = make_synthetic(values), [name for name in DEMO if name != "eta"]
+    reasons = explain(
+        model("asymmetric"), information(model("asymmetric"), values, names, tests, Weighting()), values, tests
+    )
+    assert {"beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus"} <= set(reasons)
+    assert "a straight line here (at most 0.08" in reasons["Fyb"]

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from protocols.quality import Quality
+from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
-from rig.identification import prepare
+from rig.identification import identify, prepare
 from rig.identification.preparation import prepare_all
 from rig.recording.cycles import NoCycles
 from rig.recording.run import ForceSamples, RecordedPoint
+
+DEMO = dict(parameter_set("demo").values)
 
 
 def changed(point: RecordedPoint, **arrays: np.ndarray) -> RecordedPoint:
@@ -61,9 +64,25 @@ def test_flagged_and_lost_samples_do_not_count_and_time_stays_whole(demo_points:
     assert measurement.u_m == pytest.approx(whole.u_m, abs=1e-6)
 
 
-def test_a_saturated_force_is_warned_of(demo_points: list[RecordedPoint]) -> None:
+def test_a_saturated_force_is_left_out_where_it_stands_and_warned_of(demo_points: list[RecordedPoint]) -> None:
+    whole = demo_points[4].force_samples.force_N
+    limit_N = float(np.quantile(whole, 0.96))
+    clipped = prepare(with_force(demo_points[4], np.minimum(whole, limit_N)))
+    assert any(f"greatest value, {limit_N:.1f} N" in text for text in clipped.warnings)
+    assert clipped.usable is not None
+    assert 0.02 < np.mean(~clipped.usable) < 0.2
+    assert np.count_nonzero(clipped.force_N[clipped.usable] == limit_N) < 20
+    points = [with_force(p, np.minimum(p.force_samples.force_N, limit_N)) for p in demo_points]
+    fit = identify([p for p in points if p.current_A <= 1.0])
+    for name in fit.identifiable:
+        each = fit.parameters[name]
+        assert each.simultaneous_low < DEMO[name] < each.simultaneous_high, name  # type: ignore[operator] - identifiable
+
+
+def test_a_force_saturated_in_most_of_the_test_is_refused(demo_points: list[RecordedPoint]) -> None:
     force = np.minimum(demo_points[4].force_samples.force_N, 50.0)
-    assert any("greatest value, 50.0 N" in text for text in prepare(with_force(demo_points[4], force)).warnings)
+    with pytest.raises(IdentificationFailed, match="at the end of the force's range, or missing; at most 20 %"):
+        prepare(with_force(demo_points[4], force))
 
 
 def test_a_missing_current_falls_back_on_the_commanded_one(demo_points: list[RecordedPoint]) -> None:

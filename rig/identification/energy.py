@@ -1,0 +1,107 @@
+"""Energy: what each test dissipated and what the model says, and whether the fitted model could drive the rod.
+
+A damper's force apart from gas force and springs takes energy out: F v >= 0 at every speed and current. A model may be
+fitted well and still not do so where no test asked it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
+from rig.identification.fit import ErrorSummary, Passivity
+from rig.identification.measurement import Measurement
+from rig.identification.residuals import samples_a_cycle
+
+FloatArray = NDArray[np.float64]
+
+SPEEDS, CURRENTS = 24, 5
+REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
+NEGLIGIBLE = 0.005  # share of the greatest power below which power put in does not matter
+DIFFERENT = 0.05  # share of the measured energy by which the model's may differ
+
+
+def cycle_energy_J(each: Measurement, force_N: FloatArray) -> float:
+    """Energy (J) that a force (N), shape (n,), takes out in one mean cycle, over the samples with a measured force."""
+    scored = each.scored
+    speed = each.v_m_s[scored] - float(np.mean(each.v_m_s[scored]))
+    return samples_a_cycle(each.u_m) * each.dt_s * float(np.mean(force_N[scored] * speed))
+
+
+def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
+    """Refuse tests whose measured force drives the motion instead of resisting it.
+
+    Raises:
+        IdentificationFailed: most of the tests put energy in.
+    """
+    reversed_ids = []
+    for each in measurements:
+        force = each.force_N[each.scored]
+        work = (force - float(np.mean(force))) * each.v_m_s[each.scored]
+        if float(np.sum(work)) < REVERSED * float(np.sum(np.abs(work))):
+            reversed_ids.append(each.id)
+    if 2 * len(reversed_ids) > len(measurements):
+        raise IdentificationFailed(
+            f"{', '.join(reversed_ids)}: the measured force drives the motion instead of resisting it: the sign of "
+            "force or displacement is reversed, or their columns are exchanged (displacement is extension, and a "
+            "positive force resists extension)"
+        )
+
+
+def passivity(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> Passivity:
+    """Passivity of the fitted model at mid-stroke, over the tested speeds and currents.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    complete = {"eta": 1.0, **values} if "eta" in model.names else dict(values)
+    top = max(float(np.max(np.abs(each.v_m_s))) for each in measurements)
+    speeds = np.concatenate([sign * top * np.arange(1, SPEEDS + 1) / SPEEDS for sign in (-1.0, 1.0)])
+    currents = _levels(measurements)
+    grid_v, grid_A = np.meshgrid(speeds, currents)
+    power_W = (_sliding(model, complete, grid_v, grid_A) - _sliding(model, complete, 0.0 * grid_v, grid_A)) * grid_v
+    passive = power_W >= -NEGLIGIBLE * float(np.max(np.abs(power_W)))
+    if np.all(passive):
+        return Passivity(1.0, "")
+    row, column = np.unravel_index(int(np.argmin(power_W)), power_W.shape)
+    worst = f"{-power_W[row, column]:.3g} W at {grid_v[row, column]:.3g} m/s and {grid_A[row, column]:.3g} A"
+    return Passivity(float(np.mean(passive)), worst)
+
+
+def _levels(measurements: Sequence[Measurement]) -> FloatArray:
+    low = min(float(np.min(each.current_A)) for each in measurements)
+    high = max(float(np.max(each.current_A)) for each in measurements)
+    return np.linspace(low, high, CURRENTS if high > low else 1)
+
+
+def _sliding(model: DamperModel, values: Mapping[str, float], v_m_s: FloatArray, current_A: FloatArray) -> FloatArray:
+    """Force (N) on the sliding branch at mid-stroke; algebraic models all at once, as the mean of both sides of it."""
+    if model.states:
+        return model.force_at(values, v_m_s, current_A)
+    zero = np.zeros(v_m_s.size)
+    sides = [model.force(values, zero + side, v_m_s.ravel(), zero, current_A.ravel(), 1e-3) for side in (-1e-12, 1e-12)]
+    return np.asarray(0.5 * (sides[0] + sides[1])).reshape(v_m_s.shape)
+
+
+def judgements(error: ErrorSummary, found: Passivity) -> list[str]:
+    """Warnings: a model that drives the rod, and tests whose energy it does not give back."""
+    warnings = []
+    if found.share < 1.0:
+        warnings.append(
+            f"the fitted model is not passive: at {100.0 * (1.0 - found.share):.0f} % of the tested speeds and "
+            f"currents its force, gas force left out, drives the rod instead of damping it ({found.worst}); a "
+            "simulation with it can gain energy"
+        )
+    off = [
+        f"{each.id} {each.modelled_energy_J:.3g} J for {each.energy_J:.3g} J"
+        for each in error.per_test
+        if abs(each.modelled_energy_J - each.energy_J) > DIFFERENT * abs(each.energy_J)
+    ]
+    if off:
+        shown = ", ".join(off[:3]) + (f" and {len(off) - 3} more" if len(off) > 3 else "")
+        warnings.append(f"the model's energy per cycle differs by more than {100 * DIFFERENT:g} %: {shown}")
+    return warnings

@@ -1,0 +1,184 @@
+"""From a solution to a fit: errors, intervals, what cannot be found, and everything a reader should be warned of."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from rig.dampers.model import DamperModel
+from rig.identification.energy import judgements as energy_judgements
+from rig.identification.energy import passivity
+from rig.identification.fit import Estimate, Fit, ModelScore
+from rig.identification.identifiability import degenerate, explain
+from rig.identification.measurement import Measurement
+from rig.identification.residuals import LEAST_WIDENING, correlated
+from rig.identification.scoring import describes, score
+from rig.identification.selection import Candidate
+from rig.identification.separable import Solution
+from rig.identification.solving import Method
+from rig.identification.uncertainty import DeclaredErrors, Information, information, quantile
+
+UNFINISHED = 1.0  # standard errors from the least-squares solution beyond which a search has not reached it
+NOTES = (
+    "low, high: pointwise 95 % intervals; simultaneous_low, simultaneous_high: 95 % for all identifiable parameters "
+    "together (Bonferroni)",
+    "covariance: sandwich of weighted least squares with each test's own residual variance, widened by the residual's "
+    "correlation in time, by misfit that repeats every cycle, and by the stated skew uncertainty",
+)
+
+
+def judged(
+    best: Candidate,
+    fitted: Sequence[Measurement],
+    held_out: Sequence[Measurement],
+    ranking: tuple[ModelScore, ...],
+    method: Method,
+    warnings: Sequence[str],
+    declared: DeclaredErrors | None,
+    started: float,
+) -> Fit:
+    """Judge the chosen candidate.
+
+    Args:
+        best: the model and its solution.
+        fitted: the tests it was fitted to.
+        held_out: tests to score it on.
+        ranking: the models compared, best first.
+        method: how it was fitted.
+        warnings: what was found before.
+        declared: errors the data do not show.
+        started: `time.perf_counter()` at the start (s).
+
+    Returns:
+        Errors, intervals, what cannot be found and why, what the residual and the energy say, warnings.
+    """
+    model, values = best.model, best.solution.values
+    weighting = method.weighting(model)
+    fits = describes(model, values, fitted, weighting)
+    free = [name for name in model.names if name in values and name not in best.findings.held]
+    known = information(model, values, free, fitted, weighting, declared)
+    reasons = {**explain(model, known, values, fitted), **best.findings.reasons}
+    warnings = [*warnings, *(text for each in (*fitted, *held_out) for text in each.warnings)]
+    warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
+    warnings += (
+        degenerate(model, values, fitted) + _unfinished(known, method, best.solution) + _correlated(known, fitted)
+    )
+    error, passive = score(model, values, fitted), passivity(model, values, fitted)
+    warnings += energy_judgements(error, passive)
+    return Fit(
+        model=model.name,
+        hysteresis=getattr(model, "hysteresis", "kwok"),
+        method=method.name,
+        weight=weighting.weight,
+        parameters=_estimates(model, values, known, reasons, best.solution),
+        error=error,
+        holdout=score(model, values, held_out) if held_out else None,
+        selection=ranking,
+        adequate=fits is not False,
+        warnings=tuple(warnings),
+        evaluations=best.solution.evaluations,
+        wall_s=time.perf_counter() - started,
+        objective=best.solution.objective,
+        condition=known.condition,
+        correlation=_correlation(known),
+        notes=NOTES,
+        residuals=known.residuals,
+        passivity=passive,
+    )
+
+
+def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[str]:
+    warnings = []
+    if fits is False:
+        warnings.append(
+            "the model leaves more than the tests' own scatter: its parameters are those of the closest model, and "
+            "their intervals do not cover what the model lacks"
+        )
+    if fits is None:
+        warnings.append("no test has two whole cycles, so it cannot be told whether the model fits to the noise")
+    warnings += [f"{name} would be negative; it is held at 0" for name in solution.at_bound]
+    if weight == "v":
+        warnings.append("weight v (equation 12) mutes the reversals; compare with weight 1")
+    return warnings
+
+
+def _unresolved(fitted: Sequence[Measurement]) -> list[str]:
+    """A warning when all tests reverse more sharply than the displacement's samples resolve."""
+    sharp = [each.unseen_v_m_s for each in fitted if each.unseen_v_m_s is not None]
+    if len(sharp) < len(fitted):
+        return []
+    worst_mm_s = 1e3 * max(float(np.max(np.abs(unseen))) for unseen in sharp)
+    return [
+        f"every test reverses more sharply than its displacement samples resolve (velocity there uncertain by up to "
+        f"{worst_mm_s:.1f} mm/s); the intervals allow for it; add sines to narrow them"
+    ]
+
+
+def _unfinished(known: Information, method: Method, solution: Solution) -> list[str]:
+    """A warning when a search stopped before the least-squares solution, which is what the intervals are about."""
+    if method.loss != "squares" or solution.at_bound:
+        return []
+    told = [k for k, name in enumerate(known.names) if name not in known.partners]
+    away = [abs(float(known.step[k])) / known.standard_error(known.names[k]) for k in told]
+    far = [known.names[k] for k, errors in zip(told, away, strict=True) if errors > UNFINISHED]
+    if not far:
+        return []
+    return [
+        f"{method.name} stopped before the least-squares solution: {', '.join(far)} lie more than {UNFINISHED:g} "
+        "standard errors from it, and the intervals, which are those of the solution, do not hold; give it more "
+        "budget, or use separable"
+    ]
+
+
+def _correlated(known: Information, fitted: Sequence[Measurement]) -> list[str]:
+    """A warning when residuals are not white and the intervals had to be widened noticeably for it."""
+    indices = correlated(known.residuals)
+    widening = math.sqrt(sum(each.widening for each in known.residuals) / len(known.residuals))
+    if not indices or widening < LEAST_WIDENING:
+        return []
+    worst = max(indices, key=lambda k: known.residuals[k].repeating_N)
+    repeats = known.residuals[worst].repeating_N
+    what = f"; in {fitted[worst].id} {repeats:.3g} N of it repeat every cycle" if repeats > 0.0 else ""
+    return [
+        f"the residuals of {len(indices)} of {len(fitted)} tests are not white{what}; the intervals are widened for it "
+        f"by {widening:.1f}"
+    ]
+
+
+def _estimates(
+    model: DamperModel,
+    values: dict[str, float],
+    known: Information,
+    reasons: dict[str, str],
+    solution: Solution,
+) -> dict[str, Estimate]:
+    """Every parameter of the model with its intervals, or the reason why it has none."""
+    identifiable = [name for name in known.names if name not in reasons]
+    one, together = quantile(1, known.freedom), quantile(len(identifiable), known.freedom)
+    estimates = {}
+    for name in model.names:
+        unit = model.parameter(name).unit
+        if name in reasons or name not in known.names:
+            estimates[name] = Estimate(values.get(name), unit, identifiable=False, reason=reasons.get(name, ""))
+            continue
+        value, error = values[name], known.standard_error(name)
+        floor = 0.0 if name in solution.at_bound else -np.inf
+        estimates[name] = Estimate(
+            value=value,
+            unit=unit,
+            low=max(floor, value - one * error),
+            high=value + one * error,
+            simultaneous_low=max(floor, value - together * error),
+            simultaneous_high=value + together * error,
+            standard_error=error,
+            variance_inflation=1.0 / float(known.alone[known.names.index(name)]),
+        )
+    return estimates
+
+
+def _correlation(known: Information) -> dict[str, dict[str, float]]:
+    rows = known.correlation.tolist()
+    return {name: dict(zip(known.names, row, strict=True)) for name, row in zip(known.names, rows, strict=True)}

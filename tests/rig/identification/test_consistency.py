@@ -1,0 +1,49 @@
+"""Tests that do not belong together are named; held-out tests that were fitted are refused."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from rig.dampers import parameter_set
+from rig.errors import IdentificationFailed
+from rig.identification import Measurement, identify
+from rig.recording.run import RecordedPoint
+
+Make = Callable[..., list[Measurement]]
+DEMO = dict(parameter_set("demo").values)
+OTHER = {**DEMO, "Fyb": 130.0, "Ca_plus": 1800.0}
+
+
+def of_run(name: str, tests: list[Measurement]) -> list[Measurement]:
+    return [replace(test, file=f"/logs/{name}/points/{test.id}.h5") for test in tests]
+
+
+def test_the_same_test_with_another_force_is_named(make_synthetic: Make) -> None:
+    one = of_run("A", make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0)))
+    other = of_run("B", make_synthetic(OTHER, (1.0,), (2.0,), seed=4))
+    warnings = identify([*one, *other]).warnings
+    assert any("p004 of A and p001 of B by" in text and "two specimens" in text for text in warnings)
+
+
+def test_two_dampers_without_a_common_test_are_told_by_fits_apart(make_synthetic: Make) -> None:
+    one = of_run("A", make_synthetic(DEMO, (0.0, 1.0), (0.5, 1.0)))
+    other = of_run("B", make_synthetic(OTHER, (0.5, 1.5), (1.5, 2.0), seed=4))
+    fit = identify([*one, *other])
+    assert not fit.adequate
+    assert any(re.match(r"the 2 runs are described to [45]\.\d+ N", text) for text in fit.warnings)
+
+
+def test_two_runs_of_one_damper_are_not_accused(make_synthetic: Make) -> None:
+    one = of_run("A", make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0)))
+    other = of_run("B", make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0), seed=4))
+    assert identify([*one, *other]).warnings == ()
+
+
+def test_held_out_tests_that_are_fitted_are_refused(make_synthetic: Make, demo_points: list[RecordedPoint]) -> None:
+    tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0))
+    with pytest.raises(IdentificationFailed, match=r"2 held-out test\(s\) are fitted too \(p001, p002\)"):
+        identify(tests, holdout=tests[:2])
+    with pytest.raises(IdentificationFailed, match="9 held-out"):
+        identify(demo_points, holdout=demo_points)

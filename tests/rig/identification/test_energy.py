@@ -1,0 +1,63 @@
+"""Energy of each test and of the model, signs, and models that could drive the rod."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rig.dampers import model, parameter_set
+from rig.errors import IdentificationFailed
+from rig.identification import Measurement, identify
+from rig.identification.energy import cycle_energy_J, passivity, refuse_reversed_signs
+
+Make = Callable[..., list[Measurement]]
+DEMO = dict(parameter_set("demo").values)
+
+
+def test_a_viscous_force_dissipates_pi_c_omega_amplitude_squared(make_synthetic: Make) -> None:
+    test = make_synthetic(DEMO, (0.0,), (2.0,))[0]
+    expected = np.pi * 700.0 * (4.0 * np.pi) * 0.05**2
+    assert cycle_energy_J(test, 700.0 * test.v_m_s + 300.0 * test.u_m - 270.0) == pytest.approx(expected, rel=1e-3)
+
+
+def test_measured_and_modelled_energy_stand_beside_each_other(make_synthetic: Make) -> None:
+    fit = identify(make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0)))
+    assert fit.passivity is not None
+    assert fit.passivity.share == 1.0
+    for test in fit.to_json()["error"]["per_test"]:
+        assert test["modelled_energy_J"] == pytest.approx(test["energy_J"], rel=0.01)
+        assert test["residual"]["noise_N"] == pytest.approx(5.0, rel=0.1)
+
+
+def test_a_model_that_drives_the_rod_is_named_with_where(make_synthetic: Make) -> None:
+    pushed = {**DEMO, "Cb_minus": -900.0}
+    tests = make_synthetic(pushed, (0.0, 1.0, 2.0), (1.0, 2.0))
+    found = passivity(model("asymmetric"), pushed, tests)
+    assert 0.5 < found.share < 1.0
+    fit = identify(tests)
+    assert any("not passive" in text and "at -0.6" in text and "2 A" in text for text in fit.warnings)
+
+
+@pytest.mark.parametrize("name", ["demo-bingham", "demo-modified-bouc-wen", "demo-viscoelastic-plastic"])
+def test_the_demonstration_dampers_are_passive_whatever_their_gas_force(name: str, make_synthetic: Make) -> None:
+    chosen = parameter_set(name)
+    tests = make_synthetic(DEMO, (0.0, 2.0), (1.0,))
+    assert passivity(model(chosen.model), chosen.values, tests).share == 1.0
+
+
+def test_a_reversed_sign_is_refused_and_a_spring_is_not(make_synthetic: Make) -> None:
+    tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0))
+    turned = [replace(test, force_N=-test.force_N) for test in tests]
+    with pytest.raises(IdentificationFailed, match="p001, p002, p003, p004: the measured force drives the motion"):
+        identify(turned)
+    rng = np.random.default_rng(1)
+    refuse_reversed_signs([replace(t, force_N=900.0 * t.u_m + rng.normal(0.0, 5.0, t.u_m.size)) for t in tests])
+
+
+def test_a_model_that_misses_the_energy_says_for_which_tests(make_synthetic: Make) -> None:
+    tests = make_synthetic(DEMO, (0.0, 2.0), (0.5, 2.0))
+    assert any("energy per cycle differs" in text for text in identify(tests, model="bingham").warnings) or all(
+        abs(each.modelled_energy_J / each.energy_J - 1.0) < 0.05
+        for each in identify(tests, model="bingham").error.per_test
+    )
