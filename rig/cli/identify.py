@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.output import Command, console, json_option, write_json
+from rig.cli.output import Command, console, json_option, scheduler_option, write_json
 from rig.errors import EXIT_DONE
 from rig.matrix.methods import METHODS
 
 if TYPE_CHECKING:
     from rig.dampers.algebraic import Hysteresis
+    from rig.identification import Method
 
 
 @click.command(
@@ -38,6 +42,7 @@ if TYPE_CHECKING:
 @click.option("--budget", type=click.IntRange(1), default=16_000, show_default=True, help="Evaluations of a search.")
 @click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates a generation.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of methods that draw lots.")
+@scheduler_option
 @json_option
 def command(
     runs: tuple[Path, ...],
@@ -51,6 +56,7 @@ def command(
     budget: int,
     population: int,
     seed: int,
+    scheduler: str | None,
     as_json: bool,
 ) -> int:
     """Fit a damper model to RUNS (campaign directories) and write fit.json into the first.
@@ -60,15 +66,16 @@ def command(
     from rig.identification import Method, identify_run
 
     settings = Method(method, weight=weight, loss=loss, budget=budget, population=population, seed=seed)
-    fit = identify_run(
-        runs,
-        model=model,
-        method=settings,
-        holdout=holdout,
-        hysteresis=hysteresis,
-        suspect=suspect,
-        told=None if model != "all" else lambda line: click.echo(line, err=True),
-    ).to_json()
+    with _searching(settings, scheduler) as where:
+        fit = identify_run(
+            runs,
+            model=model,
+            method=where,
+            holdout=holdout,
+            hysteresis=hysteresis,
+            suspect=suspect,
+            told=None if model != "all" else lambda line: click.echo(line, err=True),
+        ).to_json()
     if as_json:
         write_json(fit)
         return EXIT_DONE
@@ -79,3 +86,26 @@ def command(
         shown.print(part)
     click.echo((runs[0] / "fit.json").resolve())
     return EXIT_DONE
+
+
+@contextmanager
+def _searching(method: Method, scheduler: str | None) -> Iterator[Method]:
+    """The method, its populations evaluated by a scheduler's workers where there is one.
+
+    Raises:
+        UsageError: the method evaluates no populations.
+    """
+    from rig.identification.algorithms import METHODS
+
+    if scheduler is None:
+        yield method
+        return
+    if method.name not in METHODS:
+        raise click.UsageError(
+            f"--scheduler: {method.name} evaluates no populations; leave it out, or choose a --method that does: "
+            f"{', '.join(METHODS)}"
+        )
+    from rig.identification.cluster import cluster
+
+    with cluster(scheduler) as (executor, count):
+        yield replace(method, executor=executor, chunks=count)

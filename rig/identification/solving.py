@@ -39,6 +39,7 @@ class Method:
         seed: of every random draw.
         callback: called with the progress after each generation.
         executor: evaluates parts of populations.
+        chunks: parts a population is cut into for the executor; None: one for each processor of this machine.
     """
 
     name: str = SEPARABLE
@@ -49,6 +50,7 @@ class Method:
     seed: int = 0
     callback: Callable[[Any], bool | None] | None = None
     executor: Executor | None = None
+    chunks: int | None = None
 
     def weighting(self, model: DamperModel) -> Weighting:
         """Which samples count for a model, and how much; those at its jumps do not."""
@@ -177,6 +179,7 @@ def _search(model: DamperModel, measurements: Sequence[Measurement], method: Met
         seed=method.seed,
         callback=method.callback,
         executor=method.executor,
+        chunks=method.chunks,
     )
     if not np.isfinite(result.value):
         raise IdentificationFailed(

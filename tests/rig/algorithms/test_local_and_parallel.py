@@ -1,4 +1,4 @@
-"""Hybrid, Zhu's three steps, and evaluation on threads, processes and a Dask cluster."""
+"""Hybrid, Zhu's three steps, and evaluation on threads and processes."""
 
 from __future__ import annotations
 
@@ -103,18 +103,6 @@ def test_a_population_is_cut_into_few_large_chunks() -> None:
     with ThreadPoolExecutor(2) as threads:
         Evaluation(threads, chunks=2).values(Watched(), np.random.default_rng(1).random((51, 3)))
     assert sorted(sizes) == [25, 26]
-
-
-@pytest.mark.wire
-@pytest.mark.filterwarnings("default")  # the cluster's own shutdown messages are not ours
-def test_a_dask_scheduler_with_worker_processes_finds_the_same() -> None:
-    distributed = pytest.importorskip("distributed", reason="the cluster extra is not installed")
-    alone = searched(None)
-    cluster = distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
-    )
-    with cluster, distributed.Client(cluster) as client:
-        assert np.array_equal(searched(client.get_executor()), alone)
 
 
 def loop(sigma: float, n: float, noise_N: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,0 +1,143 @@
+"""`--scheduler`: searches on a real Dask scheduler with two worker processes find what they find here."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rig.dampers
+from rig.cli.main import main
+from rig.dampers import parameter_set
+from rig.errors import RigError
+from rig.identification.algorithms import minimise
+from rig.identification.cluster import cluster
+from rig.identification.problem import Problem
+from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.study.comparison import run_study
+from rig.study.recordings import table1
+
+pytest.importorskip("distributed", reason="the cluster extra is not installed")
+pytestmark = [
+    pytest.mark.wire,
+    pytest.mark.filterwarnings("default"),  # what Dask and its parts warn of among themselves is not ours
+]
+
+
+@contextmanager
+def running(module: str, *arguments: str) -> Iterator[None]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", f"distributed.cli.{module}", *arguments],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    place = tmp_path_factory.mktemp("scheduler")
+    file = place / "scheduler.json"
+    worker = ("--scheduler-file", str(file), "--nworkers", "1", "--nthreads", "1", "--no-dashboard", "--no-nanny")
+    listening = ("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
+    with ExitStack() as processes:
+        processes.enter_context(running("dask_scheduler", *listening))
+        for name in ("a", "b"):
+            processes.enter_context(running("dask_worker", *worker, "--local-directory", str(place / name)))
+        yield address_with_workers(file, workers=2)
+
+
+def address_with_workers(file: Path, workers: int) -> str:
+    deadline_s = time.monotonic() + 90
+    while time.monotonic() < deadline_s:
+        try:
+            address = str(json.loads(file.read_text())["address"])
+            with cluster(address) as (_, count):
+                if count == workers:
+                    return address
+        except (FileNotFoundError, json.JSONDecodeError, RigError):  # not up yet
+            pass
+        time.sleep(0.2)
+    raise TimeoutError("the scheduler and its workers did not come up within 90 s")
+
+
+def test_a_population_evaluated_by_two_workers_finds_the_same_search(scheduler: str) -> None:
+    problem = Problem(table1("demo", 5.0, seed=1)[:4], "asymmetric")
+    call = {"method": "de", "bounds": problem.bounds, "population": 20, "budget": 400, "seed": 2}
+    alone = minimise(problem, **call)
+    with cluster(scheduler) as (executor, count):
+        assert count == 2
+        together = minimise(problem, executor=executor, chunks=count, **call)
+    assert np.array_equal(together.history, alone.history)
+    assert np.array_equal(together.best, alone.best)
+
+
+def test_a_study_on_a_scheduler_has_the_same_tables(small_study: Path, tmp_path: Path, scheduler: str) -> None:
+    here = run_study(small_study, tmp_path / "here", processes=1)
+    there = run_study(small_study, tmp_path / "there", scheduler=scheduler)
+    assert there.tables == here.tables
+    hosts = {json.loads(line).get("host") for line in (tmp_path / "there" / "results.jsonl").read_text().splitlines()}
+    assert len(hosts - {None}) == 2  # both workers searched
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path) -> Path:
+    true = parameter_set("demo").values
+    points = tmp_path / "run" / "points"
+    points.mkdir(parents=True)
+    for index, (frequency_Hz, current_A) in enumerate([(0.5, 0.0), (1.0, 1.0), (2.0, 0.5)], start=1):
+        time_s = np.arange(0.0, 10.0 / frequency_Hz, 0.004)
+        omega = 2.0 * np.pi * frequency_Hz
+        u, v = 0.02 * np.sin(omega * time_s), 0.02 * omega * np.cos(omega * time_s)
+        current = np.full(len(u), current_A)
+        force = rig.dampers.model("asymmetric").force(true, u, v, -(omega**2) * u, current, 0.004)
+        channels = [
+            AlignedChannel("displacement", u, "m", "Damper extension"),
+            AlignedChannel("force", force + np.random.default_rng(index).normal(0.0, 5.0, len(u)), "N", "Force"),
+            AlignedChannel("current", current, "A", "Current"),
+        ]
+        test = {"id": f"p{index:03}", "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": frequency_Hz}
+        test |= {"current_A": current_A, "mid_stroke_m": 0.0}
+        point = PointFile(time_s, 250.0, channels, test=test, quality={"verdict": "valid"}, provenance={})
+        write_file(points / f"p{index:03}.h5", point)
+    return tmp_path / "run"
+
+
+def test_rig_identify_on_a_scheduler_finds_the_same_fit(
+    run_folder: Path, scheduler: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fits = []
+    for where in ([], ["--scheduler", scheduler]):
+        assert main(["identify", str(run_folder), "--method", "pso", "--budget", "600", "--json", *where]) == 0
+        fits.append(json.loads(capsys.readouterr().out))
+    assert fits[0]["parameters"] == fits[1]["parameters"]
+
+
+def test_a_method_without_populations_has_no_use_for_a_scheduler(
+    run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["identify", str(run_folder), "--scheduler", "tcp://127.0.0.1:1"]) == 2
+    assert "separable evaluates no populations" in capsys.readouterr().err
+
+
+def test_a_scheduler_that_does_not_answer_is_named(
+    small_study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.identification.cluster.ANSWER_WITHIN", "1 s")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        assert main(["study", str(small_study), "--out", str(tmp_path / "out"), "--scheduler", address]) == 2
+    assert f"no Dask scheduler answers at {address} within 1 s" in capsys.readouterr().err
