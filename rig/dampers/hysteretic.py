@@ -48,12 +48,13 @@ class HystereticModel(DamperModel):
         Raises:
             KeyError: a parameter is missing or unknown.
         """
-        from rig.dampers.kernels import force_series
+        from rig.dampers.series import force_series
 
         motion = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (u, v, a, current)))
         u_m, v_m_s, a_m_s2, current_A = (np.ascontiguousarray(x) for x in motion)
         state = self.initial_state(float(u_m[0]))
-        force: FloatArray = force_series(self.kind, self.vector(parameters), state, u_m, v_m_s, a_m_s2, current_A, dt_s)
+        data = (u_m, v_m_s, a_m_s2, current_A)
+        force: FloatArray = force_series(self.kind, self.vector(parameters), state, *data, dt_s, 0)
         return force
 
 

@@ -1,4 +1,4 @@
-"""Compiled force kernels: one plant step for every model, and whole recordings for the models with internal states.
+"""Compiled force kernels: one plant step for every model; `series` runs them along whole recordings.
 
 The motion inside a step is the cubic of velocity that meets speed and acceleration at both ends, so the internal states
 are integrated (classical Runge-Kutta, substeps by the state's own rate) much finer than the recording is sampled.
@@ -49,7 +49,8 @@ def lag_step(current: float, commanded: float, eta: float, dt: float) -> float:
 
 
 @njit(cache=True)
-def _algebraic_force(kind: int, p: FloatArray, u: float, v: float, a: float, current: float) -> float:
+def algebraic_force(kind: int, p: FloatArray, u: float, v: float, a: float, current: float) -> float:
+    """Force (N) of a model without states at one instant; arguments as in `advance`."""
     if kind == KIND_BINGHAM:
         return float((p[0] + p[1] * current) * _sign(v) + (p[2] + p[3] * current) * v + p[4])
     if kind == KIND_KWOK:
@@ -67,7 +68,8 @@ def _algebraic_force(kind: int, p: FloatArray, u: float, v: float, a: float, cur
 
 
 @njit(cache=True)
-def _hysteretic_force(kind: int, p: FloatArray, s0: float, s1: float, u: float, v: float, current: float) -> float:
+def hysteretic_force(kind: int, p: FloatArray, s0: float, s1: float, u: float, v: float, current: float) -> float:
+    """Force (N) of a model with the states `s0` and `s1` at one instant; other arguments as in `advance`."""
     if kind == KIND_BOUC_WEN:
         return float((p[0] + p[1] * current) * v + p[2] * (u - p[3]) + (p[4] + p[5] * current) * s0)
     if kind == KIND_NORMALIZED_BOUC_WEN:
@@ -128,16 +130,20 @@ def _fastest_rate(kind: int, p: FloatArray, v: float, current: float) -> float:
 
 
 @njit(cache=True)
+def loop_shape(kind: int, p: FloatArray) -> tuple[float, float, float, float]:
+    """The rate-independent hysteresis: rho (1/m; 0 where there is none), sigma, n, and the limit of its variable."""
+    if kind in (KIND_NORMALIZED_BOUC_WEN, KIND_THINNING_BOUC_WEN):
+        return p[6], p[7], p[8], 1.0
+    if kind == KIND_BOUC_WEN and p[6] + p[7] > 0.0 and p[8] > 0.0:
+        scale = (p[8] / (p[6] + p[7])) ** (1.0 / p[9])
+        return p[8] / scale, p[6] / (p[6] + p[7]), p[9], scale
+    return 0.0, 0.0, 0.0, 1.0
+
+
+@njit(cache=True)
 def _travel(kind: int, p: FloatArray, state: FloatArray, u0: float, v0: float, u1: float, v1: float, dt: float) -> bool:
     """Advance a rate-independent state along the path; False where the model or its parameters do not allow it."""
-    if kind in (KIND_NORMALIZED_BOUC_WEN, KIND_THINNING_BOUC_WEN):
-        rho, sigma, n, scale = p[6], p[7], p[8], 1.0
-    elif kind == KIND_BOUC_WEN and p[6] + p[7] > 0.0 and p[8] > 0.0:
-        n = p[9]
-        scale = (p[8] / (p[6] + p[7])) ** (1.0 / n)
-        rho, sigma = p[8] / scale, p[6] / (p[6] + p[7])
-    else:
-        return False
+    rho, sigma, n, scale = loop_shape(kind, p)
     if not (rho > 0.0 and sigma >= 0.0 and n >= 1.0):
         return False
     state[0] = scale * travel_between(state[0] / scale, u0, v0, u1, v1, dt, rho, sigma, n)
@@ -238,7 +244,7 @@ def _runge_kutta(
 
 
 @njit(cache=True)
-def _integrate(
+def integrate(
     kind: int,
     p: FloatArray,
     state: FloatArray,
@@ -279,40 +285,8 @@ def advance(
         dt: step (s); 0 returns the force without moving the state.
     """
     if kind < KIND_VISCOELASTIC_PLASTIC:
-        return _algebraic_force(kind, p, u, v, a, current)
+        return algebraic_force(kind, p, u, v, a, current)
     if dt > 0.0:
         v0 = v - a * dt
-        _integrate(kind, p, state, (u - v * dt + 0.5 * a * dt * dt, v0, a, 0.0, 0.0), v, current, dt)
-    return _hysteretic_force(kind, p, state[0], state[1] if state.size > 1 else 0.0, u, v, current)
-
-
-@njit(cache=True, nogil=True)
-def force_series(
-    kind: int,
-    p: FloatArray,
-    state: FloatArray,
-    u: FloatArray,
-    v: FloatArray,
-    a: FloatArray,
-    current: FloatArray,
-    dt: float,
-) -> FloatArray:
-    """Force (N), shape (n,), along a motion sampled every `dt` (s); arrays as in `advance`, `state` moved in place.
-
-    The state given belongs to the first sample.
-    """
-    n = u.size
-    force = np.empty(n)
-    for k in range(n):
-        if kind < KIND_VISCOELASTIC_PLASTIC:
-            force[k] = _algebraic_force(kind, p, u[k], v[k], a[k], current[k])
-            continue
-        if k > 0:
-            slope = (v[k] - v[k - 1]) / dt
-            c2 = (3.0 * slope - 2.0 * a[k - 1] - a[k]) / dt
-            c3 = (a[k - 1] + a[k] - 2.0 * slope) / (dt * dt)
-            _integrate(
-                kind, p, state, (u[k - 1], v[k - 1], a[k - 1], c2, c3), v[k], 0.5 * (current[k - 1] + current[k]), dt
-            )
-        force[k] = _hysteretic_force(kind, p, state[0], state[1] if state.size > 1 else 0.0, u[k], v[k], current[k])
-    return force
+        integrate(kind, p, state, (u - v * dt + 0.5 * a * dt * dt, v0, a, 0.0, 0.0), v, current, dt)
+    return hysteretic_force(kind, p, state[0], state[1] if state.size > 1 else 0.0, u, v, current)

@@ -38,10 +38,11 @@ def travel(w: float, distance: float, sigma: float, n: float) -> float:
     x, left = w * direction, abs(distance)
     unloading = 2.0 * sigma - 1.0
     longest = min(LONGEST_STEP, STEP_OF_EXPONENT / n)
+    steep = longest / max(1.0, 1.0 + unloading)
     while left > 0.0:
         if x > SATURATED:
             return direction * (1.0 - (1.0 - x) * math.exp(-n * left))
-        h = min(left, longest)
+        h = min(left, longest if x >= 0.0 else steep)
         a = _slope(x, unloading, n)
         b = _slope(x + 0.5 * h * a, unloading, n)
         c = _slope(x + 0.5 * h * b, unloading, n)

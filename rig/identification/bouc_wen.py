@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.dampers import model as damper_model
-from rig.dampers.kernels import force_series
-from rig.dampers.kinds import KIND_NORMALIZED_BOUC_WEN
+from rig.dampers.loop_curve import hysteresis_series
+from rig.dampers.loop_slopes import hysteresis_with_slopes
 from rig.dampers.model import DamperModel
 from rig.identification.measurement import Measurement
 from rig.identification.projection import Projection, Weighting
@@ -35,7 +35,6 @@ BENDS = (0.1, 0.4)  # vt, as a share of the greatest speed
 SLOWEST_BEND, FASTEST_BEND = 1e-3, 3.0
 SIGMA_LIMITS = (0.3, 20.0)  # 0.5 is the lowest that dissipates; a fit must be able to pass it
 STARTS = 3
-SLOPE_STEP = 1e-4
 LOWEST_EXPONENT = 1.0
 
 
@@ -60,26 +59,12 @@ class BoucWenForm:
         return np.column_stack((u, v, v * current, np.ones_like(u)))
 
     def yielding(self, source: Measurement, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
-        """See `Form.yielding`; derivatives by central differences in the logarithms."""
-        columns = [hysteresis(source, shape)[rows]]
-        for k in range(shape.size if slope else 0):
-            factor = np.ones(shape.size)
-            factor[k] += SLOPE_STEP
-            difference = hysteresis(source, shape * factor) - hysteresis(source, shape * (2.0 - factor))
-            columns.append(difference[rows] / (2.0 * SLOPE_STEP * shape[k]))
-        return columns
-
-
-def hysteresis(source: Measurement, shape: FloatArray) -> FloatArray:
-    """w(t), shape (n,), after one cycle of warm-up; `shape` is rho (1/m), sigma, n - 1."""
-    vector = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, shape[0], shape[1], LOWEST_EXPONENT + shape[2]])
-    state, warm = np.zeros(1), source.samples_per_cycle
-    motion = (source.u_m, source.v_m_s, source.a_m_s2, source.current_A)
-    if warm > 1:
-        u, v, a, current = (each[:warm] for each in motion)
-        force_series(KIND_NORMALIZED_BOUC_WEN, vector, state, u, v, a, current, source.dt_s)
-    w: FloatArray = force_series(KIND_NORMALIZED_BOUC_WEN, vector, state, *motion, dt=source.dt_s)
-    return w
+        """See `Form.yielding`."""
+        rho, sigma, n = float(shape[0]), float(shape[1]), LOWEST_EXPONENT + float(shape[2])
+        motion = (source.u_m, source.v_m_s, source.dt_s, source.samples_per_cycle)
+        if slope:
+            return list(hysteresis_with_slopes(rho, sigma, n, *motion)[:, rows])
+        return [hysteresis_series(0.0, rho, sigma, n, *motion)[rows]]
 
 
 class ThinningForm(BoucWenForm):

@@ -32,14 +32,12 @@ def modelled_force(model: DamperModel, values: Mapping[str, float], each: Measur
         complete.setdefault("eta", model.parameter("eta").start)
     if model.states == 0:
         return model.force(complete, each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.dt_s)
-    from rig.dampers.kernels import force_series
+    from rig.dampers.series import force_series
 
-    vector, state, warm = model.vector(complete), model.initial_state(float(each.u_m[0])), each.samples_per_cycle
-    motion = (each.u_m, each.v_m_s, each.a_m_s2, each.current_A)
-    if warm > 1:
-        u, v, a, current = (array[:warm] for array in motion)
-        force_series(model.kind, vector, state, u, v, a, current, each.dt_s)
-    force: FloatArray = force_series(model.kind, vector, state, *motion, dt=each.dt_s)
+    state, motion = model.initial_state(float(each.u_m[0])), (each.u_m, each.v_m_s, each.a_m_s2, each.current_A)
+    force: FloatArray = force_series(
+        model.kind, model.vector(complete), state, *motion, each.dt_s, each.samples_per_cycle
+    )
     return force
 
 

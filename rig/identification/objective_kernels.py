@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rig.dampers.kernels import force_series
+from rig.dampers.series import force_series
 
 FloatArray = NDArray[np.float64]
 
@@ -93,10 +93,7 @@ def hysteretic_objective(
     """
     total = np.empty(population.shape[0])
     for j in range(population.shape[0]):
-        state = states.copy()
-        if warm > 1:
-            force_series(kind, population[j], state, u[:warm], v[:warm], a[:warm], current[:warm], dt)
-        model = force_series(kind, population[j], state, u, v, a, current, dt)
+        model = force_series(kind, population[j], states, u, v, a, current, dt, warm)
         subtotal = 0.0
         for i in range(u.size):
             error = force[i] - model[i]

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from rig.dampers.algebraic import BinghamModel
 from rig.dampers.hysteretic import NormalizedBoucWenModel
-from rig.dampers.kernels import force_series
 from rig.dampers.model import DamperModel
+from rig.dampers.series import force_series
 from rig.identification.bouc_wen import LOWEST_EXPONENT, SIGMA_LIMITS, solve_bouc_wen
 from rig.identification.measurement import Measurement
 from rig.identification.projection import Weighting
@@ -127,14 +127,9 @@ class Sum:
         return curvature, gradient
 
     def _force(self, vector: FloatArray, each: Measurement) -> FloatArray:
-        model, warm = self._unknowns.model, each.samples_per_cycle
+        model, motion = self._unknowns.model, (each.u_m, each.v_m_s, each.a_m_s2, each.current_A)
         state = model.initial_state(float(each.u_m[0]))
-        if warm > 1:
-            u, v, a, current = (array[:warm] for array in (each.u_m, each.v_m_s, each.a_m_s2, each.current_A))
-            force_series(model.kind, vector, state, u, v, a, current, each.dt_s)
-        force: FloatArray = force_series(
-            model.kind, vector, state, each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.dt_s
-        )
+        force: FloatArray = force_series(model.kind, vector, state, *motion, each.dt_s, each.samples_per_cycle)
         return force
 
     def minimise(self, theta: FloatArray, iterations: int) -> tuple[FloatArray, float]:

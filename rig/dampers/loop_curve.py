@@ -1,0 +1,213 @@
+"""The Bouc-Wen hysteresis along a whole recording, by the one curve that every branch of its loops is a part of.
+
+With x = w sgn(v) and s = rho |du| the hysteresis is dx/ds = f(x), f = 1 - x^n for x >= 0 (loading) and
+f = 1 + (2 sigma - 1) |x|^n for x < 0 (unloading): see `rate_independent`. f depends on x alone, so between reversals x
+always moves along the same curve S(x) = integral of dx/f from -1, and a reversal only jumps from x to -x on it. The
+curve is integrated once for a pair of shape parameters (three-point Gauss on cells fixed in x), and a sample then costs
+one cubic. `loop_slopes` has its exact derivatives. Beyond the last node 1 - x closes up as exp(-n s).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+CELLS_A_UNIT = 48
+CLOSING = 0.8  # ratio of successive distances from saturation
+NEAR_SATURATION, SATURATED = 0.1, 1e-3  # those distances: from here on cells shrink; the last node
+CLOSED = 30.0  # exponent from which saturation is complete in double precision
+SLOWEST_RATE = 1e-6  # of f at x = -1; below it a reversed loop would never leave its end
+
+
+def _nodes() -> FloatArray:
+    even = np.arange(-CELLS_A_UNIT, round((1.0 - NEAR_SATURATION) * CELLS_A_UNIT)) / CELLS_A_UNIT
+    count = math.ceil(math.log(SATURATED / NEAR_SATURATION) / math.log(CLOSING))
+    return np.concatenate((even, 1.0 - np.geomspace(NEAR_SATURATION, SATURATED, count + 1)))
+
+
+def _gauss_logarithms() -> FloatArray:
+    """log|x| at the Gauss points of each cell, shape (cells, 3)."""
+    middle, half = 0.5 * (NODES[1:] + NODES[:-1]), 0.5 * np.diff(NODES)
+    return np.asarray(np.log(np.abs(middle[:, None] + half[:, None] * GAUSS)))
+
+
+GAUSS = np.array([-math.sqrt(0.6), 0.0, math.sqrt(0.6)])
+GAUSS_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+NODES = _nodes()
+LOGARITHMS = _gauss_logarithms()
+POWERS_END = np.log(np.maximum(np.abs(NODES), 1e-300))
+LAST = NODES.size - 1
+FIRST_LOADING = CELLS_A_UNIT  # the node at x = 0
+
+
+@njit(cache=True)
+def has_curve(rho: float, sigma: float, n: float) -> bool:
+    """Whether the loop is one that the curve describes: finite, dissipating or nearly so, n >= 1."""
+    return 0.0 < rho < math.inf and SLOWEST_RATE <= 2.0 * sigma < math.inf and 1.0 <= n < math.inf
+
+
+@njit(cache=True)
+def loop_curve(sigma: float, n: float) -> FloatArray:
+    """S at each node and the cubic x(s) of the cell behind it, shape (nodes, 4): s, then coefficients of s - s_node."""
+    curve = np.empty((LAST + 1, 4))
+    unloading = 2.0 * sigma - 1.0
+    curve[0, 0] = 0.0
+    for j in range(LAST):
+        slope = -1.0 if j >= FIRST_LOADING else unloading
+        length = 0.0
+        for k in range(3):
+            length += GAUSS_WEIGHTS[k] / (1.0 + slope * math.exp(n * LOGARITHMS[j, k]))
+        step = NODES[j + 1] - NODES[j]
+        h = step * length
+        left = 1.0 + slope * math.exp(n * POWERS_END[j])
+        right = 1.0 + slope * math.exp(n * POWERS_END[j + 1])
+        curve[j, 1] = left
+        curve[j, 2] = (3.0 * step / h - 2.0 * left - right) / h
+        curve[j, 3] = (left + right - 2.0 * step / h) / (h * h)
+        curve[j + 1, 0] = curve[j, 0] + h
+    return curve
+
+
+@njit(cache=True)
+def curve_slopes(sigma: float, n: float) -> FloatArray:
+    """Derivatives of S at the nodes with respect to sigma and n, shape (nodes, 2)."""
+    slopes = np.zeros((LAST + 1, 2))
+    unloading = 2.0 * sigma - 1.0
+    for j in range(LAST):
+        loading = j >= FIRST_LOADING
+        slope = -1.0 if loading else unloading
+        by_sigma = by_n = 0.0
+        for k in range(3):
+            power = math.exp(n * LOGARITHMS[j, k])
+            rate = 1.0 + slope * power
+            by_sigma -= 0.0 if loading else GAUSS_WEIGHTS[k] * 2.0 * power / (rate * rate)
+            by_n -= GAUSS_WEIGHTS[k] * slope * power * LOGARITHMS[j, k] / (rate * rate)
+        step = NODES[j + 1] - NODES[j]
+        slopes[j + 1, 0] = slopes[j, 0] + step * by_sigma
+        slopes[j + 1, 1] = slopes[j, 1] + step * by_n
+    return slopes
+
+
+@njit(cache=True)
+def cell_of(x: float) -> int:
+    """The cell of a value from -1 on; `LAST` beyond the last node."""
+    if x >= NODES[LAST]:
+        return LAST
+    low, high = 0, LAST
+    while high - low > 1:
+        middle = (low + high) // 2
+        if x >= NODES[middle]:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@njit(cache=True)
+def place(curve: FloatArray, n: float, x: float, cell: int) -> float:
+    """S(x): Newton's method on the cubic of its cell."""
+    if cell == LAST:
+        return float(curve[LAST, 0] - math.log(max(1.0 - x, 1e-300) / SATURATED) / n)
+    height = NODES[cell + 1] - NODES[cell]
+    t = (x - NODES[cell]) / height * (curve[cell + 1, 0] - curve[cell, 0])
+    for _ in range(4):
+        value = NODES[cell] + t * (curve[cell, 1] + t * (curve[cell, 2] + t * curve[cell, 3]))
+        rate = curve[cell, 1] + t * (2.0 * curve[cell, 2] + t * 3.0 * curve[cell, 3])
+        t -= (value - x) / rate
+    return float(curve[cell, 0] + t)
+
+
+@njit(cache=True)
+def travel_along(
+    curve: FloatArray, n: float, at: tuple[float, float, int, float], distance: float
+) -> tuple[float, float, int, float]:
+    """Move by a signed distance (in 1/rho) without reversal inside.
+
+    A place is (s, x, cell, direction of the motion that led there).
+    """
+    s, x, cell, direction = at
+    if distance * direction < 0.0:
+        x, direction = -x, -direction
+        cell = cell_of(x)
+        s = place(curve, n, x, cell)
+    s += abs(distance)
+    while cell < LAST and s > curve[cell + 1, 0]:
+        cell += 1
+    if cell == LAST:
+        beyond = n * (s - curve[LAST, 0])
+        x = 1.0 - SATURATED * math.exp(-beyond) if beyond < CLOSED else 1.0
+    else:
+        t = s - curve[cell, 0]
+        x = NODES[cell] + t * (curve[cell, 1] + t * (curve[cell, 2] + t * curve[cell, 3]))
+    return s, x, cell, direction
+
+
+@njit(cache=True)
+def turning_point(u0: float, v0: float, u1: float, v1: float, dt: float) -> float:
+    """Extension (m) where a step from (u0, v0) to (u1, v1) turns: a straight line through both speeds crosses zero."""
+    before = dt * v0 / (v0 - v1)
+    return 0.5 * (u0 + 0.5 * v0 * before + u1 - 0.5 * v1 * (dt - before))
+
+
+@njit(cache=True)
+def closing_m(u: FloatArray, v: FloatArray, warm: int) -> float:
+    """Way (m) from the last sample of a cycle to the first; none where whole samples already overlap the cycle."""
+    way = u[0] - u[warm - 1]
+    return float(way) if way * v[0] > 0.0 else 0.0
+
+
+@njit(cache=True)
+def _pass(
+    curve: FloatArray,
+    rho: float,
+    n: float,
+    at: tuple[float, float, int, float],
+    u: FloatArray,
+    v: FloatArray,
+    dt: float,
+    out: FloatArray,
+) -> tuple[float, float, int, float]:
+    """Follow the samples of a motion from the first; `out` receives w at each of them where it has room for all."""
+    for k in range(u.size):
+        if k > 0:
+            if v[k - 1] * v[k] < 0.0:
+                turn = turning_point(u[k - 1], v[k - 1], u[k], v[k], dt)
+                at = travel_along(curve, n, at, rho * (turn - u[k - 1]))
+                at = travel_along(curve, n, at, rho * (u[k] - turn))
+            else:
+                at = travel_along(curve, n, at, rho * (u[k] - u[k - 1]))
+        if out.size > 0:
+            out[k] = at[1] * at[3]
+    return at
+
+
+@njit(cache=True, nogil=True)
+def hysteresis_series(
+    w: float, rho: float, sigma: float, n: float, u: FloatArray, v: FloatArray, dt: float, warm: int
+) -> FloatArray:
+    """Normalised hysteretic variable at each sample, shape (n,), between -1 and 1.
+
+    Args:
+        w: value at the first sample, or before the warm-up.
+        rho: inverse of the yield displacement (1/m); see `has_curve` for what the parameters may be.
+        sigma: shape of the loop (1).
+        n: sharpness of the bend (1).
+        u: extension (m), shape (n,).
+        v: velocity (m/s), shape (n,).
+        dt: sampling interval (s).
+        warm: samples of one whole cycle that is run once before, so that the start is forgotten; 0 for none.
+    """
+    curve = loop_curve(sigma, n)
+    cell = cell_of(w)
+    at = (place(curve, n, w, cell), w, cell, 1.0)
+    if warm > 1:
+        at = _pass(curve, rho, n, at, u[:warm], v[:warm], dt, np.empty(0))
+        at = travel_along(curve, n, at, rho * closing_m(u, v, warm))
+    out = np.empty(u.size)
+    _pass(curve, rho, n, at, u, v, dt, out)
+    return out
