@@ -34,6 +34,31 @@ def fast_tanh(y: float) -> float:
 
 
 @njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
+def _tanh_squares(
+    p: FloatArray,
+    u: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+    current: FloatArray,
+    force: FloatArray,
+    weight_squared: FloatArray,
+) -> float:
+    """Weighted sum of squares of one candidate in the general form, shape (12,); viscous terms by v and |v|."""
+    m, f0, beta, delta, fya, fyb, ka, kb = p[0], p[1], p[2], p[3], p[4], p[5], p[10], p[11]
+    ca_mean, ca_half = 0.5 * (p[6] + p[7]), 0.5 * (p[6] - p[7])
+    cb_mean, cb_half = 0.5 * (p[8] + p[9]), 0.5 * (p[8] - p[9])
+    total = 0.0
+    for i in range(u.size):
+        shift = delta if u[i] > 0.0 else (-delta if u[i] < 0.0 else 0.0)
+        yielding = fast_tanh(beta * v[i] + shift)
+        speed = abs(v[i])
+        steady = m * a[i] + f0 + fya * yielding + ca_mean * v[i] + ca_half * speed + ka * u[i]
+        error = force[i] - steady - current[i] * (fyb * yielding + cb_mean * v[i] + cb_half * speed + kb * u[i])
+        total += error * error * weight_squared[i]
+    return total
+
+
+@njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
 def tanh_objective(
     population: FloatArray,
     u: FloatArray,
@@ -46,28 +71,10 @@ def tanh_objective(
     """Weighted sum of squares, shape (N,), of candidates in the general form, shape (N, 12); data of shape (n,)."""
     total = np.zeros(population.shape[0])
     for start in range(0, u.size, BLOCK):
-        stop = min(start + BLOCK, u.size)
+        rows = slice(start, min(start + BLOCK, u.size))
+        data = u[rows], v[rows], a[rows], current[rows], force[rows], weight_squared[rows]
         for j in range(population.shape[0]):
-            m, f0, beta, delta = population[j, 0], population[j, 1], population[j, 2], population[j, 3]
-            fya, fyb = population[j, 4], population[j, 5]
-            ca_plus, ca_minus, cb_plus, cb_minus = (
-                population[j, 6],
-                population[j, 7],
-                population[j, 8],
-                population[j, 9],
-            )
-            ka, kb = population[j, 10], population[j, 11]
-            subtotal = 0.0
-            for i in range(start, stop):
-                side = 1.0 if u[i] > 0.0 else (-1.0 if u[i] < 0.0 else 0.0)
-                yielding = fast_tanh(beta * v[i] + delta * side)
-                amps = current[i]
-                rebound, jounce = max(v[i], 0.0), min(v[i], 0.0)
-                viscous = (ca_plus + cb_plus * amps) * rebound + (ca_minus + cb_minus * amps) * jounce
-                model = m * a[i] + f0 + (fya + fyb * amps) * yielding + viscous + (ka + kb * amps) * u[i]
-                error = force[i] - model
-                subtotal += error * error * weight_squared[i]
-            total[j] += subtotal
+            total[j] += _tanh_squares(population[j], *data)
     return total
 
 

@@ -1,14 +1,13 @@
 """The weighted normal equations of an algebraic model, with everything that does not depend on its shape summed once.
 
 For shape parameters theta the force is linear in c: F = X c_fixed + sum_j (c_j0 + c_j1 I + ...) y_j(theta). Solving for
-c inside leaves a function of theta alone (variable projection, Golub and Pereyra 1973); its slope uses Kaufman's (1975)
-simplification.
+c inside leaves a function of theta alone (variable projection, Golub and Pereyra 1973).
 Only sums over samples are kept, so any number of samples is streamed in pieces.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -17,14 +16,15 @@ from numpy.typing import NDArray
 
 from rig.dampers.algebraic import AlgebraicModel, TanhModel
 from rig.identification.measurement import Measurement
+from rig.identification.reduction import Inner, Reduction
 
 FloatArray = NDArray[np.float64]
 Weight = Literal["v", "1"]
 
 BETA_LIMITS = (1e-3, 1e9)  # s/m: from a straight line to a sign function
 PIECE = 32768
+ALL = slice(None)
 KEEP_BELOW = 2_000_000  # samples up to which the regressors stay in memory
-SINGULAR = 1e-11  # directions of the scaled normal matrix below this share of the largest carry no information
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,17 @@ class Weighting:
     reversal_guard_s: float = 0.0
     extra: tuple[FloatArray, ...] | None = None
 
-    def of(self, each: Measurement, index: int) -> FloatArray:
-        """Weight of each sample of measurement number `index`, shape (n,), not negative."""
-        weights = np.abs(each.v_m_s) if self.weight == "v" else np.ones_like(each.v_m_s)
+    def of(self, each: Measurement, index: int, rows: slice = ALL) -> FloatArray:
+        """Weight of each sample of measurement number `index`, or of some of its rows, shape (n,), not negative."""
+        speed = np.abs(each.v_m_s[rows])
+        weights = speed.copy() if self.weight == "v" else np.ones_like(speed)
         if self.guard_s > 0.0:
-            weights[np.abs(each.u_m) < self.guard_s * np.abs(each.v_m_s)] = 0.0
+            weights[np.abs(each.u_m[rows]) < self.guard_s * speed] = 0.0
         if self.reversal_guard_s > 0.0:
-            weights[np.abs(each.v_m_s) < self.reversal_guard_s * np.abs(each.a_m_s2)] = 0.0
+            weights[speed < self.reversal_guard_s * np.abs(each.a_m_s2[rows])] = 0.0
         if each.usable is not None:
-            weights[~each.usable] = 0.0
-        return weights if self.extra is None else weights * self.extra[index]
+            weights[~each.usable[rows]] = 0.0
+        return weights if self.extra is None else weights * self.extra[index][rows]
 
 
 @dataclass(frozen=True)
@@ -140,19 +141,6 @@ class AlgebraicForm:
         return [yielding, *(rate * each for each in self.model.argument_slopes(values, u, v))]
 
 
-@dataclass(frozen=True)
-class Inner:
-    """The inner solution at one shape: objective, linear values (fixed, then yield), and the projected slope.
-
-    `gradient` (s,) is J'r and `curvature` (s, s) is J'J of the projected residual r with respect to the shape.
-    """
-
-    objective: float
-    linear: FloatArray
-    gradient: FloatArray
-    curvature: FloatArray
-
-
 class Projection:
     """Equation (12) as a function of the shape parameters alone; the linear ones are solved for.
 
@@ -181,14 +169,15 @@ class Projection:
         if sum(each.u_m.size for each in measurements) // every <= KEEP_BELOW:
             self._kept = list(self._stream())
         width = len(form.fixed_names)
-        self._normal, self._right, self._power = np.zeros((width, width)), np.zeros(width), 0.0
+        normal, right, power = np.zeros((width, width)), np.zeros(width), 0.0
         for piece in self.pieces():
-            self._normal += piece.fixed.T @ piece.fixed
-            self._right += piece.fixed.T @ piece.force
-            self._power += float(piece.force @ piece.force)
+            normal += piece.fixed.T @ piece.fixed
+            right += piece.fixed.T @ piece.force
+            power += float(piece.force @ piece.force)
             self.samples += int(np.count_nonzero(piece.weight))
         names = (*form.fixed_names, *form.yield_names)
-        self._free = np.array([name not in without for name in names])
+        self._reduction = Reduction(normal, right, power, np.array([name not in without for name in names]))
+        self._bends = [slice(sum(form.powers[:k]), sum(form.powers[: k + 1])) for k in form.bends]
 
     def pieces(self) -> Iterator[Piece]:
         """All weighted samples, piece by piece."""
@@ -196,12 +185,11 @@ class Projection:
 
     def _stream(self) -> Iterator[Piece]:
         for index, each in enumerate(self._measurements):
-            weights = self._weighting.of(each, index)
             length = PIECE * self._every if self.form.pointwise else each.u_m.size
             for start in range(0, each.u_m.size, length):
                 rows = slice(start, min(start + length, each.u_m.size), self._every)
                 u, v, a, current = each.u_m[rows], each.v_m_s[rows], each.a_m_s2[rows], each.current_A[rows]
-                weight = weights[rows]
+                weight = self._weighting.of(each, index, rows)
                 fixed = self.form.fixed_columns(u, v, a, current) * weight[:, None]
                 yield Piece(fixed, each.force_N[rows] * weight, weight, each, rows)
 
@@ -212,17 +200,15 @@ class Projection:
     def solve(self, shape: FloatArray, *, slope: bool = True) -> Inner:
         """Linear values, objective and, with `slope`, its projected slope at this shape, in one pass."""
         self.evaluations += 1
-        fixed, powers = self._normal.shape[0], self.form.powers
-        size = fixed + sum(powers) + (sum(powers[k] for k in self.form.bends) if slope else 0)
-        normal, right = np.zeros((size, size)), np.zeros(size)
-        normal[:fixed, :fixed], right[:fixed] = self._normal, self._right
+        size = sum(self.form.powers) + (sum(self.form.powers[k] for k in self.form.bends) if slope else 0)
+        cross = np.zeros((size, len(self.form.fixed_names)))
+        right, own = np.zeros(size), np.zeros((size, size))
         for piece in self.pieces():
             block = self._block(piece, shape, slope=slope)
-            normal[fixed:, :fixed] += block.T @ piece.fixed
-            normal[fixed:, fixed:] += block.T @ block
-            right[fixed:] += block.T @ piece.force
-        normal[:fixed, fixed:] = normal[fixed:, :fixed].T
-        return self._reduce(normal, right, fixed + sum(powers))
+            cross += block.T @ piece.fixed
+            own += block.T @ block
+            right += block.T @ piece.force
+        return self._reduction.solve(cross, right, own, self._bends if slope else ())
 
     def _block(self, piece: Piece, shape: FloatArray, *, slope: bool) -> FloatArray:
         """Columns of the yield shapes, then of their slopes, each times the powers of the current."""
@@ -235,42 +221,3 @@ class Projection:
                 parts.append(part)
                 part = part * piece.current_A
         return np.column_stack(parts)
-
-    def _reduce(self, normal: FloatArray, right: FloatArray, columns: int) -> Inner:
-        active = np.flatnonzero(self._free)
-        linear = np.zeros(columns)
-        solver = scaled_inverse(normal[np.ix_(active, active)])
-        linear[active] = solver(right[active])
-        objective = max(self._power - float(linear @ right[:columns]), 0.0)
-        powers, at = self.form.powers, columns
-        first = [columns - sum(powers[k:]) for k in range(len(powers))]
-        shapes = len(self.form.bends) if normal.shape[0] > columns else 0
-        mix = np.zeros((normal.shape[0], shapes))
-        for k, bent in enumerate(self.form.bends[:shapes]):
-            mix[at : at + powers[bent], k] = linear[first[bent] : first[bent] + powers[bent]]
-            at += powers[bent]
-        padded = np.concatenate((linear, np.zeros(normal.shape[0] - columns)))
-        gradient = mix.T @ (right - normal @ padded)
-        cross = (normal @ mix)[active]
-        curvature = (
-            mix.T @ normal @ mix - cross.T @ np.column_stack([solver(cross[:, k]) for k in range(shapes)])
-            if shapes
-            else np.zeros((0, 0))
-        )
-        return Inner(objective, linear, gradient, np.asarray(curvature))
-
-
-def scaled_inverse(normal: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """A solver of normal equations, for right sides (k,) or (k, m): directions without information stay at zero."""
-    scale = np.sqrt(np.diag(normal))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-    carrying = values > SINGULAR * values[-1]
-    half = vectors[:, carrying] / scale[:, None]
-
-    def solve(right: FloatArray) -> FloatArray:
-        projected = half.T @ right
-        result: FloatArray = half @ (projected.T / values[carrying]).T
-        return result
-
-    return solve

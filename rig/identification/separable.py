@@ -13,9 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.algebraic import AlgebraicModel, TanhModel
 from rig.identification.measurement import Measurement
-from rig.identification.projection import AlgebraicForm, Inner, Projection, Weighting
+from rig.identification.projection import AlgebraicForm, Projection, Weighting
+from rig.identification.reduction import Inner
+from rig.identification.tanh_projection import TanhProjection
 
 FloatArray = NDArray[np.float64]
 
@@ -25,6 +27,9 @@ WIDTHS = np.array([0.0, 0.004, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3, 0.55, 0.9])  #
 STARTS = 4
 ITERATIONS = 60
 TOLERANCE = 1e-9
+ROUGH = 1e-4  # tolerance on the thinned data, whose minimum is further than that from the one sought
+RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not the best on all data either,
+FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
 
 
 @dataclass(frozen=True)
@@ -67,50 +72,71 @@ def solve_separable(
         The best solution found; `values` in SI by name.
     """
     weighting = weighting or Weighting()
-    form = AlgebraicForm(model)
-    full = Projection(form, measurements, weighting, without=held)
-    cost = 0.0
-    if not model.shape_names:
-        shape, inner = np.zeros(0), full.solve(np.zeros(0), slope=False)
-    else:
-        starts = [] if start is None else [start]
-        if not starts:
-            every = max(1, full.samples // THINNED_SAMPLES)
-            thin = Projection(form, measurements, weighting, every=every, without=held)
-            starts = _starts(thin, max(float(np.max(np.abs(each.v_m_s))) for each in measurements))
-            cost = thin.evaluations / every
-        found = [levenberg_marquardt(full, each) for each in starts]
-        shape, inner = min(found, key=lambda each: each[1].objective)
     names = (*model.fixed_names, *model.yield_names)
-    bound = tuple(name for name, value in zip(names, inner.linear, strict=True) if name in non_negative and value < 0.0)
+    if not isinstance(model, TanhModel):
+        return _without_shape(measurements, model, weighting, held, non_negative)
+    full, cost = TanhProjection(model, measurements, weighting, without=held), 0.0
+    starts = [] if start is None else [start]
+    if not starts:
+        every = max(1, sum(each.u_m.size for each in measurements) // THINNED_SAMPLES)
+        thin = TanhProjection(model, measurements, weighting, every=every, without=held)
+        starts = _starts(thin, max(float(np.max(np.abs(each.v_m_s))) for each in measurements))
+        cost = thin.evaluations / every
+    found = [levenberg_marquardt(full, each) for each in starts]
+    shape, inner = min(found, key=lambda each: each[1].objective)
     evaluations = full.evaluations + int(np.ceil(cost))
+    bound = _negative(names, inner, non_negative)
     if bound:
-        rest = Projection(form, measurements, weighting, without=held | frozenset(bound))
-        shape, inner = levenberg_marquardt(rest, shape) if shape.size else (shape, rest.solve(shape, slope=False))
+        rest = full.without(held | frozenset(bound))
+        shape, inner = levenberg_marquardt(rest, shape)
         evaluations += rest.evaluations
     pairs = (*zip(names, inner.linear, strict=True), *zip(model.shape_names, shape, strict=True))
     return Solution({name: float(value) for name, value in pairs}, inner.objective, evaluations, bound)
 
 
-def _starts(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
-    """The two best distinct minima of the thinned data."""
-    refined = [levenberg_marquardt(thin, each) for each in _best_of_grid(thin, top_speed_m_s)]
-    kept: list[FloatArray] = []
-    for shape, _ in sorted(refined, key=lambda found: found[1].objective):
-        if not any(np.allclose(shape, other, rtol=0.02, atol=1e-3) for other in kept):
-            kept.append(shape)
-    return kept[:2]
+def _without_shape(
+    measurements: Sequence[Measurement],
+    model: AlgebraicModel,
+    weighting: Weighting,
+    held: frozenset[str],
+    non_negative: frozenset[str],
+) -> Solution:
+    """A model without shape parameters is one linear least squares."""
+    names = (*model.fixed_names, *model.yield_names)
+    form = AlgebraicForm(model)
+    whole = Projection(form, measurements, weighting, without=held)
+    inner = whole.solve(np.zeros(0), slope=False)
+    bound = _negative(names, inner, non_negative)
+    if bound:
+        whole = Projection(form, measurements, weighting, without=held | frozenset(bound))
+        inner = whole.solve(np.zeros(0), slope=False)
+    values = {name: float(value) for name, value in zip(names, inner.linear, strict=True)}
+    return Solution(values, inner.objective, 1 + bool(bound), bound)
 
 
-def _best_of_grid(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
+def _negative(names: Sequence[str], inner: Inner, non_negative: frozenset[str]) -> tuple[str, ...]:
+    """Names of the values that are negative and must not be."""
+    pairs = zip(names, inner.linear, strict=True)
+    return tuple(name for name, value in pairs if name in non_negative and value < 0.0)
+
+
+def _starts(thin: TanhProjection, top_speed_m_s: float) -> list[FloatArray]:
+    """The best minimum of the thinned data, and the next one where those data do not rule it out."""
+    refined = [levenberg_marquardt(thin, each, ROUGH) for each in _best_of_grid(thin, top_speed_m_s)]
+    (best, inner), *others = sorted(refined, key=lambda found: found[1].objective)
+    possible = RULED_OUT * inner.objective + FEW_DECIDE * thin.power
+    for shape, rival in others:
+        if rival.objective <= possible and not np.allclose(shape, best, rtol=0.1, atol=1e-3):
+            return [best, shape]
+    return [best]
+
+
+def _best_of_grid(thin: TanhProjection, top_speed_m_s: float) -> list[FloatArray]:
     """The best local minima of a grid over steepness and loop width."""
     printed = thin.form.shape_names[1] == "lambda"
-    values = np.empty((STEEPNESS.size, WIDTHS.size))
-    shapes = np.empty((STEEPNESS.size, WIDTHS.size, 2))
-    for i, steepness in enumerate(STEEPNESS):
-        for j, width in enumerate(WIDTHS):
-            shapes[i, j] = steepness / top_speed_m_s, width * (top_speed_m_s if printed else steepness)
-            values[i, j] = thin.objective(shapes[i, j])
+    beta, width = np.meshgrid(STEEPNESS / top_speed_m_s, WIDTHS * top_speed_m_s, indexing="ij")
+    shapes = np.stack((beta, width if printed else beta * width), axis=-1)
+    values = thin.objectives(shapes.reshape(-1, 2)).reshape(beta.shape)
     padded = np.pad(values, 1, constant_values=np.inf)
     neighbours = np.min(
         [padded[1 + i : padded.shape[0] - 1 + i, 1 + j : padded.shape[1] - 1 + j] for i, j in AROUND], axis=0
@@ -123,22 +149,32 @@ def _best_of_grid(thin: Projection, top_speed_m_s: float) -> list[FloatArray]:
 AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
 
-def levenberg_marquardt(projection: Projection, start: FloatArray) -> tuple[FloatArray, Inner]:
-    """Minimise the projected objective from `start` (s,); positive parameters are searched by their logarithms."""
+def levenberg_marquardt(
+    projection: Projection | TanhProjection, start: FloatArray, tolerance: float = TOLERANCE
+) -> tuple[FloatArray, Inner]:
+    """Minimise the projected objective; positive parameters are searched by their logarithms.
+
+    Args:
+        projection: the objective as a function of the shape.
+        start: shape parameters, shape (s,).
+        tolerance: it ends when a step promises less than this share of the objective.
+    """
     shape, inner = start, projection.solve(start)
-    logarithmic = np.array(projection.form.logarithmic)
+    logarithmic, limits = np.array(projection.form.logarithmic), projection.form.limits
     damping = 1e-3
     for _ in range(ITERATIONS):
         chain = np.where(logarithmic, shape, 1.0)
-        gradient, curvature = inner.gradient * chain, inner.curvature * np.outer(chain, chain)
-        scale = np.maximum(np.diag(curvature), 1e-300)
-        step = np.linalg.solve(curvature + damping * np.diag(scale), gradient)
-        step = np.where(logarithmic, np.clip(step, -1.5, 1.5), step)
+        gradient, curvature = inner.gradient * chain, inner.curvature * (chain[:, None] * chain)
+        damped = curvature.copy()
+        damped.flat[:: shape.size + 1] += damping * np.maximum(curvature.diagonal(), 1e-300)
+        step = np.linalg.solve(damped, gradient)
+        step[logarithmic] = np.minimum(np.maximum(step[logarithmic], -1.5), 1.5)
         promised = float(step @ gradient)
-        if not np.all(np.isfinite(step)) or promised <= TOLERANCE * inner.objective:
+        if not np.isfinite(step).all() or promised <= tolerance * inner.objective:
             break
-        trial = np.where(logarithmic, shape * np.exp(np.where(logarithmic, step, 0.0)), shape + step)
-        trial = np.clip(trial, projection.form.limits[:, 0], projection.form.limits[:, 1])
+        trial = shape + step
+        trial[logarithmic] = shape[logarithmic] * np.exp(step[logarithmic])
+        trial = np.minimum(np.maximum(trial, limits[:, 0]), limits[:, 1])
         found = projection.solve(trial)
         if found.objective < inner.objective:
             shape, inner, damping = trial, found, damping * 0.2

@@ -78,10 +78,10 @@ def test_huber_loss_ignores_spikes(make_synthetic: Make) -> None:
 
 def test_pieces_give_the_same_answer_as_the_whole(make_synthetic: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     tests = make_synthetic(DEMO, (0.0, 1.0), (0.5, 1.0))
-    whole = solve_separable(tests, model("asymmetric"))
+    whole = solve_separable(tests, model("bingham"))
     monkeypatch.setattr("rig.identification.projection.PIECE", 257)
     monkeypatch.setattr("rig.identification.projection.KEEP_BELOW", 0)
-    pieces = solve_separable(tests, model("asymmetric"))
+    pieces = solve_separable(tests, model("bingham"))
     assert pieces.values == pytest.approx(whole.values, rel=1e-6)
 
 

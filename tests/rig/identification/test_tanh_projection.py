@@ -1,0 +1,119 @@
+"""The tanh models' projected objective: moments, compiled or not, streamed or not, say what whole columns say."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from rig.dampers import model, parameter_set
+from rig.identification import Measurement
+from rig.identification.projection import AlgebraicForm, Projection, Weighting
+from rig.identification.separable import solve_separable
+from rig.identification.tanh_projection import TanhProjection
+
+Make = Callable[..., list[Measurement]]
+DEMO = dict(parameter_set("demo").values)
+WIDTH = {"kwok": 0.7, "printed": 0.02}
+
+
+def varying(tests: list[Measurement]) -> list[Measurement]:
+    """The same motion with a current that changes from sample to sample in every other test."""
+    rng = np.random.default_rng(3)
+    changed = [
+        replace(test, current_A=test.current_A + rng.uniform(0.0, 0.3, test.u_m.size)) if k % 2 else test
+        for k, test in enumerate(tests)
+    ]
+    return [
+        replace(test, force_N=model("asymmetric").force(DEMO, test.u_m, test.v_m_s, test.a_m_s2, test.current_A, 0.004))
+        for test in changed
+    ]
+
+
+@pytest.fixture
+def tests(make_synthetic: Make) -> list[Measurement]:
+    found = varying(make_synthetic(DEMO, (0.0, 1.0, 2.0), (0.5, 2.0), cycles=3))
+    centred = found[0].u_m.copy()
+    centred[::50] = 0.0  # sgn(0) = 0 is its own case
+    rng = np.random.default_rng(4)
+    return [
+        replace(each, force_N=each.force_N + rng.normal(0.0, 5.0, each.u_m.size))
+        for each in (replace(found[0], u_m=centred), *found[1:])
+    ]
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize(
+    ("name", "form"), [("asymmetric", "kwok"), ("asymmetric", "printed"), ("symmetric", "printed"), ("kwok", "kwok")]
+)
+def test_moments_and_whole_columns_give_one_solution(
+    name: str, form: str, compiled: bool, tests: list[Measurement]
+) -> None:
+    damper = model(name, form)
+    weighting = Weighting("v", guard_s=2e-3)
+    shape = np.array([35.0, WIDTH[form]])
+    by_columns = Projection(AlgebraicForm(damper), tests, weighting).solve(shape)
+    by_moments = TanhProjection(damper, tests, weighting, compiled=compiled).solve(shape)
+    assert by_moments.objective == pytest.approx(by_columns.objective, rel=1e-9)
+    assert by_moments.linear == pytest.approx(by_columns.linear, rel=1e-8)
+    assert by_moments.gradient == pytest.approx(by_columns.gradient, rel=1e-8)
+    assert by_moments.curvature == pytest.approx(by_columns.curvature, rel=1e-8)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_objectives_at_many_shapes_are_the_least_squares_of_each(compiled: bool, tests: list[Measurement]) -> None:
+    damper, weighting = model("asymmetric"), Weighting("1")
+    shapes = np.array(list(product((5.0, 60.0, 700.0), (0.0, 0.5, 3.0))))
+    found = TanhProjection(damper, tests, weighting, compiled=compiled).objectives(shapes)
+    for (beta, delta), objective in zip(shapes, found, strict=True):
+        columns = np.vstack(
+            [
+                np.column_stack(
+                    (
+                        damper.fixed_columns(each.u_m, each.v_m_s, each.a_m_s2, each.current_A),
+                        y := np.tanh(beta * each.v_m_s + delta * np.sign(each.u_m)),
+                        y * each.current_A,
+                    )
+                )
+                for each in tests
+            ]
+        )
+        force = np.concatenate([each.force_N for each in tests])
+        residual = force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0]
+        assert objective == pytest.approx(float(residual @ residual), rel=1e-9)
+
+
+@pytest.mark.parametrize("form", ["kwok", "printed"])
+def test_the_fit_does_not_depend_on_whether_it_was_compiled(
+    form: str, tests: list[Measurement], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    damper = model("asymmetric", form)
+    fits = []
+    for compiled in (True, False):
+        monkeypatch.setattr("rig.identification.tanh_projection.compiled_pays", lambda _, chosen=compiled: chosen)
+        fits.append(solve_separable(tests, damper, Weighting("v")))
+    assert fits[0].values == pytest.approx(fits[1].values, rel=1e-7)
+    assert fits[0].objective == pytest.approx(fits[1].objective, rel=1e-10)
+    assert fits[0].evaluations == fits[1].evaluations
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_streamed_pieces_add_up_to_the_whole(
+    compiled: bool, tests: list[Measurement], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.identification.tanh_projection.compiled_pays", lambda _: compiled)
+    damper = model("asymmetric")
+    whole = solve_separable(tests, damper)
+    monkeypatch.setattr("rig.identification.tanh_moments.PIECE", 257)
+    monkeypatch.setattr("rig.identification.tanh_projection.KEEP_BELOW", 0)
+    pieces = solve_separable(tests, damper)
+    assert pieces.values == pytest.approx(whole.values, rel=1e-7)
+
+
+def test_steep_slopes_are_found_where_few_samples_lie_on_them(make_synthetic: Make) -> None:
+    truth = {**DEMO, "beta": 2500.0, "delta": 20.0}
+    tests = make_synthetic(truth, (0.0, 1.0, 2.0), (0.5, 1.0, 2.0), noise_N=0.0)
+    found = solve_separable(tests, model("asymmetric"))
+    assert found.values["delta"] / found.values["beta"] == pytest.approx(0.008, rel=1e-3)
+    assert found.objective < 1e-9 * sum(float(each.force_N @ each.force_N) for each in tests)
