@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import sys
 import tempfile
 from pathlib import Path
@@ -11,9 +12,9 @@ from typing import Any, NoReturn
 
 import click
 
-from rig.errors import EXIT_USAGE, RigError
+from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.fault_matrix import MATRIX
-from simulators.injection import parse_fault
+from simulators.schedule import WITHIN_S, ScheduledFault, drawn_faults, parse_fault
 
 EPILOG = """\b
 Example:
@@ -83,11 +84,15 @@ async def serve(arguments: dict[str, Any]) -> None:
         bench = arguments["bench"] or Path(folder) / "bench.toml"
         bench.write_text(text, encoding="utf-8")
         if arguments["json"]:
-            click.echo(json.dumps({"bench": str(bench.absolute())}))
+            faults = [str(fault) for fault in arguments["run"].faults]
+            click.echo(json.dumps({"bench": str(bench.absolute()), "faults": faults}))
         else:
             click.echo(str(bench.absolute()))
         sys.stdout.flush()
         click.echo(hints(bench, text), err=True)
+        if arguments["run"].faults:
+            told = " ".join(f"--fault {fault}" for fault in arguments["run"].faults)
+            click.echo(f"faults       {told}", err=True)
         try:
             await rig.run()
         finally:
@@ -128,9 +133,25 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
-        faults=tuple(parse_fault(text) for text in values["fault"]),
+        faults=schedule(values),
     )
     return {"options": options, "run": run, "bench": values["bench"], "json": values["as_json"]}
+
+
+def schedule(values: dict[str, Any]) -> tuple[ScheduledFault, ...]:
+    """The faults written one by one, then those drawn from a seed.
+
+    Raises:
+        FileProblem: a fault that cannot be injected as it is written.
+    """
+    written = tuple(parse_fault(text) for text in values["fault"])
+    if values["fault_seed"] is None:
+        return written
+    within_s = float(values["fault_within"])
+    if not math.isfinite(within_s):
+        raise FileProblem("--fault-within", [f"{within_s}: expected a number of seconds from 0"])
+    kinds = frozenset((values["actuator"], values["ports"]))
+    return (*written, *drawn_faults(values["fault_seed"], kinds, within_s))
 
 
 def refuse(message: str, as_json: bool) -> NoReturn:
@@ -171,6 +192,10 @@ FILE = click.Path(path_type=Path, dir_okay=False)
               help="Modbus TCP, or RTU on a port of the kind --ports says.")
 @click.option("--fault", metavar="SLUG[@T[+D]]", multiple=True,
               help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")
+@click.option("--fault-seed", type=click.IntRange(0), metavar="N",
+              help="Draw one to three random faults, told at the start as --fault; the same N draws the same.")
+@click.option("--fault-within", type=click.FloatRange(0.0, 1e6), default=WITHIN_S, show_default=True, metavar="S",
+              help="Drawn faults begin at most so long (simulated s) after the first cycle begins.")
 @click.option("--exit-when-idle", is_flag=True, help="When the starting process is gone, run to standstill and end.")
 @click.option("--list-faults", "listing", is_flag=True, help="List the fault matrix and end.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on standard output.")

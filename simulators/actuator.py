@@ -37,6 +37,7 @@ RESTING = {State.OFF, State.LOW, State.HOLD}
 WITHOUT_LEASE = {Command.ACQUIRE, Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF}
 OFF_CENTRE_M = 2e-3
 SHORTEST_LEASE_S = 2.0
+ENDLESS_CYCLES = 1e6
 
 
 @dataclass
@@ -300,6 +301,8 @@ class Actuator:
             self.plant.table = table.copy()
         for name in ("program_step", "phase_cycles", "cycles_done"):
             self.plant.state[name] = 0
+        if self.faults.stop_ignored:
+            program["full_cycles"] = ENDLESS_CYCLES
         self.plant.order(**program, mode=records.MODE_PROGRAM)
         self.program_id = self.sequence
         return Result.DONE

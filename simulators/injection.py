@@ -1,22 +1,18 @@
 """How each fault is put into the running rig: one small function a slug.
 
-`--fault SLUG@T` switches it on T seconds of simulated time after the first program's first cycle begins; without `@T`
-it is there from the start. `SLUG@T+D` takes it away again D seconds later, where its injector says how.
+Some faults can be taken away again (`ecu-silent@5+0.2`): their injectors hand back how. The others stay, because they
+changed what happened (a reboot, a pulled cable), or because they are there before anything is connected.
 """
 
 from __future__ import annotations
 
-import difflib
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from protocols import ecu as wire
 from protocols.actuator import Command, Result
 from rig.clock import monotonic_ns
-from rig.errors import FileProblem
-from rig.fault_matrix import MATRIX
+from simulators.actuator import ENDLESS_CYCLES
 from simulators.named_port import NamedPort
 from simulators.slcan_bus import ERROR, standard_line
 
@@ -24,8 +20,11 @@ if TYPE_CHECKING:
     from simulators.rig import SimulatedRig
 
 Undo = Callable[[], None]
-Injector = Callable[["SimulatedRig"], Undo | None]
-INJECTORS: dict[str, Injector] = {}
+LastingInjector = Callable[["SimulatedRig"], None]
+PassingInjector = Callable[["SimulatedRig"], Undo]
+LASTING: dict[str, LastingInjector] = {}
+PASSING: dict[str, PassingInjector] = {}
+"""Injectors whose fault can be taken away again."""
 
 FOREIGN_OWNER = 999
 BABBLED_FRAMES_S = 4200.0
@@ -38,47 +37,6 @@ LOOSE_PLAY_M = 2e-3
 LOOSE_STIFFNESS_N_M = 5e6
 ZERO_SHARE = 0.05
 """A sensor that was not tared is off by this share of its range."""
-ENDLESS_CYCLES = 1e6
-LOW_SUPPLY_V = 8.0
-
-
-@dataclass(frozen=True)
-class ScheduledFault:
-    """A fault, when it begins (simulated seconds after the first cycle, None from the start), how long it lasts."""
-
-    slug: str
-    after_s: float | None
-    lasts_s: float = math.inf
-
-
-def parse_fault(text: str) -> ScheduledFault:
-    """`SLUG`, `SLUG@T` or `SLUG@T+D`.
-
-    Raises:
-        FileProblem: an unknown slug, one without an injector here, or a time that is no number.
-    """
-    slug, at, times = text.partition("@")
-    if slug not in MATRIX:
-        close = difflib.get_close_matches(slug, MATRIX, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else "; --list-faults names them all"
-        raise FileProblem("--fault", [f"{slug!r} is not in the fault matrix{hint}"])
-    if slug not in INJECTORS:
-        outside = MATRIX[slug].where == "process"
-        reason = "where = process, the fault suite injects it around the processes" if outside else "not injected yet"
-        raise FileProblem("--fault", [f"{slug!r} has no injector in the simulated rig: {reason}"])
-    begin, plus, duration = times.partition("+")
-    try:
-        after_s = float(begin) if at else None
-        lasts_s = float(duration) if plus else math.inf
-    except ValueError:
-        raise FileProblem(
-            "--fault", [f"{text!r}: {times!r} is not a number of seconds; write {slug}@5, or {slug}@5+0.1"]
-        ) from None
-    if after_s is not None and not 0 <= after_s < math.inf:
-        raise FileProblem("--fault", [f"{text!r}: the time must be 0 s or more"])
-    if not lasts_s > 0:
-        raise FileProblem("--fault", [f"{text!r}: the duration must be above 0 s"])
-    return ScheduledFault(slug, after_s, lasts_s)
 
 
 def _switch(owner: object, name: str, value: object) -> Undo:
@@ -88,76 +46,90 @@ def _switch(owner: object, name: str, value: object) -> Undo:
     return lambda: setattr(owner, name, before)
 
 
-def _injects(slug: str) -> Callable[[Injector], Injector]:
-    def register(injector: Injector) -> Injector:
-        INJECTORS[slug] = injector
+def _every_tick(rig: SimulatedRig, action: Callable[[], None]) -> Undo:
+    """Do something at every tick of the rig; the answer ends it."""
+    rig.every_tick.append(action)
+    return lambda: rig.every_tick.remove(action)
+
+
+def _stays(slug: str) -> Callable[[LastingInjector], LastingInjector]:
+    def register(injector: LastingInjector) -> LastingInjector:
+        LASTING[slug] = injector
         return injector
 
     return register
 
 
-@_injects("modbus-busy")
+def _passes(slug: str) -> Callable[[PassingInjector], PassingInjector]:
+    def register(injector: PassingInjector) -> PassingInjector:
+        PASSING[slug] = injector
+        return injector
+
+    return register
+
+
+@_passes("modbus-busy")
 def _modbus_busy(rig: SimulatedRig) -> Undo:
     return _switch(rig.modbus.faults, "busy", True)
 
 
-@_injects("modbus-reject")
+@_passes("modbus-reject")
 def _modbus_reject(rig: SimulatedRig) -> Undo:
     return _switch(rig.modbus.faults, "reject_writes", True)
 
 
-@_injects("modbus-reset")
+@_stays("modbus-reset")
 def _modbus_reset(rig: SimulatedRig) -> None:
     rig.modbus.faults.reset = True
 
 
-@_injects("modbus-halfopen")
+@_stays("modbus-halfopen")
 def _modbus_halfopen(rig: SimulatedRig) -> None:
     rig.modbus.silence_connections()
 
 
-@_injects("modbus-wrong-tid")
+@_passes("modbus-wrong-tid")
 def _modbus_wrong_tid(rig: SimulatedRig) -> Undo:
     return _switch(rig.modbus.faults, "wrong_transaction", True)
 
 
-@_injects("modbus-mismatch")
+@_passes("modbus-mismatch")
 def _modbus_mismatch(rig: SimulatedRig) -> Undo:
     return _switch(rig.modbus.faults, "wrong_function", True)
 
 
-@_injects("rtu-stale")
+@_passes("rtu-stale")
 def _rtu_stale(rig: SimulatedRig) -> Undo:
     return _switch(rig.modbus.faults, "late_answers", True)
 
 
-@_injects("rtu-crc")
+@_passes("rtu-crc")
 def _rtu_crc(rig: SimulatedRig) -> Undo:
     return _switch(rig.modbus.faults, "damaged", True)
 
 
-@_injects("modbus-write-lost")
+@_passes("modbus-write-lost")
 def _modbus_write_lost(rig: SimulatedRig) -> Undo:
     return _switch(rig.bank, "writes_lost", True)
 
 
-@_injects("actuator-frozen")
+@_passes("actuator-frozen")
 def _actuator_frozen(rig: SimulatedRig) -> Undo:
     return _switch(rig.actuator.faults, "position_frozen", True)
 
 
-@_injects("actuator-reboot")
+@_stays("actuator-reboot")
 def _actuator_reboot(rig: SimulatedRig) -> None:
     rig.actuator.boot_count += 1
     rig.actuator.boot()
 
 
-@_injects("watchdog-absent")
+@_stays("watchdog-absent")
 def _watchdog_absent(rig: SimulatedRig) -> None:
     rig.actuator.faults.watchdog_absent = True
 
 
-@_injects("second-master")
+@_stays("second-master")
 def _second_master(rig: SimulatedRig) -> None:
     """Another master takes the lease by force and stops the program it did not start."""
     rig.actuator.owner = FOREIGN_OWNER
@@ -166,49 +138,49 @@ def _second_master(rig: SimulatedRig) -> None:
     rig.actuator.result = Result.DONE
 
 
-@_injects("stop-ignored")
+@_stays("stop-ignored")
 def _stop_ignored(rig: SimulatedRig) -> None:
-    """The running program loses its end, and no stop command ends it either; only the hydraulics can be taken away."""
+    """Programs lose their end, the running one too, and no stop command ends them; taking the pressure away does."""
     rig.actuator.faults.stop_ignored = True
     rig.plant.order(full_cycles=ENDLESS_CYCLES)
 
 
-@_injects("register-layout")
+@_stays("register-layout")
 def _register_layout(rig: SimulatedRig) -> None:
     rig.bank.word_order_swapped = True
 
 
-@_injects("estop")
+@_stays("estop")
 def _estop(rig: SimulatedRig) -> None:
     """The chain opens: valve shut, hydraulics dumped, coil supply cut."""
     rig.actuator.faults.e_stop_open = True
     rig.ecu.supply_V = 0.0
 
 
-@_injects("can-busoff")
+@_stays("can-busoff")
 def _can_busoff(rig: SimulatedRig) -> None:
     """The adapter reports errors, as it does on its way to bus-off, then nothing passes any more."""
     rig.bus.send_lines([ERROR] * 3)
     rig.bus.silent = True
 
 
-@_injects("ecu-silent")
-def _ecu_silent(rig: SimulatedRig) -> None:
-    rig.ecu.faults.silent = True
+@_passes("ecu-silent")
+def _ecu_silent(rig: SimulatedRig) -> Undo:
+    return _switch(rig.ecu.faults, "silent", True)
 
 
-@_injects("ecu-late")
-def _ecu_late(rig: SimulatedRig) -> None:
-    rig.ecu.faults.late = True
+@_passes("ecu-late")
+def _ecu_late(rig: SimulatedRig) -> Undo:
+    return _switch(rig.ecu.faults, "late", True)
 
 
-@_injects("ecu-crc")
-def _ecu_crc(rig: SimulatedRig) -> None:
-    rig.ecu.faults.wrong_crc = True
+@_passes("ecu-crc")
+def _ecu_crc(rig: SimulatedRig) -> Undo:
+    return _switch(rig.ecu.faults, "wrong_crc", True)
 
 
-@_injects("can-malformed")
-def _can_malformed(rig: SimulatedRig) -> None:
+@_passes("can-malformed")
+def _can_malformed(rig: SimulatedRig) -> Undo:
     """Every frame of the ECU is short, a remote request or has an extended identifier, in turn."""
     turn = 0
 
@@ -221,11 +193,11 @@ def _can_malformed(rig: SimulatedRig) -> None:
             return b"T%08X%X%s\r" % (identifier, len(data), data.hex().upper().encode("ascii"))
         return standard_line(identifier, data[:5])
 
-    rig.bus.encode = malformed_line
+    return _switch(rig.bus, "encode", malformed_line)
 
 
-@_injects("can-babble")
-def _can_babble(rig: SimulatedRig) -> None:
+@_passes("can-babble")
+def _can_babble(rig: SimulatedRig) -> Undo:
     """A node that never stops fills the bus, on wall time as any other node's bits take theirs."""
     line = standard_line(0x001, bytes(8))
     begin_ns, sent = monotonic_ns(), 0
@@ -236,11 +208,11 @@ def _can_babble(rig: SimulatedRig) -> None:
         rig.bus.send_lines([line] * min(MOST_BABBLED, due - sent))
         sent = due
 
-    rig.every_tick.append(babble)
+    return _every_tick(rig, babble)
 
 
-@_injects("can-foreign")
-def _can_foreign(rig: SimulatedRig) -> None:
+@_passes("can-foreign")
+def _can_foreign(rig: SimulatedRig) -> Undo:
     """Another node sends CoilCommand with a valid counter and CRC of its own."""
     count = 0
 
@@ -251,45 +223,45 @@ def _can_foreign(rig: SimulatedRig) -> None:
             command = wire.CoilCommand(count // 5 % wire.COUNTER_MODULUS, True, False, 0.1)
             rig.bus.send_lines([standard_line(wire.COMMAND_ID, wire.encode_command(command))])
 
-    rig.every_tick.append(intrude)
+    return _every_tick(rig, intrude)
 
 
-@_injects("ecu-overtemp")
-def _ecu_overtemp(rig: SimulatedRig) -> None:
-    rig.ecu.faults.over_temperature = True
+@_passes("ecu-overtemp")
+def _ecu_overtemp(rig: SimulatedRig) -> Undo:
+    return _switch(rig.ecu.faults, "over_temperature", True)
 
 
-@_injects("coil-open-short")
-def _coil_open(rig: SimulatedRig) -> None:
-    rig.ecu.faults.coil_open = True
+@_passes("coil-open-short")
+def _coil_open(rig: SimulatedRig) -> Undo:
+    return _switch(rig.ecu.faults, "coil_open", True)
 
 
-@_injects("current-tracking")
-def _current_tracking(rig: SimulatedRig) -> None:
-    rig.ecu.faults.gain = TRACKING_GAIN
+@_passes("current-tracking")
+def _current_tracking(rig: SimulatedRig) -> Undo:
+    return _switch(rig.ecu.faults, "gain", TRACKING_GAIN)
 
 
-@_injects("current-stuck")
-def _current_stuck(rig: SimulatedRig) -> None:
-    rig.ecu.faults.stuck_current = True
+@_passes("current-stuck")
+def _current_stuck(rig: SimulatedRig) -> Undo:
+    return _switch(rig.ecu.faults, "stuck_current", True)
 
 
-@_injects("ecu-restart")
+@_stays("ecu-restart")
 def _ecu_restart(rig: SimulatedRig) -> None:
     rig.ecu.restart()
 
 
-@_injects("loadcell-pulled")
+@_stays("loadcell-pulled")
 def _loadcell_pulled(rig: SimulatedRig) -> None:
     rig.channel("load_cell").port.close()
 
 
-@_injects("lvdt-pulled")
+@_stays("lvdt-pulled")
 def _lvdt_pulled(rig: SimulatedRig) -> None:
     rig.channel("lvdt").port.close()
 
 
-@_injects("usb-renumber")
+@_stays("usb-renumber")
 def _usb_renumber(rig: SimulatedRig) -> None:
     """The adapter comes up under another number; without a name that follows it (`--ports by-id`) it is just gone."""
     port = rig.channel("load_cell").port
@@ -299,48 +271,48 @@ def _usb_renumber(rig: SimulatedRig) -> None:
         port.close()
 
 
-@_injects("serial-garbage")
-def _serial_garbage(rig: SimulatedRig) -> None:
-    rig.channel("load_cell").sensor.faults.garbage = True
+@_passes("serial-garbage")
+def _serial_garbage(rig: SimulatedRig) -> Undo:
+    return _switch(rig.channel("load_cell").sensor.faults, "garbage", True)
 
 
-@_injects("serial-baud")
-def _serial_baud(rig: SimulatedRig) -> None:
-    rig.channel("load_cell").sensor.faults.wrong_baud = True
+@_passes("serial-baud")
+def _serial_baud(rig: SimulatedRig) -> Undo:
+    return _switch(rig.channel("load_cell").sensor.faults, "wrong_baud", True)
 
 
-@_injects("sensor-stuck")
+@_passes("sensor-stuck")
 def _sensor_stuck(rig: SimulatedRig) -> Undo:
     return _switch(rig.channel("load_cell").sensor.faults, "stuck", True)
 
 
-@_injects("sensor-saturated")
+@_passes("sensor-saturated")
 def _sensor_saturated(rig: SimulatedRig) -> Undo:
     return _switch(rig.channel("load_cell").sensor.faults, "saturated", True)
 
 
-@_injects("sensor-spike")
+@_passes("sensor-spike")
 def _sensor_spike(rig: SimulatedRig) -> Undo:
     return _switch(rig.channel("load_cell").sensor.faults, "spikes", True)
 
 
-@_injects("sensor-nan")
+@_passes("sensor-nan")
 def _sensor_nan(rig: SimulatedRig) -> Undo:
     return _switch(rig.channel("load_cell").sensor.faults, "not_a_number", True)
 
 
-@_injects("sample-gap")
+@_passes("sample-gap")
 def _sample_gap(rig: SimulatedRig) -> Undo:
     return _switch(rig.channel("load_cell").sensor.faults, "gaps", True)
 
 
-@_injects("clock-drift")
+@_stays("clock-drift")
 def _clock_drift(rig: SimulatedRig) -> None:
     sensor = rig.channel("load_cell").sensor
     sensor.clock.drift(sensor.clock.ppm + DRIFT_PPM, rig.plant.time_s)
 
 
-@_injects("sensors-swapped")
+@_stays("sensors-swapped")
 def _sensors_swapped(rig: SimulatedRig) -> None:
     """The two plugs are exchanged: each port carries the other sensor's bytes."""
     load_cell, lvdt = rig.channel("load_cell"), rig.channel("lvdt")
@@ -348,18 +320,18 @@ def _sensors_swapped(rig: SimulatedRig) -> None:
     load_cell.column, lvdt.column = lvdt.column, load_cell.column
 
 
-@_injects("not-tared")
+@_stays("not-tared")
 def _not_tared(rig: SimulatedRig) -> None:
     sensor = rig.channel("load_cell").sensor
     sensor.faults.zero_offset = ZERO_SHARE * sensor.options.range
 
 
-@_injects("wrong-damper")
+@_stays("wrong-damper")
 def _wrong_damper(rig: SimulatedRig) -> None:
     rig.plant.constants["force_scale"] = WRONG_DAMPER_SCALE
 
 
-@_injects("load-train")
+@_passes("load-train")
 def _load_train(rig: SimulatedRig) -> Undo:
     """A joint works loose: free play behind a softer mounting; taken away, it is tight again."""
     constants = rig.plant.constants
@@ -372,3 +344,6 @@ def _load_train(rig: SimulatedRig) -> Undo:
             constants[name] = before[name]
 
     return tighten
+
+
+INJECTORS: dict[str, Callable[[SimulatedRig], Undo | None]] = {**LASTING, **PASSING}

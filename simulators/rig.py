@@ -23,7 +23,7 @@ from simulators.clock import DeviceClock, ServedTime
 from simulators.conditioner import condition
 from simulators.ecu import Ecu
 from simulators.frames import encode_frames
-from simulators.injection import INJECTORS, ScheduledFault, Undo
+from simulators.injection import INJECTORS, Undo
 from simulators.modbus_server import ModbusServer
 from simulators.named_port import NamedPort
 from simulators.options import RigOptions, SensorOptions
@@ -31,6 +31,7 @@ from simulators.pace import Backpressure, Pace
 from simulators.plant.plant import MAXIMUM_STEPS, Plant
 from simulators.plant.records import EVENT_PULSE, EVENT_TRIP
 from simulators.registers import RegisterBank
+from simulators.schedule import ScheduledFault
 from simulators.sensor import Sensor
 from simulators.serial_port import SensorPort, open_port
 from simulators.slcan_bus import SlcanBus
@@ -296,7 +297,7 @@ class SimulatedRig:
             "coil_eta": float(plant.constants["coil_eta_1_s"][0]),
             "specimen": self.options.specimen.serial_number,
             "mid_stroke_m": self.options.specimen.mid_stroke_m,
-            "faults": [f"{fault.slug}" for fault in self.run_options.faults],
+            "faults": [str(fault) for fault in self.run_options.faults],
         }
 
     def _quality(self) -> dict[str, Attribute]:

@@ -28,6 +28,8 @@ class Cause:
 # The point may restart by itself from zero amplitude, where the matrix file's `[campaign] retries` allows it.
 RESTARTS_BY_ITSELF = restarts_by_itself()
 MOST_RETRIES = 2
+# Of these, the ones whose cause needs time to pass: a reset is tried again and again until it succeeds.
+COOLS_FIRST = frozenset({"ecu-overtemp"})
 
 # Warnings of the station that make the running point invalid. Those of samples are judged by their share instead.
 SPOIL = frozenset({"rtu-stale"})

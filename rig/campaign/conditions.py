@@ -35,7 +35,7 @@ class Conditions:
         thermal: temperature window and heat model; None without a window.
         loads: by point id, its heat.
         warm_up: the motion that warms; None without a window.
-        longest_s: longest warming up or cooling down before a point (s, rig's clock).
+        longest_s: longest warming up or cooling down before a point or a restart (s, rig's clock).
         demagnetise: the coil's core is demagnetised before another current.
     """
 

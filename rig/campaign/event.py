@@ -124,7 +124,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Tripped:
-    """The station's interlocks tripped; its stop is already under way."""
+    """The station's interlocks tripped, or found more during a stop; the stop is already under way."""
 
     stop: StopKind
     cause: Cause

@@ -91,18 +91,24 @@ def judge_rest(seen: AtRest, limits: RestLimits) -> Cause | None:
         return None
     for what, explained in (
         ("load cell and LVDT are exchanged: swap their plugs", _first(seen.exchanged(limits), limits) is None),
-        ("the load cell's sign is wrong", _mirrored(seen.force_N, seen.controller_force_N)),
-        ("the LVDT's sign is wrong", _mirrored(seen.displacement_m, seen.position_m)),
+        (
+            "the load cell's sign is wrong",
+            _mirrored(seen.force_N, seen.controller_force_N, FORCE_DISAGREEMENT_SHARE * limits.range_N),
+        ),
+        ("the LVDT's sign is wrong", _mirrored(seen.displacement_m, seen.position_m, limits.disagreement_m)),
     ):
         if explained:
             return Cause("sensors-swapped", f"{cause.detail.partition(';')[0]}; {what}")
     return cause
 
 
-def _mirrored(shown: NDArray[np.float64], expected: NDArray[np.float64]) -> bool:
-    """Whether the other sign would explain nearly all of what is apart; less may be a zero that was not taken."""
+def _mirrored(shown: NDArray[np.float64], expected: NDArray[np.float64], allowed: float) -> bool:
+    """Whether more is apart than allowed, and the other sign would explain nearly all of it.
+
+    What it explains less of may be a zero that was not taken; near zero, noise alone has either sign.
+    """
     apart, mirrored = float(np.mean(shown) - np.mean(expected)), float(-np.mean(shown) - np.mean(expected))
-    return abs(mirrored) < MIRRORED_SHARE * abs(apart)
+    return abs(apart) > allowed and abs(mirrored) < MIRRORED_SHARE * abs(apart)
 
 
 def _first(seen: AtRest, limits: RestLimits) -> Cause | None:

@@ -24,7 +24,7 @@ from rig.recording.durable import write_text_durably
 from rig.recording.recovery import recover_held
 from rig.recording.run import RecordedPoint, read_campaign
 
-SESSION_ARGUMENTS = frozenset({"--fault"})
+SESSION_ARGUMENTS = frozenset({"--fault", "--fault-seed", "--fault-within"})
 """Arguments of a simulated rig that belong to one session and not to the rig: an earlier fault is not repeated."""
 
 

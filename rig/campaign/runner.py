@@ -165,14 +165,14 @@ class Runner:
 
     def _translated(self, message: dict[str, Any]) -> list[ev.Event]:
         name, detail = message.get("event"), str(message.get("detail", ""))
-        if name == "trip":
+        if name in {"warning", "also"}:
+            self._crew.display.message("warning", f"{message.get('slug')}: {detail}")
+        if name in {"trip", "also"}:
             return [ev.Tripped(StopKind(message["stop"]), Cause(str(message["slug"]), detail))]
         if name == "safe":
             return [ev.Safe()]
         if name == "unknown":
             return [ev.Unknown(str(message.get("reason", "")))]
-        if name in {"warning", "also"}:
-            self._crew.display.message("warning", f"{message.get('slug')}: {detail}")
         if name == "warning" and message.get("slug") in SPOIL:
             return [ev.Spoiled(Cause(str(message["slug"]), detail))]
         return []

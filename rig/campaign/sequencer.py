@@ -309,6 +309,7 @@ OVERDUE: dict[Phase, Handler] = {
         state, ev.Fault(StopKind.S1, Cause("stop-ignored", "the actuator did not come to rest"))
     ),
     Phase.STOPPING: stopping.stop_timed_out,
+    Phase.COOLING_DOWN: lambda state, _: stopping.finish(state),
 }
 
 
@@ -336,6 +337,9 @@ NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
     (Phase.PAUSED, ev.ResumeAsked): _resume,
     (Phase.STANDING, ev.Standstill): stopping.stands,
     (Phase.STOPPING, ev.Safe): stopping.stopped,
+    (Phase.COOLING_DOWN, ev.RestOver): lambda state, _: stopping.reset(state),
+    (Phase.COOLING_DOWN, ev.Fault): stopping.give_up_restart,
+    (Phase.COOLING_DOWN, ev.Abort): stopping.give_up_restart,
     (Phase.RESETTING, ev.Fault): stopping.give_up_restart,
     (Phase.RESETTING, ev.Abort): stopping.give_up_restart,
     (Phase.FINISHING, ev.Fault): stopping.note_abort_while_finishing,

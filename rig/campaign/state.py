@@ -36,6 +36,7 @@ class Phase(StrEnum):
     PAUSED = "paused"
     JUDGING = "waiting for verdicts"
     STOPPING = "stopping"
+    COOLING_DOWN = "standing still until the ECU has cooled down"
     RESETTING = "resetting after a stop"
     STANDING = "coming to rest"
     FINISHING = "hydraulics off"
@@ -80,6 +81,7 @@ class State:
         spoiled: why the running point cannot be valid, though it was not stopped.
         latch: the stop under way or done; None while nothing is wrong.
         stopped: standstill and 0 A were proved after the latch.
+        cooled_s: how long the stopped rig has waited for the ECU to cool down (s, rig's clock).
         refused: why the campaign was refused before anything moved.
         rig_state: what is known about the rig.
         conditions: under what conditions points are measured.
@@ -110,6 +112,7 @@ class State:
     spoiled: Cause | None = None
     latch: Latch | None = None
     stopped: bool = False
+    cooled_s: float = 0.0
     refused: Cause | None = None
     rig_state: RigState = RigState.SAFE
     conditions: Conditions = NO_CONDITIONS
@@ -138,7 +141,8 @@ class State:
     def unlatched(self) -> State:
         """The state after an explicit reset: nothing is proved any more, the position is not known."""
         return replace(
-            self, latch=None, stopped=False, proved=False, powered=False, held_at_m=None, rest_s=0.0, warming=None
+            self, latch=None, stopped=False, proved=False, powered=False, held_at_m=None, rest_s=0.0, warming=None,
+            cooled_s=0.0,
         )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from rig.campaign import action as act
 from rig.campaign import event as ev
 from rig.campaign.action import Action, Request
-from rig.campaign.cause import Cause, StopKind, may_restart
+from rig.campaign.cause import COOLS_FIRST, Cause, StopKind, may_restart
 from rig.campaign.state import Latch, Phase, RigState, State
 
 Step = tuple[State, tuple[Action, ...]]
@@ -21,6 +21,9 @@ Handler = Callable[[State, Any], Step]
 
 STANDSTILL_LIMIT_S = 5.0
 STOP_LIMIT_S = 60.0
+RESTARTING = frozenset({Phase.COOLING_DOWN, Phase.RESETTING})
+COOLING_PAUSE_S = 20.0
+COOLING_LIMIT_S = COOLING_PAUSE_S + 10.0
 
 
 def enter(state: State, phase: Phase, *actions: Action, device_s: float | None = None) -> Step:
@@ -46,14 +49,24 @@ def latch(state: State, stop: StopKind, cause: Cause, *actions: Action) -> Step:
 def tripped(state: State, event: ev.Tripped) -> Step:
     """The station tripped: it stops the rig already, so nothing is asked of it."""
     if state.latch is not None:
-        return state, ()
+        if may_restart(event.stop, event.cause):
+            return state, ()
+        return finish(state) if state.phase in RESTARTING else (without_restart(state), ())
     return latch(state, event.stop, event.cause)
 
 
+def without_restart(state: State) -> State:
+    """After something that a restart may not follow: the first cause stays latched, and the campaign ends with it."""
+    return replace(state, retries=0)
+
+
 def fault(state: State, event: ev.Fault | ev.Abort) -> Step:
-    """The application or the operator wants a stop: ask the station for it, or just end when nothing is armed."""
+    """The application or the operator wants a stop: ask the station for it, or just end when nothing is armed.
+
+    While a stop is under way it goes on undisturbed, but no restart follows it.
+    """
     if state.latch is not None:
-        return state, ()
+        return without_restart(state), ()
     if not state.armed:
         return finish(replace(state, latch=Latch(event.stop, event.cause)))
     return latch(state, event.stop, event.cause, act.Stop(event.stop, event.cause))
@@ -77,10 +90,31 @@ def stopped(state: State, event: ev.Safe) -> Step:
     state, actions = end_recording(state, cause)
     repeat = state.refused is None and state.queue and state.may_repeat(state.point.id)
     if repeat and may_restart(stop, cause):
-        state, more = enter(state, Phase.RESETTING, act.Ask(Request.RESET))
+        state, more = cool_down(state) if cause.slug in COOLS_FIRST else reset(state)
     else:
         state, more = finish(state)
     return state, actions + more
+
+
+def reset(state: State) -> Step:
+    """The explicit reset edge: the station forgets the trip once it has proved again what a reset demands."""
+    return enter(state, Phase.RESETTING, act.Ask(Request.RESET))
+
+
+def cool_down(state: State) -> Step:
+    """Stand still for a while at 0 A; whether that was enough is the ECU's word, when a reset is asked for."""
+    state = replace(state, cooled_s=state.cooled_s + COOLING_PAUSE_S)
+    longest_s = state.conditions.longest_s
+    note = act.Note("info", f"waiting for the ECU to cool down: {state.cooled_s:g} s of at most {longest_s:g} s")
+    return enter(state, Phase.COOLING_DOWN, note, act.Rest(COOLING_PAUSE_S), device_s=COOLING_LIMIT_S)
+
+
+def reset_declined(state: State, cause: Cause) -> Step:
+    """An ECU that is still too hot keeps its fault: the wait goes on; any other refusal ends the campaign."""
+    waits = state.latch is not None and state.latch.cause.slug in COOLS_FIRST
+    if waits and cause.slug == "coil-not-ready" and state.cooled_s < state.conditions.longest_s:
+        return cool_down(state)
+    return finish(state)
 
 
 def give_up_restart(state: State, event: ev.Fault | ev.Abort) -> Step:
@@ -151,7 +185,7 @@ def declined_while_stopping(state: State, event: ev.Declined) -> Step:
         state, more = finish(state)
         return state, actions + more
     if event.request is Request.RESET and state.phase is Phase.RESETTING:
-        return finish(state)
+        return reset_declined(state, event.cause)
     return state, ()
 
 

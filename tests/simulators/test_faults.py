@@ -13,10 +13,11 @@ from protocols.actuator import State
 from rig.clock import monotonic_ns
 from rig.errors import FileProblem
 from rig.fault_matrix import MATRIX
-from simulators.injection import INJECTORS, ScheduledFault, parse_fault
+from simulators.injection import INJECTORS
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM
 from simulators.rig import RunOptions, SimulatedRig
+from simulators.schedule import ScheduledFault, parse_fault
 from simulators.slcan_bus import SlcanClient
 
 

@@ -10,10 +10,11 @@ import pytest
 
 from drivers.errors import LinkLost, NoAnswer, RequestRefused, WrongAnswer
 from drivers.modbus_link import ModbusLink
-from simulators.injection import INJECTORS, ScheduledFault
+from simulators.injection import INJECTORS
 from simulators.modbus_server import STALE_EVERY
 from simulators.options import RigOptions
 from simulators.rig import RunOptions, SimulatedRig
+from simulators.schedule import ScheduledFault
 
 T = TypeVar("T")
 Host = Callable[[ModbusLink], T]

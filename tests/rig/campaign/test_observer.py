@@ -166,13 +166,17 @@ def test_a_tared_rig_with_gas_force_passes() -> None:
         (rest(force_N=1200.0), "load cell at rest"),
         (rest(noise_N=150.0), "load cell's noise"),
         (rest(force_N=230.0, controller_N=-270.0), "load cell against the controller's force: 500 N"),
+        (
+            replace(rest(force_N=230.0, controller_N=-270.0, lvdt_m=2e-6), position_m=np.full(20, -2e-6)),
+            "load cell against the controller's force: 500 N",
+        ),
         (rest(lvdt_m=0.006), "LVDT against controller"),
         (rest(lvdt_noise_m=1e-3), "LVDT's noise"),
         (rest(samples=5), "load cell: 5 samples"),
         (rest(force_N=float("nan")), "finite"),
         (rest(lvdt_m=float("inf")), "finite"),
     ],
-    ids=["offset", "noisy", "disagree", "apart", "moving", "too-few", "nan", "inf"],
+    ids=["offset", "noisy", "disagree", "disagree-at-zero", "apart", "moving", "too-few", "nan", "inf"],
 )
 def test_a_rig_that_is_not_tared_or_not_at_rest_is_refused_by_name(shown: AtRest, named: str) -> None:
     cause = judge_rest(shown, LIMITS)

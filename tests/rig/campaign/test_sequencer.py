@@ -16,6 +16,7 @@ from rig.campaign.cause import Cause, StopKind
 from rig.campaign.conditions import NO_CONDITIONS, Conditions
 from rig.campaign.sequencer import step
 from rig.campaign.state import Phase, RigState, State, start_state
+from rig.campaign.stopping import COOLING_PAUSE_S
 from rig.matrix.heat import HeatModel
 from rig.matrix.point import TestPoint
 from rig.matrix.schedule import Load, Thermal
@@ -42,6 +43,8 @@ TEMPERED = (
     ),
 )
 RESTARTABLE = Cause("ecu-silent", "no status")
+STILL_HOT = Cause("coil-not-ready", "ECU in state FAULT")
+HOT = Cause("ecu-overtemp", "over-temperature bit")
 FINAL = Cause("estop", "chain open")
 
 EVENTS: tuple[ev.Event, ...] = (
@@ -105,8 +108,25 @@ class Case:
 
 
 WITHOUT_PAUSES = tuple(event for event in EVENTS if not isinstance(event, PAUSES_AND_TWINS))
+HEALTHY = (ev.Begin, ev.Done, ev.ZerosJudged, ev.ProofLegDone, ev.ProofJudged, ev.Centred, ev.CurrentSettled)
+STOPPED = (ev.Tripped, ev.Fault, ev.Safe, ev.Unknown, ev.RestOver, ev.TimedOut, ev.Abort, ev.Judged)
+HOT_EVENTS: tuple[ev.Event, ...] = (
+    *(event for event in EVENTS if isinstance(event, HEALTHY + STOPPED)),
+    ev.ProgramEnded(at_centre=True),
+    ev.Standstill(),
+    ev.Tripped(StopKind.S2, HOT),
+    ev.Declined(Request.RESET, STILL_HOT),
+    ev.Declined(Request.RESET, FINAL),
+)
 CASES = {
     "no-retries": Case(phases=frozenset({Phase.PAUSED})),
+    "hot-ecu": Case(
+        (replace(POINTS[0], rest_s=0.0),),
+        Conditions(longest_s=2 * COOLING_PAUSE_S),
+        retries=1,
+        events=HOT_EVENTS,
+        phases=frozenset({Phase.COOLING_DOWN}),
+    ),
     "one-retry": Case(retries=1, events=WITHOUT_PAUSES, phases=frozenset({Phase.JUDGING, Phase.RESETTING})),
     "compensated": Case(*COMPENSATED, events=WITHOUT_PAUSES + MEASURED_MOTIONS, phases=frozenset({Phase.ADAPTING})),
     "tempered": Case(
@@ -186,10 +206,19 @@ def test_a_reset_demands_every_proof_again(edges: list[Edge]) -> None:
     assert bool(cleared) == (edges[0].before.retries > 0)
 
 
+def test_no_restart_follows_an_operators_stop_or_a_fault_that_forbids_it(edges: list[Edge]) -> None:
+    for edge in edges:
+        forbids = isinstance(edge.event, ev.Abort | ev.Fault) or edge.event == ev.Tripped(StopKind.S1, FINAL)
+        if forbids and edge.before.latch is not None:
+            after, actions = step(edge.after, ev.Safe())
+            assert act.Ask(Request.RESET) not in actions
+            assert after.phase not in {Phase.RESETTING, Phase.COOLING_DOWN}
+
+
 def test_every_fault_or_abort_of_an_armed_rig_latches_or_ends(edges: list[Edge]) -> None:
     for edge in edges:
         if isinstance(edge.event, ev.Fault | ev.Abort | ev.Tripped) and edge.before.armed:
-            stopping = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
+            stopping = {Phase.STOPPING, Phase.COOLING_DOWN, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
             assert edge.after.phase in stopping
             assert edge.after.latch is not None or edge.before.phase is Phase.ENDED
 
@@ -319,6 +348,7 @@ def answers(state: State) -> Iterator[ev.Event]:
         Phase.RUNNING: ev.ProgramEnded(at_centre=True),
         Phase.CLEARING: ev.CurrentSettled(),
         Phase.RESTING: ev.RestOver(),
+        Phase.COOLING_DOWN: ev.RestOver(),
         Phase.STANDING: ev.Standstill(),
         Phase.STOPPING: ev.Safe(),
         Phase.PAUSED: ev.ResumeAsked(),
@@ -370,6 +400,32 @@ def test_a_restartable_trip_repeats_the_point_as_another_attempt_and_keeps_the_b
         ("p002", 1, None),
     ]
     assert state.latch is None
+
+
+def test_a_hot_ecu_is_asked_again_until_it_has_cooled_down_and_then_the_point_is_repeated() -> None:
+    state, _ = play(start_state(POINTS, 1, Conditions(longest_s=3 * COOLING_PAUSE_S)), until=Phase.RUNNING)
+    state, _ = step(state, ev.Tripped(StopKind.S2, HOT))
+    state, actions = step(state, ev.Safe())
+    for waited in (1, 2):
+        assert state.phase is Phase.COOLING_DOWN
+        assert act.Rest(COOLING_PAUSE_S) in actions
+        assert state.cooled_s == waited * COOLING_PAUSE_S
+        state, _ = step(state, ev.RestOver())
+        state, actions = step(state, ev.Declined(Request.RESET, STILL_HOT))
+    state, actions = play(state)
+    assert [action.point.id for action in actions if isinstance(action, act.BeginRecording)] == ["p001", "p002"]
+
+
+@pytest.mark.parametrize("refusal", [STILL_HOT, Cause("estop", "chain open")], ids=["still-hot", "something-else"])
+def test_an_ecu_that_stays_hot_or_is_not_all_that_is_wrong_ends_the_campaign(refusal: Cause) -> None:
+    state, _ = play(start_state(POINTS, 1, Conditions(longest_s=COOLING_PAUSE_S)), until=Phase.RUNNING)
+    state, _ = step(state, ev.Tripped(StopKind.S2, HOT))
+    state, _ = play(state, until=Phase.RESETTING)
+    state, _ = step(state, ev.Declined(Request.RESET, refusal))
+    state, actions = play(state)
+    assert not any(isinstance(action, act.BeginRecording) for action in actions)
+    assert state.latch is not None
+    assert state.latch.cause == HOT
 
 
 @pytest.mark.parametrize(

@@ -18,9 +18,11 @@ POINTS = tuple(
     TestPoint(f"p{number:03d}", "sine", 0.02, 2.0, 0.5 * number, cycles=3, rest_s=float(number % 2))
     for number in range(1, 5)
 )
-CAUSES = st.sampled_from(["ecu-silent", "ecu-crc", "estop", "coil-open-short", "serial-garbage", "stroke-limit"])
+CAUSES = st.sampled_from(
+    ["ecu-silent", "ecu-crc", "ecu-overtemp", "estop", "coil-open-short", "serial-garbage", "stroke-limit"]
+)
 KINDS = st.sampled_from([StopKind.S2, StopKind.S1, StopKind.SO])
-ENDS = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
+ENDS = {Phase.STOPPING, Phase.COOLING_DOWN, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
 
 
 class Rig(RuleBasedStateMachine):
@@ -66,6 +68,7 @@ class Rig(RuleBasedStateMachine):
             Phase.CENTRING: ev.Centred(), Phase.SETTLING: ev.CurrentSettled(), Phase.CLEARING: ev.CurrentSettled(),
             Phase.RUNNING: ev.ProgramEnded(at_centre=True), Phase.RESTING: ev.RestOver(),
             Phase.STANDING: ev.Standstill(), Phase.STOPPING: ev.Safe(), Phase.PAUSED: ev.ResumeAsked(),
+            Phase.COOLING_DOWN: ev.RestOver(),
         }  # fmt: skip
         if self.state.phase in requests:
             self.take(ev.Done(requests[self.state.phase]))

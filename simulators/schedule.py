@@ -1,0 +1,99 @@
+"""When faults come and go: written one by one, or drawn from a seed.
+
+`--fault SLUG@T` switches a fault on T seconds of simulated time after the first program's first cycle begins; without
+`@T` it is there from the start. `SLUG@T+D` takes it away again D seconds later. `--fault-seed N` draws one to three
+faults of the rig as it is; the same N draws the same ones, and what was drawn is told in the words of `--fault`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import random
+from dataclasses import dataclass
+
+from rig.errors import FileProblem
+from rig.fault_matrix import MATRIX
+from simulators.injection import INJECTORS, PASSING
+
+MOST_DRAWN = 3
+WITHIN_S = 10.0
+"""Drawn faults begin this soon after the first cycle: before `examples/quick.toml` has ended."""
+PASSING_SHARE = 0.5
+SHORTEST_S, LONGEST_S = 0.05, 2.0
+"""How long a drawn fault lasts that passes."""
+ONLY_ON = {
+    "modbus-reset": "tcp", "modbus-halfopen": "tcp", "modbus-wrong-tid": "tcp", "rtu-stale": "rtu", "rtu-crc": "rtu",
+    "usb-renumber": "by-id",
+}  # fmt: skip
+"""Faults of one kind of link or port."""
+
+
+@dataclass(frozen=True)
+class ScheduledFault:
+    """A fault, when it begins (simulated seconds after the first cycle, None from the start), how long it lasts."""
+
+    slug: str
+    after_s: float | None
+    lasts_s: float = math.inf
+
+    def __str__(self) -> str:
+        at = "" if self.after_s is None else f"@{self.after_s:g}"
+        return f"{self.slug}{at}" + ("" if math.isinf(self.lasts_s) else f"+{self.lasts_s:g}")
+
+
+def parse_fault(text: str) -> ScheduledFault:
+    """`SLUG`, `SLUG@T` or `SLUG@T+D`.
+
+    Raises:
+        FileProblem: an unknown slug, one without an injector here, a time that is no number, or an end for a fault that
+            cannot be taken away.
+    """
+    slug, at, times = text.partition("@")
+    if slug not in MATRIX:
+        close = difflib.get_close_matches(slug, MATRIX, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else "; --list-faults names them all"
+        raise FileProblem("--fault", [f"{slug!r} is not in the fault matrix{hint}"])
+    if slug not in INJECTORS:
+        raise FileProblem(
+            "--fault",
+            [f"{slug!r} has no injector in the simulated rig: where = process, the fault suite injects it around the "
+             "processes"],
+        )  # fmt: skip
+    begin, plus, duration = times.partition("+")
+    try:
+        after_s = float(begin) if at else None
+        lasts_s = float(duration) if plus else math.inf
+    except ValueError:
+        raise FileProblem(
+            "--fault", [f"{text!r}: {times!r} is not a number of seconds; write {slug}@5, or {slug}@5+0.1"]
+        ) from None
+    if after_s is not None and not 0 <= after_s < math.inf:
+        raise FileProblem("--fault", [f"{text!r}: the time must be 0 s or more"])
+    if not lasts_s > 0:
+        raise FileProblem("--fault", [f"{text!r}: the duration must be above 0 s"])
+    if plus and slug not in PASSING:
+        raise FileProblem("--fault", [f"{text!r}: {slug} does not pass by itself; write {slug}@{begin}"])
+    return ScheduledFault(slug, after_s, lasts_s)
+
+
+def drawn_faults(seed: int, kinds: frozenset[str], within_s: float = WITHIN_S) -> tuple[ScheduledFault, ...]:
+    """One to three different faults in the order of their times; a preflight fault is there from the start.
+
+    Args:
+        seed: the same seed draws the same faults, for the same `kinds` and `within_s`.
+        kinds: the rig's kinds of link and port, such as {"tcp", "pty"}; faults of other kinds are not drawn.
+        within_s: the latest begin (simulated s after the first cycle).
+    """
+    chance = random.Random(seed)
+    possible = [slug for slug in INJECTORS if ONLY_ON.get(slug) is None or ONLY_ON[slug] in kinds]
+    slugs = chance.sample(sorted(possible), chance.randint(1, MOST_DRAWN))
+    return tuple(sorted((_drawn(slug, chance, within_s) for slug in slugs), key=lambda fault: fault.after_s or 0.0))
+
+
+def _drawn(slug: str, chance: random.Random, within_s: float) -> ScheduledFault:
+    after_s, lasts_s = round(chance.uniform(0.0, within_s), 2), round(chance.uniform(SHORTEST_S, LONGEST_S), 2)
+    passes = slug in PASSING and chance.random() < PASSING_SHARE
+    if MATRIX[slug].stop == "R":
+        return ScheduledFault(slug, None)
+    return ScheduledFault(slug, after_s, lasts_s if passes else math.inf)
