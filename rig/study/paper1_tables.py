@@ -10,7 +10,7 @@ from rig.study.parallel_timing import parallel_key
 from rig.study.search_cell import SENSITIVITY, SearchCell, comparison_cells, symmetry_cells, varied_cells
 from rig.study.statistics import Summary, summarise
 from rig.study.study_file import StudyFile
-from rig.study.table import Table
+from rig.study.table import Cell, Table, known
 
 Lines = Mapping[str, Mapping[str, Any]]
 
@@ -301,8 +301,8 @@ def _processes(count: int) -> str:
     return "serial" if count == 1 else f"parallel, {count} processes"
 
 
-def _group_rows(groups: Mapping[str, Iterable[SearchCell]], results: Lines) -> tuple[tuple[str | float, ...], ...]:
-    rows = []
+def _group_rows(groups: Mapping[str, Iterable[SearchCell]], results: Lines) -> tuple[tuple[Cell, ...], ...]:
+    rows: list[tuple[Cell, ...]] = []
     for name, cells in groups.items():
         values = _values(cells, results)
         if values:
@@ -314,5 +314,5 @@ def _values(cells: Iterable[SearchCell], results: Lines) -> list[float]:
     return [float(results[cell.key]["value"]) for cell in cells if cell.key in results]
 
 
-def _cells(summary: Summary) -> tuple[float, float, float, int]:
-    return summary.best, summary.mean, summary.deviation, summary.repeats
+def _cells(summary: Summary) -> tuple[Cell, ...]:
+    return summary.best, summary.mean, known(summary.deviation), summary.repeats

@@ -11,9 +11,12 @@ from rig.study.interpolation import Relation, relations
 from rig.study.paper1_tables import TITLES
 from rig.study.search_cell import current_cells
 from rig.study.study_file import StudyFile
-from rig.study.table import Cell, Table
+from rig.study.table import Cell, Table, known
 
 Lines = Mapping[str, Mapping[str, Any]]
+
+AT_THE_EDGE = 1e-3
+"""Share of a box's width."""
 
 
 def current_results(study: StudyFile, results: Lines) -> dict[str, dict[float, list[Mapping[str, Any]]]]:
@@ -24,13 +27,12 @@ def current_results(study: StudyFile, results: Lines) -> dict[str, dict[float, l
         results: Result lines by key.
 
     Returns:
-        Method -> current (A) -> lines of its repeats.
+        Method -> current (A) -> lines of its repeats; those that failed are left out.
     """
     found: dict[str, dict[float, list[Mapping[str, Any]]]] = {}
     for cell in current_cells(study):
-        if cell.key in results:
-            current_A = float(cell.problem.split(":")[1])
-            found.setdefault(cell.method, {}).setdefault(current_A, []).append(results[cell.key])
+        if cell.key in results and "failed" not in results[cell.key]:
+            found.setdefault(cell.method, {}).setdefault(cell.current_A, []).append(results[cell.key])
     return found
 
 
@@ -47,14 +49,15 @@ def current_tables(study: StudyFile, results: Lines) -> list[Table]:
     found = current_results(study, results)
     if not found:
         return []
-    return [error_table(found), improvement_table(found), *parameter_tables(study, found)]
+    return [error_table(found, _failures(study, results)), improvement_table(found), *parameter_tables(study, found)]
 
 
-def error_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> Table:
+def error_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]], failures: str = "") -> Table:
     """MAE (21), SD (22) and generations to convergence of every method, means over currents and repeats: Figure 13.
 
     Args:
         found: From `current_results`.
+        failures: What could not be done, for the note.
 
     Returns:
         One row for each method.
@@ -71,7 +74,8 @@ def error_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) ->
     note = (
         "Means over currents and repeats. The three-step method has no generations. Not converged: the budget ended it."
     )
-    return Table("paper2-figure-13", "Errors and generations to convergence", columns, tuple(rows), note)
+    title = "Errors and generations to convergence"
+    return Table("paper2-figure-13", title, columns, tuple(rows), f"{note} {failures}".strip())
 
 
 def improvement_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> Table:
@@ -117,7 +121,8 @@ def parameter_tables(study: StudyFile, found: Mapping[str, Mapping[float, list[M
         rows = [(name, *(line["parameters"][name] for line in best)) for name in names]
         columns = ("parameter", *(f"I = {current:g} A" for current in currents))
         title = f"{TITLES[method]}: parameters against current (best of the repeats)"
-        tables.append(Table(f"paper2-table-01-{method}", title, columns, tuple(rows)))
+        note = "" if method == "zhu_three_step" else _edges(study.current.boxes, dict(zip(currents, best, strict=True)))
+        tables.append(Table(f"paper2-table-01-{method}", title, columns, tuple(rows), note))
         if len(currents) >= 2:
             tables.append(_relation_table(method, np.array(currents), best, study.current.degree))
     return tables
@@ -140,13 +145,33 @@ def parameter_relations(current_A: np.ndarray, best: list[Mapping[str, Any]], de
 
 def _relation_table(method: str, current_A: np.ndarray, best: list[Mapping[str, Any]], degree: int) -> Table:
     rows = [
-        (name, relation.kind, str(relation), relation.rms, relation.rms_left_out)
+        (name, relation.kind, str(relation), relation.rms, known(relation.rms_left_out))
         for name, each in parameter_relations(current_A, best, degree).items()
         for relation in each
     ]
     columns = ("parameter", "relation", "value at I (A)", "rms residual", "rms at a current left out")
     note = "SI units. Lagrange passes through every point; the last column shows what that is worth between points."
     return Table(f"paper2-relations-{method}", f"{TITLES[method]}: relations to current", columns, tuple(rows), note)
+
+
+def _edges(boxes: Mapping[str, tuple[float, float]], best: Mapping[float, Mapping[str, Any]]) -> str:
+    """Which parameters ended at the edge of their box, where the best may lie outside."""
+    held = [
+        f"{name} at {current_A:g} A"
+        for current_A, line in best.items()
+        for name, value in line["parameters"].items()
+        if min(value - boxes[name][0], boxes[name][1] - value) < AT_THE_EDGE * (boxes[name][1] - boxes[name][0])
+    ]
+    return f"At the edge of the search box, so the best may lie outside: {', '.join(held)}." if held else ""
+
+
+def _failures(study: StudyFile, results: Lines) -> str:
+    failed = [
+        f"{TITLES[cell.method]} at {cell.current_A:g} A failed ({results[cell.key]['failed']})."
+        for cell in current_cells(study)
+        if "failed" in results.get(cell.key, {})
+    ]
+    return " ".join(failed)
 
 
 def _mean(lines: list[Mapping[str, Any]], entry: str) -> float:

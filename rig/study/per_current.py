@@ -10,27 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.dampers import model as damper_model
+from rig.errors import IdentificationFailed
 from rig.identification.algorithms import Result
 from rig.identification.algorithms.zhu_three_step import identify
 from rig.identification.measurement import Measurement
+from rig.identification.model_slope import modelled_force
 from rig.identification.problem import Problem
-from rig.study.result_line import error_summary, result_line
+from rig.study.result_line import error_summary, failure_line, result_line
 from rig.study.search_cell import SearchCell
 from rig.study.study_file import CurrentStudy
 
 Array = npt.NDArray[np.float64]
-
-CURRENT_BOXES: dict[str, dict[str, tuple[float, float]]] = {
-    "bouc_wen": {
-        "c0": (0.0, 5e3), "k0": (0.0, 2e4), "x0": (-0.05, 0.05), "alpha": (0.0, 2e5), "gamma": (0.0, 2e5),
-        "beta": (0.0, 2e5), "n": (1.0, 3.0),
-    },
-    "normalized_bouc_wen": {
-        "kx": (0.0, 2e4), "kv": (0.0, 5e3), "kw": (0.0, 5e3), "f0": (-500.0, 500.0), "rho": (10.0, 1e4),
-        "sigma": (0.5, 5.0), "n": (1.0, 5.0),
-    },
-}  # fmt: skip
-"""Search boxes of paper 2's genetic algorithms, which mutate uniformly in them; wide for a damper of a few kN."""
 
 CURRENT_FIXED: dict[str, dict[str, float]] = {
     "bouc_wen": {"c0_b": 0.0, "alpha_b": 0.0, "A": 40.0},
@@ -99,7 +89,8 @@ def current_objective(test: Measurement, wanted: CurrentStudy) -> FixedParameter
         The objective over the parameters that one current can tell.
     """
     problem = Problem([test], wanted.model, "1")
-    scale = 1.0 / (len(test.force_N) * float(np.var(test.force_N, ddof=1)))
+    measured_N = test.force_N[test.scored]
+    scale = 1.0 / (len(measured_N) * float(np.var(measured_N, ddof=1)))
     return FixedParameters(problem, CURRENT_FIXED[wanted.model], scale)
 
 
@@ -107,13 +98,13 @@ def current_box(wanted: CurrentStudy, names: Sequence[str]) -> Array:
     """Search box of the per-current study.
 
     Args:
-        wanted: Its model.
+        wanted: Its model and boxes.
         names: Free parameters.
 
     Returns:
         Shape (p, 2).
     """
-    return np.array([CURRENT_BOXES[wanted.model][name] for name in names])
+    return np.array([wanted.boxes[name] for name in names])
 
 
 def three_steps(cell: SearchCell, test: Measurement) -> dict[str, Any]:
@@ -121,24 +112,23 @@ def three_steps(cell: SearchCell, test: Measurement) -> dict[str, Any]:
 
     Args:
         cell: The search.
-        test: The recording; its first cycle settles the model and does not count in the errors.
+        test: The recording.
 
     Returns:
-        A line of the results file; `evaluations` are integrations of the transitions.
-
-    Raises:
-        IdentificationFailed: The loop has no saturated branch or too few samples.
+        A line of the results file; `evaluations` are integrations of the transitions. Where the loop has no saturated
+        branch or too few samples, a line that says so.
     """
     started_ns = time.monotonic_ns()
-    fit = identify(test.u_m, test.v_m_s, test.force_N)
+    try:
+        fit = identify(*(samples[test.scored] for samples in (test.u_m, test.v_m_s, test.force_N)))
+    except IdentificationFailed as error:
+        return failure_line(cell, f"{test.id}: {error}")
     seconds = (time.monotonic_ns() - started_ns) * 1e-9
     names = ("kx", "kv", "kw", "f0", "rho", "sigma", "n")
     values = {name: float(getattr(fit, name)) for name in names}
-    force_N = damper_model("normalized_bouc_wen").force(
-        {**values, "kv_b": 0.0, "kw_b": 0.0}, test.u_m, test.v_m_s, test.a_m_s2, test.current_A, test.dt_s
-    )
-    error_N = (test.force_N - force_N)[test.samples_per_cycle :]
-    value = float(np.mean(error_N**2) / np.var(test.force_N, ddof=1))
+    force_N = modelled_force(damper_model("normalized_bouc_wen"), {**values, "kv_b": 0.0, "kw_b": 0.0}, test)
+    error_N = (test.force_N - force_N)[test.scored]
+    value = float(np.mean(error_N**2) / np.var(test.force_N[test.scored], ddof=1))
     history = np.array([[fit.evaluations, value]])
     found = Result(np.array(list(values.values())), value, fit.evaluations, history, 0, "converged", seconds)
     return result_line(cell, names, found, **error_summary(error_N))

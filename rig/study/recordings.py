@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +21,17 @@ TABLE1_AMPLITUDE_M = 0.05
 TABLE1_SAMPLE_RATE_HZ = 250.0
 KEPT_CYCLES = 8
 
+SAME_CURRENT_A = 0.01
+
 PAPER2_FREQUENCY_HZ = 1.0
 PAPER2_AMPLITUDE_M = 0.025
 PAPER2_SAMPLE_RATE_HZ = 1000.0
 PAPER2_CYCLES = 4
+
+SAMPLED = (
+    "u_m", "v_m_s", "a_m_s2", "force_N", "current_A", "usable", "commanded_A", "unseen_v_m_s", "unseen_a_m_s2",
+)  # fmt: skip
+"""What a measurement holds sample by sample."""
 
 BOUC_WEN_TRUTH = {
     "c0": 800.0, "c0_b": 400.0, "k0": 2000.0, "x0": 0.01, "alpha": 20_000.0, "alpha_b": 60_000.0,
@@ -101,6 +110,38 @@ def measurements(data: Data, seed: int, currents_A: Sequence[float] = ()) -> tup
     return _recorded(data)
 
 
+def one_a_current(tests: Sequence[Measurement], currents_A: Sequence[float]) -> dict[float, Measurement]:
+    """The test of each current, for a study that fits one loop a current.
+
+    Args:
+        tests: At constant currents.
+        currents_A: Wanted, A.
+
+    Returns:
+        Current -> its test.
+
+    Raises:
+        FileProblem: There is no test at a current, or more than one.
+    """
+    problems, found = [], {}
+    for current_A in currents_A:
+        there = [test for test in tests if abs(test.nominal_current_A - current_A) <= SAME_CURRENT_A]
+        if len(there) == 1:
+            found[current_A] = there[0]
+        elif there:
+            names = ", ".join(f"{test.id} ({test.amplitude_m:g} m, {test.frequency_Hz:.4g} Hz)" for test in there)
+            problems.append(
+                f"{current_A:g} A: {len(there)} tests ({names}), one is fitted: choose it by select in "
+                '[per_current.data], such as select = "frequency_Hz=1"'
+            )
+        else:
+            known = ", ".join(f"{each:g} A" for each in sorted({round(test.nominal_current_A, 3) for test in tests}))
+            problems.append(f"{current_A:g} A: no test was run at it; there are tests at {known}")
+    if problems:
+        raise FileProblem("[per_current] current", problems)
+    return found
+
+
 def thinned(measurement: Measurement, keep_every: int) -> Measurement:
     """A measurement with fewer samples, for a quick study of algebraic models.
 
@@ -113,20 +154,13 @@ def thinned(measurement: Measurement, keep_every: int) -> Measurement:
     """
     if keep_every == 1:
         return measurement
-    part = slice(None, None, keep_every)
-    return Measurement(
-        id=measurement.id,
-        file=measurement.file,
-        u_m=measurement.u_m[part],
-        v_m_s=measurement.v_m_s[part],
-        a_m_s2=measurement.a_m_s2[part],
-        force_N=measurement.force_N[part],
-        current_A=measurement.current_A[part],
+    fewer: dict[str, Any] = {
+        name: values[::keep_every] for name in SAMPLED if (values := getattr(measurement, name)) is not None
+    }
+    return replace(
+        measurement,
+        **fewer,
         dt_s=measurement.dt_s * keep_every,
-        waveform=measurement.waveform,
-        amplitude_m=measurement.amplitude_m,
-        frequency_Hz=measurement.frequency_Hz,
-        nominal_current_A=measurement.nominal_current_A,
         samples_per_cycle=measurement.samples_per_cycle // keep_every,
     )
 
@@ -142,7 +176,7 @@ def content_hash(tests: Sequence[Measurement]) -> str:
     """
     checksum = 0
     for each in tests:
-        for channel in (each.u_m, each.v_m_s, each.force_N, each.current_A):
+        for channel in (each.u_m, each.v_m_s, each.force_N, each.current_A, each.scored):
             checksum = zlib.crc32(np.ascontiguousarray(channel).tobytes(), checksum)
     return f"{checksum:08x}"
 
@@ -151,13 +185,26 @@ def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
     from rig.identification.preparation import prepare_all
     from rig.recording.run import Run
 
-    points = []
-    for folder in data.runs:
-        run = Run.open(Path(folder))
-        points += list(run.points if data.select is None else run.select(data.select))
+    runs = [Run.open(Path(folder)) for folder in data.runs]
+    specimens = {str(run.campaign["specimen"]) for run in runs if run.campaign.get("specimen") is not None}
+    if len(specimens) > 1:
+        raise FileProblem(
+            "[data] runs", [f"different specimens ({', '.join(sorted(specimens))}): one study, one damper"]
+        )
+    fitting = [point for run in runs for point in (run.select(data.select) if data.select else run.points)]
+    if not fitting:
+        raise FileProblem("[data] select", [f"{data.select!r} fits none of the {sum(len(run.points) for run in runs)} "
+                                            f"points of {', '.join(data.runs)}"])  # fmt: skip
+    left_out = [
+        f"{point.id} left out: {point.verdict} ({'; '.join(point.reasons)})"
+        for point in fitting
+        if point.verdict != "valid"
+    ]
+    points = [point for point in fitting if point.verdict == "valid"]
     if not points:
-        raise FileProblem("data", [f"runs {list(data.runs)} hold no point that fits select = {data.select!r}"])
-    return prepare_all(points)
+        raise FileProblem("[data] runs", [f"none of the points is valid: {'; '.join(left_out)}"])
+    tests, refused = prepare_all(points)
+    return tests, [*left_out, *refused]
 
 
 def _sine(

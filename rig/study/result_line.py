@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.identification.algorithms import Result
+from rig.identification.model_slope import modelled_force
 from rig.identification.problem import Problem
 from rig.study.search_cell import SearchCell
 
@@ -52,6 +53,28 @@ def result_line(cell: SearchCell, names: Sequence[str], found: Result, **more: o
             for mark, (best, value) in found.marks.items()
         },
         **more,
+    }
+
+
+def failure_line(cell: SearchCell, why: str) -> dict[str, Any]:
+    """A line of the results file for a method that cannot do what was asked: it is not tried again.
+
+    Args:
+        cell: The search.
+        why: What the data lack.
+
+    Returns:
+        Plain values; `failed` instead of a value.
+    """
+    return {
+        "key": cell.key,
+        "problem": cell.problem,
+        "method": cell.method,
+        "budget": cell.budget,
+        "repeat": cell.repeat,
+        "seconds": 0.0,
+        "marks": {},
+        "failed": why,
     }
 
 
@@ -97,10 +120,9 @@ def force_errors(problem: Problem, vector: Array) -> dict[str, float]:
     Returns:
         `rmse_N`, `mae_N` (mean |e|) and `sd_N` (sqrt(sum (e - mean e)^2 / (N - 1))).
     """
-    values = {**dict.fromkeys(problem.model.names, 1.0), **problem.values(vector)}
+    values = problem.values(vector)
     errors = [
-        test.force_N - problem.model.force(values, test.u_m, test.v_m_s, test.a_m_s2, test.current_A, test.dt_s)
-        for test in problem.measurements
+        (test.force_N - modelled_force(problem.model, values, test))[test.scored] for test in problem.measurements
     ]
     return error_summary(np.concatenate(errors))
 

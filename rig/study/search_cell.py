@@ -17,6 +17,7 @@ from rig.identification.algorithms.registry import STEERED_BY_BUDGET
 from rig.study.study_file import SETTINGS, Sensitivity, StudyFile
 
 SENSITIVITY = ("N", "K", "Nres")
+CURRENT = "current:"
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,11 @@ class SearchCell:
         """
         name = self.key_at(0) if self.shares_searches else self.key
         return study_seed * 2**32 + zlib.crc32(name.encode())
+
+    @property
+    def current_A(self) -> float:
+        """Current of a cell of paper 2's study."""
+        return float(self.problem.removeprefix(CURRENT))
 
     @property
     def algorithm(self) -> tuple[str, dict[str, Any]]:
@@ -164,7 +170,7 @@ def current_cells(study: StudyFile) -> Iterator[SearchCell]:
             for method in wanted.methods:
                 if method == "zhu_three_step" and repeat > 0:
                     continue
-                yield SearchCell(f"current:{current_A:g}", method, wanted.population, wanted.budget, repeat)
+                yield SearchCell(f"{CURRENT}{current_A!r}", method, wanted.population, wanted.budget, repeat)
 
 
 def all_cells(study: StudyFile) -> list[SearchCell]:

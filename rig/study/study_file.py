@@ -31,6 +31,19 @@ SETTINGS: dict[str, tuple[str, dict[str, object]]] = {
 """Methods of the file that are another method with settings."""
 
 
+CURRENT_BOXES: dict[str, dict[str, tuple[float, float]]] = {
+    "bouc_wen": {
+        "c0": (0.0, 5e3), "k0": (0.0, 2e4), "x0": (-0.05, 0.05), "alpha": (0.0, 2e5), "gamma": (0.0, 2e5),
+        "beta": (0.0, 2e5), "n": (1.0, 3.0),
+    },
+    "normalized_bouc_wen": {
+        "kx": (0.0, 2e4), "kv": (0.0, 5e3), "kw": (0.0, 5e3), "f0": (-500.0, 500.0), "rho": (10.0, 1e4),
+        "sigma": (0.5, 5.0), "n": (1.0, 5.0),
+    },
+}  # fmt: skip
+"""Search boxes of paper 2's genetic algorithms, which mutate uniformly in them; wide for a damper of a few kN."""
+
+
 class Data(Section):
     """Where the recordings come from: `simulate`, or `runs` with an optional filter."""
 
@@ -99,6 +112,22 @@ class CurrentStudy(Section):
     budget: Budget = 10_000
     repeats: int = Field(default=3, ge=1, le=10_000)
     degree: int = Field(default=2, ge=1, le=10, description="of the polynomial against current")
+    bounds: dict[str, tuple[float, float]] = Field(default={}, description="search boxes (SI) instead of the built-in")
+
+    @model_validator(mode="after")
+    def _boxes_of_this_model(self) -> Self:
+        for name, (low, high) in self.bounds.items():
+            if name not in CURRENT_BOXES[self.model]:
+                known = ", ".join(CURRENT_BOXES[self.model])
+                raise PydanticCustomError("no_parameter", f"bounds: {name!r} is not searched; searched are {known}")
+            if not low < high:
+                raise PydanticCustomError("no_box", f"bounds: {name} = [{low:g}, {high:g}]: the first must be lower")
+        return self
+
+    @property
+    def boxes(self) -> dict[str, tuple[float, float]]:
+        """Search box of each free parameter, SI."""
+        return {**CURRENT_BOXES[self.model], **self.bounds}
 
 
 class StudyFile(Section):
@@ -121,7 +150,7 @@ class StudyFile(Section):
             "seed": self.seed,
             "data": self.data.model_dump(),
             "problem": self.comparison.model_dump(include={"start", "bounds", "weight", "hysteresis"}),
-            "current": None if self.current is None else self.current.model_dump(include={"data", "model"}),
+            "current": None if self.current is None else self.current.model_dump(include={"data", "model", "bounds"}),
         }
         return hashlib.sha256(repr(decisive).encode()).hexdigest()[:16]
 

@@ -27,6 +27,11 @@ class Table:
     note: str = ""
 
 
+def known(number: float) -> float | None:
+    """A number, or None where there is none (nan)."""
+    return None if math.isnan(number) else number
+
+
 def written(cell: Cell) -> str:
     """A cell as text: numbers with four significant digits, empty where there is none.
 

@@ -12,9 +12,9 @@ from rig.identification.algorithms.search import Callback
 from rig.identification.measurement import Measurement
 from rig.identification.problem import Problem
 from rig.study.per_current import current_box, current_objective, three_steps
-from rig.study.recordings import content_hash, measurements, thinned
+from rig.study.recordings import content_hash, measurements, one_a_current, thinned
 from rig.study.result_line import force_errors, result_line
-from rig.study.search_cell import SearchCell
+from rig.study.search_cell import CURRENT, SearchCell
 from rig.study.study_file import StudyFile
 
 Array = npt.NDArray[np.float64]
@@ -28,7 +28,7 @@ class Workbench:
     Attributes:
         study: The study.
         tests: Recordings of the comparison.
-        current_tests: Recordings of the per-current study.
+        current_tests: Recordings of the per-current study, one for each current (A).
         left_out: One line for each recorded point that cannot be used.
     """
 
@@ -36,17 +36,18 @@ class Workbench:
         self.study = study
         tests, self.left_out = measurements(study.data, study.seed)
         self.tests = [thinned(each, study.data.keep_every) for each in tests]
-        self.current_tests: list[Measurement] = []
+        self.current_tests: dict[float, Measurement] = {}
         if study.current is not None:
             wanted = study.current
-            self.current_tests, left_out = measurements(wanted.data, study.seed, wanted.current_A)
+            found, left_out = measurements(wanted.data, study.seed, wanted.current_A)
+            self.current_tests = one_a_current(found, wanted.current_A)
             self.left_out += left_out
         self._problems: dict[str, Problem] = {}
 
     @property
     def fingerprint(self) -> str:
         """Hash of the study's decisions and of its recordings' content."""
-        return f"{self.study.fingerprint}-{content_hash([*self.tests, *self.current_tests])}"
+        return f"{self.study.fingerprint}-{content_hash([*self.tests, *self.current_tests.values()])}"
 
     def problem(self, model: str) -> Problem:
         """The comparison's problem with one damper model.
@@ -72,7 +73,7 @@ class Workbench:
         Returns:
             A line of the results file.
         """
-        if cell.problem.startswith("current:"):
+        if cell.problem.startswith(CURRENT):
             return self._run_current(cell, callback)
         problem = self.problem(cell.problem)
         name, settings = cell.algorithm
@@ -124,7 +125,7 @@ class Workbench:
         wanted = self.study.current
         if wanted is None:
             raise ValueError(f"{cell.key}: the study has no per-current part")
-        test = self._test_at(float(cell.problem.split(":")[1]))
+        test = self.current_tests[cell.current_A]
         if cell.method == "zhu_three_step":
             return three_steps(cell, test)
         objective = current_objective(test, wanted)
@@ -142,6 +143,3 @@ class Workbench:
         )
         whole = objective.whole(found.best[None, :])[0]
         return result_line(cell, objective.names, found, **force_errors(objective.problem, whole))
-
-    def _test_at(self, current_A: float) -> Measurement:
-        return min(self.current_tests, key=lambda test: abs(test.nominal_current_A - current_A))

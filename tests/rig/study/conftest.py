@@ -1,10 +1,15 @@
-"""A study small enough for a test: few samples, few evaluations."""
+"""A study small enough for a test: few samples, few evaluations; and a recorded run of the demo damper."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from rig.dampers import model, parameter_set
+from rig.recording.layout import AlignedChannel, PointFile, write_file
 
 SMALL = """
 format = 1
@@ -44,3 +49,34 @@ def small_study(tmp_path: Path) -> Path:
     path = tmp_path / "small.toml"
     path.write_text(SMALL)
     return path
+
+
+def record(run: Path, name: str, frequency_Hz: float, current_A: float, verdict: str = "valid") -> None:
+    """A recorded point of the demo damper: sine of 20 mm, 250 Hz, 5 N of noise."""
+    time_s = np.arange(0.0, 5.0 / frequency_Hz, 0.004)
+    omega = 2.0 * np.pi * frequency_Hz
+    u, v = 0.02 * np.sin(omega * time_s), 0.02 * omega * np.cos(omega * time_s)
+    current = np.full(len(u), current_A)
+    force = model("asymmetric").force(parameter_set("demo").values, u, v, -(omega**2) * u, current, 0.004)
+    channels = [
+        AlignedChannel("displacement", u, "m", "Damper extension"),
+        AlignedChannel("force", force + np.random.default_rng(1).normal(0.0, 5.0, len(u)), "N", "Force"),
+        AlignedChannel("current", current, "A", "Current"),
+    ]
+    test = {"id": name, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": frequency_Hz, "current_A": current_A}
+    quality = {"verdict": verdict, "reasons": () if verdict == "valid" else ("estop: held",)}
+    point = PointFile(time_s, 250.0, channels, test={**test, "mid_stroke_m": 0.0}, quality=quality, provenance={})
+    write_file(run / "points" / f"{name}.h5", point)
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path) -> Path:
+    """Four valid points, two currents at two frequencies, and an invalid one at a third current."""
+    run = tmp_path / "run"
+    (run / "points").mkdir(parents=True)
+    points = [(1.0, 0.0), (2.0, 0.0), (1.0, 1.0), (2.0, 1.0)]
+    for number, (frequency_Hz, current_A) in enumerate(points, start=1):
+        record(run, f"p{number:03}", frequency_Hz, current_A)
+    record(run, "p005", 1.0, 2.0, verdict="invalid")
+    (run / "campaign.json").write_text(json.dumps({"specimen": "MR-001"}))
+    return run

@@ -14,14 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import rig.dampers
 from rig.cli.main import main
-from rig.dampers import parameter_set
 from rig.errors import RigError
 from rig.identification.algorithms import minimise
 from rig.identification.cluster import cluster
 from rig.identification.problem import Problem
-from rig.recording.layout import AlignedChannel, PointFile, write_file
 from rig.study.comparison import run_study
 from rig.study.recordings import table1
 
@@ -90,29 +87,6 @@ def test_a_study_on_a_scheduler_has_the_same_tables(small_study: Path, tmp_path:
     assert there.tables == here.tables
     hosts = {json.loads(line).get("host") for line in (tmp_path / "there" / "results.jsonl").read_text().splitlines()}
     assert len(hosts - {None}) == 2  # both workers searched
-
-
-@pytest.fixture
-def run_folder(tmp_path: Path) -> Path:
-    true = parameter_set("demo").values
-    points = tmp_path / "run" / "points"
-    points.mkdir(parents=True)
-    for index, (frequency_Hz, current_A) in enumerate([(0.5, 0.0), (1.0, 1.0), (2.0, 0.5)], start=1):
-        time_s = np.arange(0.0, 10.0 / frequency_Hz, 0.004)
-        omega = 2.0 * np.pi * frequency_Hz
-        u, v = 0.02 * np.sin(omega * time_s), 0.02 * omega * np.cos(omega * time_s)
-        current = np.full(len(u), current_A)
-        force = rig.dampers.model("asymmetric").force(true, u, v, -(omega**2) * u, current, 0.004)
-        channels = [
-            AlignedChannel("displacement", u, "m", "Damper extension"),
-            AlignedChannel("force", force + np.random.default_rng(index).normal(0.0, 5.0, len(u)), "N", "Force"),
-            AlignedChannel("current", current, "A", "Current"),
-        ]
-        test = {"id": f"p{index:03}", "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": frequency_Hz}
-        test |= {"current_A": current_A, "mid_stroke_m": 0.0}
-        point = PointFile(time_s, 250.0, channels, test=test, quality={"verdict": "valid"}, provenance={})
-        write_file(points / f"p{index:03}.h5", point)
-    return tmp_path / "run"
 
 
 def test_rig_identify_on_a_scheduler_finds_the_same_fit(
