@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 @click.option("--budget", type=click.IntRange(1), default=16_000, show_default=True, help="Evaluations of a search.")
 @click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates a generation.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of methods that draw lots.")
+@click.option("--profile", is_flag=True, help="Profile likelihoods of the nonlinear parameters, too.")
+@click.option("--profile-of", multiple=True, metavar="NAME", help="Of these parameters (repeatable), such as Fyb.")
 @scheduler_option
 @json_option
 def command(
@@ -56,6 +58,8 @@ def command(
     budget: int,
     population: int,
     seed: int,
+    profile: bool,
+    profile_of: tuple[str, ...],
     scheduler: str | None,
     as_json: bool,
 ) -> int:
@@ -74,6 +78,7 @@ def command(
             holdout=holdout,
             hysteresis=hysteresis,
             suspect=suspect,
+            profile=profile_of or profile,
             told=None if model != "all" else lambda line: click.echo(line, err=True),
         ).to_json()
     if as_json:

@@ -103,7 +103,12 @@ def _remarks(fit: Mapping[str, Any]) -> list[Text]:
         lines.append(Text(f"error over held-out tests, which the fit has not seen: {measures}"))
     if not fit.get("adequate", True):
         lines.append(Text("the model does not describe these data within their noise", style="red"))
+    for name, entry in (fit.get("profiles") or {}).items():
+        low, high = ("open" if end is None else f"{end:.5g}" for end in (entry["low"], entry["high"]))
+        lines.append(Text(f"{name} by profile likelihood, 95 %: {low} to {high}"))
     lines += [Text(text, style="yellow") for text in _reasons(fit["parameters"])]
+    if (suggested := fit.get("next_test")) is not None:
+        lines.append(Text(f"next test: {suggested['text']}"))
     lines += [Text(f"warning: {text}", style="yellow") for text in fit.get("warnings", [])]
     return lines
 

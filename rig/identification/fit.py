@@ -12,6 +12,8 @@ from rig.identification.residuals import Residual
 if TYPE_CHECKING:
     import pandas as pd
 
+    from rig.identification.profile import Profile
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -140,6 +142,7 @@ class Fit:
         notes: how the intervals were made.
         residuals: what each fitted test's residual consists of, in the order of `error.per_test`.
         passivity: where the fitted model takes energy out; None when it was not looked at.
+        profiles: profile likelihoods that were asked for, by parameter.
     """
 
     model: str
@@ -160,6 +163,7 @@ class Fit:
     notes: tuple[str, ...] = ()
     residuals: tuple[Residual, ...] = ()
     passivity: Passivity | None = None
+    profiles: Mapping[str, Profile] = field(default_factory=dict)
 
     @property
     def values(self) -> dict[str, float]:
@@ -204,6 +208,7 @@ class Fit:
             "condition": _number(self.condition),
             "correlation": {name: {k: _number(v) for k, v in row.items()} for name, row in self.correlation.items()},
             "passivity": None if self.passivity is None else _plain(self.passivity),
+            "profiles": {name: vars(each) for name, each in self.profiles.items()},
             "notes": list(self.notes),
         }
 

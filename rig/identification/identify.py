@@ -37,6 +37,7 @@ def identify(
     holdout: str | Run | Sequence[RecordedPoint] | Sequence[Measurement] | None = None,
     hysteresis: Hysteresis = "kwok",
     declared: DeclaredErrors | None = None,
+    profile: bool | Sequence[str] = False,
     told: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
@@ -48,6 +49,7 @@ def identify(
         holdout: tests kept out of the fit and scored apart: a filter such as "waveform=triangle" on `tests`, or others.
         hysteresis: form of the tanh models' argument.
         declared: scale and position errors to include in the intervals.
+        profile: parameters whose profile likelihood is wanted; True: all nonlinear ones.
         told: called with a line of text before each model is fitted and each comparison.
 
     Returns:
@@ -74,7 +76,7 @@ def identify(
         warnings += runs_apart(
             fitted, score(best.model, best.solution.values, fitted).rmse_N, _error_of(best, settings)
         )
-    fit = judged(best, fitted, held_out, ranking, settings, warnings, declared, started)
+    fit = judged(best, fitted, held_out, ranking, settings, warnings, declared, profile, started)
     return fit if lag is None or "eta" not in fit.parameters else _with_lag(fit, lag)
 
 
@@ -86,6 +88,7 @@ def identify_run(
     holdout: str | None = None,
     hysteresis: Hysteresis = "kwok",
     suspect: bool = False,
+    profile: bool | Sequence[str] = False,
     told: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit recorded runs and write `fit.json` into the first of them.
@@ -97,6 +100,7 @@ def identify_run(
         holdout: a filter on the points, or the path of another run.
         hysteresis: as in `identify`.
         suspect: take suspect points too, not only valid ones.
+        profile: as in `identify`.
         told: as in `identify`.
 
     Raises:
@@ -117,7 +121,14 @@ def identify_run(
     other = Run.open(Path(holdout)) if holdout is not None and Path(holdout).exists() else holdout
     declared = declared_errors(points)
     fit = identify(
-        points, model=model, method=method, holdout=other, hysteresis=hysteresis, declared=declared, told=told
+        points,
+        model=model,
+        method=method,
+        holdout=other,
+        hysteresis=hysteresis,
+        declared=declared,
+        profile=profile,
+        told=told,
     )
     fit = replace(fit, warnings=(*left_out, *fit.warnings))
     write_fit(fit, runs[0].path)

@@ -9,11 +9,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
 from rig.identification.energy import judgements as energy_judgements
 from rig.identification.energy import passivity
 from rig.identification.fit import Estimate, Fit, ModelScore
 from rig.identification.identifiability import degenerate, explain
 from rig.identification.measurement import Measurement
+from rig.identification.profile import Profile, profiles
 from rig.identification.residuals import LEAST_WIDENING, correlated
 from rig.identification.scoring import describes, score
 from rig.identification.selection import Candidate
@@ -38,6 +40,7 @@ def judged(
     method: Method,
     warnings: Sequence[str],
     declared: DeclaredErrors | None,
+    profiled: bool | Sequence[str],
     started: float,
 ) -> Fit:
     """Judge the chosen candidate.
@@ -50,7 +53,11 @@ def judged(
         method: how it was fitted.
         warnings: what was found before.
         declared: errors the data do not show.
+        profiled: parameters whose profile likelihood is wanted; True: the nonlinear ones.
         started: `time.perf_counter()` at the start (s).
+
+    Raises:
+        IdentificationFailed: a profile is wanted of a parameter that was not fitted, or of a robust fit.
 
     Returns:
         Errors, intervals, what cannot be found and why, what the residual and the energy say, warnings.
@@ -87,7 +94,21 @@ def judged(
         notes=NOTES,
         residuals=known.residuals,
         passivity=passive,
+        profiles=_profiles(best, known, fitted, method, profiled),
     )
+
+
+def _profiles(
+    best: Candidate, known: Information, fitted: Sequence[Measurement], method: Method, wanted: bool | Sequence[str]
+) -> dict[str, Profile]:
+    if wanted is False or not (wanted is True or len(wanted)):
+        return {}
+    if method.loss != "squares":
+        raise IdentificationFailed(f"no profile likelihood with loss {method.loss!r}: it needs least squares")
+    nonlinear = [name for name in known.names if not best.model.parameter(name).linear]
+    names = nonlinear if wanted is True else list(dict.fromkeys(wanted))
+    weighting, solution = method.weighting(best.model), best.solution
+    return profiles(best.model, solution.values, known, fitted, weighting, names, solution.at_bound)
 
 
 def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[str]:

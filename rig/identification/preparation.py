@@ -209,7 +209,7 @@ def _without_saturation(
         edges = np.flatnonzero(np.diff(same))
         starts, stops = edges[::2], edges[1::2]
         standing = int(np.count_nonzero(stops - starts >= SATURATED_RUN))
-        if 2 * standing < cycles:
+        if standing < 2 or 2 * standing < cycles:
             continue
         for start, stop in zip(starts, stops, strict=True):
             margin = SATURATED_RUN + (stop - start) // 5 if stop - start >= SATURATED_RUN else 0
