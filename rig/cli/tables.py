@@ -107,8 +107,9 @@ def _remarks(fit: Mapping[str, Any]) -> list[Text]:
         low, high = ("open" if end is None else f"{end:.5g}" for end in (entry["low"], entry["high"]))
         lines.append(Text(f"{name} by profile likelihood, 95 %: {low} to {high}"))
     lines += [Text(text, style="yellow") for text in _reasons(fit["parameters"])]
-    if (suggested := fit.get("next_test")) is not None:
-        lines.append(Text(f"next test: {suggested['text']}"))
+    for each in fit.get("next_tests") or ():
+        lines.append(Text(f"next test: {each['text']}; lines for the matrix file:"))
+        lines.append(Text(each["toml"].strip(), style="cyan"))
     lines += [Text(f"warning: {text}", style="yellow") for text in fit.get("warnings", [])]
     return lines
 

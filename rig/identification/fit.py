@@ -120,6 +120,25 @@ class Passivity:
 
 
 @dataclass(frozen=True)
+class NextTest:
+    """A test worth running next.
+
+    Attributes:
+        parameter: whose interval it shrinks most.
+        text: which test, and what it is expected to do.
+        toml: lines to append to a matrix file.
+        standard_error: of the parameter now, in its unit; None where it is not known.
+        expected_error: the same after that test; None where there is none to compare with.
+    """
+
+    parameter: str
+    text: str
+    toml: str
+    standard_error: float | None
+    expected_error: float | None
+
+
+@dataclass(frozen=True)
 class Fit:
     """A model fitted to a run.
 
@@ -143,6 +162,7 @@ class Fit:
         residuals: what each fitted test's residual consists of, in the order of `error.per_test`.
         passivity: where the fitted model takes energy out; None when it was not looked at.
         profiles: profile likelihoods that were asked for, by parameter.
+        next_tests: tests worth running next.
     """
 
     model: str
@@ -164,6 +184,7 @@ class Fit:
     residuals: tuple[Residual, ...] = ()
     passivity: Passivity | None = None
     profiles: Mapping[str, Profile] = field(default_factory=dict)
+    next_tests: tuple[NextTest, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -209,6 +230,7 @@ class Fit:
             "correlation": {name: {k: _number(v) for k, v in row.items()} for name, row in self.correlation.items()},
             "passivity": None if self.passivity is None else _plain(self.passivity),
             "profiles": {name: vars(each) for name, each in self.profiles.items()},
+            "next_tests": [_plain(each) for each in self.next_tests],
             "notes": list(self.notes),
         }
 

@@ -19,6 +19,7 @@ from rig.identification.fit import Estimate, Fit
 from rig.identification.identifiability import examine
 from rig.identification.judging import judged
 from rig.identification.measurement import Measurement
+from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.preparation import prepare_all
 from rig.identification.scoring import describes, score
 from rig.identification.selection import Candidate, compare
@@ -38,6 +39,7 @@ def identify(
     hysteresis: Hysteresis = "kwok",
     declared: DeclaredErrors | None = None,
     profile: bool | Sequence[str] = False,
+    allowance: Allowance | None = None,
     told: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
@@ -50,6 +52,7 @@ def identify(
         hysteresis: form of the tanh models' argument.
         declared: scale and position errors to include in the intervals.
         profile: parameters whose profile likelihood is wanted; True: all nonlinear ones.
+        allowance: what the next test may ask of the machine; by default what was tested.
         told: called with a line of text before each model is fitted and each comparison.
 
     Returns:
@@ -77,7 +80,9 @@ def identify(
             fitted, score(best.model, best.solution.values, fitted).rmse_N, _error_of(best, settings)
         )
     fit = judged(best, fitted, held_out, ranking, settings, warnings, declared, profile, started)
-    return fit if lag is None or "eta" not in fit.parameters else _with_lag(fit, lag)
+    if lag is not None and "eta" in fit.parameters:
+        fit = _with_lag(fit, lag)
+    return replace(fit, next_tests=next_tests(best.model, fit, fitted, allowance))
 
 
 def identify_run(
@@ -128,6 +133,7 @@ def identify_run(
         hysteresis=hysteresis,
         declared=declared,
         profile=profile,
+        allowance=bench_of(runs[0].path),
         told=told,
     )
     fit = replace(fit, warnings=(*left_out, *fit.warnings))

@@ -1,0 +1,237 @@
+"""Which test to run next: the one that is expected to shrink the widest interval most.
+
+The information of a test that was not run yet is J'J / s^2, with the fitted model's slopes J on its motion and the
+noise s of the tests that were run. Added to the information of all tests so far it gives the intervals to expect
+(D-optimal designs look at all of them together; here the worst one counts). Candidates are sines inside what the bench,
+or without one what the tests so far, allow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.model import DamperModel
+from rig.identification.fit import Fit, NextTest
+from rig.identification.measurement import Measurement
+from rig.identification.model_slope import modelled_force, parameter_slopes
+from rig.identification.residuals import samples_a_cycle
+from rig.matrix.point import TestPoint
+
+FloatArray = NDArray[np.float64]
+
+AMPLITUDES, FREQUENCIES, CURRENTS = 5, 6, 5
+SAMPLES = 120  # of one candidate cycle
+KEPT_CYCLES = 8
+VAGUE = 10.0  # prior standard deviation of every parameter, in its scale, so that what was never tested stays finite
+LEAST_CONTRIBUTION = 0.01  # of the peak force: a smaller contribution's interval is judged by this, not by its value
+WORTHWHILE = 0.9  # ratio of the intervals after and before, above which a test is not worth proposing
+FORCE_SHARE = 0.95  # of the greatest force allowed that a candidate may be expected to need
+ROUNDING = 1.02  # on what was tested, so that the nominal values of these tests are inside
+MOST_CHECKS = 25
+STEP_HOLD = "500 ms"
+
+
+@dataclass(frozen=True)
+class Allowance:
+    """What a test may ask of the machine and the specimen.
+
+    Attributes:
+        amplitude_m: largest amplitude (m).
+        speed_m_s: largest speed (m/s).
+        acceleration_m_s2: largest acceleration (m/s^2).
+        force_N: largest force (N).
+        current_A: largest current (A).
+        source: where these limits come from, in words.
+        feasible: the plan's verdict on a point; None where there is no bench.
+    """
+
+    amplitude_m: float
+    speed_m_s: float
+    acceleration_m_s2: float
+    force_N: float
+    current_A: float
+    source: str
+    feasible: Callable[[TestPoint], bool] | None = None
+
+
+def envelope_of(measurements: Sequence[Measurement]) -> Allowance:
+    """What the tests so far have shown to be possible."""
+
+    def largest(of: Callable[[Measurement], FloatArray]) -> float:
+        return ROUNDING * max(float(np.max(np.abs(of(each)))) for each in measurements)
+
+    return Allowance(
+        amplitude_m=ROUNDING * max(float(np.ptp(each.u_m)) for each in measurements) / 2.0,
+        speed_m_s=largest(lambda each: each.v_m_s),
+        acceleration_m_s2=largest(lambda each: each.a_m_s2),
+        force_N=largest(lambda each: each.force_N) / FORCE_SHARE,
+        current_A=largest(lambda each: each.current_A),
+        source="inside what was tested so far",
+    )
+
+
+def bench_of(folder: Path) -> Allowance | None:
+    """What the bench and the specimen of a recorded campaign allow; None for tests from elsewhere.
+
+    Raises:
+        FileProblem: the campaign's own bench or matrix file cannot be read.
+    """
+    if not (folder / "bench.toml").is_file() or not (folder / "matrix.toml").is_file():
+        return None
+    from rig.bench.model import Bench
+    from rig.matrix.model import ExtraPoint, Matrix, load_matrix
+    from rig.matrix.plan import HEADROOM_M, plan
+
+    bench, matrix = Bench.load(folder / "bench.toml"), load_matrix(folder / "matrix.toml")
+
+    def feasible(point: TestPoint) -> bool:
+        wanted = {
+            "amplitude": f"{point.amplitude_m!r} m",
+            "frequency": f"{point.frequency_Hz!r} Hz",
+            "current": f"{point.current_A!r} A",
+        }
+        extra = ExtraPoint.model_validate(wanted)
+        alone = Matrix(format=1, specimen=matrix.specimen, temperature=matrix.temperature, point=(extra,))
+        return all(item.feasible for item in plan(alone, bench).points)
+
+    own_A = matrix.specimen.max_current_A
+    return Allowance(
+        amplitude_m=min(matrix.specimen.stroke_m, float(np.ptp(bench.limits.position_m))) / 2.0 - HEADROOM_M,
+        speed_m_s=bench.limits.speed_m_s,
+        acceleration_m_s2=bench.limits.acceleration_m_s2,
+        force_N=bench.limits.force_N,
+        current_A=bench.limits.current_A if own_A is None else min(own_A, bench.limits.current_A),
+        source=f"inside the limits of {bench.name}",
+        feasible=feasible,
+    )
+
+
+def next_tests(
+    model: DamperModel, fit: Fit, measurements: Sequence[Measurement], allowance: Allowance | None = None
+) -> tuple[NextTest, ...]:
+    """The loop that shrinks the worst interval most, and current steps where eta is unknown and a bench can make them.
+
+    Args:
+        model: the fitted model.
+        fit: the fit; parameters that were held count with an interval as wide as the prior.
+        measurements: the tests of the fit.
+        allowance: what may be tested; by default what was tested.
+    """
+    allowance = allowance or envelope_of(measurements)
+    found = list(_loop(model, fit, measurements, allowance))
+    if "eta" in fit.parameters and not fit.parameters["eta"].identifiable and allowance.feasible is not None:
+        found.append(_steps(allowance))
+    return tuple(found)
+
+
+def _loop(
+    model: DamperModel, fit: Fit, measurements: Sequence[Measurement], allowance: Allowance
+) -> Iterator[NextTest]:
+    values = {name: value for name, value in fit.values.items() if name != "eta"}
+    names = tuple(values)
+    if not names or len(fit.residuals) != len(measurements):
+        return
+    slopes = [parameter_slopes(model, values, names, each) for each in measurements]
+    sizes = np.max([np.max(np.abs(each), axis=0) for each in slopes], axis=0)
+    peak_N = max(each.peak_force_N for each in measurements)
+    least = LEAST_CONTRIBUTION * peak_N / np.where(sizes > 0.0, sizes, np.inf)
+    scale = np.maximum(np.abs([values[name] for name in names]), least)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    before = np.eye(len(names)) / VAGUE**2
+    spread = []
+    for each, jacobian, residual, error in zip(measurements, slopes, fit.residuals, fit.error.per_test, strict=True):
+        spread.append(max(error.rmse_N, 1e-9) ** 2 * residual.widening)
+        scaled = jacobian[each.scored] * scale
+        before += scaled.T @ scaled / spread[-1]
+    widths = np.sqrt(np.diag(np.linalg.inv(before)))
+    dt_s, noise = float(np.median([each.dt_s for each in measurements])), float(np.median(spread))
+    candidates = list(_candidates(model, values, measurements, allowance))
+    expected = []
+    for point, motion in candidates:
+        scaled = parameter_slopes(model, values, names, motion) * scale
+        weight = KEPT_CYCLES / (point.frequency_Hz * dt_s) / SAMPLES / noise
+        expected.append(np.sqrt(np.diag(np.linalg.inv(before + weight * scaled.T @ scaled))))
+    for worst in np.argsort(-widths) if candidates else ():
+        ranked = np.argsort([each[worst] for each in expected])[:MOST_CHECKS]
+        for k in ranked:
+            ratio = float(expected[k][worst] / widths[worst])
+            if ratio > WORTHWHILE:
+                break
+            if allowance.feasible is None or allowance.feasible(candidates[k][0]):
+                yield _proposal(candidates[k][0], names[worst], fit, ratio, allowance)
+                return
+
+
+def _candidates(
+    model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement], allowance: Allowance
+) -> Iterator[tuple[TestPoint, Measurement]]:
+    """Sines on a grid, what is too fast, too violent or too strong left out; numbers as people write them."""
+    tested_Hz = [1.0 / (samples_a_cycle(each.u_m) * each.dt_s) for each in measurements]
+    smallest_m = min(float(np.ptp(each.u_m)) for each in measurements) / 2.0
+    amplitudes = np.geomspace(0.3 * min(smallest_m, allowance.amplitude_m), allowance.amplitude_m, AMPLITUDES)
+    frequencies = np.geomspace(0.5 * min(tested_Hz), 3.0 * max(tested_Hz), FREQUENCIES)
+    currents = np.linspace(0.0, allowance.current_A, CURRENTS if allowance.current_A > 0.0 else 1)
+    phase = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
+    for amplitude, frequency, current_A in product(amplitudes, frequencies, currents):
+        amplitude_m, frequency_Hz = _down(float(amplitude)), _down(float(frequency))
+        omega = 2.0 * math.pi * frequency_Hz
+        if omega * amplitude_m > allowance.speed_m_s or omega**2 * amplitude_m > allowance.acceleration_m_s2:
+            continue
+        motion = Measurement(
+            id="candidate",
+            u_m=amplitude_m * np.sin(phase),
+            v_m_s=amplitude_m * omega * np.cos(phase),
+            a_m_s2=-amplitude_m * omega**2 * np.sin(phase),
+            force_N=np.zeros(SAMPLES),
+            current_A=np.full(SAMPLES, round(float(current_A), 2)),
+            dt_s=1.0 / (frequency_Hz * SAMPLES),
+            samples_per_cycle=SAMPLES,
+        )
+        if float(np.max(np.abs(modelled_force(model, values, motion)))) > FORCE_SHARE * allowance.force_N:
+            continue
+        yield (
+            TestPoint(
+                id="next",
+                waveform="sine",
+                amplitude_m=amplitude_m,
+                frequency_Hz=frequency_Hz,
+                current_A=round(float(current_A), 2),
+                cycles=KEPT_CYCLES + 2,
+            ),
+            motion,
+        )
+
+
+def _down(value: float) -> float:
+    """Two significant digits, rounded down."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return round(math.floor(value / unit + 1e-6) * unit, 12)
+
+
+def _proposal(point: TestPoint, name: str, fit: Fit, ratio: float, allowance: Allowance) -> NextTest:
+    mm, estimate = 1e3 * point.amplitude_m, fit.parameters[name]
+    test = f"a sine of {mm:g} mm at {point.frequency_Hz:g} Hz and {point.current_A:g} A"
+    if not estimate.identifiable or estimate.standard_error is None:
+        after = None
+        gain = f"would make {name} known"
+    else:
+        after = ratio * estimate.standard_error
+        gain = f"would narrow the interval of {name}, the widest, to {100.0 * ratio:.0f} % of what it is"
+    toml = (
+        f'[[point]]\nwaveform = "sine"\namplitude = "{mm:g} mm"\nfrequency = "{point.frequency_Hz:g} Hz"\n'
+        f'current = "{point.current_A:g} A"\n'
+    )
+    return NextTest(name, f"{test} {gain} ({allowance.source})", toml, estimate.standard_error, after)
+
+
+def _steps(allowance: Allowance) -> NextTest:
+    high_A = round(allowance.current_A / 2.0, 2)
+    toml = f'[[current_step]]\ncurrent = ["0 A", "{high_A:g} A", "0 A"]\nhold = "{STEP_HOLD}"\n'
+    return NextTest("eta", "current steps while the rod stands would make eta known", toml, None, None)
