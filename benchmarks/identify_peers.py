@@ -1,8 +1,9 @@
 """Identification against its peers: success and time on one problem, one objective, one thread, in one run.
 
-    python benchmarks/identify_peers.py            everything (about an hour on two cores)
+    python benchmarks/identify_peers.py            everything (about half an hour on two cores)
     python benchmarks/identify_peers.py --quick    a few truths and seeds, to see that it runs
     python benchmarks/identify_peers.py --only fresh,evaluation
+    python benchmarks/identify_peers.py --only peers,peers_wide --methods pymoo,pygmo
 
 Problem: Table 1, 41,665 samples, 5 N noise, weight v, truths log-uniform within a factor 4 of `demo`, start all ones.
 Two boxes: +-1e4 on everything, and a sane one, +-10 |demo| (beta and delta from 0 to 20 x demo): truth inside, about
@@ -135,7 +136,7 @@ POPULATION_METHODS: dict[str, Callable[[Case, np.ndarray, int], float]] = {
 def bench_truths(quick: bool) -> Iterator[str]:
     """`separable` against trf: success and wall time over random truths."""
     count = 5 if quick else 1000
-    rival_count = min(count, 5 if quick else 100)
+    rival_count = min(count, 5 if quick else 50)
     rows: dict[str, list[tuple[bool, float]]] = {}
     for seed in range(count):
         case = random_case(seed)
@@ -157,35 +158,70 @@ def bench_truths(quick: bool) -> Iterator[str]:
         yield f"{name:22} success {share:>9}  median {1e3 * median:8.1f} ms  ratio {median / reference:6.1f}"
 
 
-def bench_peers(quick: bool) -> Iterator[str]:
-    """Population methods at 16,000 evaluations in both boxes."""
+def bench_tenfold(quick: bool) -> Iterator[str]:
+    """`separable` against trf at ten times the samples."""
+    ours_s, theirs_s = [], []
+    for seed in range(2 if quick else 10):
+        case = random_case(seed, cycles=10)
+        if seed == 0:
+            separable(case)
+        value, seconds = timed(partial(separable, case))
+        rival_value, rival_seconds = timed(partial(rival, case))
+        ours_s.append(seconds)
+        theirs_s.append(rival_seconds)
+        if not case.success(value):
+            yield f"seed {seed}: separable stopped at {value / case.minimum:.4g} x the minimum"
+        if not case.success(rival_value):
+            yield f"seed {seed}: trf stopped at {rival_value / case.minimum:.4g} x the minimum"
+    ratio = np.median(theirs_s) / np.median(ours_s)
+    yield (f"{case.n} samples, {len(ours_s)} truths: separable {1e3 * np.median(ours_s):.1f} ms, "
+           f"trf {1e3 * np.median(theirs_s):.0f} ms, ratio {ratio:.1f}")  # fmt: skip
+
+
+def bench_peers(quick: bool, chosen: tuple[str, ...] = ()) -> Iterator[str]:
+    """Population methods at 16,000 evaluations in the sane box."""
+    return _peers(quick, chosen, sane_box)
+
+
+def bench_peers_wide(quick: bool, chosen: tuple[str, ...] = ()) -> Iterator[str]:
+    """Population methods at 16,000 evaluations in +-1e4."""
+    return _peers(quick, chosen, wide_box)
+
+
+def _peers(quick: bool, chosen: tuple[str, ...], box_of: Callable[[tuple[str, ...]], np.ndarray]) -> Iterator[str]:
     seeds = 2 if quick else 10
     cases = [random_case(seed) for seed in range(seeds)]
-    for box_name, box_of in (("sane", sane_box), ("+-1e4", wide_box)):
-        for name, run in POPULATION_METHODS.items():
-            values, times = [], []
-            try:
-                for seed, case in enumerate(cases):
-                    value, seconds = timed(partial(run, case, box_of(case.problem.names), seed))
-                    values.append(value / case.minimum)
-                    times.append(seconds)
-            except ImportError as missing:
-                yield f"{box_name:6} {name:22} not run: {missing}"
-                continue
-            share = f"{sum(value <= SUCCESS for value in values)}/{seeds}"
-            yield (f"{box_name:6} {name:22} success {share:>6}  f/minimum best {min(values):9.4g} "
-                   f"median {np.median(values):9.4g}  {np.median(times):6.2f} s")  # fmt: skip
+    for name, run in POPULATION_METHODS.items():
+        if chosen and not any(part in name for part in chosen):
+            continue
+        values, times = [], []
+        try:
+            for seed, case in enumerate(cases):
+                value, seconds = timed(partial(run, case, box_of(case.problem.names), seed))
+                values.append(value / case.minimum)
+                times.append(seconds)
+        except ImportError as missing:
+            yield f"{name:22} not run: {missing}"
+            continue
+        share = f"{sum(value <= SUCCESS for value in values)}/{seeds}"
+        yield (f"{name:22} success {share:>6}  f/minimum best {min(values):9.4g} median {np.median(values):9.4g} "
+               f"worst {max(values):9.4g}  {np.median(times):6.2f} s")  # fmt: skip
 
 
 FRESH_SEPARABLE = """
 import sys, numpy as np
 from rig.dampers import model
-from rig.identification.measurement import Measurement
-from rig.identification.projection import Weighting
-from rig.identification.separable import solve_separable
+from rig.identification import Measurement, Weighting, solve_separable
 u, v, a, i, f = np.load(sys.argv[1])
 test = Measurement(id='all', u_m=u, v_m_s=v, a_m_s2=a, current_A=i, force_N=f, dt_s=1/250, samples_per_cycle=250)
 print(solve_separable([test], model('asymmetric'), Weighting('v')).objective)
+"""
+FRESH_IDENTIFY = """
+import sys, numpy as np
+from rig.identification import Measurement, Method, identify
+u, v, a, i, f = np.load(sys.argv[1])
+test = Measurement(id='all', u_m=u, v_m_s=v, a_m_s2=a, current_A=i, force_N=f, dt_s=1/250, samples_per_cycle=250)
+print(identify([test], method=Method(weight='v')).objective)
 """
 FRESH_TRF = """
 import sys, numpy as np
@@ -200,21 +236,28 @@ print(2 * least_squares(residual, np.ones(12), x_scale='jac').cost)
 
 
 def bench_fresh(quick: bool) -> Iterator[str]:
-    """A fresh process, from `python -c` to the finished fit of arrays in a file."""
+    """A fresh process, from `python -c` to the finished fit of arrays in a file; modules compiled to bytecode before.
+
+    `solve_separable` gives what trf gives, `identify` intervals and findings too.
+    """
     case, results = random_case(0), {}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "channels.npy"
         np.save(file, np.array([case.u, case.v, case.a, case.current, case.force]))
-        for name, code in (("separable", FRESH_SEPARABLE), ("trf", FRESH_TRF)):
+        codes = {"solve_separable": FRESH_SEPARABLE, "identify": FRESH_IDENTIFY, "trf": FRESH_TRF}
+        for name, code in codes.items():
             command = [sys.executable, "-c", code, str(file)]
+            _number_printed_by(command)
             runs = [timed(partial(_number_printed_by, command)) for _ in range(3 if quick else 10)]
             results[name] = float(np.median([seconds for _, seconds in runs]))
-            yield f"{name:12} {results[name]:.3f} s  f/minimum {runs[0][0] / case.minimum:.6f}"
-    yield f"ratio {results['trf'] / results['separable']:.1f}"
+            yield f"{name:16} {results[name]:.3f} s  f/minimum {runs[0][0] / case.minimum:.6f}"
+    for name in ("solve_separable", "identify"):
+        yield f"trf / {name}: {results['trf'] / results[name]:.1f}"
 
 
 def _number_printed_by(command: list[str]) -> float:
-    return float(subprocess.check_output(command))
+    installed = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return float(subprocess.check_output(command, env=installed))
 
 
 def bench_evaluation(quick: bool) -> Iterator[str]:
@@ -310,24 +353,30 @@ def bench_linear(quick: bool) -> Iterator[str]:
 
 
 SECTIONS = {
-    "evaluation": bench_evaluation, "fresh": bench_fresh, "truths": bench_truths, "bouc_wen": bench_bouc_wen,
-    "parallel": bench_parallel, "linear": bench_linear, "peers": bench_peers,
-}  # fmt: skip
+    "evaluation": bench_evaluation, "fresh": bench_fresh, "truths": bench_truths, "tenfold": bench_tenfold,
+    "bouc_wen": bench_bouc_wen, "parallel": bench_parallel, "linear": bench_linear,
+}
+PEER_SECTIONS = {"peers": bench_peers, "peers_wide": bench_peers_wide}  # fmt: skip
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Identification against its peers.")
     parser.add_argument("--quick", action="store_true", help="few truths and seeds")
-    parser.add_argument("--only", default=",".join(SECTIONS), help=f"of {', '.join(SECTIONS)}")
+    known = (*SECTIONS, *PEER_SECTIONS)
+    parser.add_argument("--only", default=",".join(known), help=f"of {', '.join(known)}")
+    parser.add_argument("--methods", default="", help="peers: only those whose name has one of these parts")
     arguments = parser.parse_args()
     if any(os.environ.get(name) != "1" for name in THREADS):  # they count only before numpy is loaded
         os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | dict.fromkeys(THREADS, "1"))
     warnings.simplefilter("ignore")
     versions = f"Python {platform.python_version()}, numpy {np.__version__}"
     print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, {versions}")
+    chosen = tuple(part for part in arguments.methods.split(",") if part)
     for name in arguments.only.split(","):
-        section = SECTIONS[name]
-        print(f"\n{name}: {(section.__doc__ or '').strip().splitlines()[0]}", flush=True)
+        peers = PEER_SECTIONS.get(name)
+        section = SECTIONS[name] if peers is None else partial(peers, chosen=chosen)
+        text = (section if peers is None else peers).__doc__ or ""
+        print(f"\n{name}: {text.strip().splitlines()[0]}, load {os.getloadavg()[0]:.1f}", flush=True)
         for line in section(arguments.quick):
             print(f"  {line}", flush=True)
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +16,9 @@ from rig.identification.measurement import Measurement
 from rig.identification.problem import Problem
 from rig.identification.projection import Weighting
 from rig.identification.separable import Solution, solve_separable
+
+if TYPE_CHECKING:  # it loads logging and threads, which a fit does not need
+    from concurrent.futures import Executor
 
 SEPARABLE = "separable"
 THREE_STEPS = "zhu_three_step"

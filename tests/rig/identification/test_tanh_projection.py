@@ -1,8 +1,12 @@
 """The tanh models' projected objective: moments, compiled or not, streamed or not, say what whole columns say."""
 
+import ast
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +19,7 @@ from rig.identification.tanh_projection import TanhProjection
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
+CHANNELS = ("u_m", "v_m_s", "a_m_s2", "current_A", "force_N")
 WIDTH = {"kwok": 0.7, "printed": 0.02}
 
 
@@ -117,3 +122,30 @@ def test_steep_slopes_are_found_where_few_samples_lie_on_them(make_synthetic: Ma
     found = solve_separable(tests, model("asymmetric"))
     assert found.values["delta"] / found.values["beta"] == pytest.approx(0.008, rel=1e-3)
     assert found.objective < 1e-9 * sum(float(each.force_N @ each.force_N) for each in tests)
+
+
+FRESH = """
+import sys, numpy as np
+from rig.dampers import model
+from rig.identification import Measurement, Weighting, solve_separable
+u, v, a, current, force = np.load(sys.argv[1])
+test = Measurement(id="one", u_m=u, v_m_s=v, a_m_s2=a, current_A=current, force_N=force, dt_s=0.004)
+found = solve_separable([test], model("asymmetric"), Weighting("v"))
+print(repr(found.values))
+print("numba" in sys.modules, "scipy" in sys.modules, "rig.recording.run" in sys.modules)
+"""
+
+
+def test_a_fresh_process_loads_only_what_a_fit_needs_and_finds_the_same(
+    make_synthetic: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tests = make_synthetic(DEMO, (0.0, 2.0), (1.0,), cycles=2)
+    channels = [np.concatenate([getattr(test, name) for test in tests]) for name in CHANNELS]
+    np.save(tmp_path / "channels.npy", np.array(channels))
+    command = [sys.executable, "-c", FRESH, str(tmp_path / "channels.npy")]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True, timeout=120).stdout.splitlines()
+    assert printed[1] == "False False False"
+    monkeypatch.setattr("rig.identification.tanh_projection.compiled_pays", lambda _: True)
+    one = Measurement(**{**dict(zip(CHANNELS, channels, strict=True)), "id": "one", "dt_s": 0.004})
+    here = solve_separable([one], model("asymmetric"), Weighting("v"))
+    assert ast.literal_eval(printed[0]) == pytest.approx(here.values, rel=1e-6)
