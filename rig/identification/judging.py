@@ -65,11 +65,17 @@ def judged(
     model, values = best.model, best.solution.values
     weighting = method.weighting(model)
     fits = describes(model, values, fitted, weighting)
+    foretells = describes(model, values, held_out, weighting)
     free = [name for name in model.names if name in values and name not in best.findings.held]
     known = information(model, values, free, fitted, weighting, declared)
     reasons = {**explain(model, known, values, fitted), **best.findings.reasons}
     warnings = [*warnings, *(text for each in (*fitted, *held_out) for text in each.warnings)]
     warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
+    if fits is not False and foretells is False:
+        warnings.append(
+            "the model describes the tests it was fitted to, but misses the held-out ones by more than their own "
+            "scatter: outside of what it was fitted to it does not hold"
+        )
     warnings += (
         degenerate(model, values, fitted) + _unfinished(known, method, best.solution) + _correlated(known, fitted)
     )
@@ -84,7 +90,7 @@ def judged(
         error=error,
         holdout=score(model, values, held_out) if held_out else None,
         selection=ranking,
-        adequate=fits is not False,
+        adequate=fits is not False and foretells is not False,
         warnings=tuple(warnings),
         evaluations=best.solution.evaluations,
         wall_s=time.perf_counter() - started,

@@ -11,11 +11,15 @@ from rig.dampers.model import DamperModel
 from rig.identification.energy import cycle_energy_J
 from rig.identification.fit import ErrorSummary, TestError
 from rig.identification.measurement import Measurement
-from rig.identification.model_slope import modelled_force
+from rig.identification.model_slope import modelled_force, unseen_force
 from rig.identification.projection import Weighting
+from rig.identification.residuals import judge
 
 MISFIT_OF_NOISE = 0.6  # misfit beyond the noise, as a share of it, that still counts as describing the data
 NEGLIGIBLE_OF_PEAK = 0.002  # misfit below this share of the peak force never matters
+REPEATING_OF_NOISE = 0.15  # what repeats every cycle stands out of the noise long before it is as large
+REPEATING_OF_PEAK = 0.003  # and below this share of the peak force never matters
+UNSEEN_WITHIN = 2.0  # motion that the samples do not resolve is foretold within this factor
 
 
 def score(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> ErrorSummary:
@@ -64,22 +68,30 @@ def describes(
 ) -> bool | None:
     """Whether what the model leaves is the tests' own scatter from cycle to cycle; None when no test shows its scatter.
 
-    The misfit is what the error has beyond the scatter, in squares, over the samples that count in the fit.
+    Two things must be small, both over the samples that count in the fit and less what motion explains that the
+    displacement's samples do not resolve: the misfit, which is what the error has beyond the scatter, in squares; and
+    what repeats with every cycle (`residuals`). The second sees far less than the noise, but no drifts; the first does.
 
     Raises:
         KeyError: a parameter is missing.
     """
-    samples, noise, total, peaks = 0, 0.0, 0.0, []
+    samples, noise, beyond, repeating, peaks = 0, 0.0, 0.0, 0.0, []
     for index, each in enumerate(measurements):
         if math.isnan(each.noise_N):
             continue
         counting = weighting.of(each, index) > 0.0
-        error = (each.force_N - modelled_force(model, values, each))[counting]
-        samples += error.size
-        noise += error.size * each.noise_N**2
-        total += float(error @ error)
+        error = each.force_N - modelled_force(model, values, each)
+        kept, found = error[counting], judge(error, counting, each.u_m, each.dt_s)
+        unseen = UNSEEN_WITHIN**2 * float(np.sum(unseen_force(model, values, each)[counting] ** 2))
+        samples += kept.size
+        noise += kept.size * each.noise_N**2
+        beyond += float(kept @ kept) - kept.size * each.noise_N**2 - unseen
+        repeating += max(0.0, kept.size * found.repeating_N**2 - unseen)
         peaks.append(each.peak_force_N)
     if samples == 0:
         return None
-    misfit = math.sqrt(max(0.0, total - noise) / samples)
-    return misfit <= max(MISFIT_OF_NOISE * math.sqrt(noise / samples), NEGLIGIBLE_OF_PEAK * sum(peaks) / len(peaks))
+    noise_N, peak_N = math.sqrt(noise / samples), sum(peaks) / len(peaks)
+    misfit_N, repeating_N = math.sqrt(max(0.0, beyond) / samples), math.sqrt(repeating / samples)
+    return misfit_N <= max(MISFIT_OF_NOISE * noise_N, NEGLIGIBLE_OF_PEAK * peak_N) and repeating_N <= max(
+        REPEATING_OF_NOISE * noise_N, REPEATING_OF_PEAK * peak_N
+    )

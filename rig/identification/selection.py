@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from rig.dampers.algebraic import BinghamModel, TanhModel
 from rig.dampers.model import DamperModel
 from rig.identification.fit import ModelScore
 from rig.identification.identifiability import Findings, examine
@@ -13,7 +16,7 @@ from rig.identification.measurement import Measurement
 from rig.identification.scoring import score
 from rig.identification.separable import Solution
 from rig.identification.shortening import first_cycle
-from rig.identification.solving import Method, solve
+from rig.identification.solving import GUARD_S, Method, solve
 
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
 
@@ -34,8 +37,13 @@ def compare(
 
     With held-out tests each model's error on them decides. Without, each group of tests of the same waveform, amplitude
     and frequency is left out in turn (of the same current, if there is only one such group). Models whose errors are
-    equal to 1 % are ranked by the Bayesian information criterion (Schwarz 1978).
+    equal to 1 % are ranked by the Bayesian information criterion (Schwarz 1978). All are scored on the same samples:
+    those where one of them jumps, and a fit of it does not look, count for none.
     """
+    if len(candidates) > 1:
+        models = [each.model for each in candidates]
+        fitted = [_away_from_jumps(each, models) for each in fitted]
+        held_out = [_away_from_jumps(each, models) for each in held_out]
     scores = [_score(each, fitted, held_out, method, alone=len(candidates) == 1) for each in candidates]
     errors = [each.holdout_nrmse_percent_of_peak for each in scores]
     known = [each for each in errors if each is not None and math.isfinite(each)]
@@ -48,6 +56,16 @@ def compare(
 
     ordered = sorted(zip(scores, candidates, strict=True), key=rank)
     return tuple(each for each, _ in ordered), ordered[0][1]
+
+
+def _away_from_jumps(each: Measurement, models: Sequence[DamperModel]) -> Measurement:
+    """The measurement without the samples so close to a jump of a model that their side of it is unsure."""
+    kept = each.scored.copy()
+    if any(isinstance(model, TanhModel) for model in models):
+        kept &= np.abs(each.u_m) >= GUARD_S * np.abs(each.v_m_s)
+    if any(isinstance(model, BinghamModel) for model in models):
+        kept &= np.abs(each.v_m_s) >= GUARD_S * np.abs(each.a_m_s2)
+    return replace(each, usable=kept)
 
 
 def _score(
