@@ -64,7 +64,7 @@ class DifferentialEvolution:
         rng, (rows, size) = search.rng, members.shape
         while True:
             factors = rng.random((rows, 1) if self.strategy == 4 else (1, 1))
-            base, difference_1, difference_2 = partners(rng.permutation(rows), rng.permutation(4)[:2] + 1)
+            base, difference_1, difference_2 = partners(rng.permutation(rows), turns(rng, rows))
             trials = mutants(members, base, difference_1, difference_2, self.F + (1.0 - self.F) * factors)
             kept = rng.random((rows, size)) >= self.crossover
             trials = np.where(kept, members, trials)
@@ -75,6 +75,21 @@ class DifferentialEvolution:
             search.generation_done()
             if np.ptp(values) < self.tolerance * abs(float(np.mean(values))):
                 return "converged"
+
+
+def turns(rng: np.random.Generator, rows: int) -> npt.NDArray[np.int64]:
+    """Two different rotations of a permutation, 1 to 4 as in `devec3`.
+
+    A whole turn, which `devec3` allows for four members, would pair a member with itself, so it is left out.
+
+    Args:
+        rng: Where they are drawn from.
+        rows: Members N, at least 4.
+
+    Returns:
+        Shape (2,).
+    """
+    return np.asarray(rng.permutation(min(4, rows - 1))[:2] + 1)
 
 
 def partners(

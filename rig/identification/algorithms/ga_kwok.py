@@ -9,76 +9,57 @@ and the kernel's width are in neither paper: they are settings here.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from rig.identification.algorithms.inheritance import StatisticalStop, blend, require_stop
+from rig.identification.algorithms.inheritance import Pool, StatisticalGenetic, blend
 from rig.identification.algorithms.search import Search, require
 
 
 @dataclass(frozen=True)
-class KwokGenetic:
+class KwokGenetic(StatisticalGenetic):
     """Settings of Kwok's GA; its population is 50.
-
-    The first population is uniform in the bounds (within +-`reach` where there are none), `start` its first member.
 
     Attributes:
         crossover: Probability of a chromosome to be the first parent of a child that replaces it.
         mutation: Probability of a chromosome to be perturbed.
         width: Standard deviation of the perturbation, in widths of the first population.
         replaced: Share replaced by copies of the best.
-        q_min: Generations before the statistical stop counts.
-        p: Chance at which the statistical stop ends the search; 0 never.
-        reach: Half width of the first population where unbounded.
     """
 
+    method: ClassVar[str] = "ga_kwok"
     crossover: float = 0.8
     mutation: float = 0.1
     width: float = 0.05
     replaced: float = 0.02
-    q_min: int = 50
-    p: float = 0.05
-    reach: float = 10.0
 
     def __post_init__(self) -> None:
-        require("ga_kwok", "crossover", self.crossover, 0.0, 1.0)
-        require("ga_kwok", "mutation", self.mutation, 0.0, 1.0)
-        require("ga_kwok", "width", self.width, 0.0, 10.0)
-        require("ga_kwok", "replaced", self.replaced, 0.0, 0.5)
-        require("ga_kwok", "reach", self.reach, 1e-300, 1e300)
-        require_stop("ga_kwok", self.q_min, self.p)
+        super().__post_init__()
+        require(self.method, "crossover", self.crossover, 0.0, 1.0)
+        require(self.method, "mutation", self.mutation, 0.0, 1.0)
+        require(self.method, "width", self.width, 0.0, 10.0)
+        require(self.method, "replaced", self.replaced, 0.0, 0.5)
 
-    def run(self, search: Search) -> str:
-        """Search until the statistical stop, or until the budget is spent.
+    def generation(self, search: Search, pool: Pool) -> None:
+        """Blending, perturbation, evaluation, copies of the best in the place of the worst.
 
         Args:
-            search: Evaluates, counts and archives.
-
-        Returns:
-            `statistics`.
+            search: Evaluates and draws.
+            pool: The chromosomes.
 
         Raises:
             SearchEndedError: The budget is spent or the callback said stop.
         """
-        rng = search.rng
-        members = search.draw(self.reach)
-        values = search.evaluate(members)
-        stop = StatisticalStop(self.q_min, self.p)
-        rows, size = members.shape
+        rng, (rows, size) = search.rng, pool.members.shape
+        first = np.flatnonzero(rng.random(rows) < self.crossover)
+        second = (first + rng.integers(1, rows, len(first))) % rows
+        children, _ = blend(pool.members[first], pool.members[second], rng.random((len(first), 1)))
+        pool.members[first] = children
+        mutated = np.flatnonzero(rng.random(rows) < self.mutation)
+        kernel = self.width * (pool.high - pool.low) * rng.standard_normal((len(mutated), size))
+        pool.members[mutated] = search.inside(pool.members[mutated] + kernel)
+        pool.evaluate(search, np.union1d(first, mutated))
         copies = max(1, round(self.replaced * rows))
-        low, high = search.box(self.reach)
-        while True:
-            first = np.flatnonzero(rng.random(rows) < self.crossover)
-            second = (first + rng.integers(1, rows, len(first))) % rows
-            children, _ = blend(members[first], members[second], rng.random((len(first), 1)))
-            members[first] = children
-            mutated = np.flatnonzero(rng.random(rows) < self.mutation)
-            members[mutated] += self.width * (high - low) * rng.standard_normal((len(mutated), size))
-            members[mutated] = search.inside(members[mutated])
-            changed = np.union1d(first, mutated)
-            values[changed] = search.evaluate(members[changed])
-            worst = np.argsort(values, kind="stable")[-copies:]
-            members[worst], values[worst] = search.best, search.value
-            search.generation_done()
-            if stop.add(float(values.min())):
-                return "statistics"
+        worst = np.argsort(pool.values, kind="stable")[-copies:]
+        pool.members[worst], pool.values[worst] = search.best, search.value

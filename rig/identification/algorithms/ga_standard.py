@@ -8,73 +8,54 @@ mutation, so a good child can be mutated away; the best survives.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from rig.identification.algorithms.ga_novel import mutate
-from rig.identification.algorithms.inheritance import StatisticalStop, blend, pick, require_stop
+from rig.identification.algorithms.inheritance import Pool, StatisticalGenetic, blend, pick
 from rig.identification.algorithms.search import Array, Search, require
 
 
 @dataclass(frozen=True)
-class StandardGenetic:
+class StandardGenetic(StatisticalGenetic):
     """Settings of the standard GA.
-
-    The first population is uniform in the bounds (within +-`reach` where there are none), `start` its first member.
 
     Attributes:
         crossover: Probability that a couple mates.
         mutation_rate: Share of the variables outside the elite mutated each generation.
-        q_min: Generations before the statistical stop counts.
-        p: Chance at which the statistical stop ends the search; 0 never.
-        reach: Half width of the first population and of mutation where unbounded.
     """
 
+    method: ClassVar[str] = "ga_standard"
     crossover: float = 0.9
     mutation_rate: float = 0.2
-    q_min: int = 50
-    p: float = 0.05
-    reach: float = 10.0
 
     def __post_init__(self) -> None:
-        require("ga_standard", "crossover", self.crossover, 0.0, 1.0)
-        require("ga_standard", "mutation_rate", self.mutation_rate, 0.0, 1.0)
-        require("ga_standard", "reach", self.reach, 1e-300, 1e300)
-        require_stop("ga_standard", self.q_min, self.p)
+        super().__post_init__()
+        require(self.method, "crossover", self.crossover, 0.0, 1.0)
+        require(self.method, "mutation_rate", self.mutation_rate, 0.0, 1.0)
 
-    def run(self, search: Search) -> str:
-        """Search until the statistical stop, or until the budget is spent.
+    def generation(self, search: Search, pool: Pool) -> None:
+        """Crossover into the discarded half, mutation of all but the best, one evaluation of what is new.
 
         Args:
-            search: Evaluates, counts and archives.
-
-        Returns:
-            `statistics`.
+            search: Evaluates and draws.
+            pool: The chromosomes.
 
         Raises:
             SearchEndedError: The budget is spent or the callback said stop.
         """
-        rng = search.rng
-        members = search.draw(self.reach)
-        values = search.evaluate(members)
-        stop = StatisticalStop(self.q_min, self.p)
-        kept = search.population // 2
+        rng, kept = search.rng, search.population // 2
         couples = (search.population - kept) // 2
-        low, high = search.box(self.reach)
-        while True:
-            order = np.argsort(values, kind="stable")
-            members, values = members[order], values[order]
-            wheel = roulette(values[:kept])
-            mothers, fathers = pick(wheel, rng.random(couples)), pick(wheel, rng.random(couples))
-            mate = rng.random((couples, 1)) < self.crossover
-            children = np.concatenate(blend(members[mothers], members[fathers], mate * rng.random((couples, 1))))
-            members[kept : kept + 2 * couples] = search.inside(children)
-            count = round(self.mutation_rate * (search.population - 1) * search.n_parameters)
-            changed = np.union1d(mutate(members, low, high, count, rng), np.arange(kept, kept + 2 * couples))
-            values[changed] = search.evaluate(members[changed])
-            search.generation_done()
-            if stop.add(float(values.min())):
-                return "statistics"
+        pool.sort()
+        wheel = roulette(pool.values[:kept])
+        mothers, fathers = pick(wheel, rng.random(couples)), pick(wheel, rng.random(couples))
+        mate = rng.random((couples, 1)) < self.crossover
+        shares = mate * rng.random((couples, 1))
+        born = np.arange(kept, kept + 2 * couples)
+        pool.members[born] = search.inside(np.concatenate(blend(pool.members[mothers], pool.members[fathers], shares)))
+        count = round(self.mutation_rate * (search.population - 1) * search.n_parameters)
+        pool.evaluate(search, np.union1d(mutate(pool.members, pool.low, pool.high, count, rng), born))
 
 
 def roulette(errors: Array) -> Array:

@@ -65,7 +65,7 @@ class ImprovedBeeColony:
                 chosen: Indices = np.arange(rows)
                 if onlookers:
                     chosen = np.asarray(rng.choice(rows, size=rows, p=share))
-                weight = 1.0 / (1.0 + np.exp(-fitness(values)[chosen] / scale))
+                weight = inertia(fitness(values)[chosen], scale)
                 draws = Draws.draw(rng, chosen, rows, size)
                 best_pull = weight if onlookers else np.ones(rows)
                 tried = search.inside(neighbours(sources, chosen, search.best, weight, best_pull, draws))
@@ -123,6 +123,19 @@ def fitness(values: Array) -> Array:
         Shape (N,), larger is better.
     """
     return np.where(values >= 0.0, 1.0 / (1.0 + np.maximum(values, 0.0)), 1.0 - np.minimum(values, 0.0))
+
+
+def inertia(fit: Array, scale: float) -> Array:
+    """Weights w = Phi1 = 1 / (1 + exp(-fit / ap)): a half for the unfit, 0.73 for as good as the first colony's best.
+
+    Args:
+        fit: Shape (n,): fitness of each bee's source.
+        scale: ap, best fitness of the first colony.
+
+    Returns:
+        Shape (n,).
+    """
+    return np.asarray(1.0 / (1.0 + np.exp(-fit / scale)))
 
 
 def neighbours(sources: Array, chosen: Indices, best: Array, weight: Array, best_pull: Array, draws: Draws) -> Array:

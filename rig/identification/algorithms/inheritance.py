@@ -1,4 +1,4 @@
-"""What paper 2's three genetic algorithms share: rank weights, blending of parents, and the statistical stop.
+"""What paper 2's three genetic algorithms share: their run, rank weights, blending of parents, the statistical stop.
 
 Paper 2 is the novel GA for Bouc-Wen identification; its equations follow Haupt's continuous GA and Kwok et al. 2007.
 """
@@ -6,12 +6,14 @@ Paper 2 is the novel GA for Bouc-Wen identification; its equations follow Haupt'
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from rig.identification.algorithms.search import Array, require
+from rig.identification.algorithms.search import Array, Search, require
 
 
 def rank_weights(kept: int) -> Array:
@@ -93,16 +95,96 @@ class StatisticalStop:
         return math.exp(-0.2 * max(self.errors) / mean) if mean > 0.0 else 0.0
 
 
-def require_stop(algorithm: str, q_min: int, p: float) -> None:
-    """Refuse wrong settings of the statistical stop.
+@dataclass
+class Pool:
+    """The chromosomes of one search.
 
-    Args:
-        algorithm: Name, for the message.
-        q_min: Generations, at least 1.
-        p: Chance; 0 disables the stop.
-
-    Raises:
-        SearchError: A setting is out of range.
+    Attributes:
+        members: Shape (N, p).
+        values: Shape (N,): objective of each.
+        low: Shape (p,): lowest value of the first population and of mutation.
+        high: Shape (p,): highest.
     """
-    require(algorithm, "q_min", q_min, 1, 10**9)
-    require(algorithm, "p", p, 0.0, 1.0)
+
+    members: Array
+    values: Array
+    low: Array
+    high: Array
+
+    @classmethod
+    def drawn(cls, search: Search, reach: float) -> Pool:
+        """A first population, evaluated.
+
+        Args:
+            search: Draws and evaluates.
+            reach: Half width where the search is unbounded.
+
+        Returns:
+            The pool.
+        """
+        members = search.draw(reach)
+        return cls(members, search.evaluate(members), *search.box(reach))
+
+    def sort(self) -> None:
+        """Best first."""
+        order = np.argsort(self.values, kind="stable")
+        self.members, self.values = self.members[order], self.values[order]
+
+    def evaluate(self, search: Search, rows: npt.NDArray[np.int64]) -> None:
+        """Values of the chromosomes `rows`, shape (n,), that have changed."""
+        self.values[rows] = search.evaluate(self.members[rows])
+
+
+@dataclass(frozen=True)
+class StatisticalGenetic(ABC):
+    """A genetic algorithm with the statistical stop; a subclass says what one generation does.
+
+    The first population is uniform in the bounds (within +-`reach` where there are none), `start` its first member.
+
+    Attributes:
+        q_min: Generations before the statistical stop counts.
+        p: Chance at which the statistical stop ends the search; 0 never.
+        reach: Half width of the first population and of mutation where unbounded.
+    """
+
+    method: ClassVar[str]
+    q_min: int = 50
+    p: float = 0.05
+    reach: float = 10.0
+
+    def __post_init__(self) -> None:
+        require(self.method, "q_min", self.q_min, 1, 10**9)
+        require(self.method, "p", self.p, 0.0, 1.0)
+        require(self.method, "reach", self.reach, 1e-300, 1e300)
+
+    def run(self, search: Search) -> str:
+        """Search until the statistical stop, or until the budget is spent.
+
+        Args:
+            search: Evaluates, counts and archives.
+
+        Returns:
+            `statistics`.
+
+        Raises:
+            SearchEndedError: The budget is spent or the callback said stop.
+        """
+        pool = Pool.drawn(search, self.reach)
+        stop = StatisticalStop(self.q_min, self.p)
+        while True:
+            self.generation(search, pool)
+            search.generation_done()
+            if stop.add(float(pool.values.min())):
+                return "statistics"
+
+    @abstractmethod
+    def generation(self, search: Search, pool: Pool) -> None:
+        """One generation: parents, children, mutation, evaluation, in place.
+
+        Args:
+            search: Evaluates and draws.
+            pool: The chromosomes.
+
+        Raises:
+            SearchEndedError: The budget is spent or the callback said stop.
+        """

@@ -86,6 +86,36 @@ def test_as_intended_a_contrast_jump_goes_to_the_worst_fly_and_is_undone_when_it
     assert abs(worst_of_second) > 1.3
 
 
+def test_as_printed_the_swarm_decides_when_its_time_exceeds_kappa_and_by_the_value_kappa_steps_back() -> None:
+    # kappa = 2: t = 3 at the third swarm. Its best, 700, is below Sm0[k - kappa] = Sm0[1] = 1000: surge, M = 0.09 then
+    objective = Recorder([1000.0, 900.0, 800.0, 700.0, 600.0])
+    settings = {"kappa": 2, "M": 0.9, "c": 0.1, "resolution": 10, "variant": "printed"}
+    minimise(objective, method="c_foa", population=4000, budget=1 + 4 * 4000, **settings)
+    first, second, third, fourth = (spread(population) for population in objective.populations[1:5])
+    assert first == pytest.approx(third, rel=0.05)
+    assert second == pytest.approx(third, rel=0.05)
+    assert fourth < 1.3 < third
+
+
+def test_as_printed_casting_returns_to_where_the_swarm_already_is() -> None:
+    # every swarm is worse than the start: the attraction point never left it, so returning changes nothing
+    objective = Recorder([10.0, 20.0, 21.0, 22.0, 23.0, 24.0])
+    settings = {"kappa": 2, "M": 0.5, "resolution": 1000, "variant": "printed"}
+    minimise(objective, method="c_foa", population=50, budget=1 + 5 * 50, **settings)
+    start, *swarms = (population[:, 0] for population in objective.populations)
+    for swarm in swarms:
+        assert np.median(swarm) == pytest.approx(start[0], rel=0.2)
+
+
+def test_foa_moves_to_its_best_fly_and_only_to_a_better_one() -> None:
+    objective = Recorder([10.0, 5.0, 7.0, 6.0])  # generations two, three and four start from the best of generation two
+    minimise(objective, method="foa", population=200, budget=800, seed=2)
+    distances = [1.0 / population[:, 0] for population in objective.populations]
+    best_of_second = distances[1][np.argmin(np.abs(objective.populations[1][:, 0]))]
+    for swarm in distances[2:]:
+        assert np.all(np.abs(swarm - best_of_second) <= np.sqrt(2.0))  # each coordinate moves one either way
+
+
 def test_as_printed_the_signs_of_the_start_are_never_left(bowl: Bowl) -> None:
     minimise(bowl, method="c_foa", variant="printed", budget=5000, seed=1, start=[1.0, 1.0, 1.0, -1.0])
     points = np.array(bowl.points)

@@ -11,9 +11,19 @@ import pytest
 from rig.identification.algorithms import ga, ga_novel, minimise
 from rig.identification.algorithms.ga_standard import roulette
 from rig.identification.algorithms.inheritance import StatisticalStop, blend, pick, rank_weights
+from rig.identification.algorithms.search import make_search
 
 if TYPE_CHECKING:
     from conftest import Bowl
+
+
+class Line:
+    """The distance from 0 of one number."""
+
+    n_parameters = 1
+
+    def batch(self, population: np.ndarray) -> np.ndarray:
+        return np.abs(population[:, 0])
 
 
 def test_matlab_expectation_falls_with_the_square_root_of_rank() -> None:
@@ -128,6 +138,66 @@ def test_a_roulette_share_is_proportional_to_the_inverse_error() -> None:
     assert np.allclose(roulette(np.array([1.0, 2.0, 4.0])), np.array([4.0, 2.0, 1.0]) / 7.0)
     assert np.allclose(roulette(np.array([1.0, np.inf])), [1.0, 0.0])
     assert np.allclose(roulette(np.array([np.inf, np.inf])), [0.5, 0.5])
+
+
+def test_every_generation_of_the_novel_ga_mutates_mu_of_the_variables_outside_the_elite(bowl: Bowl) -> None:
+    # N = 8, four variables, mu = 0.25: round(0.25 * 7 * 4) = 7 of the 28 variables outside the elite
+    settings = {"bounds": [(-10.0, 10.0)] * 4, "population": 8, "mutation_rate": 0.25}
+    found = minimise(bowl, method="ga_novel", budget=8 + 4 + 7, seed=4, **settings)
+    first, born = np.array(bowl.points[:8]), np.array(bowl.points[8:12])
+    order = np.argsort(np.sum((first - bowl.target) ** 2, axis=1))
+    before = np.concatenate([first[order[:4]], born])
+    mutated = np.array(bowl.points[12 : int(found.history[2, 0])])
+    changed = [min(int(np.sum(row != parent)) for parent in before) for row in mutated]
+    assert sum(changed) == 7
+
+
+def test_the_best_of_a_generation_goes_into_the_next_unchanged(bowl: Bowl) -> None:
+    for method in ("ga_standard", "ga_novel"):
+        found = minimise(bowl, method=method, bounds=[(-10.0, 10.0)] * 4, budget=2000, seed=2, mutation_rate=1.0, p=0.0)
+        assert np.all(np.diff(found.history[:, 1]) <= 0.0)
+
+
+def test_the_standard_ga_evaluates_its_children_only_after_mutation(bowl: Bowl) -> None:
+    settings = {"bounds": [(-10.0, 10.0)] * 4, "population": 8, "mutation_rate": 1.0, "crossover": 1.0}
+    minimise(bowl, method="ga_standard", budget=8 + 7, seed=3, **settings)
+    first, second = np.array(bowl.points[:8]), np.array(bowl.points[8:15])
+    # everything but the elite was mutated in every variable: no value of the first generation is left
+    assert len(second) == 7
+    assert not np.isin(second, first).any()
+
+
+def test_kwoks_mutation_perturbs_a_chromosome_as_a_whole_and_selects_nobody(bowl: Bowl) -> None:
+    settings = {"bounds": [(-10.0, 10.0)] * 4, "crossover": 0.0, "mutation": 1.0, "width": 1e-3}
+    minimise(bowl, method="ga_kwok", population=10, budget=20, seed=5, **settings)
+    first, second = np.array(bowl.points[:10]), np.array(bowl.points[10:20])
+    moved = second - first  # in place: no chromosome was dropped or chosen
+    assert np.all(moved != 0.0)
+    assert np.std(moved) == pytest.approx(1e-3 * 20.0, rel=0.5)
+
+
+def test_kwoks_child_is_a_linear_blend_and_takes_its_first_parents_place(bowl: Bowl) -> None:
+    settings = {"bounds": [(-10.0, 10.0)] * 4, "crossover": 1.0, "mutation": 0.0}
+    minimise(bowl, method="ga_kwok", population=6, budget=12, seed=5, **settings)
+    first, second = np.array(bowl.points[:6]), np.array(bowl.points[6:12])
+    for place, child in enumerate(second):
+        shares = [
+            (child - first[place]) / (other - first[place]) for index, other in enumerate(first) if index != place
+        ]
+        assert any(np.ptp(share) < 1e-9 and 0.0 <= share[0] < 1.0 for share in shares)
+
+
+def test_feasible_directions_are_turned_round_at_a_bound_and_halved_where_neither_side_fits() -> None:
+    low, high = np.array([-1.0]), np.array([1.0])
+    search = make_search(
+        Line(), start=None, bounds=np.column_stack([low, high]), population=4, budget=10, seed=1, callback=None,
+        executor=None, chunks=None,
+    )  # fmt: skip
+    members = np.full((50, 1), 1.0)  # magnitude 1: a step of 1.5 leaves upwards, and turned round it stays inside
+    turned = ga.feasible_directions(search, members, np.arange(50), 1.5)
+    assert np.allclose(turned, -0.5)
+    halved = ga.feasible_directions(search, members, np.arange(50), 6.0)  # 6 and 3 leave on both sides, 1.5 fits
+    assert np.allclose(halved, -0.5)
 
 
 def test_kwoks_ga_replaces_its_worst_by_the_best(bowl: Bowl) -> None:

@@ -14,7 +14,13 @@ from rig.dampers import model
 from rig.errors import IdentificationFailed
 from rig.identification.algorithms import SearchError, minimise
 from rig.identification.algorithms.evaluation import Evaluation
-from rig.identification.algorithms.zhu_three_step import identify, integrated_w, travel_since_reversal
+from rig.identification.algorithms.zhu_three_step import (
+    identify,
+    integrated_w,
+    saturated_branch,
+    slope_at_zero,
+    travel_since_reversal,
+)
 
 if TYPE_CHECKING:
     from conftest import Bowl
@@ -129,6 +135,33 @@ def test_the_hysteretic_variable_integrates_to_saturation_on_its_branch() -> Non
     assert np.all(np.diff(w) >= -1e-12)
     linear = integrated_w(np.array([0.0, 1e-6]), 0.0, 500.0, 0.8, 2.0)
     assert linear[1] == pytest.approx(500.0 * 1e-6, rel=1e-6)  # slope rho at w = 0
+
+
+def test_step_1_is_a_plane_with_a_step_through_the_saturated_samples() -> None:
+    v = np.repeat([1.0, -1.0, 2.0, -2.0], 10)
+    u = np.linspace(-0.01, 0.01, 40)
+    force = 900.0 * u + 700.0 * v + 400.0 * np.sign(v) - 30.0
+    found = saturated_branch(u, v, force, np.ones(40, dtype=bool))
+    assert found == pytest.approx((900.0, 700.0, 400.0, -30.0))
+
+
+def test_step_2_is_the_slope_where_the_hysteretic_variable_crosses_zero() -> None:
+    u = np.linspace(-0.002, 0.002, 41)
+    w = 500.0 * u + 3.0e4 * u**2  # slope 500 at w = 0, 545 or 455 at |w| = 0.3
+    assert slope_at_zero(u, np.ones(41), w) == pytest.approx(500.0, rel=1e-6)
+    back = slope_at_zero(-u, -np.ones(41), -w)  # the way back has the same slope
+    assert back == pytest.approx(500.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(("sigma", "n"), [(0.8, 2.0), (1.5, 1.0)])
+def test_step_3_integrates_the_normalised_equation(sigma: float, n: float) -> None:
+    # loading from w = 0: dw/du = rho (1 - w^n), so w = tanh(rho u) for n = 2 and 1 - exp(-rho u) for n = 1
+    u = np.linspace(0.0, 0.004, 4001)
+    exact = np.tanh(500.0 * u) if n == 2.0 else 1.0 - np.exp(-500.0 * u)
+    assert np.allclose(integrated_w(u, 0.0, 500.0, sigma, n), exact, atol=1e-6)
+    # unloading from w = 1: dw/du = rho (1 - (1 - 2 sigma) w^n) for v < 0 < w
+    down = integrated_w(1.0 - np.linspace(0.0, 1e-6, 2), 1.0, 500.0, sigma, n)
+    assert (down[1] - down[0]) / -1e-6 == pytest.approx(500.0 * 2.0 * sigma, rel=1e-3)
 
 
 def test_travel_counts_from_the_last_reversal() -> None:

@@ -71,13 +71,15 @@ def test_the_papers_inertia_rule_converges_where_the_pages_flies_apart(bowl: Bow
     assert paper.value < 1e-6 < page.value
 
 
-def test_de_partners_are_mutually_different_for_every_member() -> None:
+@pytest.mark.parametrize("members", [4, 5, 20])
+def test_de_partners_are_mutually_different_for_every_member(members: int) -> None:
     rng = np.random.default_rng(1)
-    base, plus, minus = de.partners(rng.permutation(20), np.array([2, 3]))
-    assert np.all(base != plus)
-    assert np.all(base != minus)
-    assert np.all(plus != minus)
-    assert sorted(base.tolist()) == list(range(20))
+    for _ in range(50):
+        base, plus, minus = de.partners(rng.permutation(members), de.turns(rng, members))
+        assert np.all(base != plus)
+        assert np.all(base != minus)
+        assert np.all(plus != minus)
+        assert sorted(base.tolist()) == list(range(members))
 
 
 def test_de_mutants_are_rand_1() -> None:
@@ -119,6 +121,53 @@ def test_de_trials_come_back_between_bound_and_base() -> None:
         np.array([[-3.0, 9.0]]), np.array([[1.0, 2.0]]), np.zeros(2), np.full(2, 4.0), np.full((1, 2), 0.5)
     )
     assert trials.tolist() == [[0.5, 3.0]]
+
+
+def test_a_de_trial_replaces_its_target_when_it_is_not_worse() -> None:
+    class Plateau:
+        n_parameters = 1
+
+        def __init__(self) -> None:
+            self.populations = []
+
+        def batch(self, population: np.ndarray) -> np.ndarray:
+            self.populations.append(population[:, 0].copy())
+            return np.where(np.arange(len(population)) % 2, 1.0, 1.0 + len(self.populations))
+
+    plateau = Plateau()  # odd members: trials as good as their target; even ones: worse every generation
+    minimise(plateau, method="de", population=4, budget=12, seed=6)
+    first, second, third = plateau.populations
+    kept = np.where(np.arange(4) % 2, second, first)
+    reachable = [
+        base + np.array([0.85, 1.0]) * (plus - minus)
+        for base in kept for plus in kept for minus in kept if len({base, plus, minus}) == 3
+    ]  # fmt: skip
+    for trial in third:
+        assert any(min(ends) - 1e-9 <= trial <= max(ends) + 1e-9 for ends in reachable)
+
+
+def test_i_abc_inertia_is_a_half_for_the_unfit_and_grows_with_fitness() -> None:
+    weight = i_abc.inertia(np.array([0.0, 0.5, 1.0]), 0.5)
+    assert weight == pytest.approx([0.5, 1.0 / (1.0 + np.exp(-1.0)), 1.0 / (1.0 + np.exp(-2.0))])
+
+
+def test_i_abc_abandons_a_source_that_failed_too_often(bowl: Bowl) -> None:
+    # from the second generation on every bee fails: after limit N p = 1 * 4 * 4 failures a scout is drawn anew
+    class Deaf:
+        n_parameters = 4
+
+        def __init__(self) -> None:
+            self.sizes = []
+
+        def batch(self, population: np.ndarray) -> np.ndarray:
+            self.sizes.append(len(population))
+            return np.full(len(population), 1.0 if len(self.sizes) == 1 else 2.0)
+
+    deaf = Deaf()
+    minimise(deaf, method="i_abc", population=4, budget=400, seed=1)
+    first_scout = deaf.sizes.index(1)
+    # 4 employed and on average 4 onlookers a generation: 17 failures of one source need 5 to 12 generations
+    assert 2 * 5 <= first_scout <= 2 * 12
 
 
 def test_i_abc_moves_one_component_as_its_equation_says() -> None:
