@@ -61,7 +61,8 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
     multiple=True,
     callback=_pairs,
     metavar="QUANTITY=COLUMN",
-    help="Column of time, displacement, force or current; its unit as a suffix (x_mm) or after a colon (x:mm).",
+    help="Column of time, displacement, force, current (measured) or commanded_current; its unit as a suffix (x_mm) or "
+    "after a colon (x:mm).",
 )
 @click.option("--current", type=QuantityOption("current"), help="Coil current of all files, such as '0.5 A'.")
 @click.option("--current-from-name", metavar="REGEX", help="Regular expression with a group `current` (A) in the name.")

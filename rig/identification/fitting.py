@@ -12,6 +12,7 @@ import rig.dampers
 from rig.dampers.algebraic import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.coil import find_lag, needs_lag, with_lag
 from rig.identification.consistency import contradictions, refuse_seen, runs_apart
 from rig.identification.current_lag import CurrentLag, lag_of
 from rig.identification.energy import refuse_reversed_signs
@@ -70,11 +71,17 @@ def identify(
     warnings += unusable_steps
     names = list(rig.dampers.MODELS) if model == ALL else [model]
     models = [_model(name, hysteresis) for name in names]
+    eta_1_s = _found_lag(models, fitted, settings, told) if needs_lag(fitted) else None
+    if eta_1_s is not None:
+        fitted, held_out = ([with_lag(each, eta_1_s) for each in tests] for tests in (fitted, held_out))
     candidates, refused = _candidates(models, fitted, settings, told)
     warnings += refused
     if told is not None and len(candidates) > 1:
         told("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, settings)
+    if eta_1_s is not None and "eta" in best.model.names:
+        values = {**best.solution.values, "eta": eta_1_s}
+        best = replace(best, solution=replace(best.solution, values=values))
     if describes(best.model, best.solution.values, fitted, settings.weighting(best.model)) is False:
         warnings += runs_apart(
             fitted, score(best.model, best.solution.values, fitted).rmse_N, _error_of(best, settings)
@@ -204,6 +211,27 @@ def _split(
         held_out += prepared
         warnings += refused
     return fitted, held_out, warnings
+
+
+def _found_lag(
+    models: Sequence[DamperModel],
+    fitted: Sequence[Measurement],
+    method: Method,
+    told: Callable[[str], None] | None,
+) -> float:
+    """Eta (1/s) with the asked model where that is algebraic, else with the asymmetric one: it is the coil's alone."""
+    if told is not None:
+        told("finding the coil's lag from the commanded current")
+    model = next((each for each in models if each.states == 0), _model("asymmetric", "kwok"))
+    findings, quick = examine(model, fitted), Method(weight=method.weight, loss="squares")
+    near: dict[str, float] = {}
+
+    def objective(tests: list[Measurement]) -> float:
+        solution = solve(model, tests, quick, findings, near or None)
+        near.update(solution.values)
+        return solution.objective
+
+    return find_lag(fitted, objective)
 
 
 def _error_of(best: Candidate, method: Method) -> Callable[[list[Measurement]], float]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rig.dampers.algebraic import TanhModel
 from rig.dampers.model import DamperModel
+from rig.identification.coil import needs_lag
 from rig.identification.measurement import Measurement
 from rig.identification.uncertainty import Information
 
@@ -65,7 +66,8 @@ class Findings:
 def examine(model: DamperModel, measurements: Sequence[Measurement]) -> Findings:
     """What the set of tests leaves undetermined, whatever their noise."""
     found = Findings()
-    _lag(model, found)
+    if not needs_lag(measurements):
+        _lag(model, found)
     _scale(model, found)
     _current(model, measurements, found)
     _inertia(model, measurements, found)

@@ -69,7 +69,7 @@ def judged(
     free = [name for name in model.names if name in values and name not in best.findings.held]
     known = information(model, values, free, fitted, weighting, declared)
     reasons = {**explain(model, known, values, fitted), **best.findings.reasons}
-    warnings = [*warnings, *(text for each in (*fitted, *held_out) for text in each.warnings)]
+    warnings = [*warnings, *_of_tests((*fitted, *held_out))]
     warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
     if fits is not False and foretells is False:
         warnings.append(
@@ -115,6 +115,18 @@ def _profiles(
     names = nonlinear if wanted is True else list(dict.fromkeys(wanted))
     weighting, solution = method.weighting(best.model), best.solution
     return profiles(best.model, solution.values, known, fitted, weighting, names, solution.at_bound)
+
+
+def _of_tests(tests: Sequence[Measurement]) -> list[str]:
+    """What the preparation found, the same finding of several tests together."""
+    named: dict[str, list[str]] = {}
+    for each in tests:
+        for text in each.warnings:
+            named.setdefault(text.removeprefix(f"{each.id}: "), []).append(each.id)
+    return [
+        f"{', '.join(ids[:3])}{f' and {len(ids) - 3} more' if len(ids) > 3 else ''}: {text}"
+        for text, ids in named.items()
+    ]
 
 
 def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[str]:

@@ -29,7 +29,8 @@ class Measurement:
         nominal_current_A: commanded current (A).
         samples_per_cycle: samples in the first whole cycle; it also warms up models with internal states.
         usable: which samples carry a measured force, shape (n,); None when all do.
-        commanded_A: commanded current (A) where it differs from a constant; None otherwise.
+        commanded_A: commanded current (A) where it changes and the coil current was not measured; None otherwise.
+        commanded_before_A: the command at the same interval before the first sample, shape (k,); None when unknown.
         skew_std_s: standard uncertainty of the force-to-displacement skew left after correction (s).
         unseen_v_m_s: velocity (m/s) that sharp reversals may have beyond what the samples resolve; None when none.
         unseen_a_m_s2: acceleration (m/s^2) that goes with it.
@@ -52,6 +53,7 @@ class Measurement:
     samples_per_cycle: int = 0
     usable: NDArray[np.bool_] | None = None
     commanded_A: FloatArray | None = None
+    commanded_before_A: FloatArray | None = None
     skew_std_s: float = 0.0
     unseen_v_m_s: FloatArray | None = None
     unseen_a_m_s2: FloatArray | None = None

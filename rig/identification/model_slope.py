@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rig.dampers.algebraic import AlgebraicModel, TanhModel
 from rig.dampers.model import DamperModel
+from rig.identification.coil import with_lag
 from rig.identification.measurement import Measurement
 
 FloatArray = NDArray[np.float64]
@@ -53,6 +54,9 @@ def parameter_slopes(
         return _algebraic_slopes(model, values, names, each)
     columns = []
     for name in names:
+        if name == "eta":
+            columns.append(_lag_column(model, values, each))
+            continue
         step = RELATIVE_STEP * max(abs(values[name]), 1e-3 * abs(model.parameter(name).start), 1e-9)
         above = modelled_force(model, {**values, name: values[name] + step}, each)
         below = modelled_force(model, {**values, name: values[name] - step}, each)
@@ -72,7 +76,18 @@ def _algebraic_slopes(
         rate = (at_zero + per_ampere * each.current_A) * (1.0 - yielding**2)
         slopes = model.argument_slopes(values, each.u_m, each.v_m_s)
         columns |= {name: rate * slope for name, slope in zip(model.shape_names, slopes, strict=True)}
+    if "eta" in names:
+        columns["eta"] = _lag_column(model, values, each)
     return np.column_stack([columns[name] for name in names])
+
+
+def _lag_column(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Change of the force with eta (N s), through the coil current; 0 where that was measured."""
+    if each.commanded_A is None:
+        return np.zeros_like(each.u_m)
+    step = RELATIVE_STEP * values["eta"]
+    above, below = (modelled_force(model, values, with_lag(each, values["eta"] + signed)) for signed in (step, -step))
+    return (above - below) / (2.0 * step)
 
 
 def time_slope(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from protocols.quality import Quality
 from rig.errors import IdentificationFailed, RigError
+from rig.identification.coil import LEAST_STEP_A
 from rig.identification.measurement import Measurement
 from rig.identification.skew_pooling import Skew, pooled_skews
 from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
 from rig.recording.differentiation import Motion, harmonic, savitzky_golay
+from rig.recording.loop_shape import noise_of
 from rig.recording.run import RecordedPoint
 
 FloatArray = NDArray[np.float64]
@@ -77,6 +79,8 @@ def prepare(point: RecordedPoint, skew: Skew | None = None) -> Measurement:
         )
     shift_s = 0.0 if skew is None else skew.shift_s
     grid_s, force_N, usable = _force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
+    warned: list[str] = []
+    current_A, commanded = _current(point, grid_s, warned)
     motion = _motion(time_s, displacement_m, float(np.mean(cycles.frequency_Hz)), grid_s)
     if motion.harmonics is None:
         warnings.append(
@@ -96,7 +100,7 @@ def prepare(point: RecordedPoint, skew: Skew | None = None) -> Measurement:
         v_m_s=motion.v_m_s,
         a_m_s2=motion.a_m_s2,
         force_N=force_N - float(point.test.get("moving_mass_kg", 0.0)) * motion.a_m_s2,
-        current_A=_current(point, grid_s, warnings),
+        current_A=current_A,
         dt_s=dt_s,
         waveform=point.waveform,
         amplitude_m=point.amplitude_m,
@@ -107,8 +111,10 @@ def prepare(point: RecordedPoint, skew: Skew | None = None) -> Measurement:
         skew_std_s=point.skew_std_s if skew is None else skew.std_s,
         unseen_v_m_s=None if unseen is None else unseen[0],
         unseen_a_m_s2=None if unseen is None else unseen[1],
-        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles),
-        warnings=tuple(warnings),
+        commanded_A=None if commanded is None else commanded[1],
+        commanded_before_A=None if commanded is None else commanded[0],
+        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles) if commanded is None else noise_of(force_N[usable]),
+        warnings=(*warnings, *warned),
     )
 
 
@@ -167,16 +173,41 @@ def _motion(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float,
     return Motion(wanted_s, at[0], at[1], at[2], "savitzky_golay", None)
 
 
-def _current(point: RecordedPoint, wanted_s: FloatArray, warnings: list[str]) -> FloatArray:
-    """Coil current (A) at the wanted times: its mean where it was steady; the commanded one where none was measured."""
+def _current(
+    point: RecordedPoint, wanted_s: FloatArray, warnings: list[str]
+) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None]:
+    """Coil current (A) at the wanted times, and the changing command (before, during) where none was measured.
+
+    A steady current is its mean. Without a measurement it is the commanded one, whose lag the fit then has to find if
+    it changes.
+    """
     measured = np.isfinite(point.current_measured_A)
     inside = measured & (point.time_s >= wanted_s[0]) & (point.time_s <= wanted_s[-1])
-    if not np.any(inside):
-        warnings.append(f"{point.id}: no current was measured; the commanded {point.current_A:g} A is used")
-        return np.full(wanted_s.size, point.current_A)
-    if float(np.std(point.current_measured_A[inside])) < STEADY_CURRENT_A:
-        return np.full(wanted_s.size, float(np.mean(point.current_measured_A[inside])))
-    return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured])
+    if np.any(inside):
+        if float(np.std(point.current_measured_A[inside])) < STEADY_CURRENT_A:
+            return np.full(wanted_s.size, float(np.mean(point.current_measured_A[inside]))), None
+        return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured]), None
+    before_A, during_A = _command(point, wanted_s)
+    if during_A.size and float(np.ptp(np.concatenate((before_A, during_A)))) >= LEAST_STEP_A:
+        warnings.append(f"{point.id}: no current was measured; eta is found with the commanded one")
+        return during_A, (before_A, during_A)
+    current_A = float(during_A[0]) if during_A.size else point.current_A
+    warnings.append(f"{point.id}: no current was measured; the commanded {current_A:g} A is used")
+    return np.full(wanted_s.size, current_A), None
+
+
+def _command(point: RecordedPoint, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The recorded command (A), held from sample to sample: before the wanted times at their interval, and at them."""
+    commanded_A = point.channel("commanded_current")
+    known = np.isfinite(commanded_A)
+    if not np.any(known):
+        return np.zeros(0), np.zeros(0)
+    interval_s = float(wanted_s[-1] - wanted_s[0]) / (wanted_s.size - 1)
+    earlier = int(max(0.0, (wanted_s[0] - point.time_s[known][0]) / interval_s))
+    at_s = np.concatenate((wanted_s[0] - interval_s * np.arange(earlier, 0, -1), wanted_s))
+    held = np.searchsorted(point.time_s[known], at_s + 0.01 * interval_s, side="right") - 1
+    values = commanded_A[known][np.maximum(held, 0)]
+    return values[:earlier], values[earlier:]
 
 
 def _enough(good: int, count: int, what: str) -> None:

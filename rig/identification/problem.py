@@ -13,6 +13,7 @@ from rig.dampers import model as damper_model
 from rig.dampers.algebraic import Hysteresis
 from rig.dampers.kinds import KIND_VISCOELASTIC_PLASTIC
 from rig.dampers.model import DamperModel
+from rig.identification.coil import coil_current
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
 
@@ -153,7 +154,7 @@ class Problem:
         values = self.values(vector)
         parts = []
         for each, squared in zip(self.measurements, self._weights, strict=True):
-            source = replace(each, current_A=self._coil_current(each, values["eta"])) if self.lag else each
+            source = replace(each, current_A=coil_current(each, values["eta"])) if self.lag else each
             parts.append((each.force_N - modelled_force(self.model, values, source)) * np.sqrt(squared))
         joined = np.concatenate(parts)
         return np.where(np.isfinite(joined), joined, UNACCEPTABLE)
@@ -164,21 +165,12 @@ class Problem:
         total: FloatArray = tanh_objective(general, *data)
         return np.where(np.isfinite(total), total, np.inf)
 
-    @staticmethod
-    def _coil_current(each: Measurement, eta_1_s: float) -> FloatArray:
-        """Coil current (A), shape (n,), that follows the commanded one by equation (9)."""
-        from rig.identification.objective_kernels import lagged_current
-
-        commanded = each.current_A if each.commanded_A is None else each.commanded_A
-        current: FloatArray = lagged_current(commanded, float(each.current_A[0]), eta_1_s, each.dt_s)
-        return current
-
     def _lagged(self, candidate: FloatArray) -> float:
         eta = candidate[self.names.index("eta")]
         general = self._general(candidate[None, :])
         total = 0.0
         for each, weight in zip(self.measurements, self._weights, strict=True):
-            current = self._coil_current(each, eta)
+            current = coil_current(each, eta)
             data = (each.u_m, each.v_m_s, each.a_m_s2, current, each.force_N, weight)
             total += float(self._algebraic_batch(general, *data)[0])
         return total

@@ -9,7 +9,7 @@ one parameter. Where a model is linear in its parameters both intervals are the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.coil import with_lag
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force, parameter_slopes
 from rig.identification.projection import Weighting
@@ -187,9 +188,14 @@ class _Walker:
     def _admissible(self, values: Mapping[str, float]) -> bool:
         return all(values[name] > 0.0 for name in self._positive if name in values)
 
+    def _tests(self, values: Mapping[str, float]) -> Iterator[tuple[Measurement, FloatArray]]:
+        """The tests and their weights, with the coil current of this eta where only its command is known."""
+        for each, weight in self._data:
+            yield (with_lag(each, values["eta"]) if "eta" in values else each), weight
+
     def _objective(self, values: Mapping[str, float]) -> float:
         total = 0.0
-        for each, weight in self._data:
+        for each, weight in self._tests(values):
             residual = (each.force_N - modelled_force(self._model, values, each)) * weight
             total += float(residual @ residual)
         return total if math.isfinite(total) else math.inf
@@ -197,7 +203,7 @@ class _Walker:
     def _slopes(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """J'W^2 J and J'W^2 r."""
         normal, gradient = np.zeros((len(names), len(names))), np.zeros(len(names))
-        for each, weight in self._data:
+        for each, weight in self._tests(values):
             slopes = parameter_slopes(self._model, values, names, each) * weight[:, None]
             normal += slopes.T @ slopes
             gradient += slopes.T @ ((each.force_N - modelled_force(self._model, values, each)) * weight)

@@ -17,7 +17,8 @@ from rig.units import ALIASES, UNITS, Unit, key_suffixes, units_of
 LARGEST_BYTES = 512 * 1024 * 1024
 SEPARATORS = ",;\t"
 MOST_PROBLEMS = 5
-DIMENSION = {"time": "time", "displacement": "length", "force": "force", "current": "current"}
+DIMENSION = {"time": "time", "displacement": "length", "force": "force", "current": "current",
+             "commanded_current": "current"}
 REQUIRED = ("time", "displacement", "force")
 NOTHING = ("", "nan", "na", "null", "none", "-")
 

@@ -44,6 +44,7 @@ class ImportedTest:
     current_A: FloatArray
     nominal_current_A: float
     current_measured: bool
+    commanded_A: FloatArray | None = None
 
 
 def import_tests(
@@ -55,8 +56,8 @@ def import_tests(
 
     Args:
         files: the tests.
-        columns: `time`, `displacement`, `force` and, if measured, `current` -> column with its unit, as a suffix
-            (`x_mm`) or after a colon (`x:mm`).
+        columns: `time`, `displacement`, `force` and, if known, `current` (measured) and `commanded_current` -> column
+            with its unit, as a suffix (`x_mm`) or after a colon (`x:mm`).
         out: folder in which the run's directory is made.
         current_A: coil current of all tests, where the files have no column of it.
         current_from_name: regular expression with a group `current` (in A) to be found in each file's name.
@@ -115,13 +116,16 @@ def _read_test(
     table, sha256 = read_table(file, choices)
     time_s = table["time"]
     _check_time(file, time_s)
-    measured = "current" in table
-    nominal_A = float(np.nanmedian(table["current"])) if measured else _nominal_current(file, current_A, pattern)
-    if not np.isfinite(nominal_A):
-        raise FileProblem(str(file), [f"column {choices['current'].column!r} has no number in it"])
-    current = table["current"] if measured else np.full(len(time_s), nominal_A)
+    measured, commanded = "current" in table, table.get("commanded_current")
+    known = "current" if measured else "commanded_current"
+    if known in table and not np.any(np.isfinite(table[known])):
+        raise FileProblem(str(file), [f"column {choices[known].column!r} has no number in it"])
+    nominal_A = float(np.nanmedian(table[known])) if known in table else _nominal_current(file, current_A, pattern)
+    assumed_A = nominal_A if commanded is None else np.nan
+    current = table["current"] if measured else np.full(len(time_s), assumed_A)
     return ImportedTest(
         file, sha256, time_s - time_s[0], table["displacement"], table["force"], current, nominal_A, measured,
+        commanded,
     )
 
 
@@ -182,6 +186,10 @@ def _point_file(
             "velocity", velocity, "m/s", "Velocity from measured displacement", attributes={"method": method},
         ),
     ]
+    if test.commanded_A is not None:
+        channels.append(AlignedChannel(
+            "commanded_current", test.commanded_A, "A", "Commanded coil current", choices["commanded_current"].column,
+        ))
     measured: dict[str, Attribute] = {} if motion is None else {
         "measured_amplitude_m": motion.amplitude_m, "measured_frequency_Hz": motion.frequency_Hz,
         "measured_mean_m": motion.mean_m, "cycles_start_s": motion.start_s, "cycles_end_s": motion.end_s,
@@ -202,14 +210,20 @@ def _point_file(
         provenance={
             "software": SOFTWARE, "source_file": test.source.name, "source_sha256": test.sha256,
             "imported_utc": utc_now().isoformat(timespec="seconds"),
-            "current": "measured" if test.current_measured else "as given, not measured",
+            "current": _current_source(test),
         },
         title=f"Imported test {name}",
     )
 
 
 def _current_name(test: ImportedTest) -> str:
-    return "Coil current" if test.current_measured else "Coil current as given, not measured"
+    return "Coil current" if test.current_measured else f"Coil current {_current_source(test)}"
+
+
+def _current_source(test: ImportedTest) -> str:
+    if test.current_measured:
+        return "measured"
+    return "as given, not measured" if test.commanded_A is None else "not measured, see commanded_current"
 
 
 def _flags(test: ImportedTest, period_s: float) -> tuple[NDArray[np.int8], int]:

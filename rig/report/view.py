@@ -10,6 +10,7 @@ import numpy as np
 
 from rig.dampers import DamperModel
 from rig.errors import RigError
+from rig.identification.coil import with_lag
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
 from rig.identification.preparation import prepare
@@ -54,6 +55,8 @@ def view_of(
         measured = prepare(point)
     except RigError as problem:
         return PointView(point, None, str(problem), error or {}, held_out)
+    if "eta" in values:
+        measured = with_lag(measured, values["eta"])
     fitted = None if model is None else modelled_force(model, values, measured)
     return PointView(point, _middle_cycle(measured, fitted), "", error or {}, held_out, measured)
 
