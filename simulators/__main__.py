@@ -14,7 +14,7 @@ import click
 
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.fault_matrix import MATRIX
-from simulators.schedule import WITHIN_S, ScheduledFault, drawn_faults, parse_fault
+from simulators.schedule import WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
 
 EPILOG = """\b
 Example:
@@ -78,7 +78,7 @@ async def serve(arguments: dict[str, Any]) -> None:
     rig = SimulatedRig(arguments["options"], arguments["run"])
     rig.warm_up()
     addresses = await rig.open()
-    real_time = take_real_time_priority(arguments["run"].speed)
+    real_time = arguments["real_time"] and take_real_time_priority(arguments["run"].speed)
     text = rig.bench(addresses, real_time)
     with tempfile.TemporaryDirectory(prefix="simulated-rig-") as folder:
         bench = arguments["bench"] or Path(folder) / "bench.toml"
@@ -125,33 +125,34 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
     if values["force_format"] == "ascii":
         options = replace(options, load_cell=replace(options.load_cell, format="signed-decimal"))
+    written = tuple(parse_fault(text) for text in values["fault"])
+    wiring = wiring_for(written, values["actuator"], values["ports"])
     run = RunOptions(
         speed=values["speed"],
         seed=values["seed"],
-        ports=values["ports"],
-        actuator=values["actuator"],
+        ports=wiring.ports,
+        actuator=wiring.actuator,
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
-        faults=schedule(values),
+        faults=(*written, *drawn(values, wiring)),
     )
-    return {"options": options, "run": run, "bench": values["bench"], "json": values["as_json"]}
+    asked = {"bench": values["bench"], "json": values["as_json"], "real_time": values["real_time"]}
+    return {"options": options, "run": run, **asked}
 
 
-def schedule(values: dict[str, Any]) -> tuple[ScheduledFault, ...]:
-    """The faults written one by one, then those drawn from a seed.
+def drawn(values: dict[str, Any], wiring: Wiring) -> tuple[ScheduledFault, ...]:
+    """The faults drawn from a seed, if one was given, among those that can happen on these wires.
 
     Raises:
-        FileProblem: a fault that cannot be injected as it is written.
+        FileProblem: not a time.
     """
-    written = tuple(parse_fault(text) for text in values["fault"])
     if values["fault_seed"] is None:
-        return written
+        return ()
     within_s = float(values["fault_within"])
     if not math.isfinite(within_s):
         raise FileProblem("--fault-within", [f"{within_s}: expected a number of seconds from 0"])
-    kinds = frozenset((values["actuator"], values["ports"]))
-    return (*written, *drawn_faults(values["fault_seed"], kinds, within_s))
+    return drawn_faults(values["fault_seed"], wiring.kinds, within_s)
 
 
 def refuse(message: str, as_json: bool) -> NoReturn:
@@ -186,10 +187,15 @@ FILE = click.Path(path_type=Path, dir_okay=False)
               help="What the load cell sends.")
 @click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
-@click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]), default="pty", show_default=True,
-              help="How sensors are reached; by-id: names of serial numbers that lead to ptys.")
-@click.option("--actuator", type=click.Choice(["tcp", "rtu"]), default="tcp", show_default=True,
-              help="Modbus TCP, or RTU on a port of the kind --ports says.")
+@click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),
+              help="How sensors are reached; by-id: names of serial numbers that lead to ptys.  "
+                   "[default: pty, or by-id where a fault needs it]")
+@click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
+              help="Modbus TCP, or RTU on a port of the kind --ports says.  "
+                   "[default: tcp, or rtu where a fault needs it]")
+@click.option("--real-time/--no-real-time", default=True, show_default=True,
+              help="Take real-time priority at speed 1 where that is allowed; without it the bench file's time limits "
+                   "are widened, as on a busy machine.")
 @click.option("--fault", metavar="SLUG[@T[+D]]", multiple=True,
               help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")
 @click.option("--fault-seed", type=click.IntRange(0), metavar="N",

@@ -20,7 +20,7 @@ from simulators.registers import RegisterBank
 _REQUEST_HEADER = 8
 _READ_SIZE = 4096
 STALE_EVERY = 20
-"""One answer in so many comes late while the fault `late_answers` is on."""
+"""While the fault `late_answers` is on, its first answer and then one in so many comes late."""
 
 
 @dataclass
@@ -59,6 +59,7 @@ class ModbusServer:
         self._rtu = rtu
         self._pty = pty
         self._answers = 0
+        self._late = 0
         self._server: ModbusTcpServer | None = None
         self._line: SerialLine | None = None
 
@@ -148,7 +149,8 @@ class ModbusServer:
         if faults.reset:
             self._reset_connections()
             return packet[: len(packet) // 2]
-        if faults.late_answers and self._answers % STALE_EVERY == 0:
+        self._late += faults.late_answers
+        if faults.late_answers and self._late % STALE_EVERY == 1:
             asyncio.get_running_loop().call_later(self.late_s, self._send_late, packet)
             return b""
         if faults.damaged:

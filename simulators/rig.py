@@ -31,13 +31,12 @@ from simulators.pace import Backpressure, Pace
 from simulators.plant.plant import MAXIMUM_STEPS, Plant
 from simulators.plant.records import EVENT_PULSE, EVENT_TRIP
 from simulators.registers import RegisterBank
-from simulators.schedule import ScheduledFault
+from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
 from simulators.serial_port import SensorPort, open_port
 from simulators.slcan_bus import SlcanBus
 from simulators.truth import About, Attribute, Truth
 
-BY_ID = "by-id"
 TICK_S = 0.002
 IDLE_S = 0.5
 STANDSTILL_M_S = 5e-4

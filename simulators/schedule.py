@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import math
 import random
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rig.errors import FileProblem
@@ -22,9 +23,10 @@ WITHIN_S = 10.0
 PASSING_SHARE = 0.5
 SHORTEST_S, LONGEST_S = 0.05, 2.0
 """How long a drawn fault lasts that passes."""
+BY_ID = "by-id"
 ONLY_ON = {
     "modbus-reset": "tcp", "modbus-halfopen": "tcp", "modbus-wrong-tid": "tcp", "rtu-stale": "rtu", "rtu-crc": "rtu",
-    "usb-renumber": "by-id",
+    "usb-renumber": BY_ID,
 }  # fmt: skip
 """Faults of one kind of link or port."""
 
@@ -75,6 +77,45 @@ def parse_fault(text: str) -> ScheduledFault:
     if plus and slug not in PASSING:
         raise FileProblem("--fault", [f"{text!r}: {slug} does not pass by itself; write {slug}@{begin}"])
     return ScheduledFault(slug, after_s, lasts_s)
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """How the rig's wires are made: `actuator` "tcp" or "rtu", `ports` "pty", "socket" or "by-id"."""
+
+    actuator: str
+    ports: str
+
+    def __str__(self) -> str:
+        return f"--actuator {self.actuator} --ports {self.ports}"
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Both, as `ONLY_ON` names them."""
+        return frozenset((self.actuator, self.ports))
+
+
+def wiring_for(faults: Iterable[ScheduledFault], actuator: str | None = None, ports: str | None = None) -> Wiring:
+    """The wires as asked for; where nothing was said, those on which the faults can happen.
+
+    Args:
+        faults: what is to be injected.
+        actuator: as asked for, None for whatever fits.
+        ports: likewise.
+
+    Raises:
+        FileProblem: a fault cannot happen on these wires.
+    """
+    wanted = {fault.slug: ONLY_ON[fault.slug] for fault in faults if fault.slug in ONLY_ON}
+    needed = set(wanted.values())
+    wiring = Wiring(
+        actuator or ("rtu" if "rtu" in needed else "tcp"), ports or (BY_ID if BY_ID in needed else "pty")
+    )
+    for slug, kind in wanted.items():
+        if kind not in wiring.kinds:
+            option = f"--ports {kind}" if kind == BY_ID else f"--actuator {kind}"
+            raise FileProblem("--fault", [f"{slug!r} happens only with {option}; the wires are {wiring}"])
+    return wiring
 
 
 def drawn_faults(seed: int, kinds: frozenset[str], within_s: float = WITHIN_S) -> tuple[ScheduledFault, ...]:

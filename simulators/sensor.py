@@ -71,7 +71,7 @@ class Sensor:
         self._filter = np.zeros(4)
         self._past: FloatArray = np.zeros(0)
         self._started = False
-        self._spikes_from = -1
+        self._first_faulty: dict[str, int] = {}
         self._last_value = math.nan
         self._waiting: Bytes = np.zeros((0, self.frame_size), np.uint8)
         self._release_s: FloatArray = np.zeros(0)
@@ -147,21 +147,19 @@ class Sensor:
         if len(value):
             self._last_value = float(value[-1])
         if faults.not_a_number:
-            value[self._every(len(value), NAN_EVERY_S)] = math.nan
+            every = max(1, round(NAN_EVERY_S * options.rate_Hz))
+            value[self._numbers("not_a_number", len(value)) % every == 0] = math.nan
         return value, status
 
     def _spiked(self, count: int) -> NDArray[np.bool_]:
-        """Mask (count,) of the samples in spikes, counted from the first sample with the fault."""
-        if self._spikes_from < 0:
-            self._spikes_from = self.samples
+        """Mask (count,) of the samples in spikes."""
         every = max(SPIKE_SAMPLES + 1, round(SPIKE_EVERY_S * self.options.rate_Hz))
-        spike, sample = np.divmod(self.samples + np.arange(count) - self._spikes_from, every)
+        spike, sample = np.divmod(self._numbers("spikes", count), every)
         return np.asarray(sample < np.where(spike < SINGLE_SPIKES, 1, SPIKE_SAMPLES))
 
-    def _every(self, count: int, period_s: float) -> NDArray[np.bool_]:
-        """Mask (count,) of one sample every `period_s`, by sample number."""
-        numbers = self.samples + np.arange(count)
-        return np.equal(numbers % max(1, round(period_s * self.options.rate_Hz)), 0)
+    def _numbers(self, fault: str, count: int) -> NDArray[np.int64]:
+        """Numbers (count,) of the samples to come, 0 for the first one with this fault."""
+        return self.samples + np.arange(count) - self._first_faulty.setdefault(fault, self.samples)
 
     def _encode(
         self,
@@ -175,8 +173,8 @@ class Sensor:
         sequence = self.samples + np.arange(len(value))
         keep = np.ones(len(value), bool)
         if self.faults.gaps:
-            for shift in range(GAP_SAMPLES):
-                keep &= ~((sequence - shift) % max(GAP_SAMPLES + 1, round(GAP_EVERY_S * self.options.rate_Hz)) == 0)
+            every = max(GAP_SAMPLES + 1, round(GAP_EVERY_S * self.options.rate_Hz))
+            keep = self._numbers("gaps", len(value)) % every >= GAP_SAMPLES
         self.samples += len(value)
         if self.options.format != "frame16":
             return encode_lines(value[keep], self.options.unit), time_s[keep]

@@ -65,6 +65,7 @@ class BusJudge:
 
     def __init__(self, bitrate: int) -> None:
         self._bitrate = bitrate
+        self._bad = 0
         self._duplicates = 0
         self._lost = 0
         self._foreign = 0
@@ -85,11 +86,14 @@ class BusJudge:
 
     def _frames(self, counted: EcuCounters, t_ns: int) -> list[Finding]:
         findings = []
-        if counted.bad_in_a_row >= CONSECUTIVE:
+        bad = counted.bad_checks + counted.malformed
+        if counted.bad_in_a_row > 0 and (bad > self._bad or counted.bad_in_a_row >= CONSECUTIVE):
             malformed = counted.malformed_in_a_row == counted.bad_in_a_row
             slug, wrong = ("can-malformed", "length or kind") if malformed else ("ecu-crc", "counter, CRC or length")
-            detail = f"{counted.bad_in_a_row} ECU status frames in a row with a wrong {wrong}"
-            findings.append(Finding(slug, detail, t_ns, counted.bad_in_a_row, CONSECUTIVE))
+            detail = f"{counted.bad_in_a_row} ECU status frames in a row with a wrong {wrong}, thrown away"
+            few = counted.bad_in_a_row < CONSECUTIVE
+            findings.append(Finding(slug, detail, t_ns, counted.bad_in_a_row, CONSECUTIVE, warns=few))
+        self._bad = bad
         if counted.gaps_in_a_row >= CONSECUTIVE:
             detail = f"{counted.gaps_in_a_row} ECU status frames in a row whose counter left some out"
             findings.append(Finding("ecu-crc", detail, t_ns, counted.gaps_in_a_row, CONSECUTIVE))

@@ -24,6 +24,7 @@ from rig.station.status_judge import EcuJudge
 from rig.station.supervisor import Supervisor
 
 BACKSTOP_NS = 250_000_000
+STALE_FOR_SURE_S = 0.0002
 
 
 class CoilThread(DeviceThread):
@@ -194,7 +195,7 @@ class CoilThread(DeviceThread):
     def _read(self) -> None:
         while not self._ending.is_set():
             try:
-                batch = self._driver.read_batch(self._timeout_s)
+                batch = self._driver.read_batch(self._patience_s())
             except DriverError as error:
                 self.port_lost = str(error)
                 self._supervisor.report([Finding("can-lost", self.port_lost, monotonic_ns())])
@@ -207,6 +208,11 @@ class CoilThread(DeviceThread):
             if batch.statuses:
                 with self._progress:
                     self._progress.notify_all()
+
+    def _patience_s(self) -> float:
+        """How long to wait for a frame: no longer than until the last status is stale."""
+        left_s = (self._last_ns + self._stale_ns - monotonic_ns()) * 1e-9 + STALE_FOR_SURE_S
+        return min(left_s, self._timeout_s) if left_s > 0.0 else self._timeout_s
 
     def _judge(self, batch: EcuBatch) -> list[Finding]:
         now_ns = batch.arrival_ns

@@ -11,7 +11,7 @@ from rig.station.interlocks import CONSECUTIVE, STILL_TOLERANCE_M, Finding
 
 MOVING_STATES = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
 FROZEN_TRAVEL_M = 0.002
-OVERRUN_S = 0.1
+OVERRUN_S = 0.07
 """Device time by which a program may outlast its own length."""
 AT_REST_STATES = frozenset({State.HOLD, State.LOW, State.OFF})
 RESTLESS_M_S = 0.02

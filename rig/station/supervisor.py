@@ -228,7 +228,8 @@ class Supervisor:
             due = now_ns - last_ns > WARNING_EVERY_NS
             self._warned[finding.slug] = (now_ns if due else last_ns, count + 1)
         if due:
-            self._emit({"event": "warning", "slug": finding.slug, "detail": finding.detail, "count": count + 1})
+            warning: dict[str, object] = {"event": "warning", "slug": finding.slug, "detail": finding.detail}
+            self._emit({**warning, "count": count + 1, "t_ns": now_ns})
 
     def _trip(self, finding: Finding, row: FaultRow, kind: Stop, *, asked: bool = False) -> None:
         now_ns = monotonic_ns()

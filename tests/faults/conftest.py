@@ -9,27 +9,18 @@ import json
 import os
 import signal
 import subprocess
-import sys
-import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from matrices import BRISK_POINTS, PERIOD_S, TWO_POINTS
+from true_states import Happening, Truth
+from watched_campaign import FINISH_S, RIG, Campaign, Ending
 
 from protocols.actuator import State
-from rig.clock import monotonic_ns
 from rig.fault_matrix import MATRIX
-from rig.recording.campaign_log import read_log
-from rig.recording.run import RecordedPoint
 
-RIG = str(Path(sys.executable).with_name("rig"))
-FINISH_S = 150.0
 COIL_LAG_S = 0.250
 NO_CURRENT_A = 0.05
 STILL_M_S = 2e-3
@@ -39,176 +30,8 @@ OWN_STOPS = ("TRIP",)
 SETTLING_S = {"S2": 0.200, "S1": 0.200, "SO": 0.300}
 EXIT_CODES = {"S2": 4, "S1": 4, "SO": 4, "R": 3, "P": 5, "W": 0}
 
-TWO_POINTS = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-mid_stroke = "0 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["20 mm"]
-frequency = ["2 Hz"]
-current = ["0.5 A", "1.5 A"]
-cycles = 6
-[identify]
-enabled = false
-[campaign]
-current_settled = "20 mA"
-"""
-"""Each point moves for 4 s; the second one's cycles begin a little more than 4 s after the first one's."""
-PERIOD_S = 0.5
-IN_POINT_2_S = 6.3
-
-BRISK_POINTS = TWO_POINTS.replace('"2 Hz"', '"4 Hz"')
-"""For tests at speed 1: each point moves for 2 s."""
-BRISK_PERIOD_S = 0.25
-
-
-@dataclass(frozen=True)
-class Happening:
-    """A line of the simulated rig's log: its clock (s), the host's clock (ns), what."""
-
-    time_s: float
-    host_ns: int
-    code: str
-    text: str
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What really happened: arrays on the simulated clock (s), and the log of commands, trips and faults."""
-
-    time_s: NDArray[np.float64]
-    displacement_m: NDArray[np.float64]
-    velocity_m_s: NDArray[np.float64]
-    force_N: NDArray[np.float64]
-    current_A: NDArray[np.float64]
-    state: NDArray[np.float64]
-    log: list[Happening]
-
-    @classmethod
-    def load(cls, path: Path) -> Truth:
-        with h5py.File(path) as file:
-            data, events = file["entry/data"], file["entry/events"]
-            names = ("time", "displacement", "velocity", "force", "current", "controller_state")
-            arrays = [np.asarray(data[name][:], np.float64) for name in names]
-            columns = (events["time_ns"][:], events["code"][:], events["text"][:])
-        log = []
-        for time_ns, code, said in zip(*columns, strict=True):
-            text, _, host_ns = said.decode().rpartition("; host_ns=")
-            log.append(Happening(1e-9 * float(time_ns), int(host_ns), code.decode(), text))
-        return cls(*arrays, log)
-
-    def all(self, *codes: str, text: str = "", after: Happening | None = None) -> list[Happening]:
-        """Lines of these codes that contain `text`, from `after` on."""
-        since_ns = 0 if after is None else after.host_ns
-        return [each for each in self.log if each.code in codes and text in each.text and each.host_ns >= since_ns]
-
-    def first(self, *codes: str, text: str = "", after: Happening | None = None) -> Happening:
-        """The first such line; fails when there is none."""
-        found = self.all(*codes, text=text, after=after)
-        assert found, f"no {codes} {text!r} after {after} in {self.log}"
-        return found[0]
-
-    def since(self, time_s: float) -> slice:
-        """The samples from `time_s` on."""
-        return slice(int(np.searchsorted(self.time_s, time_s)), None)
-
-
-@dataclass(frozen=True)
-class Ending:
-    """A campaign that has ended: what it answered, what it wrote, what really happened."""
-
-    exit_code: int
-    answer: dict[str, Any]
-    folder: Path
-    said: str
-    stopped_from_ns: int | None = None
-    """Host time of a fault injected around the process; None for one that the simulated rig logged itself."""
-
-    @cached_property
-    def truth(self) -> Truth:
-        """What really happened; a simulated rig that outlives its campaign is waited for."""
-        path = self.folder / "truth.h5"
-        wait_until(path.exists, "truth.h5", 60.0)
-        return Truth.load(path)
-
-    @cached_property
-    def log(self) -> list[dict[str, Any]]:
-        """The campaign's journal."""
-        return read_log(self.folder)
-
-    def trips(self) -> list[tuple[str, str]]:
-        """Slug and stop of every latched first cause."""
-        return [(line["slug"], line["stop"]) for line in self.log if line.get("what") == "trip"]
-
-    def warned(self) -> list[str]:
-        """Slugs the station only warned of while the campaign went on."""
-        return [line["slug"] for line in self.log if line.get("what") == "warning"]
-
-    def point(self, name: str) -> RecordedPoint:
-        """A finished or stopped point's file."""
-        return RecordedPoint.open(self.folder / "points" / f"{name}.h5")
-
-    def verdicts(self) -> dict[str, str]:
-        """Verdicts of the campaign's points as it answered them."""
-        return {each["id"]: each["verdict"] for each in self.answer["points"]}
-
-
-def wait_until(true: Callable[[], bool], what: str, timeout_s: float = 60.0) -> None:
-    """Wait for a state of files or processes that nothing announces."""
-    deadline_ns, pause = monotonic_ns() + int(timeout_s * 1e9), threading.Event()
-    while not true():
-        assert monotonic_ns() < deadline_ns, f"{what} did not come within {timeout_s:g} s"
-        pause.wait(0.01)
-
-
-@dataclass
-class Campaign:
-    """`rig run` under way."""
-
-    process: subprocess.Popen[str]
-    out: Path
-    lines: list[str] = field(default_factory=list)
-
-    @property
-    def folder(self) -> Path:
-        """The campaign's directory, once it is made."""
-        wait_until(lambda: self.process.poll() is not None or any(self.out.iterdir()), "the campaign's directory")
-        return next(iter(self.out.iterdir()))
-
-    def happened(self, code: str, text: str = "", count: int = 1) -> bool:
-        """Whether the simulated rig's live log has `count` such lines."""
-        path = self.folder / "truth.h5.events.jsonl"
-        if not path.exists():
-            return False
-        complete = [line for line in path.read_text(encoding="utf-8").splitlines(keepends=True) if line[-1] == "\n"]
-        lines = [json.loads(line) for line in complete]
-        return sum(line["code"] == code and text in line["text"] for line in lines) >= count
-
-    def wait_for(self, code: str, text: str = "", count: int = 1) -> None:
-        """Wait until the simulated rig has logged it."""
-        wait_until(
-            lambda: self.process.poll() is not None or self.happened(code, text, count), f"{count} x {code} {text}"
-        )
-        assert self.process.poll() is None, f"it ended before {code} {text}: {self.process.communicate()[1]}"
-
-    def station_pid(self) -> int:
-        """Process id of the station."""
-        found = subprocess.check_output(["pgrep", "-P", str(self.process.pid), "-f", "rig.station"], text=True)
-        return int(found.split()[0])
-
-    def finish(self, stopped_from_ns: int | None = None) -> Ending:
-        """Wait for the end."""
-        answer, said = self.process.communicate(timeout=FINISH_S)
-        folders = list(self.out.iterdir())
-        folder = folders[0] if folders else self.out
-        return Ending(self.process.returncode, json.loads(answer) if answer else {}, folder, said, stopped_from_ns)
-
-
 Start = Callable[..., Campaign]
+InMotion = Callable[..., Campaign]
 Run = Callable[..., Ending]
 
 
@@ -224,8 +47,9 @@ def start(tmp_path: Path) -> Iterator[Start]:
         path.write_text(matrix, encoding="utf-8")
         out.mkdir()
         command = [RIG, "run", str(path), "--simulate", "--speed", str(speed), "--seed", "1", "--no-identify", "--json"]
+        # Real-time processes of several tests would keep each other from running; the benchmarks measure with them.
         process = subprocess.Popen(
-            [*command, "--out", str(out), *arguments, "--", *simulator],
+            [*command, "--out", str(out), *arguments, "--", "--no-real-time", *simulator],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "200"},
             cwd=tmp_path,
         )  # fmt: skip
@@ -250,6 +74,19 @@ def run(start: Start) -> Run:
         return start(*injected, *simulator, matrix=matrix, speed=speed).finish()
 
     return to_the_end
+
+
+@pytest.fixture
+def in_motion(start: Start) -> InMotion:
+    """Starts a campaign and lets its second point run for a while (simulated s): `in_motion(seconds=1.6)`."""
+
+    def begin(seconds: float = 1.6, **options: object) -> Campaign:
+        campaign = start(**options)
+        campaign.wait_for("START", count=2)
+        campaign.run_on(seconds)
+        return campaign
+
+    return begin
 
 
 @pytest.fixture

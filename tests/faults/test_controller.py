@@ -61,7 +61,7 @@ def test_a_program_that_does_not_end_is_stopped_by_taking_the_pressure_away(run_
     truth = ending.truth
     end_s = truth.all("START")[1].time_s + 2.0
     fade, off = truth.first("FADE_STOP"), truth.first("HYDRAULICS_OFF")
-    assert end_s + 0.1 <= fade.time_s <= end_s + 1.0
+    assert end_s + 0.05 <= fade.time_s <= end_s + 1.0
     assert fade.time_s + 0.25 <= off.time_s
     assert np.abs(truth.velocity_m_s[truth.since(off.time_s + 0.3)]).max() < 2e-3
     assert np.abs(truth.current_A[truth.since(fade.time_s + 0.25)]).max() < 0.05

@@ -71,12 +71,9 @@ def test_lost_writes_are_seen_by_their_missing_effect(run_brisk: Run, assert_sto
     assert_stopped(run_brisk("modbus-write-lost@3.2"), "modbus-write-lost", first="TRIP", **BRISK)
 
 
-RTU = ("--actuator", "rtu")
-
-
 @pytest.mark.row("rtu-stale")
 def test_stale_answers_on_a_serial_line_are_never_believed_and_spoil_the_point(run_brisk: Run) -> None:
-    ending = run_brisk("rtu-stale@3.2+0.5", simulator=RTU)
+    ending = run_brisk("rtu-stale@3.2+0.5")
     assert ending.exit_code == 5, ending.said
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
     assert ending.point("p002").reasons[0].startswith("rtu-stale")
@@ -88,4 +85,4 @@ def test_stale_answers_on_a_serial_line_are_never_believed_and_spoil_the_point(r
 def test_damaged_answers_on_a_serial_line_are_read_again_and_then_stop_the_rig(
     run_brisk: Run, assert_stopped: Judge
 ) -> None:
-    assert_stopped(run_brisk("rtu-crc@3.2", simulator=RTU), "rtu-crc", **BRISK)
+    assert_stopped(run_brisk("rtu-crc@3.2"), "rtu-crc", **BRISK)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import pytest
+from matrices import ONE_LONG_POINT
 
 from protocols.quality import Quality
 
@@ -15,24 +16,6 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.wire
 
 Judge = Callable[..., None]
-
-ONE_LONG_POINT = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-mid_stroke = "0 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["20 mm"]
-frequency = ["2 Hz"]
-current = ["0.5 A"]
-cycles = 28
-[identify]
-enabled = false
-"""
-"""15 s of motion: at speed 1 long enough for a clock to be judged."""
 
 
 def assert_spoiled(ending: Ending, slug: str) -> None:
@@ -58,7 +41,7 @@ def test_without_its_lvdt_the_host_proves_standstill_by_the_controller(run: Run,
 
 @pytest.mark.row("usb-renumber")
 def test_an_adapter_that_comes_up_elsewhere_stops_the_rig_and_is_not_reopened(run: Run, assert_stopped: Judge) -> None:
-    ending = run("usb-renumber@6.3", simulator=("--ports", "by-id"))
+    ending = run("usb-renumber@6.3")
     assert_stopped(ending, "usb-renumber")
     point = ending.point("p002")
     fault = ending.truth.first("FAULT", text="usb-renumber")

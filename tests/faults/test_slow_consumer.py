@@ -8,39 +8,23 @@ import sys
 from pathlib import Path
 
 import pytest
+from matrices import TWO_POINTS
 
 from rig.recording.campaign_log import read_log
 from rig.recording.run import RecordedPoint
 
 pytestmark = pytest.mark.wire
 
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-mid_stroke = "0 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["20 mm"]
-frequency = ["2 Hz"]
-current = ["0.5 A", "1.5 A"]
-cycles = 6
-[identify]
-enabled = false
-"""
-
 
 @pytest.mark.row("slow-consumer")
 def test_what_the_recorder_could_not_take_spoils_the_point_and_nothing_else(tmp_path: Path) -> None:
     matrix, out = tmp_path / "matrix.toml", tmp_path / "out"
-    matrix.write_text(MATRIX, encoding="utf-8")
+    matrix.write_text(TWO_POINTS, encoding="utf-8")
     out.mkdir()
     script = Path(__file__).with_name("slow_disk.py")
     done = subprocess.run(
         [sys.executable, str(script), "run", str(matrix), "--simulate", "--speed", "1", "--seed", "1", "--no-identify",
-         "--json", "--out", str(out)],
+         "--json", "--out", str(out), "--", "--no-real-time"],
         capture_output=True, text=True, check=False, timeout=150, cwd=tmp_path,
     )  # fmt: skip
     answer = json.loads(done.stdout)

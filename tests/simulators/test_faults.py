@@ -17,7 +17,7 @@ from simulators.injection import INJECTORS
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM
 from simulators.rig import RunOptions, SimulatedRig
-from simulators.schedule import ScheduledFault, parse_fault
+from simulators.schedule import ScheduledFault, Wiring, parse_fault, wiring_for
 from simulators.slcan_bus import SlcanClient
 
 
@@ -38,6 +38,27 @@ def test_a_fault_is_given_with_or_without_its_time() -> None:
 def test_a_fault_that_cannot_be_injected_is_refused(text: str, message: str) -> None:
     with pytest.raises(FileProblem, match=message):
         parse_fault(text)
+
+
+@pytest.mark.parametrize(
+    ("slugs", "wiring"),
+    [([], Wiring("tcp", "pty")), (["rtu-crc", "estop"], Wiring("rtu", "pty")),
+     (["usb-renumber"], Wiring("tcp", "by-id"))],
+)  # fmt: skip
+def test_a_fault_brings_the_wires_it_needs(slugs: list[str], wiring: Wiring) -> None:
+    assert wiring_for([ScheduledFault(slug, 1.0) for slug in slugs], None, None) == wiring
+
+
+@pytest.mark.parametrize(
+    ("slugs", "actuator", "ports", "message"),
+    [(["rtu-stale"], "tcp", None, "--actuator rtu"), (["modbus-reset"], "rtu", None, "--actuator tcp"),
+     (["modbus-reset", "rtu-crc"], None, None, "'modbus-reset' happens"), (["usb-renumber"], None, "pty", "by-id")],
+)  # fmt: skip
+def test_a_fault_that_cannot_happen_on_the_wires_asked_for_is_refused(
+    slugs: list[str], actuator: str | None, ports: str | None, message: str
+) -> None:
+    with pytest.raises(FileProblem, match=message):
+        wiring_for([ScheduledFault(slug, 1.0) for slug in slugs], actuator, ports)
 
 
 def on_a_rig(story: Callable[[SimulatedRig], None], *faults: ScheduledFault) -> None:

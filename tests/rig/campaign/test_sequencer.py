@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -165,11 +166,13 @@ OPTIONAL_PHASES = frozenset().union(*(case.phases for case in CASES.values())) |
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_exploration_reaches_every_phase(name: str) -> None:
+def test_exploration_reaches_every_phase(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     case = CASES[name]
     edges = explore(case)
     states = {edge.before for edge in edges}
-    print(f"{name}: {len(states)} states, {len(edges)} transitions")  # noqa: T201 - what was explored, with -s
+    explored = f"{len(states)} states x {len(case.events)} events = {len(edges)} transitions"
+    with capsys.disabled():
+        sys.stdout.write(f"\nsequencer, {name}: {explored}\n")
     rests = {Phase.RESTING} if any(point.rest_s for point in case.points) else set()
     assert {state.phase for state in states} == set(Phase) - OPTIONAL_PHASES | case.phases | rests
 

@@ -63,6 +63,13 @@ def test_the_third_bad_frame_in_a_row_is_named_by_what_is_wrong(
     assert slugs(BusJudge(500_000), EcuCounters(bad_in_a_row=bad, malformed_in_a_row=malformed)) == expected
 
 
+@pytest.mark.parametrize(("malformed", "slug"), [(1, "can-malformed"), (0, "ecu-crc")])
+def test_the_first_bad_frame_is_flagged_once(malformed: int, slug: str) -> None:
+    judge = BusJudge(500_000)
+    counted = EcuCounters(bad_checks=1 - malformed, malformed=malformed, bad_in_a_row=1, malformed_in_a_row=malformed)
+    assert [slugs(judge, counted), slugs(judge, counted)] == [[(slug, True)], []]
+
+
 def test_counters_that_leave_frames_out_three_times_in_a_row_are_wrong() -> None:
     assert slugs(BusJudge(500_000), EcuCounters(gaps_in_a_row=3, lost=3)) == [("ecu-crc", False), ("ecu-late", True)]
 

@@ -1,0 +1,48 @@
+"""Matrix files of the fault suite."""
+
+TWO_POINTS = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+mid_stroke = "0 mm"
+prior = "demo"
+[matrix]
+waveform = ["sine"]
+amplitude = ["20 mm"]
+frequency = ["2 Hz"]
+current = ["0.5 A", "1.5 A"]
+cycles = 6
+[identify]
+enabled = false
+[campaign]
+current_settled = "20 mA"
+"""
+"""Each point moves for 4 s; the second one's cycles begin a little more than 4 s after the first one's."""
+PERIOD_S = 0.5
+
+BRISK_POINTS = TWO_POINTS.replace('"2 Hz"', '"4 Hz"')
+"""For tests at speed 1: each point moves for 2 s."""
+
+LONG_SECOND_POINT = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[[point]]
+id = "p001"
+amplitude = "20 mm"
+frequency = "2 Hz"
+current = "0.5 A"
+cycles = 4
+[[point]]
+id = "p002"
+amplitude = "20 mm"
+frequency = "2 Hz"
+current = "1.5 A"
+cycles = 60
+"""
+
+ONE_LONG_POINT = TWO_POINTS.replace(', "1.5 A"', "").replace("cycles = 6", "cycles = 28")
+"""15 s of motion: at speed 1 long enough for a clock to be judged."""

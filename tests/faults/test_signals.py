@@ -1,0 +1,136 @@
+"""Rows of signals: an application, a station or a rig that is interrupted, killed or stands still."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from matrices import LONG_SECOND_POINT
+from process_faults import signalled
+from watched_campaign import assert_completed
+
+from protocols.actuator import State
+from rig.clock import monotonic_ns
+from rig.recording.recovery import recover
+
+if TYPE_CHECKING:
+    from conftest import InMotion
+    from watched_campaign import Ending
+
+pytestmark = pytest.mark.wire
+
+Judge = Callable[..., None]
+
+FADE_S = 0.5 + 0.2
+
+
+def quiet_after(ending: Ending, stop_s: float, zero_s: float) -> None:
+    """0 A within the coil's lag of its command and standstill within the fade-out of its command, and for good."""
+    truth = ending.truth
+    assert np.abs(truth.current_A[truth.since(zero_s + 0.25)]).max() < 0.05
+    assert np.abs(truth.velocity_m_s[truth.since(stop_s + FADE_S)]).max() < 2e-3
+
+
+@pytest.mark.row("sigint", "sigint-storm")
+def test_ctrl_c_stops_and_a_storm_of_further_ones_changes_nothing_and_cuts_nothing_short(
+    in_motion: InMotion, assert_stopped: Judge
+) -> None:
+    campaign = in_motion()
+    sent_ns = monotonic_ns()
+    campaign.process.send_signal(signal.SIGINT)
+    for code in ("FADE_STOP", "HYDRAULICS_OFF"):
+        campaign.wait_for(code)
+        for _ in range(5):
+            campaign.process.send_signal(signal.SIGINT)
+    assert_stopped(campaign.finish(sent_ns), "sigint")
+
+
+@pytest.mark.row("sigterm")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["sigterm", "sighup"])
+def test_the_end_of_the_session_also_takes_the_pressure_away(
+    in_motion: InMotion, assert_stopped: Judge, number: int
+) -> None:
+    assert_stopped(signalled(in_motion(), number), "sigterm")
+
+
+@pytest.mark.row("sigkill")
+def test_a_killed_application_leaves_a_rig_at_rest_and_a_campaign_that_resumes(
+    in_motion: InMotion,
+) -> None:
+    ending = signalled(in_motion(), signal.SIGKILL)
+    assert ending.exit_code == -signal.SIGKILL
+    truth = ending.truth
+    stop = truth.first("FADE_STOP")
+    assert (stop.host_ns - ending.stopped_from_ns) / 1e9 < 1.5, "the link's end itself, not the beat's time-out of 2 s"
+    quiet_after(ending, stop.time_s, stop.time_s)
+    assert truth.state[-1] == State.OFF
+    recover(ending.folder)
+    assert ending.point("p001").verdict == "valid"
+    broken = ending.point("p002")
+    assert (broken.verdict, broken.quality["recovered"]) == ("invalid", True)
+    assert broken.reasons[0].startswith("INTERRUPTED")
+    assert np.ptp(broken.displacement_m) > 0.035, "what was flushed before the kill is there"
+    assert_completed(ending.folder)
+
+
+@pytest.mark.row("sigkill")
+def test_a_killed_station_leaves_controller_and_ecu_to_stop_by_themselves(in_motion: InMotion) -> None:
+    campaign = in_motion()
+    killed_ns = monotonic_ns()
+    os.kill(campaign.station_pid(), signal.SIGKILL)
+    ending = campaign.finish(killed_ns)
+    assert ending.exit_code == 7
+    trip = next(each for each in ending.truth.all("TRIP", text="WATCHDOG") if each.host_ns > killed_ns)
+    silent = ending.truth.first("ECU_FAULT", text="COMMAND_TIMEOUT")
+    assert (trip.host_ns - killed_ns) / 1e9 < 5.0
+    quiet_after(ending, trip.time_s, silent.time_s)
+    assert (ending.point("p001").verdict, ending.point("p002").verdict) == ("valid", "invalid")
+    assert_completed(ending.folder)
+
+
+@pytest.mark.row("sigkill")
+def test_a_killed_simulated_rig_is_a_rig_of_unknown_state_with_its_files_intact(
+    in_motion: InMotion,
+) -> None:
+    campaign = in_motion()
+    os.kill(campaign.child("simulators"), signal.SIGKILL)
+    ending = campaign.finish()
+    assert ending.exit_code == 7
+    assert (ending.point("p001").verdict, ending.point("p002").verdict) == ("valid", "invalid")
+    assert_completed(ending.folder)
+    assert (ending.folder / "truth-session1.h5.part").exists()
+
+
+@pytest.mark.row("host-stalled")
+def test_an_application_that_stands_still_is_stopped_by_the_station_and_finds_it_so(
+    in_motion: InMotion, assert_stopped: Judge
+) -> None:
+    campaign = in_motion(seconds=1.0, matrix=LONG_SECOND_POINT)
+    stalled_ns = monotonic_ns()
+    campaign.process.send_signal(signal.SIGSTOP)
+    campaign.wait_for("FADE_STOP")
+    campaign.process.send_signal(signal.SIGCONT)
+    assert_stopped(campaign.finish(stalled_ns), "host-stalled")
+
+
+@pytest.mark.row("host-stalled")
+def test_a_station_that_stands_still_leaves_controller_and_ecu_to_stop_by_themselves(
+    in_motion: InMotion,
+) -> None:
+    campaign = in_motion(seconds=1.0, matrix=LONG_SECOND_POINT)
+    stalled_ns, station = monotonic_ns(), campaign.station_pid()
+    os.kill(station, signal.SIGSTOP)
+    campaign.wait_for("TRIP", "WATCHDOG", count=2)
+    campaign.wait_for("ECU_FAULT", "COMMAND_TIMEOUT")
+    os.kill(station, signal.SIGCONT)
+    ending = campaign.finish(stalled_ns)
+    assert ending.exit_code in {4, 7}
+    trip = next(each for each in ending.truth.all("TRIP", text="WATCHDOG") if each.host_ns > stalled_ns)
+    silent = ending.truth.first("ECU_FAULT", text="COMMAND_TIMEOUT")
+    quiet_after(ending, trip.time_s, silent.time_s)
+    assert not ending.truth.all("START", "MOVE_TO", after=trip)
+    assert (ending.point("p001").verdict, ending.point("p002").verdict) == ("valid", "invalid")

@@ -1,0 +1,61 @@
+"""What really happened: the simulated rig's truth file as arrays and as a log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Happening:
+    """A line of the simulated rig's log: its clock (s), the host's clock (ns), what."""
+
+    time_s: float
+    host_ns: int
+    code: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really happened: arrays on the simulated clock (s), and the log of commands, trips and faults."""
+
+    time_s: NDArray[np.float64]
+    displacement_m: NDArray[np.float64]
+    velocity_m_s: NDArray[np.float64]
+    force_N: NDArray[np.float64]
+    current_A: NDArray[np.float64]
+    state: NDArray[np.float64]
+    log: list[Happening]
+
+    @classmethod
+    def load(cls, path: Path) -> Truth:
+        with h5py.File(path) as file:
+            data, events = file["entry/data"], file["entry/events"]
+            names = ("time", "displacement", "velocity", "force", "current", "controller_state")
+            arrays = [np.asarray(data[name][:], np.float64) for name in names]
+            columns = (events["time_ns"][:], events["code"][:], events["text"][:])
+        log = []
+        for time_ns, code, said in zip(*columns, strict=True):
+            text, _, host_ns = said.decode().rpartition("; host_ns=")
+            log.append(Happening(1e-9 * float(time_ns), int(host_ns), code.decode(), text))
+        return cls(*arrays, log)
+
+    def all(self, *codes: str, text: str = "", after: Happening | None = None) -> list[Happening]:
+        """Lines of these codes that contain `text`, from `after` on."""
+        since_ns = 0 if after is None else after.host_ns
+        return [each for each in self.log if each.code in codes and text in each.text and each.host_ns >= since_ns]
+
+    def first(self, *codes: str, text: str = "", after: Happening | None = None) -> Happening:
+        """The first such line; fails when there is none."""
+        found = self.all(*codes, text=text, after=after)
+        assert found, f"no {codes} {text!r} after {after} in {self.log}"
+        return found[0]
+
+    def since(self, time_s: float) -> slice:
+        """The samples from `time_s` on."""
+        return slice(int(np.searchsorted(self.time_s, time_s)), None)
