@@ -65,6 +65,11 @@ class Case:
     program: tuple[str, ...] = (RIG,)
     timed_from: str = "fault"
 
+    @property
+    def cause(self) -> str:
+        """The slug under which the campaign ends."""
+        return CAUSES.get(self.row.slug, self.row.slug)
+
 
 def _signal(*numbers: int) -> Inject:
     def inject(campaign: Campaign, seam: Path) -> int:
@@ -118,6 +123,8 @@ FROM_THE_START = frozenset({"preflight", "connect", "load", "start", "before fir
 LONG_WAITS = frozenset({"host-stalled", "host-silent", "disk-full"})
 PASSING = {"rtu-stale": "+0.5"}
 """Faults that are there for a while; the others stay."""
+CAUSES = {"sigint-storm": "sigint"}
+"""Rows whose stop has another one's cause: what comes after the first Ctrl-C changes nothing."""
 TIMED_FROM = {"current-stuck": "zero", "stop-ignored": "end"}
 
 

@@ -60,14 +60,22 @@ class Outcome:
             self.wrong.append(otherwise)
 
 
+class Disturbed(Exception):
+    """Something else stopped the campaign before the fault was there: on a busy machine a device was not heard."""
+
+
 def outcome_of(case: Case, ending: Ending) -> Outcome:
     """Judge one ending.
 
     Args:
         case: the row and how it was brought about.
         ending: what came of it.
+
+    Raises:
+        Disturbed: the run says nothing about the row.
     """
     row, outcome = case.row, Outcome()
+    _undisturbed(case, ending)
     code = KILLED if row.slug == "sigkill" else EXIT_CODES[row.stop]
     outcome.expect(ending.exit_code == code, f"exit {ending.exit_code}, expected {code}: {ending.said.strip()[-300:]}")
     fault_ns = _fault_ns(case, ending)
@@ -82,6 +90,14 @@ def outcome_of(case: Case, ending: Ending) -> Outcome:
         _stopped(case, ending, fault_ns, outcome)
     _points(case, ending, fault_ns, outcome)
     return outcome
+
+
+def _undisturbed(case: Case, ending: Ending) -> None:
+    trips = [line for line in ending.log if line.get("what") == "trip" and line["slug"] != case.cause]
+    faults = ending.truth.all("FAULT", text=case.row.slug)
+    begun_ns = ending.stopped_from_ns or (faults[0].host_ns if faults else 0)
+    if trips and (begun_ns == 0 or trips[0]["latched_ns"] < begun_ns):
+        raise Disturbed(f"{trips[0]['slug']}: {trips[0]['detail']}")
 
 
 def _fault_ns(case: Case, ending: Ending) -> int:
@@ -130,8 +146,8 @@ def _stopped(case: Case, ending: Ending, fault_ns: int, outcome: Outcome) -> Non
     row, truth = case.row, ending.truth
     trips = [line for line in ending.log if line.get("what") == "trip"]
     if row.slug != "sigkill":
-        outcome.expect([trip["slug"] for trip in trips] == [row.slug], f"trips {[trip['slug'] for trip in trips]}")
-        outcome.expect(ending.answer.get("stopped_by") == row.slug, f"stopped by {ending.answer.get('stopped_by')}")
+        outcome.expect([trip["slug"] for trip in trips] == [case.cause], f"trips {[trip['slug'] for trip in trips]}")
+        outcome.expect(ending.answer.get("stopped_by") == case.cause, f"stopped by {ending.answer.get('stopped_by')}")
         outcome.expect(ending.answer.get("rig_state") == "safe", f"rig state {ending.answer.get('rig_state')}")
         outcome.expect([trip["stop"] for trip in trips] == [row.stop], f"stops {[trip['stop'] for trip in trips]}")
     latched_ns = trips[0]["latched_ns"] if trips else fault_ns
@@ -203,7 +219,7 @@ def _points(case: Case, ending: Ending, fault_ns: int, outcome: Outcome) -> None
     except FileProblem as error:
         outcome.wrong.append(f"p002: {error}")
         return
-    named = "INTERRUPTED" if row.slug == "sigkill" else row.slug
+    named = "INTERRUPTED" if row.slug == "sigkill" else case.cause
     reasons = hit.reasons if row.slug not in ABANDONED else tuple(verdicts["p002"]["reasons"])
     outcome.expect(hit.verdict == "invalid", f"p002: {hit.verdict}")
     outcome.expect(any(reason.startswith(named) for reason in reasons), f"p002 does not name it: {reasons}")

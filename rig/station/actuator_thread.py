@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused
-from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from drivers.ring import Record
 from protocols.actuator import ActuatorIdentity, ActuatorStatus, Command, Input, State
 from rig.clock import monotonic_ns
 from rig.station.config import ActuatorConfig
@@ -26,12 +26,12 @@ from rig.station.link_troubles import LinkTroubles
 from rig.station.roles import ActuatorDriver, Travel
 from rig.station.safe_stop import STILL_S, Action
 from rig.station.status_judge import ControllerJudge
+from rig.station.status_records import StatusRecords
 from rig.station.supervisor import Supervisor
 
 T = TypeVar("T")
 
 COUNTER_MODULUS = 1 << 16
-CLOCK_MODULUS = 1 << 32
 OPEN_PATIENCE_S = 2.0
 MOTION_M_S = 0.01
 FEED_AGAIN_NS = 100_000_000
@@ -92,9 +92,7 @@ class ActuatorThread(DeviceThread):
         self._settings: tuple[int, int] | None = None
         self._retry: Action | None = None
         self._sent: SentStop | None = None
-        self._pulse_count: int | None = None
-        self._device_us = NO_DEVICE_TIME
-        self._clock_us = 0
+        self._records = StatusRecords()
 
     # For other threads
 
@@ -286,7 +284,9 @@ class ActuatorThread(DeviceThread):
         self._supervisor.report(self._troubles.answered(status.received_ns))
         self._follow_stop(status)
         self._last_ns = status.received_ns
-        self._record(status)
+        device_us, records = self._records.of(status, self.polls)
+        self.clock.take(status.received_ns, device_us)
+        self._append(records)
         findings = self.judge.judge(status, self._travel.position_m(status.received_ns), self.speed_source())
         if findings:
             self._supervisor.report(findings)
@@ -339,46 +339,6 @@ class ActuatorThread(DeviceThread):
         self._driver.open()
         self.judge.restart()
         self._linked = True
-
-    def _record(self, status: ActuatorStatus) -> None:
-        host_ns = status.received_ns
-        device_us = self._unwrap(status.clock_us)
-        self.clock.take(host_ns, device_us)
-        sequence = self.polls
-        records: list[Record] = [
-            (host_ns, device_us, float(value), sequence, channel, 0)
-            for channel, value in (
-                (Channel.POSITION, status.position_m),
-                (Channel.VELOCITY, status.velocity_m_s),
-                (Channel.SETPOINT, status.setpoint_m),
-                (Channel.STATE, status.state),
-                (Channel.CYCLES_DONE, status.cycles_done),
-                (Channel.FAULT_BITS, status.fault_bits),
-                (Channel.SUPPLY_PRESSURE, status.supply_pressure_Pa),
-                (Channel.ACCUMULATOR_PRESSURE, status.accumulator_pressure_Pa),
-                (Channel.PHASE, status.phase),
-                (Channel.INPUTS, status.inputs),
-                (Channel.SERVO_ERROR, status.servo_error_m),
-                (Channel.CONTROLLER_FORCE, status.force_N),
-            )
-        ]
-        if self._pulse_count is None:
-            self._pulse_count = status.pulse_count
-        elif status.pulse_count != self._pulse_count:
-            self._pulse_count = status.pulse_count
-            behind_us = (status.clock_us - status.pulse_clock_us) % CLOCK_MODULUS
-            pulse = (host_ns, device_us - behind_us, float(status.pulse_count), status.pulse_count, Channel.PULSE, 0)
-            records.append(pulse)
-        self._append(records)
-
-    def _unwrap(self, clock_us: int) -> int:
-        if self._device_us == NO_DEVICE_TIME:
-            self._device_us = clock_us
-        else:
-            forward_us = (clock_us - self._clock_us) % CLOCK_MODULUS
-            self._device_us += forward_us - CLOCK_MODULUS if forward_us >= CLOCK_MODULUS // 2 else forward_us
-        self._clock_us = clock_us
-        return self._device_us
 
 
 def _settings(identity: ActuatorIdentity) -> tuple[int, int]:

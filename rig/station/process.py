@@ -41,7 +41,7 @@ class Station:
         owner_id = config.owner_id or os.getpid() % OWNER_MODULUS + 1
         self.ring = RingWriter(Path(config.ring_path), config.ring_capacity)
         self.supervisor = Supervisor(config, link.emit, self.ring.append, self.ring.beat)
-        self.supervisor.unread_share = lambda: self.ring.unread_share
+        self.supervisor.vigil.unread_share = lambda: self.ring.unread_share
         self.devices = Devices(config, owner_id, self.supervisor, self.ring.append)
         self.requests = Requests(config, self.supervisor, self.devices)
         self._busy = threading.Lock()

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from rig.clock import SuspendWatch, monotonic_ns
+from rig.clock import monotonic_ns
 from rig.station import safe_stop
 from rig.station.config import StationConfig
 from rig.station.events import trip_event, unknown_reason
@@ -20,11 +20,11 @@ from rig.station.fault_table import TABLE, FaultRow, Stop
 from rig.station.interlocks import Finding
 from rig.station.roles import Coil, Motion, Travel, Watched
 from rig.station.safe_stop import Action, SafeStop, Step, View
+from rig.station.vigil import Vigil
 
 TICK_S = 0.005
 WARNING_EVERY_NS = 1_000_000_000
 STALLED_NS = 500_000_000
-HIGH_WATER = 0.5
 EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip"})
 
 Emit = Callable[[dict[str, object]], None]
@@ -72,23 +72,19 @@ class Supervisor:
         self.stop: SafeStop | None = None
         self.later: dict[str, str] = {}
         self.changed = threading.Condition()
-        self.unread_share: Callable[[], float] = lambda: 0.0
+        self.vigil = Vigil(config.heartbeat_timeout_s)
         self._emit = emit
         self._append = append
         self._ring_beat = beat
         self._coil: Coil | None = None
         self._motion: Motion | None = None
         self._travel: Travel | None = None
-        self._watched: tuple[Watched, ...] = ()
         self._armed = False
         self._starving = False
         self._proving = False
-        self._beat_ns = monotonic_ns()
         self._was_late = False
-        self._application_well = True
         self._application_gone = False
         self._warned: dict[str, tuple[int, int]] = {}
-        self._suspend = SuspendWatch()
         self._lock = threading.RLock()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
@@ -96,7 +92,7 @@ class Supervisor:
     def attach(self, coil: Coil, motion: Motion, travel: Travel, watched: Iterable[Watched]) -> None:
         """Give the supervisor its devices; before that nothing can be armed."""
         self._coil, self._motion, self._travel = coil, motion, travel
-        self._watched = tuple(watched)
+        self.vigil.watched = tuple(watched)
 
     def start(self) -> None:
         """Start the ticking thread; readers of the ring see the writer's beat from now on."""
@@ -136,7 +132,7 @@ class Supervisor:
 
     def arm(self) -> None:
         """Let the interlocks act; the application's beat counts from now."""
-        self._beat_ns = monotonic_ns()
+        self.vigil.restart_beat()
         self._armed = True
 
     def disarm(self) -> None:
@@ -178,12 +174,11 @@ class Supervisor:
             return False
         if self.trip is not None:
             return self.stop is None or self.stop.step is not Step.UNKNOWN
-        return now_ns - self._beat_ns < 2e9 * self.config.heartbeat_timeout_s
+        return self.vigil.beat_age_s(now_ns) < 2.0 * self.config.heartbeat_timeout_s
 
     def beat(self, healthy: bool) -> None:
         """The application lives; `healthy` carries its recorder's state."""
-        self._beat_ns = monotonic_ns()
-        self._application_well = healthy
+        self.vigil.beat(healthy)
 
     def application_gone(self) -> None:
         """The application's link has ended: stop, and after standstill hydraulics off."""
@@ -286,19 +281,23 @@ class Supervisor:
         """One round of the slow checks."""
         self.tick_ns = now_ns
         self._ring_beat(now_ns)
-        self._check_suspend(now_ns)
+        self.report(self.vigil.machine(now_ns))
         late = late_s > self.config.late_after_s
         if late:
             self._note_late(now_ns, late_s)
         # Having stood still, the station first reads what waits before it calls anybody silent: once, not for ever.
         if not late or self._was_late:
-            self._check_ages(now_ns)
-            if self._armed and self.trip is None:
-                self._check_application(now_ns)
-        if self._armed and self.trip is None:
-            self._check_consumer(now_ns)
+            self.report(self.vigil.devices(now_ns))
+            if self._guards:
+                self.report(self.vigil.application(now_ns))
+        if self._guards:
+            self.report(self.vigil.consumer(now_ns))
         self._was_late = late
         self._advance_stop(now_ns)
+
+    @property
+    def _guards(self) -> bool:
+        return self._armed and self.trip is None
 
     def _note_late(self, now_ns: int, late_s: float) -> None:
         self.late.count += 1
@@ -307,38 +306,6 @@ class Supervisor:
         self._emit({"event": "late", "late_s": late_s, "count": self.late.count, "t_ns": now_ns})
         if late_s * 1e9 > STALLED_NS:
             self.report([Finding("host-silent", f"interlock loop stood still for {late_s:.3f} s", now_ns, late_s)])
-
-    def _check_ages(self, now_ns: int) -> None:
-        for source in self._watched:
-            if not source.alive:
-                self.report([Finding("task-dies", f"the thread of {source.name} ended", now_ns)])
-                continue
-            age_ns, stale_ns = source.silent_ns(now_ns)
-            if age_ns > stale_ns:
-                detail = f"{source.name}: nothing for {age_ns / 1e6:.0f} ms, allowed {stale_ns / 1e6:.0f} ms"
-                self.report([Finding(source.slug, detail, now_ns, age_ns / 1e9, stale_ns / 1e9)])
-
-    def _check_suspend(self, now_ns: int) -> None:
-        slept_s = self._suspend.slept_s()
-        if slept_s > 0.0:
-            detail = f"the machine slept for {slept_s:.3f} s; what the rig did meanwhile is not known"
-            self.report([Finding("host-suspend", detail, now_ns, slept_s)])
-
-    def _check_consumer(self, now_ns: int) -> None:
-        """What the recorder leaves unread; the limits never wait for it, they are judged before a record goes in."""
-        unread = self.unread_share()
-        if unread > HIGH_WATER:
-            detail = f"the recorder has left {100 * unread:.0f} % of the ring unread, allowed {100 * HIGH_WATER:.0f} %"
-            self.report([Finding("slow-consumer", detail, now_ns, unread, HIGH_WATER)])
-
-    def _check_application(self, now_ns: int) -> None:
-        silent_s = (now_ns - self._beat_ns) / 1e9
-        allowed_s = self.config.heartbeat_timeout_s
-        if silent_s > allowed_s:
-            detail = f"no beat from the application for {silent_s:.3f} s, allowed {allowed_s:g} s"
-            self.report([Finding("host-stalled", detail, now_ns, silent_s, allowed_s)])
-        elif not self._application_well:
-            self.report([Finding("recorder-unwell", "the application says that its recorder is not well", now_ns)])
 
     def _advance_stop(self, now_ns: int) -> None:
         with self._lock:
