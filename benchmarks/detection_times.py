@@ -32,6 +32,8 @@ SETTLE_S = 1.0
 """What a stopped rig's truth still shows (its own clock): the coil empty, the rod at rest."""
 START_S, STOP_S, AT_REST_S = 120.0, 60.0, 20.0
 IN_MOTION_S = 0.8
+FLAGGED_FIRST = ("W", "as 20")
+"""Rows whose maximum is the flag's: the stop comes when it stays."""
 SAMPLE_S, COUNTS_SAMPLES_S = 0.004, 0.012
 COLUMNS = (
     "row", "limit", "runs",
@@ -154,8 +156,7 @@ def line(slug: str, outcomes: list[Outcome]) -> str:
     """A row of the table."""
     row = MATRIX[slug]
     stops = [each.stop_s for each in outcomes]
-    # W→S2 is flagged first; its maximum is the flag's.
-    counted = [each.detected_s for each in outcomes] if row.reaction.startswith("W") else stops
+    counted = [each.detected_s for each in outcomes] if row.reaction.startswith(FLAGGED_FIRST) else stops
     late = any(time_s > limit_s(row) for time_s in counted)
     wrong = [problem for each in outcomes for problem in each.wrong]
     verdict = "; ".join(sorted(set(wrong))) if wrong else "late" if late else "ok"
