@@ -44,7 +44,7 @@ def run(matrix: Path, out: Path, *arguments: str, speed: float = 1.0, seed: int 
 def _watch(root: int, memory: dict[str, int], done: threading.Event) -> None:
     while not done.wait(SAMPLING_S):
         for pid in family(root):
-            role, size = _role_and_size(pid)
+            role, size = role_and_size(pid)
             if role:
                 memory[role] = max(memory.get(role, 0), size)
 
@@ -72,7 +72,8 @@ ROLES = {
 }
 
 
-def _role_and_size(pid: int) -> tuple[str, int]:
+def role_and_size(pid: int) -> tuple[str, int]:
+    """What a process is of a campaign, empty when nothing, and its resident memory (bytes)."""
     try:
         words = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
         pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])

@@ -2,15 +2,15 @@
 
     python benchmarks/soak.py [--points 2000] [--speed 50] [--seed 1] [--json]
 
-Each session runs until its fault, a kill -9 of the application or of the station ends it; the next one resumes. After
-every session each finished point must still be there, byte by byte. Memory and descriptors of the application are
-watched through /proc; the first and the last quarter of the sessions are compared.
+Each session ends by what its seed draws (`--fault-seed`), by a kill -9 of application, station or simulated rig, or at
+the last point; the next one resumes. After every session each finished point must still be there, byte by byte. Memory
+and descriptors are watched through /proc: the quarters of the soak are compared, and within each session what came
+after the first 20 s. A session is the campaign as `rig run` runs it, without fit and report.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import hashlib
 import json
 import os
@@ -20,30 +20,53 @@ import subprocess
 import sys
 import tempfile
 import threading
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
+
+from campaign_process import family, machine, role_and_size
 
 from rig.clock import monotonic_ns
 
-FAULTS = (
-    "ecu-silent", "ecu-crc", "can-busoff", "coil-open-short", "ecu-restart", "modbus-reset", "modbus-halfopen",
-    "actuator-frozen", "actuator-reboot", "second-master", "loadcell-pulled", "lvdt-pulled", "sensor-saturated",
-    "sensor-stuck", "serial-garbage", "estop", "kill-application", "kill-station", "none",
-)  # fmt: skip
-SESSION_S = 1800.0
-LOOK_S = 0.1
+KILLED = ("application", "station", "simulated rig")
+KILL_SHARE = 0.3
+FAULT_WITHIN_S = 300.0
+"""Simulated time in which a session's faults begin, a hundred points or so."""
+KILL_WITHIN_S = 40.0
+SESSION_S = 900.0
+LOOK_S = 0.25
+SETTLED_S = 20.0
 CURRENTS = 20
+MB = 1 << 20
 
 
-@dataclass(frozen=True)
+@dataclass
+class Usage:
+    """Resident memory (bytes) and descriptors of one role in one session: the largest, and those after `SETTLED_S`."""
+
+    memory: int = 0
+    descriptors: int = 0
+    settled_memory: int = 0
+    settled_descriptors: int = 0
+    began_ns: int = field(default_factory=monotonic_ns)
+
+    def see(self, memory: int, descriptors: int) -> None:
+        """Take a reading."""
+        self.memory, self.descriptors = max(self.memory, memory), max(self.descriptors, descriptors)
+        if monotonic_ns() - self.began_ns < SETTLED_S * 1e9 or self.settled_memory == 0:
+            self.settled_memory, self.settled_descriptors = self.memory, self.descriptors
+
+
+@dataclass
 class Session:
-    """One session: fault, exit code, valid points after it, largest memory and descriptors of its application."""
+    """One session: how it was to end, how it ended, what its processes used, and what was done."""
 
-    fault: str
-    exit_code: int
-    valid: int
-    memory_MB: float
-    descriptors: int
+    wanted: str
+    exit_code: int = 0
+    stopped_by: str | None = None
+    wall_s: float = 0.0
+    used: dict[str, Usage] = field(default_factory=dict)
 
 
 def matrix(points: int) -> str:
@@ -56,93 +79,178 @@ def matrix(points: int) -> str:
     )
 
 
-def run_session(command: list[str], fault: str, after_s: float) -> Session:
-    """Run one session to its end, killing what is to be killed after `after_s` wall seconds."""
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    began_ns, pause = monotonic_ns(), threading.Event()
-    memory_MB, descriptors, killed = 0.0, 0, False
-    while process.poll() is None and monotonic_ns() - began_ns < SESSION_S * 1e9:
-        with contextlib.suppress(OSError, StopIteration, ValueError):
-            status = Path(f"/proc/{process.pid}/status").read_text(encoding="utf-8")
-            resident = next(line for line in status.splitlines() if line.startswith("VmRSS"))
-            memory_MB = max(memory_MB, int(resident.split()[1]) / 1024)
-            descriptors = max(descriptors, len(os.listdir(f"/proc/{process.pid}/fd")))
-        if not killed and fault.startswith("kill-") and monotonic_ns() - began_ns > after_s * 1e9:
-            killed = kill(process.pid, fault)
+class Silent:
+    """Nobody watches."""
+
+    def planned(self, plan: object) -> None:
+        """Nothing is shown."""
+
+    def phase(self, text: str) -> None:
+        """Nothing is shown."""
+
+    def progress(self, *live: object) -> None:
+        """Nothing is shown."""
+
+    def point_done(self, result: object) -> None:
+        """Nothing is shown."""
+
+    def message(self, level: str, text: str) -> None:
+        """Nothing is shown."""
+
+
+def run_one(place: Path, speed: float, arguments: list[str]) -> int:
+    """Begin or resume the campaign in `place`, in this process; prints its result."""
+    from rig.campaign import run_campaign
+    from rig.campaign.options import CampaignOptions
+    from rig.errors import RigError
+
+    begun = next(iter((place / "out").glob("*/campaign.json")), None)
+    resumed = None if begun is None else begun.parent
+    options = CampaignOptions(
+        matrix_path=place / "matrix.toml" if resumed is None else resumed / "matrix.toml",
+        out=place / "out", simulate=True, speed=speed, simulator_args=tuple(arguments), resume_path=resumed,
+    )  # fmt: skip
+    try:
+        result = run_campaign(options, Silent())
+    except RigError as error:
+        sys.stdout.write(json.dumps({"error": str(error)}) + "\n")
+        return error.exit_code
+    sys.stdout.write(json.dumps({"valid": result.valid, "stopped_by": result.stopped_by}) + "\n")
+    return result.exit_code
+
+
+def look(root: int, used: dict[str, Usage]) -> dict[str, int]:
+    """Note what every process of a session uses; returns their ids by role."""
+    found: dict[str, int] = {}
+    for pid in family(root):
+        role, memory = role_and_size(pid)
+        role = "application" if pid == root else role
+        try:
+            descriptors = len(os.listdir(f"/proc/{pid}/fd"))
+        except OSError:
+            continue
+        if role:
+            found[role] = pid
+            used.setdefault(role, Usage()).see(memory, descriptors)
+    return found
+
+
+def run_session(command: list[str], wanted: str, kill_after_s: float) -> Session:
+    """Run one session to its end; kill what is to be killed `kill_after_s` wall seconds after the station is up."""
+    session, pause = Session(wanted), threading.Event()
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    began_ns, up_ns = monotonic_ns(), 0
+    while process.poll() is None:
+        roles = look(process.pid, session.used)
+        now_ns = monotonic_ns()
+        up_ns = up_ns or (now_ns if "station" in roles else 0)
+        victim = roles.get(wanted.removeprefix("kill "))
+        if victim is not None and up_ns and now_ns - up_ns > kill_after_s * 1e9:
+            os.kill(victim, signal.SIGKILL)
+            wanted = ""
+        if now_ns - began_ns > SESSION_S * 1e9:
+            process.kill()
         pause.wait(LOOK_S)
-    answer = process.communicate()[0]
-    valid = json.loads(answer).get("valid", -1) if answer else -1
-    return Session(fault, process.returncode, valid, memory_MB, descriptors)
+    answer, errors = process.communicate()
+    session.exit_code, session.wall_s = process.returncode, (monotonic_ns() - began_ns) * 1e-9
+    if answer:
+        session.stopped_by = json.loads(answer).get("stopped_by")
+    elif process.returncode != -signal.SIGKILL:
+        sys.stderr.write(errors[-2000:])
+    return session
 
 
-def kill(application: int, what: str) -> bool:
-    """Kill the application or its station; True when there was one to be killed."""
-    if what == "kill-application":
-        os.kill(application, signal.SIGKILL)
-        return True
-    command = ["pgrep", "-P", str(application), "-f", "rig.station"]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
-    for station in found.stdout.split():
-        os.kill(int(station), signal.SIGKILL)
-    return bool(found.stdout.split())
+class Finished:
+    """The finished points of the campaign, by their bytes."""
+
+    def __init__(self) -> None:
+        self.known: dict[str, str] = {}
+        self.lost: list[str] = []
+
+    def check(self, points: Path) -> None:
+        """Compare with what was there before, and take up what is new."""
+        from rig.recording.run import RecordedPoint
+
+        now = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in points.glob("*.h5")}
+        self.lost += [name for name, digest in self.known.items() if now.get(name) != digest]
+        new = [name for name in now if name not in self.known]
+        self.known |= {name: now[name] for name in new if RecordedPoint.open(points / name).verdict != "invalid"}
 
 
-def finished(folder: Path) -> dict[str, str]:
-    """Digest of every finished point that a fit may use."""
-    from rig.recording.run import RecordedPoint
+def table(sessions: list[Session]) -> list[dict[str, object]]:
+    """For each role, largest memory (MB) and descriptors in each quarter of the sessions, and most growth in one."""
+    size = max(1, len(sessions) // 4)
+    quarters = [sessions[number * size : (number + 1) * size if number < 3 else None] for number in range(4)]
+    rows = []
+    for role in sorted({role for session in sessions for role in session.used}):
+        uses = [[session.used[role] for session in quarter if role in session.used] for quarter in quarters]
+        rows.append({
+            "role": role,
+            "memory_MB": [round(max((use.memory for use in quarter), default=0) / MB, 1) for quarter in uses],
+            "descriptors": [max((use.descriptors for use in quarter), default=0) for quarter in uses],
+            "grown_MB": round(max(use.memory - use.settled_memory for quarter in uses for use in quarter) / MB, 1),
+            "grown_descriptors": max(use.descriptors - use.settled_descriptors for quarter in uses for use in quarter),
+        })
+    return rows
 
-    files = sorted((folder / "points").glob("*.h5"))
+
+def soak(place: Path, points: int, speed: float, seed: int, most_sessions: int) -> tuple[list[Session], Finished]:
+    """Run sessions until the campaign is complete."""
+    chance, sessions, finished = random.Random(seed), [], Finished()
+    (place / "matrix.toml").write_text(matrix(points), encoding="utf-8")
+    while len(sessions) < most_sessions and (not sessions or sessions[-1].exit_code != 0):
+        kills = chance.random() < KILL_SHARE
+        wanted = f"kill {chance.choice(KILLED)}" if kills else f"faults {chance.randrange(1 << 30)}"
+        command = [sys.executable, __file__, "--session", str(place), "--speed", str(speed)]
+        if not kills:
+            command += ["--fault-seed", wanted.split()[1], "--fault-within", str(FAULT_WITHIN_S)]
+        sessions.append(run_session(command, wanted, chance.uniform(0.0, KILL_WITHIN_S)))
+        for folder in (place / "out").glob("*/points"):
+            finished.check(folder)
+        tell(sessions, finished)
+    return sessions, finished
+
+
+def tell(sessions: list[Session], finished: Finished) -> None:
+    """One line about the last session."""
+    last = sessions[-1]
+    sys.stderr.write(
+        f"{len(sessions):4} {last.wanted:22} exit {last.exit_code:3} {last.stopped_by or '':18} {last.wall_s:6.1f} s "
+        f"{len(finished.known):5} finished, {len(finished.lost)} lost\n"
+    )
+    sys.stderr.flush()
+
+
+def summary(sessions: list[Session], finished: Finished, wall_s: float) -> dict[str, object]:
+    """The result in numbers."""
     return {
-        file.name: hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in files
-        if RecordedPoint.open(file).verdict != "invalid"
-    }
+        "machine": machine(), "wall_s": round(wall_s), "points": len(finished.known), "sessions": len(sessions),
+        "complete": sessions[-1].exit_code == 0, "lost_finished_points": len(finished.lost),
+        "exit_codes": dict(Counter(str(session.exit_code) for session in sessions)),
+        "causes": dict(Counter(session.stopped_by or session.wanted.split(" ", 1)[0] for session in sessions)),
+        "used": table(sessions),
+    }  # fmt: skip
 
 
-def main() -> int:
-    """Run sessions until the campaign is complete; print the table."""
+def main(arguments: Iterable[str] | None = None) -> int:
+    """Run the soak, or one session of it; print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--points", type=int, default=2000)
     parser.add_argument("--speed", type=float, default=50.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--most-sessions", type=int, default=200)
     parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    chance = random.Random(options.seed)
-    sessions: list[Session] = []
-    lost: list[str] = []
+    parser.add_argument("--session", type=Path, help=argparse.SUPPRESS)
+    options, simulator = parser.parse_known_args(arguments)
+    if options.session is not None:
+        return run_one(options.session, options.speed, simulator)
+    began_ns = monotonic_ns()
     with tempfile.TemporaryDirectory(prefix="soak-") as place:
-        file, out = Path(place) / "matrix.toml", Path(place) / "out"
-        file.write_text(matrix(options.points), encoding="utf-8")
-        known: dict[str, str] = {}
-        while len(sessions) < options.most_sessions:
-            fault = chance.choice(FAULTS)
-            folders = list(out.iterdir()) if out.is_dir() else []
-            target = ["--resume", str(folders[0])] if folders else [str(file), "--simulate", "--out", str(out)]
-            injected = fault in {"none", "kill-application", "kill-station"}
-            after = [] if injected else ["--", "--fault", f"{fault}@{chance.uniform(5.0, 200.0):.1f}"]
-            command = [sys.executable, "-m", "rig.cli.main", "run", *target, "--json", "--speed", str(options.speed)]
-            sessions.append(run_session([*command, *after], fault, chance.uniform(4.0, 12.0)))
-            now = finished(next(iter(out.iterdir())))
-            lost += [name for name, digest in known.items() if now.get(name) != digest]
-            known = now
-            last = sessions[-1]
-            line = f"{len(sessions):4} {last.fault:18} exit {last.exit_code:3}  {len(known):5} finished\n"
-            sys.stderr.write(line)
-            if sessions[-1].exit_code == 0:
-                break
-    quarter = max(1, len(sessions) // 4)
-    found = {
-        "points": len(known), "sessions": len(sessions), "complete": sessions[-1].exit_code == 0,
-        "lost_finished_points": len(lost), "exit_codes": sorted({session.exit_code for session in sessions}),
-        "memory_MB_first_quarter": max(session.memory_MB for session in sessions[:quarter]),
-        "memory_MB_last_quarter": max(session.memory_MB for session in sessions[-quarter:]),
-        "descriptors_first_quarter": max(session.descriptors for session in sessions[:quarter]),
-        "descriptors_last_quarter": max(session.descriptors for session in sessions[-quarter:]),
-    }  # fmt: skip
+        sessions, finished = soak(Path(place), options.points, options.speed, options.seed, options.most_sessions)
+        found = summary(sessions, finished, (monotonic_ns() - began_ns) * 1e-9)
     text = json.dumps(found) if options.json else "\n".join(f"{name}: {value}" for name, value in found.items())
     sys.stdout.write(text + "\n")
-    return 0 if found["complete"] and not lost else 1
+    return 0 if found["complete"] and not finished.lost else 1
 
 
 if __name__ == "__main__":

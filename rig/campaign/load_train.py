@@ -23,6 +23,8 @@ SAME_SHAPE = 0.02
 WORK_SHARE = 0.06
 PEAK_SHARE = 0.12
 QUIET_SHARE = 0.04
+QUIET_SAMPLES = 3
+"""So many samples more or less fall near zero from cycle to cycle, by where in the cycle they are taken."""
 QUIET_OF_PEAK = 0.05
 SERVO_SHARE = 0.5
 SERVO_FLOOR_M = 1e-4
@@ -44,6 +46,7 @@ class Cycle:
         work_J: dissipated, the area of the force-displacement loop.
         quiet: share of the cycle in which the force is below `QUIET_OF_PEAK` of the peak.
         servo_error_m: RMS of the controller's servo error; NaN with too few statuses.
+        sample: share of the cycle that one force sample stands for.
     """
 
     stroke_m: float
@@ -52,6 +55,7 @@ class Cycle:
     work_J: float
     quiet: float
     servo_error_m: float
+    sample: float = 0.0
 
 
 class _Track:
@@ -175,6 +179,7 @@ class LoadTrainWatch:
             work_J=abs(float(np.trapezoid(closed_N, closed_m))),
             quiet=float(np.mean(np.abs(force_N) < QUIET_OF_PEAK * peak_N)),
             servo_error_m=np.nan if few or servo is None else float(np.sqrt(np.mean(servo[1] ** 2))),
+            sample=1.0 / len(force_N),
         )
 
     def _compare(self, cycle: Cycle) -> str | None:
@@ -199,7 +204,7 @@ def difference(cycle: Cycle, usual: Cycle) -> str | None:
         return f"work of a cycle went from {usual.work_J:.4g} J to {cycle.work_J:.4g} J"
     if abs(cycle.peak_N - usual.peak_N) > PEAK_SHARE * usual.peak_N:
         return f"peak force of a cycle went from {usual.peak_N:.4g} N to {cycle.peak_N:.4g} N"
-    if cycle.quiet - usual.quiet > QUIET_SHARE:
+    if cycle.quiet - usual.quiet > QUIET_SHARE + QUIET_SAMPLES * cycle.sample:
         return f"force near zero went from {100 * usual.quiet:.2g} % to {100 * cycle.quiet:.2g} % of a cycle"
     allowed_m = SERVO_FLOOR_M + SERVO_SHARE * usual.servo_error_m
     if abs(cycle.servo_error_m - usual.servo_error_m) > allowed_m:

@@ -138,7 +138,7 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
     attempts: dict[str, int] = {}
     for file in sorted((folder / "points").glob("*.h5")):
         try:
-            found = RecordedPoint.open(file)
+            found = RecordedPoint.open(file, whole=False)
         except FileProblem as error:
             problems += [f"points/{file.name}: {problem}" for problem in error.problems]
             continue

@@ -6,6 +6,7 @@ what a point can have or beyond what the file can hold compressed, nesting deepe
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,8 +30,12 @@ _checked: set[tuple[int, int, int, int]] = set()
 """Files already walked: device, inode, size and time of change."""
 
 
-def check_file(path: Path) -> h5py.File:
+def check_file(path: Path, groups: Iterable[str] | None = None) -> h5py.File:
     """Open a point's file for reading after walking all of it, once for as long as it does not change.
+
+    Args:
+        path: the file.
+        groups: check only that these are groups of the file itself; for a reader of nothing but their attributes.
 
     Returns:
         The open `h5py.File`; the caller closes it.
@@ -50,6 +55,9 @@ def check_file(path: Path) -> h5py.File:
     identity = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
     if identity in _checked:
         return file
+    if groups is not None:
+        _check_groups(file, path, groups)
+        return file
     problems: list[str] = []
     try:
         _walk(file, "", status.st_size, problems, [0])
@@ -62,6 +70,27 @@ def check_file(path: Path) -> h5py.File:
         _checked.clear()
     _checked.add(identity)
     return file
+
+
+def _check_groups(file: h5py.File, path: Path, groups: Iterable[str]) -> None:
+    """Close the file and refuse it when one of the groups is a link elsewhere, or none.
+
+    Raises:
+        FileProblem: one line for each of them.
+    """
+    import h5py
+
+    problems = []
+    for name in groups:
+        parts = name.split("/")
+        for depth in range(1, len(parts) + 1):
+            place = "/".join(parts[:depth])
+            if not isinstance(file.get(place, getlink=True), h5py.HardLink) or not isinstance(file[place], h5py.Group):
+                problems.append(f"/{place}: missing, or not a group of the file itself")
+                break
+    if problems:
+        file.close()
+        raise FileProblem(str(path), problems)
 
 
 def _walk(group: h5py.Group, place: str, file_bytes: int, problems: list[str], seen: list[int]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,13 +28,21 @@ SENSOR_ATTRIBUTES = (
 VERDICTS = ("valid", "suspect", "invalid")
 
 
-def read_description(path: Path) -> dict[str, Any]:
+DESCRIBED = tuple(f"entry/{name}" for name in ("test", "quality", "provenance", "data"))
+"""The groups whose attributes describe a point."""
+
+
+def read_description(path: Path, *, whole: bool = True) -> dict[str, Any]:
     """The keyword arguments of `RecordedPoint` that a file holds, without its arrays.
+
+    Args:
+        path: the file.
+        whole: check all of the file, as one from outside demands; else only what is read here.
 
     Raises:
         FileProblem: one line for each attribute that is missing or has an impossible value.
     """
-    with opened(path) as file:
+    with opened(path, None if whole else DESCRIBED) as file:
         test, quality, provenance = (attributes(file, name) for name in ("test", "quality", "provenance"))
         rate = _number(attributes(file, "data").get("sample_rate_hz"))
     problems = [f"/entry/test: {name} is missing" for name in TEXTS if not isinstance(test.get(name), str)]
@@ -135,13 +143,13 @@ def read_events(path: Path) -> list[tuple[int, str, str]]:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[h5py.File]:
-    """The checked HDF5 file, closed afterwards.
+def opened(path: Path, groups: Iterable[str] | None = None) -> Iterator[h5py.File]:
+    """The checked HDF5 file, closed afterwards; only `groups` of it are checked where that is all that is read.
 
     Raises:
         FileProblem: it cannot be trusted, is of a newer format, or lacks the layout's groups.
     """
-    file = check_file(path)
+    file = check_file(path, groups)
     try:
         version = _number(file.attrs.get("format_version"))
         if version is None or version > FORMAT_VERSION:

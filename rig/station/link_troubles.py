@@ -11,6 +11,22 @@ BUSY_POLLS = 4
 """Each of them was asked several times already."""
 
 
+def link_slug(error: DriverError, *, rtu: bool) -> str:
+    """The fault matrix's slug for what the controller's driver raised in operation.
+
+    Args:
+        error: what it raised.
+        rtu: the link is a serial line.
+    """
+    if isinstance(error, RequestRefused):
+        return "modbus-busy" if "busy" in str(error) else "modbus-reject"
+    if isinstance(error, WrongAnswer):
+        return "rtu-crc" if rtu else "modbus-mismatch"
+    if isinstance(error, NoAnswer):
+        return "modbus-halfopen"
+    return "modbus-reset" if isinstance(error, (LinkLost, PortClosed)) else "actuator-reboot"
+
+
 class CountingLink(Protocol):
     """What is asked of the driver."""
 
@@ -63,21 +79,16 @@ class LinkTroubles:
             error: what the driver raised.
             t_ns: host time.
         """
-        detail = str(error)
-        if isinstance(error, RequestRefused):
-            if "busy" not in detail:
-                return Finding("modbus-reject", detail, t_ns)
+        detail, slug = str(error), link_slug(error, rtu=self._rtu)
+        if slug == "modbus-busy":
             self._busy += 1
-            return Finding("modbus-busy", detail, t_ns, warns=self._busy < BUSY_POLLS)
+            return Finding(slug, detail, t_ns, warns=self._busy < BUSY_POLLS)
         if isinstance(error, WrongAnswer):
             self._wrong += 1
-            slug = "rtu-crc" if self._rtu else "modbus-mismatch"
             return Finding(slug, detail, t_ns, warns=self._wrong < CONSECUTIVE)
         if isinstance(error, NoAnswer):
             return self._silence(detail, t_ns)
-        if isinstance(error, (LinkLost, PortClosed)):
-            return Finding("modbus-reset", detail, t_ns)
-        return Finding("actuator-reboot", detail, t_ns)
+        return Finding(slug, detail, t_ns)
 
     def _silence(self, detail: str, t_ns: int) -> Finding:
         """One missing answer warns; the second in a row has closed the connection and is a fault.

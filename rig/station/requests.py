@@ -31,6 +31,7 @@ from rig.station.devices import Devices, slug_of
 from rig.station.errors import StationRefused
 from rig.station.fault_table import Stop
 from rig.station.interlocks import SPEED_WINDOW_S, Finding
+from rig.station.link_troubles import link_slug
 from rig.station.preparation import Preparation
 from rig.station.safe_stop import STILL_S
 from rig.station.supervisor import Movement, Supervisor
@@ -40,6 +41,7 @@ Answer = dict[str, object]
 
 HYDRAULICS_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 60.0
+ACTUATOR = "actuator"
 
 
 class Requests:
@@ -52,6 +54,7 @@ class Requests:
         self._commander = Commander(devices.actuator, supervisor)
         self._preparation = Preparation(config, supervisor, devices, self._commander)
         self._connected = False
+        self._rtu = config.actuator.url.startswith("modbus-rtu:")
         self._table: dict[str, Callable[[Arguments], Answer]] = {
             "connect": self._connect,
             "arm": self._arm,
@@ -92,10 +95,13 @@ class Requests:
         try:
             return handler(arguments)
         except RequestRefused as error:
-            self._supervisor.report([Finding("modbus-reject", str(error), monotonic_ns())])
-            raise StationRefused("modbus-reject", str(error)) from error
+            slug = link_slug(error, rtu=self._rtu)
+            self._supervisor.report([Finding(slug, str(error), monotonic_ns())])
+            raise StationRefused(slug, str(error)) from error
         except DriverError as error:
-            raise StationRefused(slug_of(error), str(error)) from error
+            in_operation = self._supervisor.armed and error.device == ACTUATOR
+            slug = link_slug(error, rtu=self._rtu) if in_operation else slug_of(error)
+            raise StationRefused(slug, str(error)) from error
         except TimeoutError as error:
             raise StationRefused("modbus-halfopen", f"{do}: the controller's thread did not answer in time") from error
 

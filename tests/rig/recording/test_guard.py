@@ -40,6 +40,15 @@ def test_a_soft_link_is_refused(file: Path) -> None:
     assert "SoftLink refused" in refused(file)
 
 
+def test_where_only_the_description_is_read_its_groups_must_be_the_files_own(file: Path, tmp_path: Path) -> None:
+    assert RecordedPoint.open(file, whole=False).id == "p001"
+    with h5py.File(file, "a") as opened:
+        del opened["entry/quality"]
+        opened["entry/quality"] = h5py.ExternalLink(str(tmp_path / "secret.h5"), "/x")
+    with pytest.raises(FileProblem, match="/entry/quality: missing, or not a group of the file itself"):
+        RecordedPoint.open(file, whole=False)
+
+
 def test_external_storage_is_refused(file: Path, tmp_path: Path) -> None:
     (tmp_path / "passwords").write_bytes(bytes(4000))
     with h5py.File(file, "a") as opened:
