@@ -6,6 +6,7 @@ python3 dev.py test            every check this project has
 python3 dev.py test tests/rig  some of the tests only
 python3 dev.py faults          the fault suite: every row of the fault matrix, on real processes
 python3 dev.py faults --mutate [SLUG...]   each detector switched off: its test must fail
+python3 dev.py faults --schedules [FIRST:LAST]   random fault schedules of these seeds, each must end as its rows say
 python3 dev.py rig ...         any `rig` command
 python3 dev.py install         set up only
 """
@@ -110,9 +111,12 @@ def checks(arguments: list[str]) -> int:
 
 
 def faults(arguments: list[str]) -> int:
-    """Run the fault suite and the injectors' own tests, or the mutation check."""
+    """Run the fault suite and the injectors' own tests, the mutation check, or random seeded schedules."""
     if arguments[:1] == ["--mutate"]:
         return run(program("python"), "tests/faults/mutation.py", *arguments[1:])
+    if arguments[:1] == ["--schedules"]:
+        os.environ["RIG_FAULT_SEEDS"] = (arguments[1:2] or ["0:30"])[0]
+        return run(program("python"), "-m", "pytest", "tests/faults/test_schedules.py", "-q", *arguments[2:])
     return run(
         program("python"), "-m", "pytest", "tests/faults", "tests/simulators/test_faults.py", "-q", *arguments
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,10 @@ from rig.recording.durable import write_text_durably
 
 LASTING = {"actuator": ("vendor", "model", "serial_number", "firmware"), "ecu": ("serial_number", "firmware", "layout")}
 """Of an identity, what no restart of the device changes."""
+
+
+TEMPERATURE_APART_K = 10.0
+"""A later session may begin so much below and above what the campaign has seen; its points heat the damper more."""
 
 
 class Baseline:
@@ -60,8 +65,37 @@ class Baseline:
                     )
         return None
 
-    def keep(self, identities: Mapping[str, Any], signature: Signature) -> None:
+    def other_temperature(self, now_degC: float, seen_degC: Iterable[float]) -> Cause | None:
+        """Why the damper's temperature is not one of this campaign's; None when it is, or in the first session.
+
+        Args:
+            now_degC: the coil's temperature at the proof move.
+            seen_degC: coil temperatures of the points recorded so far.
+        """
+        first_degC = self._values.get("coil_temperature_degC")
+        if not isinstance(first_degC, float):
+            return None
+        known = [first_degC, *(each for each in seen_degC if math.isfinite(each))]
+        low_degC, high_degC = min(known) - TEMPERATURE_APART_K, max(known) + TEMPERATURE_APART_K
+        if low_degC <= now_degC <= high_degC:
+            return None
+        if math.isnan(now_degC):
+            return Cause("temperature-window", "the ECU reports no coil temperature")
+        seen = f"this campaign saw {min(known):.1f} to {max(known):.1f} degC"
+        advice = "let it cool down" if now_degC > high_degC else "warm the room or the damper"
+        return Cause(
+            "temperature-window",
+            f"coil at {now_degC:.1f} degC; {seen} and goes on from {low_degC:.1f} to {high_degC:.1f} degC: {advice}, "
+            "then resume",
+        )
+
+    def keep(self, identities: Mapping[str, Any], signature: Signature, temperature_degC: float) -> None:
         """Write down what was found, in the first session.
+
+        Args:
+            identities: what the devices said at connect.
+            signature: the damper's 0 A signature.
+            temperature_degC: the coil's temperature then; NaN where the ECU reports none.
 
         Raises:
             OSError: it cannot be written.
@@ -69,6 +103,8 @@ class Baseline:
         if not self._values:
             devices = {device: _lasting(device, identities) for device in LASTING}
             self._values = {"devices": devices, "signature": signature.to_json()}
+            if math.isfinite(temperature_degC):
+                self._values["coil_temperature_degC"] = temperature_degC
             write_text_durably(self._path, json.dumps(self._values, indent=1) + "\n")
 
 

@@ -213,14 +213,18 @@ class Hands:
         if found is None:
             found = measured_signature(up.rest_force_N, down.rest_force_N)
         self.note("signature", found=str(found), expected=str(expected), first=str(crew.baseline.signature))
+        temperature_degC = self.observer.value(Channel.COIL_TEMPERATURE)
         cause = judge_damper(found, expected, crew.baseline.signature)
+        if cause is None and crew.matrix.temperature is None:
+            # With a window, every point finds its own temperature.
+            cause = crew.baseline.other_temperature(temperature_degC, crew.stock.temperatures_degC)
         if cause is None and found is not None:
-            self._keep(found)
+            self._keep(found, temperature_degC)
         return cause
 
-    def _keep(self, signature: Signature) -> None:
+    def _keep(self, signature: Signature, temperature_degC: float) -> None:
         try:
-            self.crew.baseline.keep(self.crew.identities, signature)
+            self.crew.baseline.keep(self.crew.identities, signature, temperature_degC)
         except OSError as error:
             self.trouble = self.trouble or Cause(disk_slug(error), f"baseline.json: {error}")
 

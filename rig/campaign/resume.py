@@ -28,6 +28,9 @@ SESSION_ARGUMENTS = frozenset({"--fault", "--fault-seed", "--fault-within"})
 """Arguments of a simulated rig that belong to one session and not to the rig: an earlier fault is not repeated."""
 
 
+TEMPERATURES = ("coil_temperature_low_degC", "coil_temperature_high_degC")
+
+
 def as_before(folder: Path, options: CampaignOptions) -> CampaignOptions:
     """The options to continue a campaign with: what was not asked for anew is as it was.
 
@@ -116,12 +119,16 @@ def bench_is_new(folder: Path) -> bool:
 
 @dataclass(frozen=True)
 class Stock:
-    """What an earlier session left: results to keep, points to run, attempts already made of each point."""
+    """What an earlier session left: results to keep, points to run, attempts already made of each point.
+
+    `temperatures_degC` are the lowest and highest coil temperatures of everything recorded, kept or not.
+    """
 
     remaining: tuple[TestPoint, ...]
     results: tuple[PointResult, ...] = ()
     attempts: Mapping[str, int] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
+    temperatures_degC: tuple[float, ...] = ()
 
 
 def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
@@ -136,12 +143,14 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
     problems = [f"{each.id}: {each.error}" for each in recover_held(folder) if each.error]
     best: dict[str, RecordedPoint] = {}
     attempts: dict[str, int] = {}
+    temperatures_degC: list[float] = []
     for file in sorted((folder / "points").glob("*.h5")):
         try:
             found = RecordedPoint.open(file, whole=False)
         except FileProblem as error:
             problems += [f"points/{file.name}: {problem}" for problem in error.problems]
             continue
+        temperatures_degC += [float(found.quality[each]) for each in TEMPERATURES if each in found.quality]
         name = str(found.provenance.get("point", found.id))
         attempts[name] = max(attempts.get(name, 0), int(found.provenance.get("attempt", 1)))
         if name not in best or best[name].verdict == INVALID:
@@ -153,6 +162,7 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         remaining=tuple(point for point in points if point.id not in kept),
         attempts=attempts,
         problems=tuple(problems),
+        temperatures_degC=tuple(temperatures_degC),
     )
 
 

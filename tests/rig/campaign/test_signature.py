@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -74,19 +75,42 @@ def test_the_baseline_is_the_first_sessions_and_is_never_replaced(tmp_path: Path
     first = Baseline(tmp_path)
     assert first.signature is None
     assert first.other_device(IDENTITIES) is None
-    first.keep(IDENTITIES, Signature(-250.0, 60.0))
+    first.keep(IDENTITIES, Signature(-250.0, 60.0), 23.0)
     later = Baseline(tmp_path)
-    later.keep(IDENTITIES, Signature(0.0, 0.0))
+    later.keep(IDENTITIES, Signature(0.0, 0.0), 99.0)
     assert Baseline(tmp_path).signature == Signature(-250.0, 60.0)
 
 
 def test_a_device_of_another_serial_number_is_named_a_reboot_is_not(tmp_path: Path) -> None:
-    Baseline(tmp_path).keep(IDENTITIES, Signature(-250.0, 60.0))
+    Baseline(tmp_path).keep(IDENTITIES, Signature(-250.0, 60.0), 23.0)
     baseline = Baseline(tmp_path)
     assert baseline.other_device({**IDENTITIES, "actuator": {**IDENTITIES["actuator"], "boot_count": 8}}) is None
     other = baseline.other_device({**IDENTITIES, "actuator": {**IDENTITIES["actuator"], "serial_number": "A-2"}})
     assert other is not None
     assert (other.slug, "A-2" in other.detail, "A-1" in other.detail) == ("wrong-identity", True, True)
+
+
+@pytest.mark.parametrize(
+    ("now_degC", "seen_degC", "named"),
+    [
+        (23.0, (), None),
+        (32.9, (), None),
+        (33.1, (), "let it cool down"),
+        (12.9, (), "warm the room"),
+        (44.0, (23.0, 35.0), None),
+        (45.1, (23.0, 35.0), "23.0 to 35.0 degC"),
+        (math.nan, (), "reports no coil temperature"),
+        (33.1, (math.nan,), "let it cool down"),
+    ],
+)
+def test_a_campaign_goes_on_near_the_temperatures_it_has_seen(
+    tmp_path: Path, now_degC: float, seen_degC: tuple[float, ...], named: str | None
+) -> None:
+    assert Baseline(tmp_path).other_temperature(now_degC, seen_degC) is None, "the first session may be at any"
+    Baseline(tmp_path).keep(IDENTITIES, Signature(-250.0, 60.0), 23.0)
+    cause = Baseline(tmp_path).other_temperature(now_degC, seen_degC)
+    assert (cause is None) if named is None else (cause is not None and named in cause.detail)
+    assert cause is None or cause.slug == "temperature-window"
 
 
 @pytest.mark.parametrize("text", ["[1", '"text"', '{"signature": {"mean_N": "x"}}', '{"signature": {}}'])
