@@ -30,10 +30,11 @@ QUIET_SAMPLES = 3
 """So many samples more or less fall near zero from cycle to cycle, by where in the cycle they are taken."""
 QUIET_OF_PEAK = 0.05
 TIGHT_SHARE = 0.06
-LOOSENED_SHARE = 0.08
-"""A joint is tight below the first; by so much more in the next motion it came loose in between."""
-COMPARABLE_PEAK = 0.25
-"""A force this much smaller than in the motion before may rest near zero in the sensor's noise."""
+LOOSENED_SHARE = 0.03
+LOOSENED_TIMES = 2.0
+"""A joint is tight below the first; by so much more, and so many times as much, in the next motion it came loose."""
+COMPARABLE_PEAK = 0.7
+"""A force smaller than this share of the motion before rests longer near zero by nature: slower, or less current."""
 SERVO_SHARE = 0.5
 SERVO_FLOOR_M = 1e-4
 CURRENT_APART_A = 0.1
@@ -223,7 +224,8 @@ def loosened(cycle: Cycle, usual: Cycle, before: Cycle | None) -> str | None:
     if before is None or before.quiet > TIGHT_SHARE or cycle.peak_N < COMPARABLE_PEAK * before.peak_N:
         return None
     quiet = min(cycle.quiet, usual.quiet)
-    if quiet - before.quiet <= LOOSENED_SHARE + QUIET_SAMPLES * cycle.sample:
+    allowed = max(before.quiet + LOOSENED_SHARE + QUIET_SAMPLES * cycle.sample, LOOSENED_TIMES * before.quiet)
+    if quiet <= allowed:
         return None
     return f"force near zero is {100 * quiet:.2g} % of a cycle, in the motion before it was {100 * before.quiet:.2g} %"
 

@@ -22,7 +22,7 @@ from rig.station.config import ActuatorConfig
 from rig.station.device_thread import DeviceThread
 from rig.station.interlocks import CONSECUTIVE, Finding
 from rig.station.line_judge import ClockWatch
-from rig.station.link_troubles import LinkTroubles
+from rig.station.link_troubles import LinkTroubles, link_slug
 from rig.station.roles import ActuatorDriver, Travel
 from rig.station.safe_stop import STILL_S, Action
 from rig.station.status_judge import ControllerJudge
@@ -30,6 +30,9 @@ from rig.station.status_records import StatusRecords
 from rig.station.supervisor import Supervisor
 
 T = TypeVar("T")
+
+SILENT = "modbus-halfopen"
+"""What silence is called while nothing else was said since the last good status."""
 
 COUNTER_MODULUS = 1 << 16
 OPEN_PATIENCE_S = 2.0
@@ -66,7 +69,7 @@ class ActuatorThread(DeviceThread):
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
     ) -> None:
-        super().__init__("actuator", "modbus-halfopen")
+        super().__init__("actuator", SILENT)
         self.config = config
         self.judge = judge
         self.identity: ActuatorIdentity | None = None
@@ -266,6 +269,9 @@ class ActuatorThread(DeviceThread):
             return
         try:
             future.set_result(job())
+        except DriverError as error:
+            self.slug = link_slug(error, rtu=self.config.url.startswith("modbus-rtu:"))
+            future.set_exception(error)
         except Exception as error:  # noqa: BLE001 - handed to the thread that asked, which raises it
             future.set_exception(error)
 
@@ -284,6 +290,7 @@ class ActuatorThread(DeviceThread):
         self._supervisor.report(self._troubles.answered(status.received_ns))
         self._follow_stop(status)
         self._last_ns = status.received_ns
+        self.slug = SILENT
         device_us, records = self._records.of(status, self.polls)
         self.clock.take(status.received_ns, device_us)
         self._append(records)
@@ -325,7 +332,7 @@ class ActuatorThread(DeviceThread):
         now_ns = monotonic_ns()
         self._linked = self._driver.is_open
         finding = self._troubles.failed(error, now_ns)
-        if not finding.warns and finding.slug != "modbus-wrong-tid":
+        if finding.slug != "modbus-wrong-tid":
             self.slug = finding.slug
         self._supervisor.report([finding])
 
