@@ -1,0 +1,69 @@
+"""What nobody reports by itself: silent devices, dead threads, a lagging application, recorder or machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+from rig import clock
+from rig.clock import monotonic_ns
+from rig.station.vigil import Vigil
+
+MS = 1_000_000
+TIMEOUT_S = 0.5
+
+
+@dataclass
+class Source:
+    """A thread that reads a device."""
+
+    age_ms: int
+    alive: bool = True
+    slug: str = "lvdt-pulled"
+    name: str = "lvdt"
+
+    def silent_ns(self, now_ns: int) -> tuple[int, int]:
+        del now_ns
+        return self.age_ms * MS, 20 * MS
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [(Source(20), []), (Source(21), ["lvdt-pulled"]), (Source(0, alive=False), ["task-dies"])],
+    ids=["fresh", "silent", "dead"],
+)
+def test_a_device_is_silent_after_its_own_time_and_a_thread_that_ended_is_named(
+    source: Source, found: list[str]
+) -> None:
+    vigil = Vigil(TIMEOUT_S)
+    vigil.watched = (Source(1), source)
+    assert [finding.slug for finding in vigil.devices(monotonic_ns())] == found
+
+
+def test_an_application_that_does_not_beat_is_stalled_and_one_that_is_unwell_says_so() -> None:
+    vigil = Vigil(TIMEOUT_S)
+    vigil.beat(healthy=True)
+    now_ns = monotonic_ns()
+    assert not list(vigil.application(now_ns + 400 * MS))
+    assert [finding.slug for finding in vigil.application(now_ns + 501 * MS)] == ["host-stalled"]
+    vigil.beat(healthy=False)
+    assert [finding.slug for finding in vigil.application(monotonic_ns())] == ["recorder-unwell"]
+
+
+def test_a_recorder_that_leaves_half_of_the_ring_unread_is_slow() -> None:
+    vigil = Vigil(TIMEOUT_S)
+    vigil.unread_share = lambda: 0.5
+    assert not list(vigil.consumer(0))
+    vigil.unread_share = lambda: 0.51
+    (finding,) = vigil.consumer(7)
+    assert (finding.slug, finding.t_ns, finding.value) == ("slow-consumer", 7, 0.51)
+
+
+def test_a_machine_that_slept_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    slept = {"ns": 0}
+    monkeypatch.setattr(clock, "suspended_ns", lambda: slept["ns"])
+    vigil = Vigil(TIMEOUT_S)
+    slept["ns"] = 2_000 * MS
+    assert [finding.slug for finding in vigil.machine(0)] == ["host-suspend"]
+    assert not list(vigil.machine(0))
