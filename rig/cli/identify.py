@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 @click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates a generation.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of methods that draw lots.")
 @click.option("--profile", is_flag=True, help="Profile likelihoods of the nonlinear parameters, too.")
-@click.option("--profile-of", multiple=True, metavar="NAME", help="Of these parameters (repeatable), such as Fyb.")
+@click.option("--profile-of", multiple=True, metavar="NAME", help="Profile likelihood of this parameter (repeatable).")
 @scheduler_option
 @json_option
 def command(
@@ -78,7 +78,7 @@ def command(
             holdout=holdout,
             hysteresis=hysteresis,
             suspect=suspect,
-            profile=profile_of or profile,
+            profile=(*(["nonlinear"] if profile else []), *profile_of),
             told=None if model != "all" else lambda line: click.echo(line, err=True),
         ).to_json()
     if as_json:

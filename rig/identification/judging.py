@@ -23,6 +23,7 @@ from rig.identification.separable import Solution
 from rig.identification.solving import Method
 from rig.identification.uncertainty import DeclaredErrors, Information, information, quantile
 
+NONLINEAR = "nonlinear"  # all nonlinear parameters, where parameters are named
 UNFINISHED = 1.0  # standard errors from the least-squares solution beyond which a search has not reached it
 NOTES = (
     "low, high: pointwise 95 % intervals; simultaneous_low, simultaneous_high: 95 % for all identifiable parameters "
@@ -53,7 +54,7 @@ def judged(
         method: how it was fitted.
         warnings: what was found before.
         declared: errors the data do not show.
-        profiled: parameters whose profile likelihood is wanted; True: the nonlinear ones.
+        profiled: parameters whose profile likelihood is wanted; True or "nonlinear" among them: the nonlinear ones.
         started: `time.perf_counter()` at the start (s).
 
     Raises:
@@ -111,8 +112,9 @@ def _profiles(
         return {}
     if method.loss != "squares":
         raise IdentificationFailed(f"no profile likelihood with loss {method.loss!r}: it needs least squares")
+    asked = [NONLINEAR] if wanted is True else list(wanted)
     nonlinear = [name for name in known.names if not best.model.parameter(name).linear]
-    names = nonlinear if wanted is True else list(dict.fromkeys(wanted))
+    names = list(dict.fromkeys(name for each in asked for name in (nonlinear if each == NONLINEAR else [each])))
     weighting, solution = method.weighting(best.model), best.solution
     return profiles(best.model, solution.values, known, fitted, weighting, names, solution.at_bound)
 

@@ -34,6 +34,7 @@ LEAST_CONTRIBUTION = 0.01  # of the peak force: a smaller contribution's interva
 WORTHWHILE = 0.9  # ratio of the intervals after and before, above which a test is not worth proposing
 FORCE_SHARE = 0.95  # of the greatest force allowed that a candidate may be expected to need
 ROUNDING = 1.02  # on what was tested, so that the nominal values of these tests are inside
+NEARLY = 0.05  # of the last digit: 49.98 mm were meant to be 50
 MOST_CHECKS = 25
 STEP_HOLD = "500 ms"
 
@@ -68,11 +69,11 @@ def envelope_of(measurements: Sequence[Measurement]) -> Allowance:
         return ROUNDING * max(float(np.max(np.abs(of(each)))) for each in measurements)
 
     return Allowance(
-        amplitude_m=ROUNDING * max(float(np.ptp(each.u_m)) for each in measurements) / 2.0,
+        amplitude_m=max(float(np.ptp(each.u_m)) for each in measurements) / 2.0,
         speed_m_s=largest(lambda each: each.v_m_s),
         acceleration_m_s2=largest(lambda each: each.a_m_s2),
         force_N=largest(lambda each: each.force_N) / FORCE_SHARE,
-        current_A=largest(lambda each: each.current_A),
+        current_A=largest(lambda each: each.current_A) / ROUNDING,
         source="inside what was tested so far",
     )
 
@@ -210,9 +211,9 @@ def _candidates(
 
 
 def _down(value: float) -> float:
-    """Two significant digits, rounded down."""
+    """Two significant digits, rounded down but for what is nearly the next."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return round(math.floor(value / unit + 1e-6) * unit, 12)
+    return round(math.floor(value / unit + NEARLY) * unit, 12)
 
 
 def _proposal(point: TestPoint, name: str, fit: Fit, ratio: float, allowance: Allowance) -> NextTest:

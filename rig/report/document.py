@@ -13,6 +13,7 @@ from rig.dampers import DamperModel
 from rig.errors import FileProblem, RigError
 from rig.recording.durable import write_text_durably
 from rig.recording.run import Run
+from rig.report import fit as fit_part
 from rig.report import loops, measurement, section, standard
 from rig.report.fragment import box, text
 from rig.report.style import STYLE_SHEET
@@ -38,14 +39,16 @@ def write_report(run_dir: Path) -> Path:
     fit = read_fit(run.path)
     views, remark = views_of(run, fit)
     found = characterise(run, {view.point.id: view.measured for view in views if view.measured is not None})
-    parts = [section.header(run, fit), section.warnings(run, fit), remark, section.points_table(views)]
-    parts.append(measurement.time_base(run))
+    parts = [section.header(run, fit), section.warnings(run, fit), remark, loops.overview(views)]
     if fit is not None:
-        parts.append(section.parameters_table(fit))
+        parts.append(fit_part.parameters(fit))
+    parts.append(loops.details(views, fitted=any(_has_fit(view) for view in views)))
+    if fit is not None:
+        parts.append(fit_part.quality(fit))
     parts += [
-        standard.achieved_table(run.points), standard.standard_tests(found),
-        loops.overview(views), loops.details(views, fitted=any(_has_fit(view) for view in views)),
-        measurement.budget(run), measurement.calibrations(run), section.provenance(run, fit),
+        standard.standard_tests(found), section.points_table(views), standard.achieved_table(run.points),
+        measurement.time_base(run), measurement.budget(run), measurement.calibrations(run),
+        section.provenance(run, fit),
     ]
     write_text_durably(run.path / "characteristics.json", json.dumps(found.to_json(), indent=1, allow_nan=False) + "\n")
     path = run.path / "report.html"

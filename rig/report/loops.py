@@ -18,7 +18,7 @@ FORCE, DISPLACEMENT, VELOCITY = "Force N", "Displacement about mid-stroke mm", "
 
 
 def overview(views: Sequence[PointView]) -> str:
-    """Measured force over velocity for each motion, one colour a current."""
+    """Force over velocity for each motion, one colour a current, the fit dashed over it."""
     drawn = [view for view in views if view.loop is not None]
     currents = sorted({view.point.current_A for view in drawn})
     if len(currents) < 2:
@@ -27,6 +27,9 @@ def overview(views: Sequence[PointView]) -> str:
     key = "".join(
         f'<i style="border-color:{colours[current]}"></i>{number(current)} A' for current in currents
     )
+    fitted = '<i class="dash" style="border-color:#111111"></i>fitted' if any(
+        view.loop is not None and view.loop.fitted_N is not None for view in drawn
+    ) else ""
     cards = []
     for motion, group in _grouped(drawn, _motion):
         traces = [
@@ -34,11 +37,15 @@ def overview(views: Sequence[PointView]) -> str:
                   colours[view.point.current_A])
             for view in sorted(group, key=lambda view: view.point.current_A) if view.loop is not None
         ]
+        traces += [
+            Trace(view.loop.velocity_m_s, view.loop.fitted_N, "q", f"fitted, {view.point.current_A:g} A")
+            for view in group if view.loop is not None and view.loop.fitted_N is not None
+        ]
         chart = Chart(VELOCITY, FORCE, traces, 400, 270, title=f"Force over velocity, {motion}")
         cards.append(f'<div class="card"><header><b>{text(motion)}</b></header>{chart.svg()}</div>')
     return (
         "<h2>Force over velocity, all currents</h2>"
-        f'<p class="key">Measured, one cycle.{key}</p><div class="charts">{"".join(cards)}</div>'
+        f'<p class="key">One cycle. Measured:{key}{fitted}</p><div class="charts">{"".join(cards)}</div>'
     )
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import rig.dampers
 from rig.recording.run import RecordedPoint, Run
 from rig.recording.verdict import blamed
 from rig.report.fragment import NOTHING, box, chip, data_list, number, table, text
 from rig.report.view import PointView
 
 JsonObject = Mapping[str, Any]
+
+SHOWN_WARNINGS = 5
 
 
 def header(run: Run, fit: JsonObject | None) -> str:
@@ -22,12 +23,14 @@ def header(run: Run, fit: JsonObject | None) -> str:
     described = " \N{MIDDLE DOT} ".join(
         text(part) for part in dict.fromkeys((origin, _first(run, "bench"), started, run.path.name)) if part
     )
-    facts = [_fact(f"{_count(run, 'valid')} of {len(run.points)}", "points valid")]
+    valid = _count(run, "valid")
+    facts = [*_verdict(fit), _fact(f"{valid} of {len(run.points)}", "points valid", _kind(valid == len(run.points)))]
     facts += [
-        _fact(str(_count(run, verdict)), f"points {verdict}") for verdict in ("suspect", "invalid")
-        if _count(run, verdict)
+        _fact(str(_count(run, verdict)), f"points {verdict}", kind)
+        for verdict, kind in (("suspect", "fair"), ("invalid", "poor")) if _count(run, verdict)
     ]
-    facts.append(_fact(str(sum(point.lost_samples for point in run.points)), "samples lost"))
+    lost = sum(point.lost_samples for point in run.points)
+    facts.append(_fact(str(lost), "samples lost", _kind(lost == 0)))
     if fit is not None:
         error = fit.get("error") or {}
         facts.append(_fact(text(fit.get("model", NOTHING)), f"model, by {text(fit.get('method', NOTHING))}"))
@@ -40,8 +43,23 @@ def header(run: Run, fit: JsonObject | None) -> str:
     return f'{title}<div class="facts">{"".join(facts)}</div>'
 
 
-def _fact(value: str, meaning: str) -> str:
-    return f'<div class="fact"><b>{value}</b><span>{meaning}</span></div>'
+def _verdict(fit: JsonObject | None) -> list[str]:
+    """Whether the fit can be used, first of all."""
+    if fit is None:
+        return []
+    if fit.get("adequate") is False:
+        return [_fact("Does not fit", "the model leaves more than the tests' scatter", "poor")]
+    unknown = sum(not entry.get("identifiable", True) for entry in fit["parameters"].values())
+    known = f"{len(fit['parameters']) - unknown} of {len(fit['parameters'])} parameters identified"
+    return [_fact("Fits", f"to the tests' scatter; {known}", "good")]
+
+
+def _fact(value: str, meaning: str, kind: str = "") -> str:
+    return f'<div class="fact {kind}"><b>{value}</b><span>{meaning}</span></div>'
+
+
+def _kind(good: bool) -> str:
+    return "good" if good else "fair"
 
 
 def warnings(run: Run, fit: JsonObject | None) -> str:
@@ -63,7 +81,10 @@ def warnings(run: Run, fit: JsonObject | None) -> str:
                 "<b>The model does not fit.</b> Its error is larger than the measurement's own scatter explains: "
                 "do not use the parameters as properties of the damper.",
             ))
-        boxes += [box("warn", text(warning)) for warning in fit.get("warnings") or ()]
+        remarks = [box("warn", text(warning)) for warning in fit.get("warnings") or ()]
+        boxes += remarks[:SHOWN_WARNINGS]
+        if more := remarks[SHOWN_WARNINGS:]:
+            boxes.append(f"<details><summary>{len(more)} more warnings</summary>{''.join(more)}</details>")
     return "".join(boxes)
 
 
@@ -105,52 +126,6 @@ def _skew(point: RecordedPoint) -> str:
 
 def _scaled(value: object, factor: float) -> float | None:
     return factor * value if isinstance(value, (int, float)) else None
-
-
-def parameters_table(fit: JsonObject) -> str:
-    """Fitted parameters with their intervals, then those the data cannot identify, and why."""
-    known, unknown = [], []
-    meanings = _meanings(str(fit.get("model")))
-    for name, entry in (fit.get("parameters") or {}).items():
-        value, unit = number(entry.get("value"), 5), text(entry.get("unit", ""))
-        if entry.get("identifiable", True):
-            low, high = entry.get("low"), entry.get("high")
-            half = _half_percent(entry.get("value"), low, high)
-            interval = f"{number(low, 5)} \N{HORIZONTAL ELLIPSIS} {number(high, 5)}"
-            known.append(("", [text(name), value, interval, half, unit, text(meanings.get(name, ""))]))
-        else:
-            why = entry.get("reason") or "the data do not determine it"
-            unknown.append(("no", [text(name), value, unit, text(meanings.get(name, "")), text(why)]))
-    parts = ["<h2>Fitted parameters</h2>"]
-    head = ["Parameter", "Value", "95 % interval", "\N{PLUS-MINUS SIGN} %", "Unit", "Meaning"]
-    parts.append(table(head, known, (1, 2, 3)))
-    if unknown:
-        parts.append("<h3>Not identifiable from these data</h3>")
-        parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Why"], unknown, (1,)))
-    parts += [f'<p class="lead">{text(note)}</p>' for note in fit.get("notes") or ()]
-    parts.append(_selection(fit))
-    return "".join(parts)
-
-
-def _meanings(name: str) -> dict[str, str]:
-    if name not in rig.dampers.MODELS:
-        return {}
-    return {parameter.name: parameter.meaning for parameter in rig.dampers.model(name).parameters}
-
-
-def _half_percent(value: object, low: object, high: object) -> str:
-    if isinstance(value, float) and isinstance(low, float) and isinstance(high, float) and value != 0.0:
-        return number(50.0 * abs((high - low) / value), 2)
-    return NOTHING
-
-
-def _selection(fit: JsonObject) -> str:
-    entries = fit.get("selection") or ()
-    if len(entries) < 2:
-        return ""
-    rows = [("", [text(entry.get("model")), number(entry.get("holdout_nrmse_percent_of_peak"), 3),
-                  number(entry.get("bic"), 6)]) for entry in entries]
-    return "<h3>Models compared</h3>" + table(["Model", "Error on held-out tests %", "BIC"], rows, (1, 2))
 
 
 def provenance(run: Run, fit: JsonObject | None) -> str:

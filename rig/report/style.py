@@ -22,6 +22,13 @@ p.lead {{ margin:0 0 14px; color:var(--soft); }}
 .fact {{ padding:10px 16px; min-width:150px; }}
 .fact b {{ display:block; font-size:22px; line-height:1.25; }}
 .fact span {{ color:var(--soft); font-size:14px; }}
+.fact.good {{ border-left:5px solid #1e8e5a; }} .fact.fair {{ border-left:5px solid #e0a030; }}
+.fact.poor {{ border-left:5px solid #c0392b; }}
+.good {{ background:#d9f2e3; color:#0b5d33; }} .fair {{ background:#fdf0c4; color:#6b4e00; }}
+.poor {{ background:#fbdcd7; color:#8c1d10; }} .fact.good,.fact.fair,.fact.poor {{ background:var(--paper); }}
+.heat {{ display:block; padding:0 4px; border-radius:4px; }}
+details {{ margin:8px 0; }} summary {{ cursor:pointer; color:var(--soft); }}
+pre {{ background:var(--shade); padding:8px 12px; margin:6px 0; border-radius:6px; font-size:14px; overflow-x:auto; }}
 .wide + p.lead {{ margin-top:10px; }}
 .wide {{ overflow-x:auto; background:var(--paper); border:1px solid var(--line); border-radius:8px; }}
 table {{ border-collapse:collapse; width:100%; font-size:15px; }}
@@ -52,6 +59,7 @@ svg path {{ fill:none; }} svg .g {{ stroke:#e6eaef; stroke-width:1; }}
 svg .f {{ fill:none; stroke:#9aa5b1; stroke-width:1; }}
 svg .m {{ stroke:{MEASURED}; stroke-width:1.8; stroke-linejoin:round; }}
 svg .p {{ stroke:{FITTED}; stroke-width:1.6; stroke-dasharray:5 3; }}
+svg .q {{ stroke:#111111; stroke-width:1; stroke-dasharray:3 4; }}
 svg .e {{ stroke:#55606e; stroke-width:1; }}
 .key i {{ display:inline-block; width:30px; height:0; margin:0 6px 4px 16px; border-top:3px solid; }}
 .key i.dash {{ border-top-style:dashed; }}

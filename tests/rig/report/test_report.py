@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import rig.dampers
+import rig.identification
 from rig.errors import FileProblem
 from rig.recording.layout import AlignedChannel, PointFile, write_file
 from rig.report import write_report
@@ -79,7 +80,7 @@ def lines(page: str, style: str) -> list[np.ndarray]:
 
 def test_the_fitted_loops_lie_on_the_measured_ones_when_the_fit_is_the_truth(run: Path) -> None:
     page = written(run, fit_of())
-    cards = page[page.index("Loops of every point"):]
+    cards = page[page.index("Loops of every point"):page.index("Standard damper tests")]
     measured, fitted = lines(cards, "m"), lines(cards, "p")
     assert len(measured) == len(fitted) == 4
     for one, other in zip(measured, fitted, strict=True):
@@ -93,6 +94,33 @@ def test_a_wrong_fit_is_seen_beside_the_measured_loops(run: Path) -> None:
     cards = page[page.index("<h3>0.5 A</h3>"):]
     distance = np.max(np.abs(lines(cards, "m")[0] - lines(cards, "p")[0]))
     assert distance > 30.0
+
+
+def test_verdict_loops_and_parameters_come_before_the_long_tables(run: Path) -> None:
+    page = written(run, fit_of())
+    order = [">Fits<", "Force over velocity", "Fitted parameters", "Loops of every point", "Standard damper tests",
+             "Test points", "Provenance"]
+    places = [page.index(text) for text in order]
+    assert places == sorted(places)
+
+
+def test_a_real_fit_shows_quality_profiles_and_the_next_test(run: Path) -> None:
+    rig.identification.identify_run([run], profile=["beta"])
+    page = write_report(run).read_text(encoding="utf-8")
+    quality = page[page.index("Quality of the fit"):page.index("Standard damper tests")]
+    assert quality.count("p002") == 1
+    assert "passive</span>" in quality
+    assert "Correlation of the parameters" in quality
+    profiles = page[page.index("Profile likelihoods"):page.index("Loops of every point")]
+    assert len(lines(profiles, "m")) == 1
+    assert len(lines(profiles, "e")[0]) == 2
+    assert "[[point]]" in page[page.index("What to test next"):]
+
+
+def test_many_warnings_are_folded_and_none_is_lost(run: Path) -> None:
+    page = written(run, fit_of(warnings=[f"warning number {k}" for k in range(9)]))
+    assert "4 more warnings" in page
+    assert all(f"warning number {k}<" in page for k in range(9))
 
 
 def test_verdicts_reasons_and_errors_of_every_point_are_in_the_table(run: Path) -> None:

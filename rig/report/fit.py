@@ -1,0 +1,180 @@
+"""The report's part about the fit: parameters and how sure they are, quality test by test, profiles, what to test next.
+
+Colours mean how well something is known: green an interval below 2 %, amber up to 20 %, red beyond or not at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+import rig.dampers
+from rig.report.chart import Chart, FloatArray, Trace
+from rig.report.fragment import NOTHING, chip, number, table, text
+
+JsonObject = Mapping[str, Any]
+
+WELL_KNOWN_PERCENT, KNOWN_PERCENT = 2.0, 20.0
+THRESHOLD = 3.84
+STRONG_CORRELATION = 0.9
+LEAST_P = 0.001
+
+
+def parameters(fit: JsonObject) -> str:
+    """Fitted parameters with their intervals, then those the data cannot identify, and why."""
+    known, unknown = [], []
+    meanings = _meanings(str(fit.get("model")))
+    for name, entry in (fit.get("parameters") or {}).items():
+        value, unit = number(entry.get("value"), 5), text(entry.get("unit", ""))
+        if entry.get("identifiable", True):
+            low, high = entry.get("low"), entry.get("high")
+            interval = f"{number(low, 5)} \N{HORIZONTAL ELLIPSIS} {number(high, 5)}"
+            half = _half_percent(entry.get("value"), low, high)
+            known.append(("", [text(name), value, interval, half, unit, text(meanings.get(name, ""))]))
+        else:
+            why = entry.get("reason") or "the data do not determine it"
+            unknown.append(("no", [text(name), value, unit, text(meanings.get(name, "")), text(why)]))
+    parts = ["<h2>Fitted parameters</h2>"]
+    head = ["Parameter", "Value", "95 % interval", "\N{PLUS-MINUS SIGN} %", "Unit", "Meaning"]
+    parts.append(table(head, known, (1, 2, 3)))
+    if unknown:
+        parts.append("<h3>Not identifiable from these data</h3>")
+        parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Why"], unknown, (1,)))
+    parts += [_next_tests(fit), _profiles(fit), _selection(fit)]
+    parts += [f'<p class="lead">{text(note)}</p>' for note in fit.get("notes") or ()]
+    return "".join(parts)
+
+
+def quality(fit: JsonObject) -> str:
+    """Errors, residuals and energy test by test, and how the parameters depend on each other."""
+    error = fit.get("error") or {}
+    tests = [*((each, "") for each in error.get("per_test") or ())]
+    tests += [(each, "held out") for each in (error.get("holdout") or {}).get("per_test") or ()]
+    if not any("energy_J" in each for each, _ in tests):
+        return ""
+    head = ["Test", "Error %", "RMS error N", "Scatter N", "Noise N", "Repeats N", "White?", "Energy J", "Model J", ""]
+    rows = [("", _test_row(each, remark)) for each, remark in tests]
+    note = (
+        "Scatter: of the force from cycle to cycle. Noise and repeats: the residual's parts that change and that come "
+        "back with every cycle, which is what the model lacks. White: chance of such a residual if it were pure noise, "
+        "at the noise's own rate. Energy: dissipated in a mean cycle, measured and by the model."
+    )
+    found = fit.get("passivity") or {}
+    passive = ""
+    if found.get("share") is not None:
+        share = 100.0 * float(found["share"])
+        kind, words = ("good", "passive") if share == 100.0 else ("poor", "not passive")
+        passive = (
+            f"<p>{chip(words, kind)} The fitted model takes energy out at {number(share, 3)} % of the tested speeds "
+            f"and currents{': at worst it puts in ' + text(found['worst']) if found.get('worst') else ''}.</p>"
+        )
+    heading = f'<h2>Quality of the fit</h2><p class="lead">{note}</p>'
+    return heading + passive + table(head, rows, range(1, 9)) + _correlation(fit)
+
+
+def _test_row(each: JsonObject, remark: str) -> list[str]:
+    residual = each.get("residual") or {}
+    chances = [residual[key] for key in ("portmanteau_p", "runs_p") if residual.get(key) is not None]
+    white = NOTHING
+    if chances:
+        least = min(chances)
+        white = chip(f"p {number(least, 2)}", "good" if least >= LEAST_P else "fair")
+    repeats = residual.get("repeating_N")
+    return [
+        text(each.get("id", "")), number(each.get("nrmse_percent_of_peak"), 3), number(each.get("rmse_N"), 3),
+        number(each.get("noise_N"), 3), number(residual.get("noise_N"), 3), number(repeats, 2), white,
+        number(each.get("energy_J")), number(each.get("modelled_energy_J")), text(remark),
+    ]  # fmt: skip
+
+
+def _half_percent(value: object, low: object, high: object) -> str:
+    if not (isinstance(value, float) and isinstance(low, float) and isinstance(high, float) and value != 0.0):
+        return NOTHING
+    percent = 50.0 * abs((high - low) / value)
+    kind = "good" if percent <= WELL_KNOWN_PERCENT else "fair" if percent <= KNOWN_PERCENT else "poor"
+    return chip(number(percent, 2), kind)
+
+
+def _next_tests(fit: JsonObject) -> str:
+    found = fit.get("next_tests") or ()
+    if not found:
+        return ""
+    proposals = "".join(f"<p>{text(each['text'])}</p><pre>{text(each['toml'].strip())}</pre>" for each in found)
+    return (
+        f'<h3>What to test next</h3><div class="card">{proposals}<p class="lead">Lines for the matrix file. Expected '
+        "from the fitted model and the noise of these tests.</p></div>"
+    )
+
+
+def _profiles(fit: JsonObject) -> str:
+    cards = []
+    for name, found in (fit.get("profiles") or {}).items():
+        entry = fit["parameters"][name]
+        values, deviance = np.array(found["values"], float), np.array(found["deviance"], float)
+        if values.size < 3:
+            continue
+        grid = np.linspace(values[0], values[-1], 121)
+        root = np.where(values < entry["value"], -1.0, 1.0) * np.sqrt(deviance)
+        traces = [Trace(grid, np.interp(grid, values, root) ** 2, "m", "profile")]
+        if entry.get("standard_error"):
+            traces.append(Trace(grid, ((grid - entry["value"]) / entry["standard_error"]) ** 2, "p", "linear"))
+        traces.append(Trace(_ends(values), np.full(2, THRESHOLD), "e", "95 %"))
+        chart = Chart(f"{name} {entry.get('unit', '')}", "Deviance", traces, 400, 220, y_range=(0.0, 8.0))
+        ends = " \N{HORIZONTAL ELLIPSIS} ".join(
+            "open" if each is None else number(each, 5) for each in (found["low"], found["high"])
+        )
+        cards.append(f'<div class="card"><header><b>{text(name)}</b><span>{ends}</span></header>{chart.svg()}</div>')
+    if not cards:
+        return ""
+    key = (
+        '<i style="border-color:#0072B2"></i>profile likelihood<i class="dash" style="border-color:#D55E00"></i>linear '
+        'interval\'s parabola<i style="border-color:#55606e"></i>95 %'
+    )
+    return f'<h3>Profile likelihoods</h3><p class="key">{key}</p><div class="charts">{"".join(cards)}</div>'
+
+
+def _ends(values: FloatArray) -> FloatArray:
+    return np.array([values[0], values[-1]])
+
+
+def _correlation(fit: JsonObject) -> str:
+    rows = fit.get("correlation") or {}
+    names = [name for name in rows if (fit["parameters"].get(name) or {}).get("identifiable")]
+    if len(names) < 2:
+        return ""
+    pairs = sorted(
+        ((abs(rows[a][b] or 0.0), a, b) for k, a in enumerate(names) for b in names[:k]), key=lambda pair: -pair[0]
+    )
+    strong = [f"{text(b)} and {text(a)} ({number(rows[a][b], 2)})" for size, a, b in pairs if size > STRONG_CORRELATION]
+    said = f"Correlated beyond {STRONG_CORRELATION:g}: {', '.join(strong[:8])}." if strong else (
+        f"No two parameters are correlated beyond {STRONG_CORRELATION:g}."
+    )  # fmt: skip
+    cells = [("", [text(a), *(_heat(rows[a].get(b)) for b in names)]) for a in names]
+    matrix = table(["", *(text(name) for name in names)], cells, range(1, len(names) + 1))
+    condition = f"Condition number of the scaled normal equations: {number(fit.get('condition'), 3)}."
+    return f"<p>{said} {condition}</p><details><summary>Correlation of the parameters</summary>{matrix}</details>"
+
+
+def _heat(value: object) -> str:
+    """A correlation, orange where positive and blue where negative, the stronger the darker."""
+    if not isinstance(value, (int, float)):
+        return NOTHING
+    colour = "213,94,0" if value > 0.0 else "0,114,178"
+    return f'<span class="heat" style="background:rgba({colour},{0.5 * abs(value):.2f})">{number(value, 2)}</span>'
+
+
+def _meanings(name: str) -> dict[str, str]:
+    if name not in rig.dampers.MODELS:
+        return {}
+    return {parameter.name: parameter.meaning for parameter in rig.dampers.model(name).parameters}
+
+
+def _selection(fit: JsonObject) -> str:
+    entries: Sequence[JsonObject] = fit.get("selection") or ()
+    if len(entries) < 2:
+        return ""
+    rows = [("", [text(entry.get("model")), number(entry.get("holdout_nrmse_percent_of_peak"), 3),
+                  number(entry.get("bic"), 6)]) for entry in entries]  # fmt: skip
+    return "<h3>Models compared</h3>" + table(["Model", "Error on held-out tests %", "BIC"], rows, (1, 2))
