@@ -342,7 +342,6 @@ def bench_linear(quick: bool) -> Iterator[str]:
     """Cost and memory of `separable` against the number of samples."""
     for cycles in (1, 10) if quick else (1, 10, 100, 240):
         case = random_case(0, cycles)
-        separable(case)
         seconds = min(timed(partial(separable, case))[1] for _ in range(3))
         tracemalloc.start()
         separable(case)
