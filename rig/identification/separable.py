@@ -2,7 +2,8 @@
 
 Method (no start needed): a grid over steepness and loop width on thinned data, with ranges from the greatest speed;
 Levenberg-Marquardt from the best few on the thinned data; then on all samples. The grid is what makes it global: from a
-single start one fit in six stops in a false minimum, where the tanh has saturated to sgn(u).
+single start one fit in six stops in a false minimum, where the tanh has saturated to sgn(u). What is returned as the
+objective is summed from the residuals themselves.
 """
 
 from __future__ import annotations
@@ -84,14 +85,15 @@ def solve_separable(
         cost = thin.evaluations / every
     found = [levenberg_marquardt(full, each) for each in starts]
     shape, inner = min(found, key=lambda each: each[1].objective)
-    evaluations = full.evaluations + int(np.ceil(cost))
     bound = _negative(names, inner, non_negative)
     if bound:
         rest = full.without(held | frozenset(bound))
         shape, inner = levenberg_marquardt(rest, shape)
-        evaluations += rest.evaluations
+        cost += rest.evaluations
+    objective = full.plain(shape, inner.linear)
     pairs = (*zip(names, inner.linear, strict=True), *zip(model.shape_names, shape, strict=True))
-    return Solution({name: float(value) for name, value in pairs}, inner.objective, evaluations, bound)
+    values = {name: float(value) for name, value in pairs}
+    return Solution(values, objective, full.evaluations + int(np.ceil(cost)), bound)
 
 
 def _without_shape(

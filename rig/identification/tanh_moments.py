@@ -142,6 +142,30 @@ def add_moments(total: FloatArray, shapes: FloatArray, samples: Samples, *, slop
             weighted *= s.current_A
 
 
+def squares(samples: Samples, shape: FloatArray, values: FloatArray, *, compiled: bool) -> float:
+    """The weighted sum of squared residuals, summed sample by sample.
+
+    Args:
+        samples: the samples.
+        shape: beta (s/m) and delta.
+        values: coefficients of a, 1, v, |v|, u and y, then of the same times the current, shape (2, 6).
+        compiled: whether the compiled loop does it.
+    """
+    s = samples
+    if compiled:
+        from rig.identification.objective_kernels import tanh_objective
+
+        (m, f0, ca, ca_half, ka, fya), (_, _, cb, cb_half, kb, fyb) = values
+        viscous = ca + ca_half, ca - ca_half, cb + cb_half, cb - cb_half
+        general = np.array([[m, f0, *shape, fya, fyb, *viscous, ka, kb]])
+        return float(tanh_objective(general, s.u_m, s.v_m_s, s.a_m_s2, s.current_A, s.force_N, s.weight_squared)[0])
+    steady, per_ampere = values[:, :-1] @ s.columns[:-1] + values[:, -1:] * np.tanh(
+        shape[0] * s.v_m_s + shape[1] * s.side
+    )
+    residual = s.force_N - steady - per_ampere * s.current_A
+    return float(residual**2 @ s.weight_squared)
+
+
 def compiled_pays(samples: int) -> bool:
     """Whether a fit to so many samples is faster with the compiled loops, the import of numba included."""
     return "numba" in sys.modules or samples >= WORTH_COMPILING

@@ -23,6 +23,7 @@ from rig.identification.tanh_moments import (
     add_moments,
     compiled_pays,
     join,
+    squares,
     stream,
 )
 
@@ -102,6 +103,14 @@ class TanhProjection:
     def objectives(self, shapes: FloatArray) -> FloatArray:
         """The least objective at each shape, shape (S,); `shapes` (S, 2) in the order of the model's `shape_names`."""
         return self._reduction.least(*self._sums(self._moments(shapes, slope=False), 1))
+
+    def plain(self, shape: FloatArray, linear: FloatArray) -> float:
+        """The objective at a shape and linear values (fixed, then yield), from each sample's own residual."""
+        self.evaluations += 1
+        fixed = (self._columns @ linear[:-2]).reshape(2, BASE)
+        values = np.column_stack((fixed, linear[-2:]))
+        kwok = np.array((shape[0], shape[0] * shape[1])) if self._printed else shape
+        return sum(squares(each, kwok, values, compiled=self._compiled) for each in self._pieces())
 
     def _pieces(self) -> Iterator[Samples]:
         return iter((self._kept,)) if self._kept is not None else stream(self._measurements, self._weighting)

@@ -89,6 +89,26 @@ def test_objectives_at_many_shapes_are_the_least_squares_of_each(compiled: bool,
         assert objective == pytest.approx(float(residual @ residual), rel=1e-9)
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize(("name", "form"), [("asymmetric", "kwok"), ("asymmetric", "printed"), ("kwok", "kwok")])
+def test_the_plain_sum_of_squares_is_that_of_the_models_own_force(
+    name: str, form: str, compiled: bool, tests: list[Measurement]
+) -> None:
+    damper = model(name, form)
+    projection = TanhProjection(damper, tests, Weighting("v"), compiled=compiled)
+    shape = np.array([35.0, WIDTH[form]])
+    linear = projection.solve(shape).linear
+    values = dict.fromkeys(damper.names, 1.0) | dict(
+        zip((*damper.fixed_names, *damper.yield_names, *damper.shape_names), (*linear, *shape), strict=True)
+    )
+    expected = 0.0
+    for each in tests:
+        force = damper.force(values, each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.dt_s)
+        expected += float(np.sum(((each.force_N - force) * each.v_m_s) ** 2))
+    assert projection.plain(shape, linear) == pytest.approx(expected, rel=1e-10)
+    assert projection.solve(shape).objective == pytest.approx(expected, rel=1e-8)
+
+
 @pytest.mark.parametrize("form", ["kwok", "printed"])
 def test_the_fit_does_not_depend_on_whether_it_was_compiled(
     form: str, tests: list[Measurement], monkeypatch: pytest.MonkeyPatch
