@@ -20,11 +20,13 @@ class RigError(Exception):
 class FileProblem(RigError):
     """A user's file cannot be used: missing, unreadable, or with wrong entries.
 
-    `problems` holds one line for each wrong entry: place, value, allowed range, what would fit.
+    `problems` holds one line for each wrong entry: place, value, allowed range, what would fit. `slug` is the fault
+    matrix's name for it, empty where it has none.
     """
 
-    def __init__(self, file: str, problems: list[str]) -> None:
+    def __init__(self, file: str, problems: list[str], slug: str = "") -> None:
         self.file = file
+        self.slug = slug
         self.problems = problems
         super().__init__("\n".join(f"{file}: {problem}" for problem in problems))
 
@@ -34,7 +36,8 @@ class FileProblems(FileProblem):
 
     def __init__(self, each: list[FileProblem]) -> None:
         self.each = each
-        super().__init__(", ".join(one.file for one in each), [text for one in each for text in str(one).split("\n")])
+        problems = [text for one in each for text in str(one).split("\n")]
+        super().__init__(", ".join(one.file for one in each), problems, each[0].slug)
         self.args = ("\n".join(str(one) for one in each),)
 
 

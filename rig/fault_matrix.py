@@ -9,7 +9,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_USAGE
+
 _SECONDS = {"ms": 1e-3, "s": 1.0}
+EXIT_CODES = {"W": EXIT_DONE, "P": EXIT_NOT_ALL_VALID, "R": EXIT_REFUSED}
+UNUSABLE_FILES = frozenset({"config-absurd"})
+"""Refused while the file is read, as every file with wrong entries: the user mends the file, not the rig."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,11 @@ class FaultRow:
         """The limit's time (s); None where it is no time but an occasion."""
         found = re.search(r"([\d.]+) ?(ms|s)$", self.limit)
         return float(found[1]) * _SECONDS[found[2]] if found else None
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of `rig run` when the fault stays: the reaction's, but for a file of no use that of bad files."""
+        return EXIT_USAGE if self.slug in UNUSABLE_FILES else EXIT_CODES.get(self.stop, EXIT_STOPPED)
 
     @property
     def tested(self) -> bool:

@@ -29,7 +29,7 @@ def list_faults(as_json: bool) -> None:
     for slug, row in MATRIX.items():
         entry = {
             "slug": slug, "where": row.where, "place": row.place, "reaction": row.reaction, "limit": row.limit,
-            "tested": row.tested, "test": row.test, "reason": row.missing,
+            "exit_code": row.exit_code, "tested": row.tested, "test": row.test, "reason": row.missing,
         }
         rows.append(entry)
     if as_json:

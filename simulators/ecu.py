@@ -25,6 +25,8 @@ IDENTITY_EVERY = 100
 BAD_COMMANDS_TO_FAULT = 3
 CASE_SHARE = 0.25
 """The ECU's own case warms by this share of the coil's rise above ambient."""
+HOT_CASE_DEGC = 110.0
+"""Of an ECU that says it is too hot; the coil it drives need not be."""
 UNDERVOLTAGE_V = 9.0
 OPEN_ETA_1_S = 400.0
 SHORT_A = 8.0
@@ -224,8 +226,8 @@ class Ecu:
 
     def _temperatures(self) -> bytes:
         coil_degC = self.plant.value("temperature_degC")
-        if self.faults.over_temperature:
-            coil_degC = max(coil_degC, self.options.over_temperature_degC + 5.0)
         case_degC = self._ambient_degC + CASE_SHARE * (coil_degC - self._ambient_degC)
+        if self.faults.over_temperature:
+            case_degC = max(case_degC, HOT_CASE_DEGC)
         boots = self.boot_count & 0xFF
         return wire.encode_temperature(wire.CoilTemperature(coil_degC, case_degC, self.supply_V, boots))

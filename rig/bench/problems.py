@@ -47,7 +47,8 @@ def load_section(path: Path, model: type[M]) -> tuple[M, TomlSource]:
         return model.model_validate(source.data), source
     except ValidationError as error:
         details = _without_echoes(error.errors(include_url=False))
-        raise FileProblem(str(path), [line for item in details for line in _lines(item, model, source)]) from error
+        lines = [line for item in details for line in _lines(item, model, source)]
+        raise FileProblem(str(path), lines, "config-absurd") from error
 
 
 def problem_at(source: TomlSource, place: Place, message: str) -> str:

@@ -21,8 +21,6 @@ Handler = Callable[[State, Any], Step]
 
 STANDSTILL_LIMIT_S = 5.0
 STOP_LIMIT_S = 60.0
-HOT_COIL = "coil-temperature"
-"""The bench's own limit: what a hot ECU also says of the coil, and no reason beside it."""
 RESTARTING = frozenset({Phase.COOLING_DOWN, Phase.RESETTING})
 COOLING_PAUSE_S = 20.0
 COOLING_LIMIT_S = COOLING_PAUSE_S + 10.0
@@ -51,8 +49,7 @@ def latch(state: State, stop: StopKind, cause: Cause, *actions: Action) -> Step:
 def tripped(state: State, event: ev.Tripped) -> Step:
     """The station tripped: it stops the rig already, so nothing is asked of it."""
     if state.latch is not None:
-        hot = state.latch.cause.slug in COOLS_FIRST and event.cause.slug == HOT_COIL
-        if hot or may_restart(event.stop, event.cause):
+        if may_restart(event.stop, event.cause):
             return state, ()
         return finish(state) if state.phase in RESTARTING else (without_restart(state), ())
     return latch(state, event.stop, event.cause)

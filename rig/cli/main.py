@@ -120,7 +120,7 @@ def _described(error: RigError) -> dict[str, object]:
     described: dict[str, object] = {"error": str(error), "exit_code": error.exit_code}
     if isinstance(error, FileProblem):
         described |= {"file": error.file, "problems": error.problems}
-    if isinstance(error, (Refused, Stopped)):
+    if isinstance(error, FileProblem | Refused | Stopped) and error.slug:
         described["slug"] = error.slug
     return described
 

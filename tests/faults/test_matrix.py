@@ -66,10 +66,17 @@ def test_only_rows_with_automatic_resume_and_s2_restart_by_themselves() -> None:
             assert may_restart(kind, Cause(slug)) is (row.resume == "a" and kind is StopKind.S2)
 
 
+def test_exit_codes_follow_the_rows_and_a_file_of_no_use_is_a_bad_file() -> None:
+    codes = {"W": 0, "P": 5, "R": 3, "S2": 4, "S1": 4, "SO": 4}
+    for slug, row in MATRIX.items():
+        assert row.exit_code == (2 if slug == "config-absurd" else codes[row.stop])
+
+
 def test_list_faults_prints_the_matrix() -> None:
     printed = json.loads(subprocess.check_output([sys.executable, "-m", "simulators", "--list-faults", "--json"]))
     assert [each["slug"] for each in printed] == list(MATRIX)
     for each in printed:
         row = MATRIX[each["slug"]]
         assert (each["where"], each["reaction"], each["tested"]) == (row.where, row.reaction, row.tested)
+        assert each["exit_code"] == row.exit_code
         assert bool(each["reason"]) is not row.tested

@@ -127,7 +127,7 @@ def test_an_absurd_bench_is_refused_with_key_and_value_before_anything_is_connec
     assert good in text
     bench.write_text(text.replace(good, absurd), encoding="utf-8")
     code, answer = told(str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"))
-    assert code == 2, "a file that cannot be used"
+    assert (code, answer["slug"]) == (2, "config-absurd"), "a file that cannot be used"
     key = absurd.split(" = ")[0]
     assert any(key in problem for problem in answer["problems"]), answer["problems"]
     assert not (tmp_path / "out").exists()

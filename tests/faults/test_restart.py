@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import h5py
 import pytest
+from watched_campaign import FINISH_S, resumed
 
 if TYPE_CHECKING:
-    from conftest import Campaign, Ending, Run, Start
+    from conftest import Run, Start
+    from watched_campaign import Campaign, Ending
 
 pytestmark = pytest.mark.wire
 
 Judge = Callable[..., None]
 
-RIG = str(Path(sys.executable).with_name("rig"))
-FINISH_S = 150.0
 POINTS = """
 format = 1
 [specimen]
@@ -64,7 +62,7 @@ def test_a_fault_that_passes_repeats_the_point_after_every_proof_was_made_again(
 
 
 def test_a_hot_ecu_is_left_to_cool_down_before_the_point_is_repeated(run: Run) -> None:
-    ending = run("ecu-overtemp@6.3+25", matrix=POINTS, speed=10.0)
+    ending = run("ecu-overtemp@7.5+25", matrix=POINTS, speed=10.0)
     restarted(ending, "ecu-overtemp")
     truth = ending.truth
     cooled, again = truth.first("FAULT_ENDS"), truth.all("START")[2]
@@ -95,15 +93,6 @@ def test_ctrl_c_during_an_automatic_stop_ends_the_campaign(start: Start) -> None
 
 
 # By hand
-
-
-def resumed(folder: Path, *arguments: str) -> tuple[int, dict[str, Any]]:
-    """`rig run --resume` on a campaign's directory: exit code and answer."""
-    done = subprocess.run(
-        [RIG, "run", "--resume", str(folder), "--json", *arguments],
-        capture_output=True, text=True, timeout=FINISH_S, check=False,
-    )  # fmt: skip
-    return done.returncode, json.loads(done.stdout)
 
 
 def stopped_in_point_2(start: Start) -> Campaign:

@@ -17,7 +17,8 @@ from rig.fault_matrix import MATRIX, STOPS
 from rig.recording.run import RecordedPoint
 
 if TYPE_CHECKING:
-    from conftest import Ending, Run
+    from conftest import Run
+    from watched_campaign import Ending
 
 pytestmark = pytest.mark.wire
 
