@@ -2,8 +2,8 @@
 
     python benchmarks/soak.py [--points 2000] [--speed 50] [--seed 1] [--json]
 
-Each session ends by what its seed draws (`--fault-seed`), by a kill -9 of application, station or simulated rig, or at
-the last point; the next one resumes. After every session each finished point must still be there, byte by byte. Memory
+Each session ends by what its seed draws (`--fault-seed`), by a kill -9 of application, station or simulated rig, by
+Ctrl-C (a fault that stops nothing is not left to spoil every point), or at the last point; the next one resumes. After every session each finished point must still be there, byte by byte. Memory
 and descriptors are watched through /proc: the quarters of the soak are compared, and within each session what came
 after the first 20 s. A session is the campaign as `rig run` runs it, without fit and report.
 """
@@ -34,6 +34,7 @@ KILL_SHARE = 0.3
 FAULT_WITHIN_S = 300.0
 """Simulated time in which a session's faults begin, a hundred points or so."""
 KILL_WITHIN_S = 40.0
+LONGEST_S = 120.0
 SESSION_S = 900.0
 LOOK_S = 0.25
 SETTLED_S = 20.0
@@ -135,8 +136,8 @@ def look(root: int, used: dict[str, Usage]) -> dict[str, int]:
     return found
 
 
-def run_session(command: list[str], wanted: str, kill_after_s: float) -> Session:
-    """Run one session to its end; kill what is to be killed `kill_after_s` wall seconds after the station is up."""
+def run_session(command: list[str], wanted: str, end_after_s: float) -> Session:
+    """Run one session to its end; `end_after_s` wall seconds after the station is up kill what is to be, or stop it."""
     session, pause = Session(wanted), threading.Event()
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     began_ns, up_ns = monotonic_ns(), 0
@@ -144,9 +145,10 @@ def run_session(command: list[str], wanted: str, kill_after_s: float) -> Session
         roles = look(process.pid, session.used)
         now_ns = monotonic_ns()
         up_ns = up_ns or (now_ns if "station" in roles else 0)
-        victim = roles.get(wanted.removeprefix("kill "))
-        if victim is not None and up_ns and now_ns - up_ns > kill_after_s * 1e9:
-            os.kill(victim, signal.SIGKILL)
+        killed = wanted.startswith("kill ")
+        victim = roles.get(wanted.removeprefix("kill ")) if killed else process.pid
+        if wanted and victim is not None and up_ns and now_ns - up_ns > end_after_s * 1e9:
+            os.kill(victim, signal.SIGKILL if killed else signal.SIGINT)
             wanted = ""
         if now_ns - began_ns > SESSION_S * 1e9:
             process.kill()
@@ -204,7 +206,7 @@ def soak(place: Path, points: int, speed: float, seed: int, most_sessions: int) 
         command = [sys.executable, __file__, "--session", str(place), "--speed", str(speed)]
         if not kills:
             command += ["--fault-seed", wanted.split()[1], "--fault-within", str(FAULT_WITHIN_S)]
-        sessions.append(run_session(command, wanted, chance.uniform(0.0, KILL_WITHIN_S)))
+        sessions.append(run_session(command, wanted, chance.uniform(0.0, KILL_WITHIN_S if kills else LONGEST_S)))
         for folder in (place / "out").glob("*/points"):
             finished.check(folder)
         tell(sessions, finished)
