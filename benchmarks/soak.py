@@ -3,9 +3,10 @@
     python benchmarks/soak.py [--points 2000] [--speed 50] [--seed 1] [--json]
 
 Each session ends by what its seed draws (`--fault-seed`), by a kill -9 of application, station or simulated rig, by
-Ctrl-C (a fault that stops nothing is not left to spoil every point), or at the last point; the next one resumes. After every session each finished point must still be there, byte by byte. Memory
-and descriptors are watched through /proc: the quarters of the soak are compared, and within each session what came
-after the first 20 s. A session is the campaign as `rig run` runs it, without fit and report.
+Ctrl-C (a fault that stops nothing is not left to spoil every point), or at the last point; the next one resumes. After
+every session each finished point must still be there, byte by byte. Memory and descriptors are watched through /proc:
+the quarters of the soak are compared, and within each session what came after the first 20 s. A session is the campaign
+as `rig run` runs it, without fit and report.
 """
 
 from __future__ import annotations
