@@ -1,4 +1,4 @@
-"""Do these tests belong together: one damper in one condition, and held-out tests that the fit has not seen."""
+"""Do these tests belong together: signs, one damper in one condition, held-out tests that the fit has not seen."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from rig.recording.run import RecordedPoint
 
 FloatArray = NDArray[np.float64]
 
+REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
 PHASES = 64
 SAME_MOTION = 0.02  # relative difference of amplitude and frequency within which two tests are the same
 SAME_CURRENT_A = 0.03
@@ -34,7 +35,7 @@ def refuse_seen(fitted: Sequence[RecordedPoint | Measurement], held_out: Sequenc
     twice = [each.id for each in held_out if _fingerprint(each) in seen]
     if twice:
         raise IdentificationFailed(
-            f"{len(twice)} held-out test(s) are fitted too ({_some(twice)}): errors on them say nothing about tests "
+            f"{len(twice)} held-out test(s) are fitted too ({some(twice)}): errors on them say nothing about tests "
             "the fit has not seen; hold out another run, or part of this one by a filter such as frequency_Hz=2"
         )
 
@@ -42,6 +43,26 @@ def refuse_seen(fitted: Sequence[RecordedPoint | Measurement], held_out: Sequenc
 def _fingerprint(each: RecordedPoint | Measurement) -> bytes:
     force = each.force_N if isinstance(each, Measurement) else each.force_samples.force_N
     return np.ascontiguousarray(force).tobytes()
+
+
+def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
+    """Refuse tests whose measured force drives the motion instead of resisting it.
+
+    Raises:
+        IdentificationFailed: most of the tests put energy in.
+    """
+    reversed_ids = []
+    for each in measurements:
+        force = each.force_N[each.scored]
+        work = (force - float(np.mean(force))) * each.v_m_s[each.scored]
+        if float(np.sum(work)) < REVERSED * float(np.sum(np.abs(work))):
+            reversed_ids.append(each.id)
+    if 2 * len(reversed_ids) > len(measurements):
+        raise IdentificationFailed(
+            f"{some(reversed_ids)}: the measured force drives the motion instead of resisting it: the sign of "
+            "force or displacement is reversed, or their columns are exchanged (displacement is extension, and a "
+            "positive force resists extension)"
+        )
 
 
 def contradictions(measurements: Sequence[Measurement]) -> list[str]:
@@ -60,7 +81,7 @@ def contradictions(measurements: Sequence[Measurement]) -> list[str]:
     if not found:
         return []
     return [
-        f"tests of the same motion and current measured different forces ({_some(found)}): two specimens, two "
+        f"tests of the same motion and current measured different forces ({some(found)}): two specimens, two "
         "temperatures, or a rig that changed between them; one fit describes one damper in one condition"
     ]
 
@@ -120,5 +141,6 @@ def _name(each: Measurement) -> str:
     return f"{each.id} of {Path(each.file).parent.parent.name}" if each.file else each.id
 
 
-def _some(texts: Sequence[str]) -> str:
-    return ", ".join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")
+def some(texts: Sequence[str], separator: str = ", ") -> str:
+    """The first three of a list, and how many more there are."""
+    return separator.join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")

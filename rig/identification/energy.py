@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.dampers.model import DamperModel
-from rig.errors import IdentificationFailed
+from rig.identification.consistency import some
 from rig.identification.fit import ErrorSummary, Passivity
 from rig.identification.measurement import Measurement
 from rig.identification.residuals import samples_a_cycle
@@ -20,7 +20,6 @@ from rig.identification.residuals import samples_a_cycle
 FloatArray = NDArray[np.float64]
 
 SPEEDS, CURRENTS = 24, 5
-REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
 NEGLIGIBLE = 0.005  # share of the greatest power below which power put in does not matter
 DIFFERENT = 0.05  # share of the measured energy by which the model's may differ
 
@@ -30,26 +29,6 @@ def cycle_energy_J(each: Measurement, force_N: FloatArray) -> float:
     scored = each.scored
     speed = each.v_m_s[scored] - float(np.mean(each.v_m_s[scored]))
     return samples_a_cycle(each.u_m) * each.dt_s * float(np.mean(force_N[scored] * speed))
-
-
-def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
-    """Refuse tests whose measured force drives the motion instead of resisting it.
-
-    Raises:
-        IdentificationFailed: most of the tests put energy in.
-    """
-    reversed_ids = []
-    for each in measurements:
-        force = each.force_N[each.scored]
-        work = (force - float(np.mean(force))) * each.v_m_s[each.scored]
-        if float(np.sum(work)) < REVERSED * float(np.sum(np.abs(work))):
-            reversed_ids.append(each.id)
-    if 2 * len(reversed_ids) > len(measurements):
-        raise IdentificationFailed(
-            f"{', '.join(reversed_ids)}: the measured force drives the motion instead of resisting it: the sign of "
-            "force or displacement is reversed, or their columns are exchanged (displacement is extension, and a "
-            "positive force resists extension)"
-        )
 
 
 def passivity(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> Passivity:
@@ -102,6 +81,5 @@ def judgements(error: ErrorSummary, found: Passivity) -> list[str]:
         if abs(each.modelled_energy_J - each.energy_J) > DIFFERENT * abs(each.energy_J)
     ]
     if off:
-        shown = ", ".join(off[:3]) + (f" and {len(off) - 3} more" if len(off) > 3 else "")
-        warnings.append(f"the model's energy per cycle differs by more than {100 * DIFFERENT:g} %: {shown}")
+        warnings.append(f"the model's energy per cycle differs by more than {100 * DIFFERENT:g} %: {some(off)}")
     return warnings

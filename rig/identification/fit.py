@@ -235,10 +235,20 @@ class Fit:
         }
 
     def to_pandas(self) -> pd.DataFrame:
-        """The estimates as a table, one row a parameter."""
+        """The estimates as a table, one row a parameter: value, unit, intervals, standard error, reason."""
         import pandas as pd
 
-        return pd.DataFrame({name: vars(each) for name, each in self.parameters.items()}).T
+        rows = [vars(each) for each in self.parameters.values()]
+        return pd.DataFrame(rows, index=pd.Index(self.parameters, name="parameter"))
+
+    def tests_to_pandas(self) -> pd.DataFrame:
+        """Errors and energies as a table, one row a test (N, J); `held_out` says which the fit has not seen."""
+        import pandas as pd
+
+        held_out = () if self.holdout is None else self.holdout.per_test
+        rows = [vars(each) | {"held_out": False} for each in self.error.per_test]
+        rows += [vars(each) | {"held_out": True} for each in held_out]
+        return pd.DataFrame(rows).set_index("id")
 
 
 def _number(value: float | None) -> float | None:

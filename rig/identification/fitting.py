@@ -13,9 +13,8 @@ from rig.dampers.algebraic import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.coil import find_lag, needs_lag, with_lag
-from rig.identification.consistency import contradictions, refuse_seen, runs_apart
+from rig.identification.consistency import contradictions, refuse_reversed_signs, refuse_seen, runs_apart, some
 from rig.identification.current_lag import CurrentLag, lag_of
-from rig.identification.energy import refuse_reversed_signs
 from rig.identification.fit import Estimate, Fit
 from rig.identification.identifiability import examine
 from rig.identification.judging import judged
@@ -53,7 +52,8 @@ def identify(
         hysteresis: form of the tanh models' argument.
         declared: scale and position errors to include in the intervals.
         profile: parameters whose profile likelihood is wanted; True: all nonlinear ones.
-        allowance: what the next test may ask of the machine; by default what was tested.
+        allowance: what the next test may ask of the machine; by default what a run's own bench and matrix allow, or
+            what was tested.
         told: called with a line of text before each model is fitted and each comparison.
 
     Returns:
@@ -63,6 +63,8 @@ def identify(
         IdentificationFailed: nothing can be identified; the message names what the data lack.
     """
     started = time.perf_counter()
+    if allowance is None and isinstance(tests, Run):
+        allowance = bench_of(tests.path)
     settings = method if isinstance(method, Method) else Method(method)
     fitted, held_out, warnings = _split(tests, holdout)
     refuse_reversed_signs(fitted)
@@ -123,7 +125,7 @@ def identify_run(
     points = [point for run in runs for point in (run.usable if suspect else run.valid)]
     left_out = [line for run in runs for line in run.left_out if not (suspect and ": suspect (" in line)]
     if not points:
-        raise IdentificationFailed(f"no point is valid: {'; '.join(left_out)}; `--suspect` takes suspect points too")
+        raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}; `--suspect` takes suspect points too")
     specimens = {str(run.campaign.get("specimen")) for run in runs if run.campaign.get("specimen") is not None}
     if len(specimens) > 1:
         raise IdentificationFailed(

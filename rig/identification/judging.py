@@ -10,6 +10,7 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.consistency import some
 from rig.identification.energy import judgements as energy_judgements
 from rig.identification.energy import passivity
 from rig.identification.fit import Estimate, Fit, ModelScore
@@ -125,10 +126,7 @@ def _of_tests(tests: Sequence[Measurement]) -> list[str]:
     for each in tests:
         for text in each.warnings:
             named.setdefault(text.removeprefix(f"{each.id}: "), []).append(each.id)
-    return [
-        f"{', '.join(ids[:3])}{f' and {len(ids) - 3} more' if len(ids) > 3 else ''}: {text}"
-        for text, ids in named.items()
-    ]
+    return [f"{some(ids)}: {text}" for text, ids in named.items()]
 
 
 def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[str]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from protocols.quality import Quality
 from rig.errors import IdentificationFailed, RigError
 from rig.identification.coil import LEAST_STEP_A
+from rig.identification.consistency import some
 from rig.identification.measurement import Measurement
 from rig.identification.skew_pooling import Skew, pooled_skews
 from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
@@ -48,7 +49,7 @@ def prepare_all(points: Iterable[RecordedPoint]) -> tuple[list[Measurement], lis
         except RigError as error:
             refusals.append(f"{point.id} left out: {error}")
     if not measurements:
-        reasons = "; ".join(refusals) if refusals else "the run holds no point"
+        reasons = some(refusals, "; ") if refusals else "the run holds no point"
         raise IdentificationFailed(f"nothing to identify from: {reasons}")
     return measurements, refusals
 

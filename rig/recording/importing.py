@@ -28,6 +28,8 @@ from rig.recording.velocity import velocity_of
 from rig.recording.verdict import Findings, SensorCounts, Verdict, judge
 
 FEWEST_CYCLES = 3
+#: Largest value of each quantity, and of displacement the largest span, that a test can have; as in bench files.
+LARGEST = {"displacement": (2.0, "m"), "force": (200e3, "N"), "current": (20.0, "A"), "commanded_current": (20.0, "A")}
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
 NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
@@ -116,6 +118,7 @@ def _read_test(
     table, sha256 = read_table(file, choices)
     time_s = table["time"]
     _check_time(file, time_s)
+    _check_sizes(file, table, choices)
     measured, commanded = "current" in table, table.get("commanded_current")
     known = "current" if measured else "commanded_current"
     if known in table and not np.any(np.isfinite(table[known])):
@@ -157,6 +160,29 @@ def _check_time(file: Path, time_s: FloatArray) -> None:
             f"line {first + 3}: time {time_s[first + 1]!r} s does not come after {time_s[first]!r} s "
             f"({len(wrong)} such line(s)); times must increase",
         ])
+
+
+def _check_sizes(file: Path, table: Mapping[str, FloatArray], choices: Mapping[str, ColumnChoice]) -> None:
+    """Refuse values that no damper test has: a wrong unit or a wrong column.
+
+    Raises:
+        FileProblem: one line for each such column.
+    """
+    problems = []
+    for quantity, (limit, unit) in LARGEST.items():
+        values = table.get(quantity)
+        if values is None or not np.any(np.isfinite(values)):
+            continue
+        spans = quantity == "displacement"
+        verb = "spans" if spans else "reaches"
+        size = float(np.nanmax(values) - np.nanmin(values) if spans else np.nanmax(np.abs(values)))
+        if size > limit:
+            problems.append(
+                f"column {choices[quantity].text!r}, as {quantity}, {verb} {size:.4g} {unit}; "
+                f"a test has at most {limit:g} {unit}: is its unit right, and is it the {quantity}?",
+            )
+    if problems:
+        raise FileProblem(str(file), problems)
 
 
 def _names(tests: Sequence[ImportedTest]) -> list[str]:

@@ -110,6 +110,44 @@ class RecordedPoint:
         }
         return cls(arrays=arrays, **description)
 
+    @classmethod
+    def from_pandas(
+        cls, table: pd.DataFrame, *, id: str, current_A: float, waveform: str = "sine",
+        **description: Any,  # noqa: ANN401 - the other attributes, each of its own type
+    ) -> RecordedPoint:
+        """A point from a table as `to_pandas` gives it: the inverse of that.
+
+        Args:
+            table: one row a sample, indexed by time (s); columns `displacement` (m), `force` (N) and, where there are,
+                `current` (A, measured), `commanded_current` (A) and any other channel.
+            id: the point's id.
+            current_A: the wanted coil current (A).
+            waveform: `sine` or `triangle`.
+            **description: other attributes; amplitude and frequency are measured where they are not given.
+
+        Raises:
+            FileProblem: a column is missing, the time does not increase, or there is no motion to measure.
+        """
+        missing = [name for name in ("displacement", "force") if name not in table]
+        if missing:
+            raise FileProblem(id, [f"the table has no column {name!r}; it has {list(table)}" for name in missing])
+        time_s = table.index.to_numpy(np.float64)
+        if not np.all(np.diff(time_s) > 0.0):
+            raise FileProblem(id, ["the table's index must be the time in s, increasing"])
+        arrays = {"time": time_s, **{str(name): table[name].to_numpy(np.float64) for name in table}}
+        if "current" not in arrays:
+            unknown = np.nan if "commanded_current" in arrays else current_A
+            arrays["current"] = np.full(len(time_s), unknown)
+        if not {"amplitude_m", "frequency_Hz"} <= set(description):
+            from rig.recording.achieved import achieved_motion
+
+            motion = achieved_motion(time_s, arrays["displacement"])
+            if motion is None:
+                raise FileProblem(id, ["no whole cycle is in the displacement; give amplitude_m and frequency_Hz"])
+            description = {"amplitude_m": motion.amplitude_m, "frequency_Hz": motion.frequency_Hz, **description}
+        arrays.setdefault("velocity", np.gradient(arrays["displacement"], time_s))
+        return cls(id=id, waveform=waveform, current_A=current_A, arrays=arrays, **description)
+
     def channel(self, name: str) -> FloatArray:
         """Any aligned channel by its name in the file, (n,) float64; NaN everywhere when the file lacks it.
 

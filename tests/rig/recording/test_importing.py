@@ -159,3 +159,10 @@ def test_every_measured_test_is_imported_with_its_droop_and_true_frequency(tmp_p
     assert all(point.quality["measured_frequency_Hz"] == pytest.approx(3.05, rel=0.01) for point in fast)
     assert all(0.0043 < point.quality["measured_amplitude_m"] < 0.0048 for point in fast)
     assert {point.current_A for point in run.points} == {0.0, 0.25, 0.5, 0.75, 1.0}
+
+
+def test_values_no_damper_test_has_are_refused_with_their_column(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    message = refused(tmp_path, path, columns={**COLUMNS, "displacement": "x_mm:m"})
+    assert "column 'x_mm:m', as displacement, spans 10 m; a test has at most 2 m: is its unit right" in message
+    assert "column 'F:kN', as force, reaches 9e+05 N" in refused(tmp_path, changed(path, 500, "2.490,12.0,900"))

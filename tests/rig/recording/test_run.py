@@ -3,6 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from rig.errors import FileProblem
@@ -96,3 +97,27 @@ def test_a_point_made_in_memory_has_the_wanted_current_and_central_differences()
     assert np.all(point.current_measured_A == 0.7)
     assert np.max(point.velocity_m_s) == pytest.approx(0.02 * np.pi, rel=1e-3)
     assert np.array_equal(point.force_samples.time_s, time_s)
+
+
+def test_a_table_goes_in_and_comes_out_unchanged() -> None:
+    time_s = np.arange(0.0, 6.0, 0.004)
+    motion_m = 0.02 * np.sin(2 * np.pi * 1.5 * np.clip(time_s - 0.5, 0.0, 5.0))
+    table = pd.DataFrame({"displacement": motion_m, "force": 900.0 * motion_m}, index=pd.Index(time_s, name="time_s"))
+    point = RecordedPoint.from_pandas(table, id="mine", current_A=0.5)
+    assert point.amplitude_m == pytest.approx(0.02, rel=1e-3)
+    assert point.frequency_Hz == pytest.approx(1.5, rel=1e-3)
+    assert np.all(point.current_measured_A == 0.5)
+    pd.testing.assert_frame_equal(point.to_pandas()[["displacement", "force"]], table)
+    again = RecordedPoint.from_pandas(point.to_pandas(), id="mine", current_A=0.5)
+    pd.testing.assert_frame_equal(again.to_pandas(), point.to_pandas())
+
+
+def test_a_table_that_is_no_test_says_why() -> None:
+    time_s = np.arange(0.0, 1.0, 0.004)
+    table = pd.DataFrame({"displacement": 0.0 * time_s, "F": time_s}, index=time_s)
+    with pytest.raises(FileProblem, match="no column 'force'; it has \\['displacement', 'F'\\]"):
+        RecordedPoint.from_pandas(table, id="mine", current_A=0.5)
+    with pytest.raises(FileProblem, match="no whole cycle"):
+        RecordedPoint.from_pandas(table.rename(columns={"F": "force"}), id="mine", current_A=0.5)
+    with pytest.raises(FileProblem, match="the time in s, increasing"):
+        RecordedPoint.from_pandas(table.rename(columns={"F": "force"})[::-1], id="mine", current_A=0.5)
