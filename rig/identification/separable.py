@@ -81,7 +81,7 @@ def solve_separable(
     if not starts:
         every = max(1, sum(each.u_m.size for each in measurements) // THINNED_SAMPLES)
         thin = TanhProjection(model, measurements, weighting, every=every, without=held)
-        starts = _starts(thin, max(float(np.max(np.abs(each.v_m_s))) for each in measurements))
+        starts = _starts(thin, max(float(max(np.max(each.v_m_s), -np.min(each.v_m_s))) for each in measurements))
         cost = thin.evaluations / every
     found = [levenberg_marquardt(full, each) for each in starts]
     shape, inner = min(found, key=lambda each: each[1].objective)

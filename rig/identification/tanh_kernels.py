@@ -96,6 +96,82 @@ def _add_rows(
 
 
 @njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
+def _add_products(
+    into: FloatArray, u: FloatArray, v: FloatArray, a: FloatArray, force: FloatArray, weight: FloatArray
+) -> None:
+    """Adds to the upper half of `into` (6, 6) the products of a, 1, v, |v|, u, force with each other."""
+    a0 = a1 = a2 = a3 = a4 = a5 = 0.0
+    n1 = n2 = n3 = n4 = n5 = 0.0
+    v2 = v3 = v4 = v5 = 0.0
+    s4 = s5 = u4 = u5 = f5 = 0.0
+    for i in range(u.size):
+        speed, w = abs(v[i]), weight[i]
+        x = w * a[i]
+        a0 += x * a[i]
+        a1 += x
+        a2 += x * v[i]
+        a3 += x * speed
+        a4 += x * u[i]
+        a5 += x * force[i]
+        n1 += w
+        n2 += w * v[i]
+        n3 += w * speed
+        n4 += w * u[i]
+        n5 += w * force[i]
+        v2 += w * v[i] * v[i]
+        v3 += w * v[i] * speed
+        v4 += w * v[i] * u[i]
+        v5 += w * v[i] * force[i]
+        s4 += w * speed * u[i]
+        s5 += w * speed * force[i]
+        u4 += w * u[i] * u[i]
+        u5 += w * u[i] * force[i]
+        f5 += w * force[i] * force[i]
+    rows = (a0, a1, a2, a3, a4, a5, n1, n2, n3, n4, n5, v2, v3, v4, v5, v2, s4, s5, u4, u5, f5)
+    at = 0
+    for i in range(6):
+        for j in range(i, 6):
+            into[i, j] += rows[at]
+            at += 1
+
+
+@njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
+def gram(
+    u: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+    current: FloatArray,
+    force: FloatArray,
+    weight_squared: FloatArray,
+    ends: NDArray[np.int64],
+    steady: NDArray[np.bool_],
+) -> FloatArray:
+    """Moments of a, 1, v, |v|, u, force with each other, shape (3, 6, 6); arguments as in `add_moments`."""
+    total, part, weight = np.zeros((3, 6, 6)), np.empty((6, 6)), np.empty(BLOCK)
+    first = 0
+    for test in range(ends.size):
+        for start in range(first, ends[test], BLOCK):
+            stop = min(start + BLOCK, ends[test])
+            rows = u[start:stop], v[start:stop], a[start:stop], force[start:stop]
+            powered = weight[: stop - start]
+            powered[:] = weight_squared[start:stop]
+            for power in range(1 if steady[test] else 3):
+                part[:] = 0.0
+                _add_products(part, *rows, powered)
+                total[power] += part
+                if steady[test]:
+                    total[1] += part * current[first]
+                    total[2] += part * current[first] ** 2
+                powered *= current[start:stop]
+        first = ends[test]
+    for power in range(3):
+        for i in range(6):
+            for j in range(i):
+                total[power, i, j] = total[power, j, i]
+    return total
+
+
+@njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
 def add_moments(
     total: FloatArray,
     shapes: FloatArray,

@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 
 COLUMNS = 6  # that do not depend on the shape: a, 1, v, |v|, u, force
 PIECE = 65_536
-KEEP_BELOW = 500_000  # samples up to which they are joined once; more are streamed in pieces
+KEEP_BELOW = 200_000  # samples up to which they are joined once; more are streamed, which also saves the copy
 WORTH_COMPILING = 1_000_000  # samples from which a fit repays the import of numba
 
 
@@ -67,20 +67,10 @@ class Samples:
         """Sign of the extension, shape (n,)."""
         return np.sign(self.u_m)
 
-    def gram(self) -> FloatArray:
-        """Moments of the columns with each other, one matrix for each power of the current, shape (3, 6, 6)."""
-        total, first = np.zeros((3, COLUMNS, COLUMNS)), 0
-        for end, steady in zip(self.ends, self.steady, strict=True):
-            columns = self.columns[:, first:end]
-            weighted = columns * self.weight_squared[first:end]
-            if steady:
-                total += (weighted @ columns.T) * np.power(self.current_A[first], np.arange(3.0))[:, None, None]
-            else:
-                for power in range(3):
-                    total[power] += weighted @ columns.T
-                    weighted *= self.current_A[first:end]
-            first = end
-        return total
+    @property
+    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """u, v, a, current, force and squared weight, as the compiled loops take them."""
+        return self.u_m, self.v_m_s, self.a_m_s2, self.current_A, self.force_N, self.weight_squared
 
 
 def join(measurements: Sequence[Measurement], weighting: Weighting, every: int = 1) -> Samples:
@@ -114,6 +104,28 @@ def _of(each: Measurement, weighting: Weighting, index: int, rows: slice) -> Sam
     )
 
 
+def gram(samples: Samples, *, compiled: bool) -> FloatArray:
+    """Moments of a, 1, v, |v|, u and force with each other for each power of the current, shape (3, 6, 6)."""
+    s = samples
+    if compiled:
+        from rig.identification import tanh_kernels
+
+        products: FloatArray = tanh_kernels.gram(*s.arrays, s.ends, s.steady)
+        return products
+    total, first = np.zeros((3, COLUMNS, COLUMNS)), 0
+    for end, steady in zip(s.ends, s.steady, strict=True):
+        columns = s.columns[:, first:end]
+        weighted = columns * s.weight_squared[first:end]
+        if steady:
+            total += (weighted @ columns.T) * np.power(s.current_A[first], np.arange(3.0))[:, None, None]
+        else:
+            for power in range(3):
+                total[power] += weighted @ columns.T
+                weighted *= s.current_A[first:end]
+        first = end
+    return total
+
+
 def add_moments(total: FloatArray, shapes: FloatArray, samples: Samples, *, slope: bool, compiled: bool) -> None:
     """Add the moments of `samples` at each of the shapes.
 
@@ -128,8 +140,7 @@ def add_moments(total: FloatArray, shapes: FloatArray, samples: Samples, *, slop
     if compiled:
         from rig.identification import tanh_kernels
 
-        motion = (s.u_m, s.v_m_s, s.a_m_s2, s.current_A, s.force_N, s.weight_squared)
-        tanh_kernels.add_moments(total, shapes, slope, *motion, s.ends, s.steady)
+        tanh_kernels.add_moments(total, shapes, slope, *s.arrays, s.ends, s.steady)
         return
     for k, (beta, delta) in enumerate(shapes):
         y = np.tanh(beta * s.v_m_s + delta * s.side)
@@ -158,7 +169,7 @@ def squares(samples: Samples, shape: FloatArray, values: FloatArray, *, compiled
         (m, f0, ca, ca_half, ka, fya), (_, _, cb, cb_half, kb, fyb) = values
         viscous = ca + ca_half, ca - ca_half, cb + cb_half, cb - cb_half
         general = np.array([[m, f0, *shape, fya, fyb, *viscous, ka, kb]])
-        return float(tanh_objective(general, s.u_m, s.v_m_s, s.a_m_s2, s.current_A, s.force_N, s.weight_squared)[0])
+        return float(tanh_objective(general, *s.arrays)[0])
     steady, per_ampere = values[:, :-1] @ s.columns[:-1] + values[:, -1:] * np.tanh(
         shape[0] * s.v_m_s + shape[1] * s.side
     )

@@ -22,6 +22,7 @@ from rig.identification.tanh_moments import (
     Samples,
     add_moments,
     compiled_pays,
+    gram,
     join,
     squares,
     stream,
@@ -73,15 +74,15 @@ class TanhProjection:
         self._compiled = compiled_pays(size * every) if compiled is None else compiled
         self._kept = join(measurements, weighting, every) if size <= KEEP_BELOW or every > 1 else None
         self._columns = _regressors(model)
-        gram = np.zeros((3, COLUMNS, COLUMNS))
+        total = np.zeros((3, COLUMNS, COLUMNS))
         for each in self._pieces():
-            gram += each.gram()
+            total += gram(each, compiled=self._compiled)
             self.samples += int(np.count_nonzero(each.weight_squared))
-        products = gram[POWERS].transpose(0, 2, 1, 3)
+        products = total[POWERS].transpose(0, 2, 1, 3)
         base = products[:, :BASE, :, :BASE].reshape(2 * BASE, 2 * BASE)
         self._normal = self._columns.T @ base @ self._columns
         self._right = self._columns.T @ products[:, :BASE, 0, BASE].reshape(2 * BASE)
-        self.power = float(gram[0, BASE, BASE])
+        self.power = float(total[0, BASE, BASE])
         self._reduction = self._reduced(without)
 
     def without(self, names: frozenset[str]) -> TanhProjection:
