@@ -65,6 +65,11 @@ def _check_zeros(state: State) -> Step:
     return stopping.enter(state, Phase.CHECKING_ZEROS, act.WatchZeros(), device_s=ZEROS_LIMIT_S)
 
 
+def _begin_again(state: State) -> Step:
+    """The trip is reset: every proof is made again, unless something has taken the restart away meanwhile."""
+    return stopping.finish(state) if stopping.gave_up(state) else _check_zeros(state.unlatched())
+
+
 def _zeros(state: State, event: ev.ZerosJudged) -> Step:
     return _arm(state) if event.cause is None else stopping.refuse(state, event.cause)
 
@@ -96,7 +101,7 @@ PROVED: dict[tuple[Phase, Request], Callable[[State], Step]] = {
     (Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG): _pressure_low,
     (Phase.PRESSURE_LOW, Request.HYDRAULICS_LOW): _pressure_on,
     (Phase.PRESSURE_ON, Request.HYDRAULICS_ON): _powered,
-    (Phase.RESETTING, Request.RESET): lambda state: _check_zeros(state.unlatched()),
+    (Phase.RESETTING, Request.RESET): _begin_again,
     (Phase.FINISHING, Request.DISARM): lambda state: stopping.end(
         replace(state, armed=False, pressurised=False, powered=False)
     ),
@@ -338,10 +343,6 @@ NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
     (Phase.STANDING, ev.Standstill): stopping.stands,
     (Phase.STOPPING, ev.Safe): stopping.stopped,
     (Phase.COOLING_DOWN, ev.RestOver): lambda state, _: stopping.reset(state),
-    (Phase.COOLING_DOWN, ev.Fault): stopping.give_up_restart,
-    (Phase.COOLING_DOWN, ev.Abort): stopping.give_up_restart,
-    (Phase.RESETTING, ev.Fault): stopping.give_up_restart,
-    (Phase.RESETTING, ev.Abort): stopping.give_up_restart,
     (Phase.FINISHING, ev.Fault): stopping.note_abort_while_finishing,
     (Phase.FINISHING, ev.Abort): stopping.note_abort_while_finishing,
 }

@@ -21,7 +21,6 @@ Handler = Callable[[State, Any], Step]
 
 STANDSTILL_LIMIT_S = 5.0
 STOP_LIMIT_S = 60.0
-RESTARTING = frozenset({Phase.COOLING_DOWN, Phase.RESETTING})
 COOLING_PAUSE_S = 20.0
 COOLING_LIMIT_S = COOLING_PAUSE_S + 10.0
 
@@ -49,9 +48,7 @@ def latch(state: State, stop: StopKind, cause: Cause, *actions: Action) -> Step:
 def tripped(state: State, event: ev.Tripped) -> Step:
     """The station tripped: it stops the rig already, so nothing is asked of it."""
     if state.latch is not None:
-        if may_restart(event.stop, event.cause):
-            return state, ()
-        return finish(state) if state.phase in RESTARTING else (without_restart(state), ())
+        return (state, ()) if may_restart(event.stop, event.cause) else give_up_restart(state, event)
     return latch(state, event.stop, event.cause)
 
 
@@ -60,13 +57,18 @@ def without_restart(state: State) -> State:
     return replace(state, retries=0)
 
 
+def gave_up(state: State) -> bool:
+    """Whether a restart that was begun has been taken away."""
+    return state.retries == 0
+
+
 def fault(state: State, event: ev.Fault | ev.Abort) -> Step:
     """The application or the operator wants a stop: ask the station for it, or just end when nothing is armed.
 
     While a stop is under way it goes on undisturbed, but no restart follows it.
     """
     if state.latch is not None:
-        return without_restart(state), ()
+        return give_up_restart(state, event)
     if not state.armed:
         return finish(replace(state, latch=Latch(event.stop, event.cause)))
     return latch(state, event.stop, event.cause, act.Stop(event.stop, event.cause))
@@ -112,14 +114,15 @@ def cool_down(state: State) -> Step:
 def reset_declined(state: State, cause: Cause) -> Step:
     """An ECU that is still too hot keeps its fault: the wait goes on; any other refusal ends the campaign."""
     waits = state.latch is not None and state.latch.cause.slug in COOLS_FIRST
-    if waits and cause.slug == "coil-not-ready" and state.cooled_s < state.conditions.longest_s:
-        return cool_down(state)
-    return finish(state)
+    if gave_up(state) or not waits or cause.slug != "coil-not-ready" or state.cooled_s >= state.conditions.longest_s:
+        return finish(state)
+    return cool_down(state)
 
 
-def give_up_restart(state: State, event: ev.Fault | ev.Abort) -> Step:
-    """Something else came up while a stop was being reset: the campaign ends."""
-    return finish(state)
+def give_up_restart(state: State, event: ev.Fault | ev.Abort | ev.Tripped) -> Step:
+    """Something else came up during a stop: it goes on, a reset under way too, and then the campaign ends."""
+    state = without_restart(state)
+    return finish(state) if state.phase is Phase.COOLING_DOWN else (state, ())
 
 
 def not_proved_safe(state: State, event: ev.Unknown) -> Step:

@@ -213,9 +213,11 @@ def test_no_restart_follows_an_operators_stop_or_a_fault_that_forbids_it(edges: 
     for edge in edges:
         forbids = isinstance(edge.event, ev.Abort | ev.Fault) or edge.event == ev.Tripped(StopKind.S1, FINAL)
         if forbids and edge.before.latch is not None:
-            after, actions = step(edge.after, ev.Safe())
-            assert act.Ask(Request.RESET) not in actions
-            assert after.phase not in {Phase.RESETTING, Phase.COOLING_DOWN}
+            for event in (ev.Safe(), ev.Done(Request.RESET), ev.Declined(Request.RESET, STILL_HOT)):
+                after, actions = step(edge.after, event)
+                assert act.Ask(Request.RESET) not in actions
+                assert after.latch is not None
+                assert after.phase is edge.after.phase or after.phase in {Phase.FINISHING, Phase.ENDED}
 
 
 def test_every_fault_or_abort_of_an_armed_rig_latches_or_ends(edges: list[Edge]) -> None:
