@@ -1,6 +1,6 @@
 """A long simulated campaign with random seeded faults, resumed until it is complete: nothing finished may be lost.
 
-    python benchmarks/soak.py [--points 2000] [--speed 50] [--seed 1] [--json]
+    python benchmarks/soak.py [--points 2000] [--speed 50] [--seed 1] [--within 3600] [--json]
 
 Each session ends by what its seed draws (`--fault-seed`), by a kill -9 of application, station or simulated rig, by
 Ctrl-C (a fault that stops nothing is not left to spoil every point), or at the last point; the next one resumes. After
@@ -197,11 +197,12 @@ def table(sessions: list[Session]) -> list[dict[str, object]]:
     return rows
 
 
-def soak(place: Path, points: int, speed: float, seed: int, most_sessions: int) -> tuple[list[Session], Finished]:
-    """Run sessions until the campaign is complete."""
+def soak(place: Path, points: int, speed: float, seed: int, within_s: float) -> tuple[list[Session], Finished]:
+    """Run sessions until the campaign is complete, or the time is over."""
     chance, sessions, finished = random.Random(seed), [], Finished()
+    until_ns = monotonic_ns() + int(within_s * 1e9)
     (place / "matrix.toml").write_text(matrix(points), encoding="utf-8")
-    while len(sessions) < most_sessions and (not sessions or sessions[-1].exit_code != 0):
+    while monotonic_ns() < until_ns and (not sessions or sessions[-1].exit_code != 0):
         kills = chance.random() < KILL_SHARE
         wanted = f"kill {chance.choice(KILLED)}" if kills else f"faults {chance.randrange(1 << 30)}"
         command = [sys.executable, __file__, "--session", str(place), "--speed", str(speed)]
@@ -241,7 +242,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
     parser.add_argument("--points", type=int, default=2000)
     parser.add_argument("--speed", type=float, default=50.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--most-sessions", type=int, default=200)
+    parser.add_argument("--within", type=float, default=3600.0, help="begin no further session after so many seconds")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--session", type=Path, help=argparse.SUPPRESS)
     options, simulator = parser.parse_known_args(arguments)
@@ -249,7 +250,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
         return run_one(options.session, options.speed, simulator)
     began_ns = monotonic_ns()
     with tempfile.TemporaryDirectory(prefix="soak-") as place:
-        sessions, finished = soak(Path(place), options.points, options.speed, options.seed, options.most_sessions)
+        sessions, finished = soak(Path(place), options.points, options.speed, options.seed, options.within)
         found = summary(sessions, finished, (monotonic_ns() - began_ns) * 1e-9)
     text = json.dumps(found) if options.json else "\n".join(f"{name}: {value}" for name, value in found.items())
     sys.stdout.write(text + "\n")

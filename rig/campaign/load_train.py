@@ -2,15 +2,12 @@
 
 Cycles are cut by the controller's cycle pulse, which every sensor latches in its own clock; each full cycle is compared
 with the median of up to three before it. Slow changes (a warming damper) pass, a sudden one does not. Cycles of another
-amplitude or duration (ramps), with lost samples, or beside a change of the current are not compared; of another motion
-or current only the share in which the force rests near zero is, because that hardly depends on either: a joint that
-came loose between two points shows in the second one's first two cycles.
+amplitude or duration (ramps), with lost samples, or beside a change of the current are not compared.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -29,12 +26,6 @@ QUIET_SHARE = 0.04
 QUIET_SAMPLES = 3
 """So many samples more or less fall near zero from cycle to cycle, by where in the cycle they are taken."""
 QUIET_OF_PEAK = 0.05
-TIGHT_SHARE = 0.06
-LOOSENED_SHARE = 0.03
-LOOSENED_TIMES = 2.0
-"""A joint is tight below the first; by so much more, and so many times as much, in the next motion it came loose."""
-COMPARABLE_PEAK = 0.7
-"""A force smaller than this share of the motion before rests longer near zero by nature: slower, or less current."""
 SERVO_SHARE = 0.5
 SERVO_FLOOR_M = 1e-4
 CURRENT_APART_A = 0.1
@@ -107,7 +98,6 @@ class LoadTrainWatch:
     def __init__(self) -> None:
         self._tracks = {channel: _Track() for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.SERVO_ERROR)}
         self._before: deque[Cycle] = deque(maxlen=REFERENCES)
-        self._last_motion: Cycle | None = None
         self._next: int | None = None
         self._skip = 0
         self._current_A = np.nan
@@ -161,14 +151,8 @@ class LoadTrainWatch:
             self._begin_anew()
 
     def _begin_anew(self) -> None:
-        self._forget_motion()
-        self._skip = CYCLES_AFTER_CURRENT
-
-    def _forget_motion(self) -> None:
-        """Another motion or current follows; a single cycle before it is no motion to compare with."""
-        if len(self._before) > 1:
-            self._last_motion = _usual(self._before)
         self._before.clear()
+        self._skip = CYCLES_AFTER_CURRENT
 
     def _overtaken(self) -> bool:
         """The cycle waited for will not be completed: every channel is already at a later one."""
@@ -203,31 +187,15 @@ class LoadTrainWatch:
             self._skip -= 1
             return None
         if self._before:
-            usual = _usual(self._before)
+            usual = Cycle(*np.median([astuple(each) for each in self._before], axis=0).tolist())
             alike = abs(cycle.stroke_m - usual.stroke_m) <= SAME_SHAPE * usual.stroke_m
             alike = alike and abs(cycle.duration_us - usual.duration_us) <= SAME_SHAPE * usual.duration_us
             if not alike:
-                self._forget_motion()
-            elif found := difference(cycle, usual) or loosened(cycle, usual, self._last_motion):
+                self._before.clear()
+            elif found := difference(cycle, usual):
                 return found
         self._before.append(cycle)
         return None
-
-
-def _usual(cycles: Iterable[Cycle]) -> Cycle:
-    """The median of each number of some cycles."""
-    return Cycle(*np.median([astuple(each) for each in cycles], axis=0).tolist())
-
-
-def loosened(cycle: Cycle, usual: Cycle, before: Cycle | None) -> str | None:
-    """Whether a cycle and the usual one before it rest near zero as the motion before did not; None when not."""
-    if before is None or before.quiet > TIGHT_SHARE or cycle.peak_N < COMPARABLE_PEAK * before.peak_N:
-        return None
-    quiet = min(cycle.quiet, usual.quiet)
-    allowed = max(before.quiet + LOOSENED_SHARE + QUIET_SAMPLES * cycle.sample, LOOSENED_TIMES * before.quiet)
-    if quiet <= allowed:
-        return None
-    return f"force near zero is {100 * quiet:.2g} % of a cycle, in the motion before it was {100 * before.quiet:.2g} %"
 
 
 def difference(cycle: Cycle, usual: Cycle) -> str | None:

@@ -110,22 +110,6 @@ def test_edges_that_are_missing_never_stop_the_watch() -> None:
     assert watched(records[~missing])[0] is None
 
 
-@pytest.mark.parametrize(("loose_from_s", "named"), [(3.0, "in the motion before it was"), (0.0, None)])
-def test_a_joint_that_comes_loose_between_two_motions_is_seen_and_one_that_always_was_is_not(
-    loose_from_s: float, named: str | None
-) -> None:
-    def loose(t_s: NDArray[np.float64], x_m: NDArray[np.float64], v_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        dead = (t_s > loose_from_s) & (np.abs(x_m) > 0.018)
-        return np.where(dead, 0.0, friction(t_s, x_m, v_m_s) * np.where(t_s > 3.0, 1.5, 1.0))
-
-    records = rig(14, loose)
-    step = np.array([(3_000_000, -1, 1.5, 0, Channel.COMMANDED_CURRENT, 0)], RECORD_DTYPE)
-    at = int(np.searchsorted(records["host_ns"], 3_000_000))
-    said, seen = watched(np.concatenate((records[:at], step, records[at:])))
-    assert (said is None) if named is None else (said is not None and named in said)
-    assert named is None or records["host_ns"][min(seen, len(records)) - 1] <= 3.0e6 + 5 * PERIOD_S * 1e6
-
-
 def test_where_in_a_cycle_its_few_samples_are_taken_is_no_change() -> None:
     usual = Cycle(0.02, 250e3, 300.0, 2.0, 1 / 62, 1e-4, 1 / 62)
     assert difference(replace(usual, quiet=4 / 62), usual) is None
