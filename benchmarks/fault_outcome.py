@@ -5,7 +5,6 @@ Read from outside: the exit code and answer of `rig run`, the campaign's journal
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, field
 from typing import Any
@@ -123,7 +122,8 @@ def _refused(case: Case, ending: Ending, outcome: Outcome) -> None:
     outcome.expect(float(np.ptp(truth.displacement_m)) < PROOF_MOVE_M, "the rod moved")
     outcome.expect(float(np.abs(truth.current_A).max()) < NO_CURRENT_A, "current flowed")
     outcome.expect(not list((ending.folder / "points").iterdir()), "a point was recorded")
-    outcome.expect(any(slug in json.dumps(line) for line in ending.log), "the journal does not name it")
+    refused = [line["slug"] for line in ending.log if line["event"] == "refused"]
+    outcome.expect(refused == [slug], f"the journal says {refused}")
 
 
 def is_flag(line: dict[str, Any], slug: str) -> bool:

@@ -11,12 +11,14 @@ class DriverError(Exception):
     Attributes:
         device: name of the device as in the bench file, e.g. "load_cell".
         port: URL or channel of its port.
+        message: what was expected and what came, without device and port.
     """
 
     def __init__(self, device: str, port: str, message: str) -> None:
         super().__init__(f"{device} at {port}: {message}")
         self.device = device
         self.port = port
+        self.message = message
 
 
 class PortClosed(DriverError):

@@ -199,7 +199,7 @@ class ModbusLink:
         """One request, one answer.
 
         Raises:
-            NoAnswer: time-out; the connection is closed at the second in a row.
+            NoAnswer: time-out, or an answer to no request; the connection is closed at the second in a row.
             LinkLost: not connected, or the connection broke.
             WrongAnswer: not an answer from this device.
         """
@@ -212,8 +212,6 @@ class ModbusLink:
             self._silent += 1
             if self._silent >= TIMEOUTS_UNTIL_CLOSED:
                 self.close()
-            raise NoAnswer(
-                self.device, self.url, f"function {request[0]}: no answer within {self._timeout_s * 1e3:g} ms"
-            ) from error
+            raise NoAnswer(self.device, self.url, f"function {request[0]}: {error.message}") from error
         self._silent = 0
         return answer

@@ -23,6 +23,8 @@ from protocols.errors import RemoteProtocolError
 
 READ_SIZE = 4096
 TRANSACTIONS = 1 << 16
+EARLIER = 4
+"""So many requests back an answer may belong to one that was given up."""
 QUIET_S = 0.005
 """Silence that ends whatever a serial line was sending: more than 3.5 characters at any baud rate in use."""
 
@@ -103,7 +105,8 @@ class TcpWire:
         """Send one request, wait for its answer.
 
         Raises:
-            NoAnswer: none with this request's number came in time.
+            NoAnswer: none with this request's number came in time, or one with a number that was never asked for: the
+                connection answers one request at a time, so it was meant to be this one's.
             LinkLost: the connection broke or is not open.
             WrongAnswer: what came is not Modbus, or is from another unit.
         """
@@ -149,12 +152,16 @@ class TcpWire:
 
         Raises:
             RemoteProtocolError: not Modbus.
+            NoAnswer: a number that was not asked for lately.
             WrongAnswer: another unit's.
         """
         while (frame := self._frames.next()) is not None:
             transaction, unit, pdu = frame
             if transaction != self._transaction:
                 self.stale += 1
+                if (self._transaction - transaction) % TRANSACTIONS > EARLIER:
+                    text = f"answer {transaction} to request {self._transaction}"
+                    raise NoAnswer(self.device, self.url, text)
                 continue
             if unit != self._unit:
                 raise WrongAnswer(self.device, self.url, f"asked unit {self._unit}, unit {unit} answers")

@@ -279,6 +279,9 @@ def _run(
             raise UnknownRigState(text) from error
         client.close()
     result = _result(start.folder, runner)
+    refused = runner.state.refused
+    if refused is not None:
+        _or_say(display, lambda: log.write("refused", slug=refused.slug, text=refused.detail))
     _or_say(display, lambda: log.write("result", **result.to_json(), detail=result.detail))
     return result
 

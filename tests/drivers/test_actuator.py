@@ -358,6 +358,17 @@ def test_an_answer_with_another_number_is_thrown_away_and_counted(
     assert (actuator.stale, actuator.timeouts) == (1, 1)
 
 
+def test_a_connection_whose_numbers_are_wrong_is_left_without_waiting_for_better_ones(device: ModbusDevice) -> None:
+    impatient = ModbusActuator(device.url, timeout_s=20.0)
+    impatient.open()
+    device.faults = [another_number, another_number]
+    began_ns = time.monotonic_ns()
+    with pytest.raises(NoAnswer):
+        impatient.read_status()
+    assert not impatient.is_open
+    assert time.monotonic_ns() - began_ns < 10e9, "neither time-out was waited for"
+
+
 def test_an_answer_of_another_unit_is_not_believed(device: ModbusDevice, actuator: ModbusActuator) -> None:
     device.faults = [another_unit, another_unit]
     with pytest.raises(WrongAnswer, match="asked unit 1, unit 2 answers"):
