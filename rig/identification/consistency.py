@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -42,7 +43,7 @@ def refuse_seen(fitted: Sequence[RecordedPoint | Measurement], held_out: Sequenc
 
 def _fingerprint(each: RecordedPoint | Measurement) -> bytes:
     force = each.force_N if isinstance(each, Measurement) else each.force_samples.force_N
-    return np.ascontiguousarray(force).tobytes()
+    return hashlib.sha256(np.ascontiguousarray(force).tobytes()).digest()
 
 
 def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:

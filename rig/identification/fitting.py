@@ -21,7 +21,7 @@ from rig.identification.judging import judged
 from rig.identification.measurement import Measurement
 from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.preparation import prepare_all
-from rig.identification.scoring import describes, score
+from rig.identification.scoring import score
 from rig.identification.selection import Candidate, compare
 from rig.identification.solving import Method, solve
 from rig.identification.uncertainty import DeclaredErrors, quantile
@@ -84,11 +84,10 @@ def identify(
     if eta_1_s is not None and "eta" in best.model.names:
         values = {**best.solution.values, "eta": eta_1_s}
         best = replace(best, solution=replace(best.solution, values=values))
-    if describes(best.model, best.solution.values, fitted, settings.weighting(best.model)) is False:
-        warnings += runs_apart(
-            fitted, score(best.model, best.solution.values, fitted).rmse_N, _error_of(best, settings)
-        )
     fit = judged(best, fitted, held_out, ranking, settings, warnings, declared, profile, started)
+    if not fit.adequate:
+        apart = runs_apart(fitted, fit.error.rmse_N, _error_of(best, settings))
+        fit = replace(fit, warnings=(*apart, *fit.warnings))
     if lag is not None and "eta" in fit.parameters:
         fit = _with_lag(fit, lag)
     return replace(fit, next_tests=next_tests(best.model, fit, fitted, allowance))

@@ -72,6 +72,8 @@ def examine(model: DamperModel, measurements: Sequence[Measurement]) -> Findings
     _current(model, measurements, found)
     _inertia(model, measurements, found)
     _speed(model, measurements, found)
+    for name in found.held:
+        found.reasons[name] += "; taken as 0 here"
     return found
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +43,16 @@ def prepare_all(points: Iterable[RecordedPoint]) -> tuple[list[Measurement], lis
     """
     measurements, refusals = [], []
     given = list(points)
-    skews = pooled_skews([point for point in given if point.verdict != "invalid"])
+    runs: dict[Path | None, list[RecordedPoint]] = {}
+    for point in given:
+        runs.setdefault(None if point.path is None else point.path.parent, []).append(point)
+    skews = {
+        folder: pooled_skews([point for point in group if point.verdict != "invalid"]) for folder, group in runs.items()
+    }
     for point in given:
         try:
-            measurements.append(prepare(point, skews.get(point.id)))
+            folder = None if point.path is None else point.path.parent
+            measurements.append(prepare(point, skews[folder].get(point.id)))
         except RigError as error:
             refusals.append(f"{point.id} left out: {error}")
     if not measurements:
