@@ -14,15 +14,12 @@ from rig.identification.cluster import cluster
 from rig.study.figures import figures
 from rig.study.outputs import write_outputs
 from rig.study.paper1_tables import (
-    TITLES,
-    best_settings,
+    SYMMETRY_TITLES,
     comparison_tables,
     model_tables,
     parallel_table,
     parameter_tables,
     sensitivity_tables,
-    setting_groups,
-    setting_values,
     tests_table,
 )
 from rig.study.paper2_tables import current_tables
@@ -30,6 +27,7 @@ from rig.study.parallel_timing import time_parallel
 from rig.study.results_file import ResultsFile
 from rig.study.runner import StudyProgress, run_cells
 from rig.study.search_cell import all_cells, searches
+from rig.study.settings import TITLES, best_settings, setting_groups, setting_values
 from rig.study.statistics import KruskalWallis, kruskal_wallis
 from rig.study.study_file import StudyFile, load_study
 from rig.study.table import Table
@@ -97,6 +95,7 @@ def run_study(
         "tests": len(bench.tests),
         "samples": sum(len(test.u_m) for test in bench.tests),
         "searches": len(searches(cells, ())),
+        "repeats": study.comparison.repeats,
         "left_out": bench.left_out,
         "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
     }
@@ -129,10 +128,12 @@ def study_tables(study: StudyFile, bench: Workbench, lines: dict[str, dict[str, 
     """
     model = bench.problem(study.comparison.models[0]).model
     units = {parameter.name: parameter.unit for parameter in model.parameters}
+    named = {*study.comparison.models, *(SYMMETRY_TITLES if study.symmetry else ())}
+    minima = {name: value for name in sorted(named) if (value := bench.minimum(name)) is not None}
     paper1 = [
         tests_table(bench.tests),
-        *comparison_tables(study, lines),
-        *model_tables(study, lines),
+        *comparison_tables(study, lines, minima),
+        *model_tables(study, lines, minima),
         *parameter_tables(study, lines, units),
         *parallel_table(study, lines),
         *sensitivity_tables(study, lines),

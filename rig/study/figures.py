@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.study.paper1_tables import TITLES, best_settings, setting_groups
 from rig.study.paper2_tables import current_results, parameter_relations
 from rig.study.search_cell import SearchCell
+from rig.study.settings import TITLES, Lines, best_settings, setting_groups
 from rig.study.study_file import StudyFile
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Lines = Mapping[str, Mapping[str, Any]]
 
 WIDTH_INCH = 9.0
 
@@ -37,6 +36,7 @@ def figures(study: StudyFile, results: Lines) -> dict[str, str]:
         drawn["figure-08"] = _svg(_box_plots(groups))
         drawn["figure-09"] = _svg(_convergence(study, results))
     if current_results(study, results):
+        drawn["paper2-figure-10"] = _svg(_error_against_evaluations(study, results))
         drawn["paper2-figure-relations"] = _svg(_against_current(study, results))
     return drawn
 
@@ -76,15 +76,32 @@ def _convergence(study: StudyFile, results: Lines) -> Figure:
         histories = [np.array(results[cell.key]["history"]) for cell in cells if cell.key in results]
         grid = np.linspace(population, budget, 200)
         curves = np.array([_at(history, grid) for history in histories])
-        line = axes.plot(grid, np.median(curves, axis=0), label=f"{TITLES[method]}, N={population}")[0]
-        low, high = np.percentile(curves, [25, 75], axis=0)
-        axes.fill_between(grid, low, high, alpha=0.15, color=line.get_color())
-    axes.set_yscale("log")
+        _band(axes, grid, curves, f"{TITLES[method]}, N={population}")
     axes.set_xlabel("objective evaluations")
     axes.set_ylabel("best f(s): median and middle half")
+    return figure
+
+
+def _error_against_evaluations(study: StudyFile, results: Lines) -> Figure:
+    """Minimum fitness so far of every genetic algorithm: median over currents and repeats, and the middle half."""
+    figure = _new_figure(4.0)
+    axes = figure.subplots()
+    for method, by_current in current_results(study, results).items():
+        histories = [np.array(line["history"]) for lines in by_current.values() for line in lines]
+        grid = np.linspace(min(each[0, 0] for each in histories), max(each[-1, 0] for each in histories), 200)
+        _band(axes, grid, np.array([_at(history, grid) for history in histories]), TITLES[method])
+    axes.set_xlabel("fitness evaluations")
+    axes.set_ylabel("minimum of mean(((Fsim - Fexp) / SD(Fexp))^2)")
+    return figure
+
+
+def _band(axes: Axes, grid: np.ndarray, curves: np.ndarray, label: str) -> None:
+    line = axes.plot(grid, np.median(curves, axis=0), label=label, marker="o" if len(set(grid)) == 1 else None)[0]
+    low, high = np.percentile(curves, [25, 75], axis=0)
+    axes.fill_between(grid, low, high, alpha=0.15, color=line.get_color())
+    axes.set_yscale("log")
     axes.grid(visible=True, alpha=0.3)
     axes.legend(fontsize=8)
-    return figure
 
 
 def _at(history: np.ndarray, evaluations: np.ndarray) -> np.ndarray:

@@ -11,15 +11,32 @@ from pathlib import Path
 from typing import Any
 
 from rig.study.statistics import KruskalWallis
-from rig.study.table import Table, written
+from rig.study.table import Cell, Table, written
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 62rem; padding: 0 1rem; color: #1b1f24; }
 table { border-collapse: collapse; margin: .5rem 0 1rem; } th, td { padding: .2rem .6rem; border-bottom: 1px solid
-#d5dae0; } th { text-align: left; background: #f4f6f8; } td { text-align: right; font-variant-numeric: tabular-nums; }
-td:first-child { text-align: left; } .note { color: #57606a; font-size: .9em; } svg { max-width: 100%; height: auto; }
+#d5dae0; white-space: nowrap; } th { text-align: left; vertical-align: bottom; background: #f4f6f8; }
+th, td.long { white-space: normal; } .number { text-align: right; font-variant-numeric: tabular-nums; }
+h2 { font-size: 1.15rem; margin: 2rem 0 0; } .caption { margin: .1rem 0 .4rem; } .table { overflow-x: auto; }
+nav { columns: 3; font-size: .9em; } nav a { display: block; } .note { color: #57606a; font-size: .9em; }
+svg { max-width: 100%; height: auto; }
 @media (prefers-color-scheme: dark) { body { background: #fff; } }
 """
+
+
+FIGURE_TITLES = {
+    "figure-08": "Figure 8: box plots of every setting",
+    "figure-09": "Figure 9: convergence, each method at its best setting",
+    "paper2-figure-10": "Paper 2, Figure 10: minimum error against evaluations",
+    "paper2-figure-relations": "Paper 2: parameters against current",
+}
+LONG_TEXT = 40
+HYPOTHESIS = (
+    "Hypothesis: all settings draw from one distribution. Over all settings it is honest; over best-tuned settings "
+    "only (as the paper does) it is not: the settings were chosen on the same values."
+)
+SEVERAL = {"Paper 2, Table 1", "Paper 2, relations"}
 
 
 def write_outputs(
@@ -38,7 +55,7 @@ def write_outputs(
         tables: All tables.
         figures: Name -> SVG.
         tests: What was compared -> Kruskal-Wallis test, None where it cannot be done.
-        facts: About the study: name, samples, searches.
+        facts: About the study: name, recordings, tests, samples, searches, repeats, left_out, wall_s.
 
     Returns:
         Path of the page.
@@ -73,13 +90,11 @@ def as_json(
     """
     return {
         "study": dict(facts),
-        "kruskal_wallis": {
-            name: None if test is None else _test_as_json(test)
-            for name, test in tests.items()
-        },
+        "kruskal_wallis": {name: None if test is None else _test_as_json(test) for name, test in tests.items()},
         "tables": [
             {
                 "name": table.name,
+                "heading": table.heading,
                 "title": table.title,
                 "columns": list(table.columns),
                 "rows": [[_plain(cell) for cell in row] for row in table.rows],
@@ -105,26 +120,56 @@ def _page(
     tests: Mapping[str, KruskalWallis | None],
     facts: Mapping[str, Any],
 ) -> str:
-    parts = [f"<h1>{html.escape(title)}</h1>"]
-    parts.append("<p>" + html.escape(", ".join(f"{key}: {value}" for key, value in facts.items())) + "</p>")
+    parts = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(_summary(facts))}</p>"]
+    parts += [f"<p class='note'>{html.escape(line)}</p>" for line in facts["left_out"]]
+    parts.append(_contents(tables, figures))
     parts += [_html_table(table) for table in tables]
-    parts.append("<h2>Kruskal-Wallis test</h2><p class='note'>Hypothesis: all settings draw from one distribution. "
-                 "Over all settings it is honest; over best-tuned settings only (as the paper does) it is not: the "
-                 "settings were chosen on the same values.</p>")  # fmt: skip
+    parts.append(f"<h2 id='kruskal-wallis'>Kruskal-Wallis test</h2><p class='note'>{HYPOTHESIS}</p>")
     parts += [_html_test(name, test) for name, test in tests.items()]
     for name, svg in figures.items():
-        parts.append(f"<h2>{html.escape(name)}</h2>{svg}")
+        parts.append(f"<h2 id='{name}'>{html.escape(FIGURE_TITLES.get(name, name))}</h2>{svg}")
     head = f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{html.escape(title)}</title>"
     return f"{head}<style>{STYLE}</style><body>{''.join(parts)}</body></html>\n"
 
 
 def _html_table(table: Table) -> str:
-    heads = "".join(f"<th>{html.escape(column)}</th>" for column in table.columns)
-    rows = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(written(cell))}</td>" for cell in row) + "</tr>" for row in table.rows
+    numeric = [any(isinstance(row[place], int | float) for row in table.rows) for place in range(len(table.columns))]
+    heads = "".join(
+        f"<th{_align(right)}>{html.escape(column)}</th>" for column, right in zip(table.columns, numeric, strict=True)
     )
+    rows = "".join(f"<tr>{''.join(_html_cell(cell) for cell in row)}</tr>" for row in table.rows)
     note = f"<p class='note'>{html.escape(table.note)}</p>" if table.note else ""
-    return f"<h2>{html.escape(table.name)}: {html.escape(table.title)}</h2><table><tr>{heads}</tr>{rows}</table>{note}"
+    head = f"<h2 id='{table.name}'>{html.escape(table.heading)}</h2><p class='caption'>{html.escape(table.title)}</p>"
+    return f"{head}<div class='table'><table><tr>{heads}</tr>{rows}</table></div>{note}"
+
+
+def _html_cell(cell: Cell) -> str:
+    text = html.escape(written(cell))
+    long = " class='long'" if len(text) > LONG_TEXT else ""
+    return f"<td{_align(isinstance(cell, int | float)) or long}>{text}</td>"
+
+
+def _align(right: bool) -> str:
+    return " class='number'" if right else ""
+
+
+def _contents(tables: Sequence[Table], figures: Mapping[str, str]) -> str:
+    places = {table.name: f"{table.heading}{_suffix(table)}" for table in tables}
+    places |= {"kruskal-wallis": "Kruskal-Wallis test", **{name: FIGURE_TITLES.get(name, name) for name in figures}}
+    links = "".join(f"<a href='#{name}'>{html.escape(text)}</a>" for name, text in places.items())
+    return f"<nav>{links}</nav>"
+
+
+def _suffix(table: Table) -> str:
+    """What tells apart tables of one heading, for the list of contents."""
+    return f", {table.title.rpartition(', ')[2].partition(' (')[0]}" if table.heading in SEVERAL else ""
+
+
+def _summary(facts: Mapping[str, Any]) -> str:
+    return (
+        f"{facts['tests']} tests ({facts['recordings']}), {facts['samples']:,} samples; {facts['searches']} searches, "
+        f"{facts['repeats']} repeats of each setting; {facts['wall_s']:g} s in the session that wrote this page."
+    )
 
 
 def _html_test(name: str, test: KruskalWallis | None) -> str:

@@ -8,30 +8,17 @@ from typing import Any
 from rig.identification.measurement import Measurement
 from rig.study.parallel_timing import parallel_key
 from rig.study.search_cell import SENSITIVITY, SearchCell, comparison_cells, symmetry_cells, varied_cells
+from rig.study.settings import TITLES, Lines, best_settings, setting_summary, values_of
 from rig.study.statistics import Summary, summarise
 from rig.study.study_file import StudyFile
 from rig.study.table import Cell, Table, known
 
-Lines = Mapping[str, Mapping[str, Any]]
-
-TITLES = {
-    "c_foa": "c-FOA",
-    "c_foa printed": "c-FOA as printed",
-    "foa": "FOA",
-    "ga": "Genetic Algorithm",
-    "ga feasible": "Genetic Algorithm, feasible directions",
-    "de": "Differential Evolution",
-    "de 5": "Differential Evolution, strategy 5",
-    "pso": "Particle Swarm Optimisation",
-    "i_abc": "Artificial Bee Colony",
-    "ga_standard": "Standard GA",
-    "ga_kwok": "GA of Kwok et al.",
-    "ga_novel": "Novel GA",
-    "hybrid": "c-FOA, then least squares",
-    "zhu_three_step": "Zhu et al., three steps",
-}
 TABLE_NUMBERS = {"ga": 10, "de": 11, "pso": 12, "i_abc": 13, "c_foa": 14}
 VALUE_COLUMNS = ("BV", "MV", "SD", "repeats")
+SYMMETRY_TITLES = {
+    "asymmetric": "Asymmetric model: Ca_minus \N{NOT EQUAL TO} Ca_plus, Cb_minus \N{NOT EQUAL TO} Cb_plus",
+    "symmetric": "Symmetric model: Ca_minus = Ca_plus, Cb_minus = Cb_plus",
+}
 OBJECTIVE = "Objective f(s) = sum(((Fexp - F) w)^2), (12)."
 
 
@@ -63,100 +50,29 @@ def tests_table(tests: Sequence[Measurement]) -> Table:
         ]
         rows.append((f"{current:g}", *amplitudes))
     columns = ("I / A", *(f"A / m at f = {frequency:g} Hz" for frequency in frequencies))
-    return Table("table-01", "Loading conditions of the tests", columns, tuple(rows))
+    return Table("table-01", "Table 1", "Loading conditions of the tests on the MR damper", columns, tuple(rows))
 
 
-def best_settings(study: StudyFile, results: Lines) -> dict[str, tuple[int, int, Summary]]:
-    """Population and budget with the lowest mean value of each method, as the paper's Table 2 chooses them.
-
-    Args:
-        study: The study.
-        results: Result lines by key.
-
-    Returns:
-        Method -> population, budget, summary; methods without a result are left out.
-    """
-    model = study.comparison.models[0]
-    found: dict[str, tuple[int, int, Summary]] = {}
-    for method in study.comparison.methods:
-        settings = [
-            (population, budget, summary)
-            for population in study.comparison.populations
-            for budget in study.comparison.budgets
-            if (summary := setting_summary(study, results, model, method, population, budget)) is not None
-        ]
-        if settings:
-            found[method] = min(settings, key=lambda entry: entry[2].mean)
-    return found
-
-
-def setting_values(
-    study: StudyFile, results: Lines, model: str, method: str, population: int, budget: int
-) -> list[float]:
-    """Objective values of the repeats of one setting that have results.
-
-    Args:
-        study: The study.
-        results: Result lines by key.
-        model: Damper model.
-        method: As the study file writes it.
-        population: N.
-        budget: fun_evals.
-
-    Returns:
-        Values in the order of the repeats.
-    """
-    cells = (SearchCell(model, method, population, budget, repeat) for repeat in range(study.comparison.repeats))
-    return _values(cells, results)
-
-
-def setting_groups(study: StudyFile, results: Lines, *, each_search_once: bool = False) -> dict[str, list[float]]:
-    """Values of every setting of the first model: method, population and budget, not only the best-tuned ones.
-
-    Args:
-        study: The study.
-        results: Result lines by key.
-        each_search_once: Where one search gives the values of several budgets, count it for one of them only: its
-            repeats are dealt out to the budgets, so that no two groups hold values of the same search.
-
-    Returns:
-        Setting -> values; settings without a result are left out.
-    """
-    model, wanted = study.comparison.models[0], study.comparison
-    groups: dict[str, list[float]] = {}
-    for method in wanted.methods:
-        for N in wanted.populations:
-            for turn, budget in enumerate(wanted.budgets):
-                cells = [SearchCell(model, method, N, budget, repeat) for repeat in range(wanted.repeats)]
-                if each_search_once and cells[0].shares_searches:
-                    cells = cells[turn :: len(wanted.budgets)]
-                groups[f"{TITLES[method]}, N={N}, {budget}"] = _values(cells, results)
-    return {name: values for name, values in groups.items() if values}
-
-
-def setting_summary(
-    study: StudyFile, results: Lines, model: str, method: str, population: int, budget: int
-) -> Summary | None:
-    """BV, MV and SD of one setting, None before its first result; arguments as `setting_values`."""
-    values = setting_values(study, results, model, method, population, budget)
-    return summarise(values) if values else None
-
-
-def comparison_tables(study: StudyFile, results: Lines) -> list[Table]:
+def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> list[Table]:
     """Table 2 (best settings) and Tables 10-14 (every setting of a method).
 
     Args:
         study: The study.
         results: Result lines by key.
+        minima: Damper model -> lowest objective value there is, for the notes.
 
     Returns:
         Table 2 first; methods beyond the paper's get tables of their own.
     """
     best = best_settings(study, results)
     winners = tuple((TITLES[name], N, budget, *_cells(summary)) for name, (N, budget, summary) in best.items())
-    note = f"{OBJECTIVE} The setting with the lowest mean of each method: chosen on the same values it is judged by."
+    note = (
+        f"{OBJECTIVE} {_lowest(minima, study.comparison.models[:1])} The setting with the lowest mean of each method: "
+        "chosen on the same values it is judged by."
+    )
     columns = ("method", "N", "fun_evals", *VALUE_COLUMNS)
-    tables = [Table("table-02", "Best settings of each method", columns, winners, note)]
+    title = _statistics(study, ", ".join(TITLES[method] for method in best))
+    tables = [Table("table-02", "Table 2", title, columns, winners, note)]
     model = study.comparison.models[0]
     for method in study.comparison.methods:
         rows = [
@@ -165,19 +81,21 @@ def comparison_tables(study: StudyFile, results: Lines) -> list[Table]:
             for budget in study.comparison.budgets
             if (summary := setting_summary(study, results, model, method, N, budget)) is not None
         ]
-        name = f"table-{TABLE_NUMBERS[method]}" if method in TABLE_NUMBERS else f"table-x-{method.replace(' ', '-')}"
-        tables.append(
-            Table(name, f"{TITLES[method]}: every setting", ("setting", *VALUE_COLUMNS), tuple(rows), OBJECTIVE)
-        )
+        number = TABLE_NUMBERS.get(method)
+        name = f"table-x-{method.replace(' ', '-')}" if number is None else f"table-{number}"
+        heading = f"Beside the papers, {TITLES[method]}" if number is None else f"Table {number}"
+        title = _statistics(study, TITLES[method])
+        tables.append(Table(name, heading, title, (TITLES[method], *VALUE_COLUMNS), tuple(rows), OBJECTIVE))
     return tables
 
 
-def model_tables(study: StudyFile, results: Lines) -> list[Table]:
+def model_tables(study: StudyFile, results: Lines, minima: Mapping[str, float]) -> list[Table]:
     """Table 3 (asymmetric against symmetric) and a table of all models of the study where there are several.
 
     Args:
         study: The study.
         results: Result lines by key.
+        minima: Damper model -> lowest objective value there is, for the notes.
 
     Returns:
         None, one or two tables.
@@ -188,11 +106,15 @@ def model_tables(study: StudyFile, results: Lines) -> list[Table]:
         groups: dict[str, list[SearchCell]] = {}
         for cell in symmetry_cells(study):
             groups.setdefault(cell.problem, []).append(cell)
-        rows = _group_rows({f"{model} model": cells for model, cells in groups.items()}, results)
-        title = (
-            f"{TITLES[wanted.method]}, N={wanted.population}, fun_evals={wanted.budget}: asymmetric and symmetric model"
+        rows = tuple(
+            (SYMMETRY_TITLES[model], wanted.population, wanted.budget, *_cells(summarise(values)))
+            for model, cells in groups.items()
+            if (values := values_of(cells, results))
         )
-        tables.append(Table("table-03", title, ("model", *VALUE_COLUMNS), rows, OBJECTIVE))
+        name = TITLES[wanted.method]
+        title = _statistics(study, f"{name} using an asymmetric and a symmetric model")
+        note = f"{OBJECTIVE} {_lowest(minima, SYMMETRY_TITLES)}"
+        tables.append(Table("table-03", "Table 3", title, (name, "N", "fun_evals", *VALUE_COLUMNS), rows, note))
     if len(study.comparison.models) > 1:
         several = []
         for model in study.comparison.models:
@@ -202,7 +124,8 @@ def model_tables(study: StudyFile, results: Lines) -> list[Table]:
                 if summary is not None:
                     several.append((model, TITLES[method], *_cells(summary)))
         columns = ("model", "method", *VALUE_COLUMNS)
-        tables.append(Table("table-x-models", "Models compared", columns, tuple(several), OBJECTIVE))
+        heading = "Beside the papers, models"
+        tables.append(Table("table-x-models", heading, "Models compared", columns, tuple(several), OBJECTIVE))
     return tables
 
 
@@ -227,15 +150,18 @@ def parameter_tables(study: StudyFile, results: Lines, units: Mapping[str, str])
                 winners[cell.method] = line
     ordered = [method for method in study.comparison.methods if method in winners]
     tables = []
-    for name, methods in (("table-04", [m for m in ordered if m == "c_foa"]), ("table-05", ordered)):
+    for number, methods in ((4, [m for m in ordered if m == "c_foa"]), (5, ordered)):
         if not methods:
             continue
-        names = list(winners[methods[0]]["parameters"])
-        rows: list[tuple[str | float, ...]] = [("f(s)", "", *(winners[m]["value"] for m in methods))]
-        rows += [(each, units.get(each, ""), *(winners[m]["parameters"][each] for m in methods)) for each in names]
-        columns = ("parameter", "unit", *(TITLES[m] for m in methods))
-        note = "eta (9) is not searched: with constant current it cannot be identified."
-        tables.append(Table(name, "Parameters of the best fits", columns, tuple(rows), note))
+        fits = [winners[method] for method in methods]
+        rows: list[tuple[Cell, ...]] = [("", "f(s)", "", *(fit["value"] for fit in fits))]
+        for place, (name, unit) in enumerate(units.items(), start=1):
+            rows.append((place, name, unit, *(fit["parameters"].get(name) for fit in fits)))
+        titles = ", ".join(TITLES[method] for method in methods)
+        columns = ("No.", "parameter", "unit", *(TITLES[method] for method in methods))
+        note = "eta (9) is not searched: with constant current it cannot be identified." if "eta" in units else ""
+        title = f"Optimised model parameter values using {titles}"
+        tables.append(Table(f"table-{number:02d}", f"Table {number}", title, columns, tuple(rows), note))
     return tables
 
 
@@ -256,12 +182,18 @@ def sensitivity_tables(study: StudyFile, results: Lines) -> list[Table]:
     held = {"N": wanted.populations[0], "K": wanted.generations[0], "Nres": wanted.resolutions[0]}
     for number, parameter in enumerate(SENSITIVITY, start=7):
         groups: dict[str, list[SearchCell]] = {}
-        for value, cell in varied_cells(study, wanted, parameter):
+        for value, cell in sorted(varied_cells(study, wanted, parameter), key=lambda each: each[0]):
             groups.setdefault(f"{parameter} = {value}", []).append(cell)
         others = ", ".join(f"{name} = {value}" for name, value in held.items() if name != parameter)
-        title = f"c-FOA against {parameter} for {others}, kappa = 5, M = 0.95 and c = 0.9"
-        rows = _group_rows(groups, results)
-        tables.append(Table(f"table-{number:02d}", title, ("c-FOA", *VALUE_COLUMNS), rows, OBJECTIVE))
+        title = _statistics(study, f"c-FOA for {', '.join(groups)}, {others}, kappa = 5, M = 0.95 and c = 0.9")
+        rows = tuple(
+            (name, *_cells(summarise(values)))
+            for name, cells in groups.items()
+            if (values := values_of(cells, results))
+        )
+        tables.append(
+            Table(f"table-{number:02d}", f"Table {number}", title, ("c-FOA", *VALUE_COLUMNS), rows, OBJECTIVE)
+        )
     return tables
 
 
@@ -275,44 +207,49 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
     Returns:
         One table, or none when nothing was timed.
     """
-    if study.parallel is None:
+    wanted = study.parallel
+    if wanted is None:
         return []
-    wanted, rows, processors = study.parallel, [], 0
+    counts, rows, processors = sorted(wanted.processes), [], 0
     for model in wanted.models:
-        keys = [parallel_key(wanted, model, processes) for processes in sorted(wanted.processes)]
-        timed = [results[key] for key in keys if key in results]
-        serial = next((line["seconds"] for line in timed if line["processes"] == 1), float("nan"))
-        for line in timed:
-            speed_up = serial / line["seconds"]
-            processors = line["processors"]
-            rows.append((model, _processes(line["processes"]), line["seconds"], speed_up, speed_up / line["processes"]))
-    if not rows:
+        lines = [results.get(parallel_key(wanted, model, count)) for count in counts]
+        seconds = [None if line is None else float(line["seconds"]) for line in lines]
+        processors = max([processors, *(line["processors"] for line in lines if line is not None)])
+        speed_up = [_ratio(seconds[0] if counts[0] == 1 else None, each) for each in seconds]
+        rows += [
+            (model, "time / s", *seconds),
+            (model, "speed-up", *speed_up),
+            (model, "efficiency", *(_ratio(gain, float(count)) for gain, count in zip(speed_up, counts, strict=True))),
+        ]
+    if processors == 0:
         return []
-    title = f"Computational cost of {TITLES[wanted.method]}, N = {wanted.population}, fun_evals = {wanted.evaluations}"
-    note = (
-        f"Measured on {processors} processors: more processes than that cannot gain. Seconds of the search alone; "
-        "workers already started and holding the recordings."
+    title = (
+        f"Computational cost of the data fit problem using {TITLES[wanted.method]}: serial implementation and parallel "
+        f"ones (N = {wanted.population}, fun_evals = {wanted.evaluations})"
     )
-    columns = ("model", "computing", "seconds", "speed-up", "efficiency")
-    return [Table("table-06", title, columns, tuple(rows), note)]
+    note = (
+        f"Measured on {processors} processors: more processes than that cannot gain. Time of the search alone; workers "
+        "already started and holding the recordings."
+    )
+    parallel = (f"parallel computing with {count} processes" if count > 1 else "serial computing" for count in counts)
+    return [Table("table-06", "Table 6", title, ("model", "computational burden", *parallel), tuple(rows), note)]
 
 
-def _processes(count: int) -> str:
-    return "serial" if count == 1 else f"parallel, {count} processes"
-
-
-def _group_rows(groups: Mapping[str, Iterable[SearchCell]], results: Lines) -> tuple[tuple[Cell, ...], ...]:
-    rows: list[tuple[Cell, ...]] = []
-    for name, cells in groups.items():
-        values = _values(cells, results)
-        if values:
-            rows.append((name, *_cells(summarise(values))))
-    return tuple(rows)
-
-
-def _values(cells: Iterable[SearchCell], results: Lines) -> list[float]:
-    return [float(results[cell.key]["value"]) for cell in cells if cell.key in results]
+def _ratio(above: float | None, below: float | None) -> float | None:
+    return None if above is None or below is None else above / below
 
 
 def _cells(summary: Summary) -> tuple[Cell, ...]:
     return summary.best, summary.mean, known(summary.deviation), summary.repeats
+
+
+def _lowest(minima: Mapping[str, float], models: Iterable[str]) -> str:
+    known = [f"{minima[model]:.3e} for the {model} model" for model in models if model in minima]
+    return f"The lowest there is, by separable least squares: {', '.join(known)}." if known else ""
+
+
+def _statistics(study: StudyFile, what: str) -> str:
+    return (
+        f"Statistical analysis of the optimisation results obtained by applying {study.comparison.repeats} independent "
+        f"times {what}. BV: best value, MV: mean value, SD: standard deviation"
+    )

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 
 from rig.study.interpolation import Relation, relations
-from rig.study.paper1_tables import TITLES
 from rig.study.search_cell import current_cells
+from rig.study.settings import TITLES, Lines
 from rig.study.study_file import StudyFile
 from rig.study.table import Cell, Table, known
-
-Lines = Mapping[str, Mapping[str, Any]]
 
 AT_THE_EDGE = 1e-3
 """Share of a box's width."""
@@ -75,7 +73,7 @@ def error_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]], fa
         "Means over currents and repeats. The three-step method has no generations. Not converged: the budget ended it."
     )
     title = "Errors and generations to convergence"
-    return Table("paper2-figure-13", title, columns, tuple(rows), f"{note} {failures}".strip())
+    return Table("paper2-figure-13", "Paper 2, Figure 13", title, columns, tuple(rows), f"{note} {failures}".strip())
 
 
 def improvement_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> Table:
@@ -98,7 +96,7 @@ def improvement_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]
             (TITLES[m], error, novel, 100.0 * (1.0 - novel / error)) for m, error in errors.items() if m != "ga_novel"
         ]
     columns = ("compared with", "its MAE / N", "novel GA's MAE / N", "improvement / %")
-    return Table("paper2-table-02", "Error improvement of the novel GA", columns, tuple(rows))
+    return Table("paper2-table-02", "Paper 2, Table 2", "Error improvement comparison", columns, tuple(rows))
 
 
 def parameter_tables(study: StudyFile, found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> list[Table]:
@@ -120,9 +118,9 @@ def parameter_tables(study: StudyFile, found: Mapping[str, Mapping[float, list[M
         names = list(best[0]["parameters"])
         rows = [(name, *(line["parameters"][name] for line in best)) for name in names]
         columns = ("parameter", *(f"I = {current:g} A" for current in currents))
-        title = f"{TITLES[method]}: parameters against current (best of the repeats)"
+        title = f"Parameter values relative to input current, {TITLES[method]} (best of the repeats)"
         note = "" if method == "zhu_three_step" else _edges(study.current.boxes, dict(zip(currents, best, strict=True)))
-        tables.append(Table(f"paper2-table-01-{method}", title, columns, tuple(rows), note))
+        tables.append(Table(f"paper2-table-01-{method}", "Paper 2, Table 1", title, columns, tuple(rows), note))
         if len(currents) >= 2:
             tables.append(_relation_table(method, np.array(currents), best, study.current.degree))
     return tables
@@ -145,13 +143,14 @@ def parameter_relations(current_A: np.ndarray, best: list[Mapping[str, Any]], de
 
 def _relation_table(method: str, current_A: np.ndarray, best: list[Mapping[str, Any]], degree: int) -> Table:
     rows = [
-        (name, relation.kind, str(relation), relation.rms, known(relation.rms_left_out))
+        (name, relation.kind, relation.rms, known(relation.rms_left_out), str(relation))
         for name, each in parameter_relations(current_A, best, degree).items()
         for relation in each
     ]
-    columns = ("parameter", "relation", "value at I (A)", "rms residual", "rms at a current left out")
-    note = "SI units. Lagrange passes through every point; the last column shows what that is worth between points."
-    return Table(f"paper2-relations-{method}", f"{TITLES[method]}: relations to current", columns, tuple(rows), note)
+    columns = ("parameter", "relation", "rms residual", "rms at a current left out", "value at I (A)")
+    note = "SI units. Lagrange passes through every point; the rms at a current left out shows what that is worth."
+    title = f"Relations of the parameters to the current, {TITLES[method]}"
+    return Table(f"paper2-relations-{method}", "Paper 2, relations", title, columns, tuple(rows), note)
 
 
 def _edges(boxes: Mapping[str, tuple[float, float]], best: Mapping[float, Mapping[str, Any]]) -> str:

@@ -14,6 +14,7 @@ class Table:
 
     Attributes:
         name: File name without ending, such as `table-02`.
+        heading: What the paper calls it, such as `Table 2`.
         title: As above the paper's table.
         columns: Headings, with units.
         rows: As many cells each as there are columns.
@@ -21,6 +22,7 @@ class Table:
     """
 
     name: str
+    heading: str
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]

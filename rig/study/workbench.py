@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rig.dampers.algebraic import AlgebraicModel
 from rig.identification.algorithms import minimise
 from rig.identification.algorithms.search import Callback
 from rig.identification.measurement import Measurement
 from rig.identification.problem import Problem
+from rig.identification.projection import Weighting
+from rig.identification.separable import solve_separable
 from rig.study.per_current import current_box, current_objective, three_steps
 from rig.study.recordings import content_hash, measurements, one_a_current, thinned
 from rig.study.result_line import force_errors, result_line
@@ -62,6 +65,21 @@ class Workbench:
             wanted = self.study.comparison
             self._problems[model] = Problem(self.tests, model, wanted.weight, wanted.hysteresis)
         return self._problems[model]
+
+    def minimum(self, model: str) -> float | None:
+        """Objective where the structure of the model leads: what every search of the comparison is to be held against.
+
+        Args:
+            model: Name of a damper model.
+
+        Returns:
+            The value `separable` reaches, without bounds; None for models with internal states.
+        """
+        problem = self.problem(model)
+        if not isinstance(problem.model, AlgebraicModel):
+            return None
+        found = solve_separable(self.tests, problem.model, Weighting(problem.weight), non_negative=frozenset())
+        return problem.objective(problem.vector(found.values))
 
     def run(self, cell: SearchCell, callback: Callback | None = None) -> dict[str, Any]:
         """Run one search.

@@ -112,7 +112,7 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
 
     page = outcome.page.read_text()
     assert "Kruskal-Wallis" in page
-    assert page.count("<svg") == 3
+    assert page.count("<svg") == 4
     plain = json.loads((tmp_path / "out" / "study.json").read_text())
     assert plain["kruskal_wallis"]["all settings"]["p"] <= 1.0
     assert len(plain["kruskal_wallis"]["all settings"]["mean_ranks"]) == 3 * 2 * 2
@@ -146,6 +146,34 @@ def test_raising_the_repeats_keeps_what_is_there(small_study: Path) -> None:
     after = load_study(small_study)
     assert before.fingerprint == after.fingerprint
     assert {cell.key for cell in all_cells(before)} < {cell.key for cell in all_cells(after)}
+
+
+def test_table_6_holds_time_speed_up_and_efficiency_of_serial_and_parallel_computing(
+    small_study: Path, tmp_path: Path
+) -> None:
+    text = small_study.read_text()
+    timing = '[parallel]\nmodels = ["asymmetric"]\npopulation = 8\nevaluations = 40\nprocesses = [1, 2]\n'
+    small_study.write_text(text[: text.index("[symmetry]")] + timing)
+    outcome = run_study(small_study, tmp_path / "out", processes=1)
+    table = next(table for table in outcome.tables if table.name == "table-06")
+    assert table.columns[2:] == ("serial computing", "parallel computing with 2 processes")
+    seconds, speed_up, efficiency = (row[2:] for row in table.rows)
+    assert min(seconds) > 0.0
+    assert speed_up == (1.0, pytest.approx(seconds[0] / seconds[1]))
+    assert efficiency == (1.0, pytest.approx(speed_up[1] / 2.0))
+    again = run_study(small_study, tmp_path / "out", processes=1)  # timed once: the table stays
+    assert next(table for table in again.tables if table.name == "table-06") == table
+
+
+def test_notes_name_the_lowest_value_there_is_and_no_search_is_below_it(small_study: Path, tmp_path: Path) -> None:
+    bench = Workbench(load_study(small_study))
+    lowest = bench.minimum("asymmetric")
+    assert lowest is not None
+    samples, v = sum(len(test.u_m) for test in bench.tests), np.concatenate([test.v_m_s for test in bench.tests])
+    assert lowest == pytest.approx(25.0 * np.sum(v**2), rel=4.0 / np.sqrt(samples))  # 5 N of noise, weighted by v
+    found = bench.run(SearchCell("asymmetric", "pso", 50, 4000, 0))
+    assert found["value"] >= lowest
+    assert bench.minimum("bouc_wen") is None
 
 
 def test_three_steps_find_the_bouc_wen_plant_at_every_current(small_study: Path) -> None:
