@@ -15,6 +15,7 @@ import numpy as np
 
 from drivers.ring import Channel
 from drivers.sample_stream import SampleStream
+from protocols.actuator import ProgramPhase
 from protocols.frame_format import FrameDecoder
 from rig.recording.context import PointContext, SensorContext
 from rig.recording.conversion import build
@@ -99,6 +100,8 @@ class RecordedRig:
             frequency_Hz=point["frequency_Hz"], centre_m=0.0, full_cycles=point["cycles"],
             ramp_in_cycles=point["ramp_in_cycles"], ramp_out_cycles=point["ramp_out_cycles"],
         )
+        # The host's polls know nothing of the program's beginning: it lies anywhere between two of them.
+        self._slice(int(self.random.integers(1, self._poll_steps + 1)), records, truth)
         self._advance(whole / point["frequency_Hz"] + 0.2, records, truth)
         found = np.array(records, RECORD_DTYPE)
         found = found[np.argsort(found["host_ns"], kind="stable")]
@@ -121,25 +124,32 @@ class RecordedRig:
             simulated=True, provenance={"bench_hash": str(self.seed)},
         )
 
+    @property
+    def _poll_steps(self) -> int:
+        """Steps of the plant from one poll to the next."""
+        return max(1, round(POLL_S * self.speed / self.plant.dt_s))
+
     def _advance(self, seconds: float, records: list[Any] | None = None, truth: list[np.ndarray] | None = None) -> None:
         """Advance the plant, poll by poll; keep what arrives where a list is given."""
-        slice_s = POLL_S * self.speed
-        steps = max(1, round(slice_s / self.plant.dt_s))
-        for _ in range(math.ceil(seconds / slice_s)):
-            start_s = self.plant.time_s
-            pulses = [time_s for time_s, kind, _ in self.plant.advance(steps) if kind == EVENT_PULSE]
-            out, now_s = self.plant.out, self.plant.time_s
-            for sensor, stream, column in zip(self.sensors, self.streams, (2, 0), strict=True):
-                self._receive(sensor, stream, out[:, column], start_s, pulses, records)
-            if pulses:
-                self.pulses += len(pulses)
-                self.pulse_us = self.clock.unwrapped_us(pulses[-1])
-            if records is not None:
-                self._status(now_s, records)
-            if truth is not None:
-                time_s = start_s + self.plant.dt_s * np.arange(1, len(out) + 1)
-                controller_s = 1e-6 * (self.clock.offset_us + (1e6 + self.clock.ppm) * time_s)
-                truth.append(np.column_stack((controller_s, out[:, 2], out[:, 0])))
+        for _ in range(math.ceil(seconds / (self._poll_steps * self.plant.dt_s))):
+            self._slice(self._poll_steps, records, truth)
+
+    def _slice(self, steps: int, records: list[Any] | None, truth: list[np.ndarray] | None) -> None:
+        """Advance the plant by so many steps and poll."""
+        start_s = self.plant.time_s
+        pulses = [time_s for time_s, kind, _ in self.plant.advance(steps) if kind == EVENT_PULSE]
+        out, now_s = self.plant.out, self.plant.time_s
+        for sensor, stream, column in zip(self.sensors, self.streams, (2, 0), strict=True):
+            self._receive(sensor, stream, out[:, column], start_s, pulses, records)
+        if pulses:
+            self.pulses += len(pulses)
+            self.pulse_us = self.clock.unwrapped_us(pulses[-1])
+        if records is not None:
+            self._status(now_s, records)
+        if truth is not None:
+            time_s = start_s + self.plant.dt_s * np.arange(1, len(out) + 1)
+            controller_s = 1e-6 * (self.clock.offset_us + (1e6 + self.clock.ppm) * time_s)
+            truth.append(np.column_stack((controller_s, out[:, 2], out[:, 0])))
 
     def _receive(
         self, sensor: Sensor, stream: SampleStream, signal: np.ndarray, start_s: float, pulses: list[float],
@@ -172,9 +182,20 @@ class RecordedRig:
             (host_ns, device_us, force_N, 0, Channel.CONTROLLER_FORCE, 0),
             (host_ns, ecu_us, current_A, 0, Channel.COIL_CURRENT, 0),
             (host_ns, -1, self.plant.value("temperature_degC"), 0, Channel.COIL_TEMPERATURE, 0),
+            (host_ns, device_us, float(self._phase()), 0, Channel.PHASE, 0),
         ]
         if self.pulses:
             records.append((host_ns, math.floor(self.pulse_us), self.pulses % 65536, self.pulses, Channel.PULSE, 0))
+
+    def _phase(self) -> ProgramPhase:
+        command, done = self.plant.command, self.plant.value("phase_cycles")
+        if int(command["mode"][0]) != MODE_PROGRAM:
+            return ProgramPhase.IDLE
+        ramp_in = float(command["ramp_in_cycles"][0])
+        if done < ramp_in:
+            return ProgramPhase.RAMP_IN
+        full = done < ramp_in + float(command["full_cycles"][0])
+        return ProgramPhase.FULL_AMPLITUDE if full else ProgramPhase.RAMP_OUT
 
     def _host_ns(self, time_s: float) -> int:
         return BOOT_NS + round(1e9 * (time_s / self.speed + self.random.exponential(self.wake_up_s)))

@@ -13,6 +13,7 @@ from rig.bench.model import Bench
 from rig.campaign import resume
 from rig.campaign.baseline import Baseline
 from rig.campaign.calibration import check_calibrations
+from rig.campaign.clocks import check_clocks
 from rig.campaign.crew import Crew
 from rig.campaign.guarded_display import GuardedDisplay
 from rig.campaign.ledger import Ledger
@@ -181,6 +182,8 @@ def _accepted(matrix: Matrix, bench: Bench) -> Plan:
         Refused: some point is not; each is named with its reason and the amplitude that would fit.
     """
     check_calibrations(bench, utc_now().date())
+    if matrix.campaign.require_skew:
+        check_clocks(bench)
     judged = plan(matrix, bench)
     lines = []
     for item in judged.judged:

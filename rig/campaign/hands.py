@@ -32,6 +32,7 @@ DEADLINE_WALL_NS = 2_000_000_000
 """A deadline on the rig's clock also leaves this much wall time: requests take wall time at any speed."""
 PATIENCE = 10.0
 """A rig's clock that runs this much slower than expected, or stands still, does not hold a deadline up any longer."""
+RETIMING_TIMEOUT_S = 120.0
 FILES_TIMEOUT_S = 120.0
 
 
@@ -149,6 +150,18 @@ class Hands:
                 self._give_up(point, Cause("not-written", f"{error}; `rig recover` will finish it"))
             else:
                 self.enter(finished)
+        self._bring_to_one_skew()
+
+    def _bring_to_one_skew(self) -> None:
+        """All points together know the sensors' delays better than each alone; files that say otherwise are mended."""
+        try:
+            mended = self._finaliser.retime(self.crew.folder / "points", RETIMING_TIMEOUT_S)
+        except OSError as error:
+            self.note("warning", text=f"the points keep each its own skew: {error}")
+            return
+        for finished in mended:
+            self.note("retimed", file=finished.id, skew_s=finished.skew_s, skew_std_s=finished.skew_std_s)
+            self.ledger.mended(Path(finished.file), finished.quality)
 
     def close(self) -> None:
         """Let go of the ring and the station; a point still open is closed as interrupted."""

@@ -50,6 +50,12 @@ class Ledger:
             self.results[point.id] = result
         return result
 
+    def mended(self, file: Path, quality: Mapping[str, float]) -> None:
+        """A point's file was written again; its numbers are these now."""
+        for point_id, result in self.results.items():
+            if result.file == file:
+                self.results[point_id] = replace(result, quality=quality)
+
     def given_up(self, point: TestPoint, cause: Cause) -> PointResult:
         """Enter a point that could not be begun or whose file could not be written."""
         return self.judged(point, None, INVALID, (f"{cause.slug}: {cause.detail}",), 0)

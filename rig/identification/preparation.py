@@ -19,11 +19,11 @@ from rig.errors import IdentificationFailed, RigError
 from rig.identification.coil import LEAST_STEP_A
 from rig.identification.consistency import some
 from rig.identification.measurement import Measurement
-from rig.identification.skew_pooling import Skew, pooled_skews
 from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
 from rig.recording.differentiation import Motion, harmonic, savitzky_golay
 from rig.recording.loop_shape import noise_of
 from rig.recording.run import RecordedPoint
+from rig.recording.skew_pooling import Skew, pooled_skews
 
 FloatArray = NDArray[np.float64]
 

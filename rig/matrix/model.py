@@ -202,6 +202,9 @@ class Campaign(Section):
         default=0.020, alias="current_settled"
     )
     demagnetise: bool = False
+    require_skew: bool = Field(
+        default=False, description="refuse a bench whose load cell or LVDT speaks a format without a clock"
+    )
 
 
 class Matrix(Section):

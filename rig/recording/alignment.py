@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from protocols.quality import Quality
 from rig.recording.channel import NUMBER, RING_CHANNELS
-from rig.recording.clock_model import IDENTITY, ClockModel, HostMap, by_envelope, host_map
+from rig.recording.clock_model import IDENTITY, ClockModel, HostMap, by_envelope, by_order, host_map
 from rig.recording.column import Column, Records, Values, first_after, mapped, overlapping, thinned
 from rig.recording.context import PointContext
 from rig.recording.interpolation import cubic_at, flags_at, linear_at
@@ -153,11 +153,25 @@ def _timed(
     if NUMBER.get(name) in CONTROLLER_CHANNELS and np.all(records["device_us"] >= 0):
         clock = IDENTITY
     elif name in ECU_CLOCKED and np.all(records["device_us"] >= 0):
-        clock = by_envelope(device_s, arrival_s, device_rate=context.device_rate)
+        clock = _ecu_clock(device_s, arrival_s, by_name, context)
     else:
         return TimedChannel(name, records, arrival_s, ClockModel(0.0, 0.0, 1.0, 0.0, "arrival"), 0, 0.0)
     time_s = clock.time_s(device_s)
     return TimedChannel(name, records, time_s, clock, 0, float(np.median(arrival_s - time_s)))
+
+
+def _ecu_clock(
+    device_s: FloatArray, arrival_s: FloatArray, by_name: Mapping[str, Records], context: PointContext,
+) -> ClockModel:
+    """The ECU's clock: no edge ties it to the controller's, so arrivals do, on a fast rig their order."""
+    frames, polls = by_name.get("coil_current"), by_name.get("position")
+    if context.device_rate != 1.0 and frames is not None and polls is not None:
+        sent, asked = frames[:], polls[:]
+        asked = asked[asked["device_us"] >= 0]
+        found = by_order(sent["device_us"] * 1e-6, sent["host_ns"], asked["device_us"] * 1e-6, asked["host_ns"])
+        if found is not None:
+            return found
+    return by_envelope(device_s, arrival_s, device_rate=context.device_rate)
 
 
 def _increasing(records: Records, time_s: Values) -> tuple[Records, Values]:

@@ -4,7 +4,8 @@ Methods, best first:
 - `edges`: the controller's cycle pulse, latched in both clocks; straight line through the pairs.
 - `signals`: the sensor's samples laid over the controller's own record of the same quantity (`signal_match`).
 - `device clock`: lower envelope of arrival minus device time, since no sample arrives before it was taken.
-- `nominal rate`: the same with sample count / nominal rate in place of a device clock.
+- `order of arrival`: what came last before each status of the controller, on a rig whose clocks outrun the wall.
+- `nominal rate`: as the device clock, with sample count / nominal rate in place of a device clock.
 - `arrival`: the arrival itself, for slow channels that carry neither.
 """
 
@@ -183,6 +184,39 @@ def by_envelope(local_s: Values, arrival_s: Values, *, device_rate: float = 1.0)
     std = float(np.hypot(scatter, UNKNOWN_LATENCY_S * device_rate))
     rate_std = CRYSTAL_DRIFT if slope == 0.0 else 2.0 * scatter / span_s
     return ClockModel(origin, origin + offset, 1.0 + slope, std, "device clock", rate_std)
+
+
+def by_order(
+    local_s: FloatArray, host_ns: NDArray[Any], poll_clock_s: FloatArray, poll_host_ns: NDArray[Any],
+) -> ClockModel | None:
+    """The offset of a clock whose frames come periodically, by which of them had arrived before each status.
+
+    On a simulated rig that outruns the wall, a wall millisecond is many of the rig's, and arrivals laid between
+    statuses are off by that much. But both come from one rig at one instant: the last frame before a status is between
+    none and one period older than its clock, and the median over all statuses half a period.
+
+    Args:
+        local_s: times of the frames in their device's clock (n,), s, increasing.
+        host_ns: their arrival (n,), ns.
+        poll_clock_s: the controller's clock in its statuses (m,), s.
+        poll_host_ns: their arrival (m,), ns.
+
+    Returns:
+        None when no status came between two frames.
+    """
+    last = np.searchsorted(host_ns, poll_host_ns, side="right") - 1
+    between = (last >= 0) & (last < len(host_ns) - 1)
+    if not np.any(between):
+        return None
+    period_s = float(np.median(np.diff(local_s)))
+    older_s = poll_clock_s[between] - local_s[last[between]]
+    middle_s = float(np.median(older_s))
+    scatter_s = 1.4826 * float(np.median(np.abs(older_s - middle_s)))
+    std_s = float(np.hypot(period_s / np.sqrt(12.0), 1.25 * scatter_s / np.sqrt(len(older_s))))
+    origin_s = 0.5 * float(local_s[0] + local_s[-1])
+    return ClockModel(
+        origin_s, origin_s + middle_s - 0.5 * period_s, 1.0, std_s, "order of arrival", CRYSTAL_DRIFT,
+    )
 
 
 def _lowest(local_s: FloatArray, arrival_s: FloatArray) -> tuple[float, float]:

@@ -46,6 +46,7 @@ class HarmonicFit:
         sine_m: s_k (m), shape (K,).
         residual_m: standard deviation of measured minus fitted displacement (m).
         white: whether neighbouring residuals are unrelated, as sensor noise is.
+        samples: how many samples were fitted.
     """
 
     origin_s: float
@@ -56,6 +57,7 @@ class HarmonicFit:
     sine_m: FloatArray
     residual_m: float
     white: bool
+    samples: int = 0
 
     @property
     def frequency_Hz(self) -> float:
@@ -91,6 +93,13 @@ class HarmonicFit:
                 _, v, a = self._sum(time_s, band)
                 return v, a / (np.sqrt(2.0) - 1.0)
         return None
+
+    def last_half_octave_at(self, time_s: FloatArray) -> FloatArray:
+        """What the half octave below the highest order adds at any times (s), in the fitted unit, shape (n,).
+
+        Of a series that falls as k^-2 or faster this is at least what the orders beyond the highest would add.
+        """
+        return self._sum(time_s, self.orders > self.orders[-1] / np.sqrt(2.0))[0]
 
     def _sum(self, time_s: FloatArray, chosen: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The chosen harmonics' displacement, velocity and acceleration."""
@@ -158,7 +167,27 @@ def harmonic(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float
         coefficients, residual, _ = _solve(t - origin, u, omega, orders)
     deviation = float(np.sqrt(np.sum(residual**2) / max(1, t.size - coefficients.size - 1)))
     series = (orders, coefficients[1::2], coefficients[2::2])
-    return HarmonicFit(origin, omega, float(coefficients[0]), *series, deviation, is_white(residual))
+    return HarmonicFit(origin, omega, float(coefficients[0]), *series, deviation, is_white(residual), t.size)
+
+
+def with_orders(fit: HarmonicFit, time_s: FloatArray, values: FloatArray, orders: NDArray[np.int64]) -> HarmonicFit:
+    """A fit's fundamental with all of the given orders, whether they stand out of the noise or not.
+
+    Args:
+        fit: whose fundamental and origin are kept.
+        time_s: sample times (s), shape (n,).
+        values: samples, shape (n,), none missing.
+        orders: the orders (K,), ascending.
+
+    Raises:
+        numpy.linalg.LinAlgError: the samples do not determine so many.
+    """
+    coefficients, residual, _ = _solve(time_s - fit.origin_s, values, fit.omega_rad_s, orders)
+    deviation = float(np.sqrt(np.sum(residual**2) / max(1, time_s.size - coefficients.size - 1)))
+    return HarmonicFit(
+        fit.origin_s, fit.omega_rad_s, float(coefficients[0]), orders, coefficients[1::2], coefficients[2::2],
+        deviation, is_white(residual), time_s.size,
+    )
 
 
 def savitzky_golay(time_s: FloatArray, displacement_m: FloatArray, window_s: float, degree: int = 4) -> Motion:

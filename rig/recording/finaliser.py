@@ -2,8 +2,10 @@
 
     python -m rig.recording.finaliser
 
-reads one JSON object a line, `{"journal": path}`, and answers one line each with the fields of `FinishedPoint`. It
-ends when its input does, after the last journal it was given; so it also finishes what a killed application left.
+reads one JSON object a line, `{"journal": path}`, and answers one line each with the fields of `FinishedPoint`. To
+`{"retime": points folder}` it answers one line for each file it wrote again (`rig.recording.retiming`) and a last one
+`{"retimed": error or ""}`. It ends when its input does, after the last journal it was given; so it also finishes what a
+killed application left.
 """
 
 from __future__ import annotations
@@ -16,11 +18,13 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, cast
 
 from rig.clock import monotonic_ns
+from rig.errors import RigError
 
 if TYPE_CHECKING:
     from rig.recording.conversion import FinishedPoint
@@ -37,6 +41,7 @@ class Finaliser:
         self._input, self._output = to_it, from_it
         self._answers: queue.Queue[FinishedPoint] = queue.Queue()
         self._kept: dict[str, FinishedPoint] = {}
+        self._retimed: queue.Queue[str] = queue.Queue()
         self._pending: list[str] = []
         self._reader = threading.Thread(target=self._listen, name="finaliser answers", daemon=True)
         self._reader.start()
@@ -105,6 +110,23 @@ class Finaliser:
                 return answer
             self._kept[answer.id] = answer
 
+    def retime(self, points_folder: Path, timeout_s: float) -> list[FinishedPoint]:
+        """Once every point is finished: bring them to one skew; those whose file changed, as they are now.
+
+        Raises:
+            OSError: it could not be done; every file is complete all the same.
+            TimeoutError: it is not done in time, and goes on.
+        """
+        self._input.write(json.dumps({"retime": str(points_folder)}) + "\n")
+        self._input.flush()
+        try:
+            problem = self._retimed.get(timeout=timeout_s)
+        except queue.Empty:
+            raise TimeoutError(f"the points were not brought to one skew within {timeout_s:g} s") from None
+        if problem:
+            raise OSError(problem)
+        return self.results()
+
     def close(self, timeout_s: float = 60.0) -> None:
         """Let it finish what it has, then end it; `results` still gives the last answers.
 
@@ -135,6 +157,9 @@ class Finaliser:
         with self._output:
             for line in self._output:
                 answer = json.loads(line)
+                if "retimed" in answer:
+                    self._retimed.put(answer["retimed"])
+                    continue
                 answer["reasons"] = tuple(answer["reasons"])
                 answered.add(answer["id"])
                 self._answers.put(FinishedPoint(**answer))
@@ -142,6 +167,7 @@ class Finaliser:
         for point_id in list(self._pending):
             if point_id not in answered:
                 self._answers.put(FinishedPoint(point_id, error=gone))
+        self._retimed.put("the finaliser process has ended")
 
 
 def warm_up() -> None:
@@ -163,15 +189,29 @@ def warm_up() -> None:
 
 def main() -> int:
     """Serve standard input until it ends."""
-    from rig.recording.recovery import finish_alone
-
     os.nice(NICENESS)
     warm_up()
     for line in sys.stdin:
-        finished = finish_alone(Path(json.loads(line)["journal"]))
-        sys.stdout.write(json.dumps(asdict(finished)) + "\n")
-        sys.stdout.flush()
+        for answer in _answers_to(json.loads(line)):
+            sys.stdout.write(json.dumps(answer) + "\n")
+            sys.stdout.flush()
     return 0
+
+
+def _answers_to(request: dict[str, str]) -> Iterator[dict[str, object]]:
+    from rig.recording.recovery import finish_alone
+    from rig.recording.retiming import retime
+
+    if "journal" in request:
+        yield asdict(finish_alone(Path(request["journal"])))
+        return
+    try:
+        for point in retime(Path(request["retime"])):
+            yield asdict(point)
+    except (RigError, OSError, ValueError) as error:
+        yield {"retimed": f"{type(error).__name__}: {error}"}
+    else:
+        yield {"retimed": ""}
 
 
 if __name__ == "__main__":

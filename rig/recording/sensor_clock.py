@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from protocols.actuator import ProgramPhase
 from protocols.quality import Quality
-from rig.recording.clock_model import UNKNOWN_LATENCY_S, ClockModel, HostMap, by_edges, by_envelope
+from rig.recording.clock_model import LARGEST_DRIFT, UNKNOWN_LATENCY_S, ClockModel, HostMap, by_edges, by_envelope
 from rig.recording.column import Records, Values, mapped
 from rig.recording.context import PointContext, SensorContext
+from rig.recording.cycle_match import Cycles, match_cycles
 from rig.recording.layout import FloatArray, parts
 from rig.recording.signal_match import Match, match
 from rig.recording.skew import tolerance_s, undeclared
@@ -30,8 +32,18 @@ DELAY_REACH_S = 0.03
 ARRIVAL_REACH = 4.0
 """Clocks known by arrivals only are looked for within so many of their standard deviations."""
 MATCHING_RATE_Hz = 1000.0
+FEWEST_FULL_CYCLES = 3.0
 MOST_SPREAD = 1.0 / np.sqrt(12.0)
 BAD = np.uint16(Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER | Quality.SPIKE)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The controller's own record of a sensor's quantity: times (s) and values (m,), and its full cycles if any."""
+
+    time_s: FloatArray
+    values: FloatArray
+    cycles: Cycles | None
 
 
 @dataclass(frozen=True)
@@ -75,27 +87,25 @@ def timed_sensor(
         local_s = mapped(channel["device_us"], lambda device_us: device_us * 1e-6, np.float64)
     else:
         local_s = unwrapped(np.asarray(channel["sequence"])) / sensor.rate_Hz
-    frequency_Hz = float(context.point.get("frequency_Hz", 0.0))
-    cycle_s = 1.0 / frequency_Hz if frequency_Hz > 0.0 else np.inf
     reference = _reference(name, by_name, context)
     pairs = matched_edges(by_name.get(f"{name}_edge"), by_name.get("pulse"))
     if has_clock and len(pairs):
         clock = by_edges(pairs[:, 0], pairs[:, 1])
         clock = replace(clock, std_s=float(np.hypot(clock.std_s, clock.rate_std * MOST_SPREAD * _span_s(local_s))))
-        return _by_edges(clock, local_s, channel, sensor, reference, cycle_s)
+        return _by_edges(clock, local_s, channel, sensor, reference)
     arrival_s = mapped(channel["host_ns"], host.time_s, np.float64)
     clock = by_envelope(local_s, arrival_s, device_rate=context.device_rate)
     if not has_clock:
         clock = replace(clock, method="nominal rate")
-    return _by_signal(clock, local_s, channel, sensor, reference, context.device_rate, cycle_s)
+    return _by_signal(clock, local_s, channel, sensor, reference, context.device_rate)
 
 
 def _by_edges(
     clock: ClockModel, local_s: Values, channel: Records, sensor: SensorContext,
-    reference: tuple[FloatArray, FloatArray] | None, cycle_s: float,
+    reference: Reference | None,
 ) -> SensorClock:
     time_s = _times(local_s, clock, sensor.delay_s)
-    found = _match(reference, time_s, channel, sensor, DELAY_REACH_S, with_drift=False, cycle_s=cycle_s)
+    found = _match(reference, time_s, channel, sensor, DELAY_REACH_S, with_drift=False)
     measured = (None, 0.0) if found is None else (found.lag_s, found.lag_std_s)
     delay = undeclared(tolerance_s(sensor.delay_s), *measured)
     sure = replace(clock, std_s=float(np.hypot(clock.std_s, delay.std_s)))
@@ -105,12 +115,12 @@ def _by_edges(
 
 def _by_signal(
     clock: ClockModel, local_s: Values, channel: Records, sensor: SensorContext,
-    reference: tuple[FloatArray, FloatArray] | None, device_rate: float, cycle_s: float,
+    reference: Reference | None, device_rate: float,
 ) -> SensorClock:
     """Without edges: the signal laid over the controller's, which takes in every delay; else arrivals as they are."""
     reach_s = ARRIVAL_REACH * max(clock.std_s, UNKNOWN_LATENCY_S * device_rate)
-    found = _match(reference, _times(local_s, clock, 0.0), channel, sensor, reach_s, with_drift=True, cycle_s=cycle_s)
-    if found is None:
+    found = _match(reference, _times(local_s, clock, 0.0), channel, sensor, reach_s, with_drift=True)
+    if found is None or abs(found.drift) > LARGEST_DRIFT:
         return SensorClock(_times(local_s, clock, sensor.delay_s), clock, sensor.delay_s, 0.0, clock.std_s, None)
     spread_s = MOST_SPREAD * _span_s(local_s)
     std_s = float(np.hypot(found.lag_std_s, found.drift_std * spread_s))
@@ -126,10 +136,8 @@ def _span_s(local_s: Values) -> float:
     return float(local_s[-1] - local_s[0])
 
 
-def _reference(
-    name: str, by_name: Mapping[str, Records], context: PointContext,
-) -> tuple[FloatArray, FloatArray] | None:
-    """Times (s) and values of the controller's own record; None where it may not be relied on."""
+def _reference(name: str, by_name: Mapping[str, Records], context: PointContext) -> Reference | None:
+    """The controller's own record; None where it may not be relied on."""
     record = by_name.get(REFERENCES.get(name, ""))
     if record is None or context.controller_delay_s is None:
         return None
@@ -137,19 +145,41 @@ def _reference(
     records = records[records["device_us"] >= 0]
     time_s = records["device_us"] * 1e-6 - context.controller_delay_s
     fresh = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0)) if len(time_s) else np.zeros(0, bool)
-    return time_s[fresh], records["value"][fresh]
+    return Reference(time_s[fresh], records["value"][fresh], _full_cycles(by_name.get("phase"), context))
+
+
+def _full_cycles(phase: Records | None, context: PointContext) -> Cycles | None:
+    """Where the controller reported full amplitude, less a first cycle that may still settle; None for no cycles."""
+    frequency_Hz = float(context.point.get("frequency_Hz", 0.0))
+    if phase is None or not frequency_Hz > 0.0 or context.point.get("kind") == "current_step":
+        return None
+    records = phase[:]
+    full = (records["value"] == ProgramPhase.FULL_AMPLITUDE) & (records["device_us"] >= 0)
+    full_s = records["device_us"][full] * 1e-6
+    if len(full_s) == 0 or (full_s[-1] - full_s[0]) * frequency_Hz < FEWEST_FULL_CYCLES:
+        return None
+    return Cycles(float(full_s[0]) + 1.0 / frequency_Hz, float(full_s[-1]), 1.0 / frequency_Hz)
 
 
 def _match(
-    reference: tuple[FloatArray, FloatArray] | None, time_s: Values, channel: Records, sensor: SensorContext,
-    reach_s: float, *, with_drift: bool, cycle_s: float,
+    reference: Reference | None, time_s: Values, channel: Records, sensor: SensorContext, reach_s: float,
+    *, with_drift: bool,
 ) -> Match | None:
+    """All cycles together where they repeat, which sees several times more; else sample by sample."""
     if reference is None:
         return None
     coarse_s, values, period_s = _coarsened(time_s, channel, sensor.rate_Hz)
-    return match(
-        *reference, coarse_s, values, period_s, reach_s=reach_s, with_drift=with_drift, cycle_s=cycle_s
-    )
+    cycles = reference.cycles
+    laid = (reference.time_s, reference.values, coarse_s, values)
+    if cycles is not None and not with_drift:
+        found = match_cycles(*laid, cycles, reach_s=reach_s)
+        if found is not None:
+            return found
+    cycle_s = np.inf if cycles is None else cycles.period_s
+    rough = match(*laid, period_s, reach_s=reach_s, with_drift=with_drift, cycle_s=cycle_s)
+    if rough is None or cycles is None or not with_drift:
+        return rough
+    return match_cycles(*laid, cycles, reach_s=reach_s, start=rough) or rough
 
 
 def _coarsened(time_s: Values, channel: Records, rate_Hz: float) -> tuple[FloatArray, FloatArray, float]:

@@ -1,10 +1,10 @@
 """What a sensor's delay is, given what its bench file declares and what its own signal shows against the controller's.
 
 A declared delay is nearly always right, within the tolerance of its filter, and now and then forgotten or wrong
-altogether. So the delay beyond the declared one has two explanations, weighed against each other by Bayes' rule for
-what was measured: `N(0, tolerance^2)` with probability 0.98, `N(0, (5 ms)^2)` with 0.02. A measurement that agrees
-with the declaration leaves the declared value and its tolerance; one far off takes its place; between them the answer
-is a mixture, and its standard deviation says so.
+altogether. So the delay beyond the declared one has several explanations, weighed against each other by Bayes' rule for
+what was measured: `N(0, tolerance^2)` with probability 0.96, `N(0, (0.5 ms)^2)` and `N(0, (5 ms)^2)` with 0.02 each. A
+measurement that agrees with the declaration leaves the declared value and its tolerance; one far off takes its place;
+between them the answer is a mixture, and its standard deviation says so.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from dataclasses import dataclass
 DELAY_TOLERANCE = 0.05
 """Relative standard deviation of a declared group delay: tolerance of the filter's corner frequency."""
 SMALLEST_TOLERANCE_S = 2e-6
-FORGOTTEN_SHARE = 0.02
-FORGOTTEN_S = 5e-3
+FORGOTTEN = ((0.02, 0.5e-3), (0.02, 5e-3))
+"""Probability and scale (s) of delays that nobody declared: another filter setting, a digital filter, a gateway."""
 INFORMATIVE_S = 0.4e-3
-"""A measurement less certain than this says nothing about a declared delay."""
+CONTRADICTION = 2.0
+"""A measurement less certain than `INFORMATIVE_S` has a say only when it contradicts by so many of its deviations."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,11 @@ def undeclared(tolerance: float, measured_s: float | None, measured_std_s: float
         measured_s: delay beyond the declared one by the signals (s); None when it could not be measured.
         measured_std_s: its standard deviation (s).
     """
-    if measured_s is None or measured_std_s > INFORMATIVE_S:
+    if measured_s is None:
         return Delay(0.0, tolerance, checked=False)
-    chances = ((1.0 - FORGOTTEN_SHARE, tolerance), (FORGOTTEN_SHARE, FORGOTTEN_S))
+    if measured_std_s > INFORMATIVE_S and abs(measured_s) < CONTRADICTION * measured_std_s:
+        return Delay(0.0, tolerance, checked=False)
+    chances = ((1.0 - sum(share for share, _ in FORGOTTEN), tolerance), *FORGOTTEN)
     logs, means, variances = [], [], []
     for share, width in chances:
         total = width**2 + measured_std_s**2

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rig.identification.skew_pooling import pooled_skews
 from rig.recording.reading import channel_attributes
 from rig.recording.run import RecordedPoint, Run
 from rig.recording.skew import pooled
+from rig.recording.skew_pooling import pooled_skews
 from rig.report.fragment import NOTHING, box, number, table, text
 
 PLUS_MINUS = "\N{PLUS-MINUS SIGN}"

@@ -64,6 +64,8 @@ class ChannelJudge:
         self.unit = unit
         self.last_value = math.nan
         self.repeats = 0
+        self._lowest = math.inf
+        self._highest = -math.inf
         self._jumps = 0
         self._saturated = 0
         self._faulty = 0
@@ -82,11 +84,18 @@ class ChannelJudge:
         values = [record[2] for record in records]
         self._count_repeats(values)
         plain = not any(record[5] for record in records)
-        if plain and self._quiet(min(values), max(values)):
+        lowest, highest = min(values), max(values)
+        if plain and self._quiet(lowest, highest):
+            self._lowest, self._highest = min(self._lowest, lowest), max(self._highest, highest)
             self.last_value = values[-1]
             return records, []
         findings: list[Finding] = []
         return [self._one(record, findings) for record in records], findings
+
+    @property
+    def at_extreme(self) -> bool:
+        """The last value is the least or the greatest of all that the channel has shown, and it has shown others."""
+        return self._lowest < self._highest and self.last_value in {self._lowest, self._highest}
 
     def _count_repeats(self, values: list[float]) -> None:
         """Follow for how many samples the value has been the same to the last bit."""

@@ -80,6 +80,18 @@ def test_saturation_trips_at_the_third_sample_in_a_row_and_starts_over_after_a_g
     assert found == [False, False, False, False, False, True]
 
 
+def test_a_value_that_repeats_is_an_amplifiers_end_only_where_nothing_greater_or_less_was_ever_shown() -> None:
+    judge = force_judge()
+    judge.judge([record(0, 7.0)])
+    assert not judge.at_extreme, "a channel that has shown one value only has no extremes"
+    judge.judge([record(1, -200.0), record(2, 350.0)])
+    assert judge.at_extreme
+    judge.judge([record(3, 120.0), record(4, 120.0)])
+    assert not judge.at_extreme
+    judge.judge([record(5, -200.0)])
+    assert judge.at_extreme
+
+
 def test_value_at_the_end_of_the_span_counts_as_saturated() -> None:
     judge = ChannelJudge("aux", "sensor-saturated", low=-10.0, high=10.0, span=10.0)
     assert [f.slug for f in judge.judge([record(i, -10.0) for i in range(3)])[1]] == ["sensor-saturated"]

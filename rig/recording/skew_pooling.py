@@ -16,10 +16,15 @@ from rig.recording.skew import Delay, pooled, tolerance_s, undeclared
 
 @dataclass(frozen=True)
 class Skew:
-    """What to do to one point's force samples: move them by `shift_s`; `std_s` is then left uncertain (s)."""
+    """What to do to one point's force samples: move them by `shift_s`; `std_s` is then left uncertain (s).
+
+    `force` and `displacement` are the delays beyond the declared ones that the campaign as a whole found.
+    """
 
     shift_s: float
     std_s: float
+    force: Delay
+    displacement: Delay
 
 
 def pooled_skews(points: Sequence[RecordedPoint]) -> dict[str, Skew]:
@@ -60,4 +65,4 @@ def _skew(point: RecordedPoint, force: Delay, displacement: Delay) -> Skew:
     applied = {name: float(point.quality[f"{name}_undeclared_delay_s"]) for name in ("force", "displacement")}
     ties = [float(point.quality[f"{name}_tie_std_s"]) for name in ("force", "displacement")]
     shift_s = (applied["force"] - force.value_s) - (applied["displacement"] - displacement.value_s)
-    return Skew(shift_s, math.hypot(force.std_s, displacement.std_s, *ties))
+    return Skew(shift_s, math.hypot(force.std_s, displacement.std_s, *ties), force, displacement)
