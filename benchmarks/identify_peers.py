@@ -22,10 +22,7 @@ import tempfile
 import tracemalloc
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -34,12 +31,8 @@ from scipy.optimize import differential_evolution, least_squares
 
 from rig.dampers import model
 from rig.identification.algorithms import minimise
-from rig.identification.measurement import Measurement
-from rig.identification.problem import Problem
 from rig.identification.projection import Weighting
 from rig.identification.separable import solve_separable
-from rig.study.per_current import CURRENT_FIXED, FixedParameters
-from rig.study.recordings import BOUC_WEN_TRUTH, bouc_wen
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 BUDGET = 16_000
@@ -273,71 +266,6 @@ def bench_evaluation(quick: bool) -> Iterator[str]:
         yield f"{name:18} {1e9 * seconds / case.n:6.2f} ns a sample"
 
 
-def bench_bouc_wen(quick: bool) -> Iterator[str]:
-    """Bouc-Wen, 4,000 samples: partial separation against trf from the middle of the box, and one population candidate.
-
-    Truths are log-uniform within a factor 2 of a nominal set; the box's logarithmic middle is that set.
-    """
-    from rig.identification.bouc_wen import solve_bouc_wen
-
-    damper, count = model("bouc_wen"), 3 if quick else 100
-    held, weighting = frozenset({"kv_b", "kw_b"}), Weighting("1")
-    rows: dict[str, list[tuple[bool, float]]] = {"separable": [], "trf": []}
-    for seed in range(count):
-        test, truth = _bouc_wen_case(seed)
-        objective = FixedParameters(Problem([test], "bouc_wen", "1"), CURRENT_FIXED["bouc_wen"])
-        at_truth = objective.batch(np.array([[truth[name] for name in objective.names]]))[0]
-        value, seconds = timed(lambda test=test: solve_bouc_wen([test], damper, weighting, held).objective)  # type: ignore[misc]  # bound now
-        rows["separable"].append((value <= 1.01 * at_truth, seconds))
-        middle = np.array([BOUC_WEN_TRUTH[name] for name in objective.names])
-        value, seconds = timed(partial(_bouc_wen_rival, objective, test, middle))
-        rows["trf"].append((value <= 1.01 * at_truth, seconds))
-    for name, results in rows.items():
-        median = float(np.median([seconds for _, seconds in results]))
-        yield f"{name:12} success {sum(good for good, _ in results)}/{count}, median {1e3 * median:.1f} ms"
-    population = middle * np.random.default_rng(0).uniform(0.8, 1.2, (50, middle.size))
-    objective.batch(population)
-    seconds = min(timed(lambda: float(objective.batch(population)[0]))[1] for _ in range(3 if quick else 10))
-    yield f"population candidate {1e3 * seconds / 50:.3f} ms"
-
-
-def _bouc_wen_case(seed: int) -> tuple[Measurement, dict[str, float]]:
-    rng = np.random.default_rng(seed)
-    still = bouc_wen([0.0], 0.0, 0)[0]
-    truth = {name: value * 2.0 ** rng.uniform(-1.0, 1.0) for name, value in BOUC_WEN_TRUTH.items()}
-    truth |= {"c0_b": 0.0, "alpha_b": 0.0, "n": rng.uniform(1.2, 3.0), "A": BOUC_WEN_TRUTH["A"]}
-    force = model("bouc_wen").force(truth, still.u_m, still.v_m_s, still.a_m_s2, 0.0, still.dt_s)
-    return replace(still, force_N=force + rng.normal(0.0, 5.0, force.size)), truth
-
-
-def _bouc_wen_rival(objective: FixedParameters, test: Measurement, start: np.ndarray) -> float:
-    damper = objective.problem.model
-
-    def residual(p: np.ndarray) -> np.ndarray:
-        values = objective.problem.values(objective.whole(p[None, :])[0])
-        return test.force_N - damper.force({**values, "eta": 1.0} if "eta" in damper.names else values,
-                                           test.u_m, test.v_m_s, test.a_m_s2, 0.0, test.dt_s)  # fmt: skip
-
-    return 2.0 * float(least_squares(residual, start, x_scale="jac").cost)
-
-
-def bench_parallel(quick: bool) -> Iterator[str]:
-    """Populations of an ODE model on two processes."""
-    tests = bouc_wen([0.0, 0.4, 0.8, 1.2], 5.0, 1)
-    problem = Problem(tests, "bouc_wen", "1")
-    budget, box = (400 if quick else 4000), problem.bounds.copy()
-    for j, name in enumerate(problem.names):
-        box[j] = sorted((0.5 * BOUC_WEN_TRUTH[name], 1.5 * BOUC_WEN_TRUTH[name]))
-    minimise(problem, method="de", bounds=box, population=100, budget=100)
-    alone = minimise(problem, method="de", bounds=box, population=100, budget=budget).seconds
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        minimise(problem, method="de", bounds=box, population=100, budget=400, executor=pool, chunks=2)
-        both = minimise(
-            problem, method="de", bounds=box, population=100, budget=budget, executor=pool, chunks=2
-        ).seconds
-    yield f"1 process {alone:.2f} s, 2 processes {both:.2f} s, efficiency {alone / both / 2:.2f}"
-
-
 def bench_linear(quick: bool) -> Iterator[str]:
     """Cost and memory of `separable` against the number of samples."""
     for cycles in (1, 10) if quick else (1, 10, 100, 240):
@@ -353,7 +281,7 @@ def bench_linear(quick: bool) -> Iterator[str]:
 
 SECTIONS = {
     "evaluation": bench_evaluation, "fresh": bench_fresh, "truths": bench_truths, "tenfold": bench_tenfold,
-    "bouc_wen": bench_bouc_wen, "parallel": bench_parallel, "linear": bench_linear,
+    "linear": bench_linear,
 }
 PEER_SECTIONS = {"peers": bench_peers, "peers_wide": bench_peers_wide}  # fmt: skip
 

@@ -29,12 +29,13 @@ from rig.identification.shortening import first_cycle
 FloatArray = NDArray[np.float64]
 
 YIELD_LENGTHS = np.geomspace(0.004, 0.5, 6)  # 1/rho, as a share of the smallest amplitude
-SIGMAS = (0.55, 1.0, 2.5)
+SIGMAS = (0.3, 0.8, 2.5)
 EXPONENTS = (1.2, 2.0, 4.0)
 BENDS = (0.1, 0.4)  # vt, as a share of the greatest speed
 SLOWEST_BEND, FASTEST_BEND = 1e-3, 3.0
-SIGMA_LIMITS = (0.3, 20.0)  # 0.5 is the lowest that dissipates; a fit must be able to pass it
+SIGMA_LIMITS = (0.02, 50.0)  # below 0.5 the loop's flanks feed energy back; published sets lie there too
 STARTS = 3
+ROUGH, FINE = 1e-3, 1e-8  # share of the objective that a step must promise: among starts, at last
 LOWEST_EXPONENT = 1.0
 
 
@@ -116,10 +117,10 @@ def solve_bouc_wen(
         starts = [grid[k] for k in order]
     else:
         starts = [np.clip(_shape(near), form.limits[:, 0], form.limits[:, 1])]
-    refined = [levenberg_marquardt(short, each) for each in starts]
+    refined = [levenberg_marquardt(short, each, ROUGH) for each in starts]
     start = min(refined, key=lambda found: found[1].objective)[0]
     full = Projection(form, measurements, weighting, without=without)
-    shape, inner = levenberg_marquardt(full, start)
+    shape, inner = levenberg_marquardt(full, start, FINE)
     names = (*form.fixed_names, *form.yield_names)
     values = {name: float(value) for name, value in zip(names, inner.linear, strict=True)}
     values |= {"rho": float(shape[0]), "sigma": float(shape[1]), "n": LOWEST_EXPONENT + float(shape[2])}
