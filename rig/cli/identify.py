@@ -12,7 +12,7 @@ import click
 
 from rig.cli.output import Command, console, json_option, scheduler_option, write_json
 from rig.errors import EXIT_DONE
-from rig.matrix.methods import METHODS
+from rig.matrix.methods import DEPENDENCES, METHODS
 
 if TYPE_CHECKING:
     from rig.dampers.algebraic import Hysteresis
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         "rig identify logs/20260102T030405Z-MR-001-ab12cd",
         "rig identify SINE_RUN --holdout TRIANGLE_RUN --json",
         "rig identify RUN --model all --holdout frequency_Hz=2",
+        "rig identify RUN --model kwok --current per-current-lagrange",
     ),
 )
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
@@ -36,6 +37,11 @@ if TYPE_CHECKING:
     "--hysteresis", type=click.Choice(["kwok", "printed"]), default="kwok", show_default=True,
     help="Argument of the tanh models: Kwok's, or as the c-FOA paper prints it.",
 )  # fmt: skip
+@click.option(
+    "--current", "dependence", type=click.Choice(DEPENDENCES), default="affine", show_default=True,
+    help="How parameters depend on the current: affine in one fit, or one fit a current and a relation between them.",
+)  # fmt: skip
+@click.option("--series-spring", is_flag=True, help="Look for a spring in series: mounts that give way.")
 @click.option("--suspect", is_flag=True, help="Take suspect points too; without it only valid ones are fitted.")
 @click.option("--weight", type=click.Choice(["1", "v"]), help="Of a residual: 1 or the speed; default: the method's.")
 @click.option("--loss", type=click.Choice(["squares", "huber"]), default="squares", show_default=True)
@@ -52,6 +58,8 @@ def command(
     method: str,
     holdout: str | None,
     hysteresis: Hysteresis,
+    dependence: str,
+    series_spring: bool,
     suspect: bool,
     weight: str | None,
     loss: str,
@@ -79,6 +87,8 @@ def command(
             hysteresis=hysteresis,
             suspect=suspect,
             profile=(*(["nonlinear"] if profile else []), *profile_of),
+            current=dependence,
+            series_spring=series_spring,
             told=None if model != "all" else lambda line: click.echo(line, err=True),
         ).to_json()
     if as_json:

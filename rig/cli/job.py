@@ -79,7 +79,7 @@ class Analyst:
         Returns:
             The keys of `rig.cli.analyst`'s answer; `error` is set when the operator or a fault ended the process.
         """
-        wanted = None if identify is None else identify.model_dump(include={"model", "method", "holdout"})
+        wanted = None if identify is None else identify.model_dump(exclude={"enabled"})
         try:
             print(json.dumps({"run": str(run), "identify": wanted}), file=self._process.stdin, flush=True)
             line = self._process.stdout.readline() if self._process.stdout else ""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from rig.identification.relation import Relation
 from rig.identification.residuals import Residual
 
 if TYPE_CHECKING:
@@ -139,6 +140,54 @@ class NextTest:
 
 
 @dataclass(frozen=True)
+class CurrentRelations:
+    """How the parameters of fits at single currents depend on the current.
+
+    Attributes:
+        dependence: "per-current-affine", "per-current-polynomial" or "per-current-lagrange".
+        currents_A: the fitted currents, rising.
+        relations: parameter name to its relation.
+        ranges: parameter name to the lowest and highest fitted value (SI).
+    """
+
+    dependence: str
+    currents_A: tuple[float, ...]
+    relations: Mapping[str, Relation]
+    ranges: Mapping[str, tuple[float, float]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Key `current` of `rig identify --json`."""
+        found = {
+            name: {"coefficients": list(each.coefficients), "rms": each.rms, "rms_left_out": _number(each.rms_left_out)}
+            for name, each in self.relations.items()
+        }
+        return {"dependence": self.dependence, "currents_A": list(self.currents_A), "relations": found}
+
+
+@dataclass(frozen=True)
+class SeriesSpring:
+    """A spring in series with the damper, and its 95 % interval (N/m); all None where none is seen."""
+
+    stiffness_N_m: float | None
+    low: float | None
+    high: float | None
+
+    def widened(self, variance: float, relative: float) -> SeriesSpring:
+        """The same where the residual's correlation and misfit multiply the variance of its compliance.
+
+        Args:
+            variance: that factor.
+            relative: half width (1), as a share of the compliance, that is added to it in squares.
+        """
+        if self.stiffness_N_m is None or self.low is None or self.high is None:
+            return self
+        compliance = 1.0 / self.stiffness_N_m
+        half = math.hypot(0.5 * math.sqrt(variance) * (1.0 / self.low - 1.0 / self.high), relative * compliance)
+        high = 1.0 / (compliance - half) if half < compliance else math.inf
+        return SeriesSpring(self.stiffness_N_m, 1.0 / (compliance + half), high)
+
+
+@dataclass(frozen=True)
 class Fit:
     """A model fitted to a run.
 
@@ -163,6 +212,8 @@ class Fit:
         passivity: where the fitted model takes energy out; None when it was not looked at.
         profiles: profile likelihoods that were asked for, by parameter.
         next_tests: tests worth running next.
+        series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
+        current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
     """
 
     model: str
@@ -185,6 +236,8 @@ class Fit:
     passivity: Passivity | None = None
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     next_tests: tuple[NextTest, ...] = ()
+    series: SeriesSpring | None = None
+    current: CurrentRelations | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -231,6 +284,8 @@ class Fit:
             "passivity": None if self.passivity is None else _plain(self.passivity),
             "profiles": {name: vars(each) for name, each in self.profiles.items()},
             "next_tests": [_plain(each) for each in self.next_tests],
+            "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
+            "series_spring": None if self.series is None else _plain(self.series),
             "notes": list(self.notes),
         }
 

@@ -15,11 +15,12 @@ from rig.errors import IdentificationFailed
 from rig.identification.coil import find_lag, needs_lag, with_lag
 from rig.identification.consistency import contradictions, refuse_reversed_signs, refuse_seen, runs_apart, some
 from rig.identification.current_lag import CurrentLag, lag_of
-from rig.identification.fit import Estimate, Fit
+from rig.identification.fit import Estimate, Fit, SeriesSpring
 from rig.identification.identifiability import examine
 from rig.identification.judging import judged
 from rig.identification.measurement import Measurement
 from rig.identification.next_test import Allowance, bench_of, next_tests
+from rig.identification.per_current import AFFINE, identify_per_current
 from rig.identification.preparation import prepare_all
 from rig.identification.scoring import score
 from rig.identification.selection import Candidate, compare
@@ -39,6 +40,8 @@ def identify(
     hysteresis: Hysteresis = "kwok",
     declared: DeclaredErrors | None = None,
     profile: bool | Sequence[str] = False,
+    current: str = AFFINE,
+    series_spring: bool = False,
     allowance: Allowance | None = None,
     told: Callable[[str], None] | None = None,
 ) -> Fit:
@@ -52,6 +55,10 @@ def identify(
         hysteresis: form of the tanh models' argument.
         declared: scale and position errors to include in the intervals.
         profile: parameters whose profile likelihood is wanted; True: all nonlinear ones.
+        current: how parameters depend on the current: "affine", in one fit; or one fit a current with
+            "per-current-affine", "per-current-polynomial" (quadratic) or "per-current-lagrange" relations.
+        series_spring: look for a spring in series with the damper, and fit the damper behind it; held-out tests are
+            corrected by their own measured force.
         allowance: what the next test may ask of the machine; by default what a run's own bench and matrix allow, or
             what was tested.
         told: called with a line of text before each model is fitted and each comparison.
@@ -71,6 +78,18 @@ def identify(
     warnings += contradictions(fitted)
     lag, unusable_steps = lag_of(_recorded(tests))
     warnings += unusable_steps
+    if current != AFFINE:
+        if model == ALL or profile or series_spring:
+            raise IdentificationFailed(
+                f"current dependence {current!r} goes with one model, without profiles and without a series spring"
+            )
+        chosen = _model(model, hysteresis)
+        return identify_per_current(chosen, fitted, held_out, current, settings, warnings, declared, started, told)
+    spring = None
+    if series_spring:
+        if model == ALL:
+            raise IdentificationFailed("a series spring goes with one model: name it, such as `asymmetric`")
+        spring, fitted, held_out = _behind_spring(_model(model, hysteresis), fitted, held_out, settings)
     names = list(rig.dampers.MODELS) if model == ALL else [model]
     models = [_model(name, hysteresis) for name in names]
     eta_1_s = _found_lag(models, fitted, settings, told) if needs_lag(fitted) else None
@@ -90,7 +109,28 @@ def identify(
         fit = replace(fit, warnings=(*apart, *fit.warnings))
     if lag is not None and "eta" in fit.parameters:
         fit = _with_lag(fit, lag)
-    return replace(fit, next_tests=next_tests(best.model, fit, fitted, allowance))
+    if spring is not None:
+        from rig.identification.series_spring import SMOOTHING
+
+        spring = spring.widened(max((each.widening for each in fit.residuals), default=1.0), quantile() * SMOOTHING)
+    return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance))
+
+
+def _behind_spring(
+    model: DamperModel, fitted: list[Measurement], held_out: list[Measurement], method: Method
+) -> tuple[SeriesSpring, list[Measurement], list[Measurement]]:
+    """The spring, and the damper's own motion in all tests.
+
+    Raises:
+        IdentificationFailed: the force of a test cannot be differentiated, or the model cannot be fitted.
+    """
+    from rig.identification.series_spring import Softened, find_spring
+
+    spring = find_spring(model, fitted, method)
+    if spring.stiffness_N_m is None:
+        return spring, fitted, held_out
+    compliance_m_N = 1.0 / spring.stiffness_N_m
+    return spring, Softened(fitted).by(compliance_m_N), Softened(held_out).by(compliance_m_N)
 
 
 def identify_run(
@@ -102,6 +142,8 @@ def identify_run(
     hysteresis: Hysteresis = "kwok",
     suspect: bool = False,
     profile: bool | Sequence[str] = False,
+    current: str = AFFINE,
+    series_spring: bool = False,
     told: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit recorded runs and write `fit.json` into the first of them.
@@ -114,6 +156,8 @@ def identify_run(
         hysteresis: as in `identify`.
         suspect: take suspect points too, not only valid ones.
         profile: as in `identify`.
+        current: as in `identify`.
+        series_spring: as in `identify`.
         told: as in `identify`.
 
     Raises:
@@ -141,6 +185,8 @@ def identify_run(
         hysteresis=hysteresis,
         declared=declared,
         profile=profile,
+        current=current,
+        series_spring=series_spring,
         allowance=bench_of(runs[0].path),
         told=told,
     )

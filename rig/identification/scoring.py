@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.dampers.model import DamperModel
 from rig.identification.energy import cycle_energy_J
@@ -14,6 +15,8 @@ from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force, unseen_force
 from rig.identification.projection import Weighting
 from rig.identification.residuals import judge
+
+FloatArray = NDArray[np.float64]
 
 MISFIT_OF_NOISE = 0.6  # misfit beyond the noise, as a share of it, that still counts as describing the data
 NEGLIGIBLE_OF_PEAK = 0.002  # misfit below this share of the peak force never matters
@@ -28,11 +31,15 @@ def score(model: DamperModel, values: Mapping[str, float], measurements: Sequenc
     Raises:
         KeyError: a parameter is missing.
     """
+    return score_forces(measurements, [modelled_force(model, values, each) for each in measurements])
+
+
+def score_forces(measurements: Sequence[Measurement], modelled_N: Sequence[FloatArray]) -> ErrorSummary:
+    """Errors of forces (N), one array (n,) a test, against the measured ones."""
     tests, errors, forces = [], [], []
-    for each in measurements:
+    for each, modelled in zip(measurements, modelled_N, strict=True):
         scored = each.scored
         force = each.force_N[scored]
-        modelled = modelled_force(model, values, each)
         error = force - modelled[scored]
         rmse = float(np.sqrt(np.mean(error**2)))
         peak = each.peak_force_N

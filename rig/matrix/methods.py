@@ -7,3 +7,6 @@ METHODS = (
     "separable", "c_foa", "foa", "ga", "de", "pso", "i_abc", "ga_standard", "ga_kwok", "ga_novel", "hybrid",
     "zhu_three_step",
 )  # fmt: skip
+
+DEPENDENCES = ("affine", "per-current-affine", "per-current-polynomial", "per-current-lagrange")
+"""How parameters may depend on the current."""

@@ -16,7 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from rig.bench.problems import load_section
 from rig.bench.quantity import Quantity, Section
-from rig.matrix.methods import METHODS
+from rig.matrix.methods import DEPENDENCES, METHODS
 from rig.matrix.point import TestPoint
 
 POINT_LIMIT = 10_000
@@ -182,6 +182,8 @@ class Identify(Section):
     model: str = Field(default="asymmetric", pattern=r"^[a-z_]+$")
     method: Literal[METHODS] = "separable"  # type: ignore[valid-type]  # one list serves the schema and the message
     holdout: str | None = Field(default=None, examples=["waveform=triangle", "frequency_Hz=2"])
+    series_spring: bool = False
+    current: Literal[DEPENDENCES] = "affine"  # type: ignore[valid-type]  # one list serves the schema and the message
 
     @field_validator("model")
     @classmethod

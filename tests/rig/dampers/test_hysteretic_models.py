@@ -8,6 +8,9 @@ from scipy.integrate import solve_ivp
 
 from rig.dampers import model, parameter_set
 from rig.dampers.kernels import advance
+from rig.dampers.loop_curve import hysteresis_series
+from rig.dampers.loop_slopes import hysteresis_with_slopes
+from rig.dampers.series import force_series
 
 OMEGA, AMPLITUDE, CURRENT = 2.0 * np.pi * 1.5, 0.02, 0.8
 
@@ -157,3 +160,43 @@ def test_sliding_force_of_a_hysteretic_model_is_its_saturated_branch() -> None:
     force = model("normalized_bouc_wen").force_at(values, 0.1, 1.0)
     assert float(force) == pytest.approx(0.1 * 810.0 + 330.0 - 150.0, abs=0.5)
     assert float(model("normalized_bouc_wen").force_at(values, 0.0, 1.0)) == pytest.approx(-150.0)
+
+
+@pytest.mark.parametrize(("sigma", "n"), [(0.3, 1.0), (0.6, 2.0), (0.8, 1.3), (2.5, 12.0), (20.0, 1.1), (20.0, 5.0)])
+def test_the_loops_one_curve_agrees_with_an_independent_integrator(sigma: float, n: float) -> None:
+    rho, t = 1500.0, np.arange(0.0, 1.4, 0.001)
+    u, v = 0.02 * np.sin(9.4 * t) + 0.004 * np.sin(31.0 * t), 0.188 * np.cos(9.4 * t) + 0.124 * np.cos(31.0 * t)
+
+    def rate(time: float, w: np.ndarray) -> np.ndarray:
+        speed = 0.188 * np.cos(9.4 * time) + 0.124 * np.cos(31.0 * time)
+        return (
+            bouc_wen_rate({"gamma": rho * sigma, "beta": rho * (1.0 - sigma), "A": rho, "n": n}, w[0], speed) + 0.0 * w
+        )
+
+    reference = solve_ivp(rate, (0.0, t[-1]), [0.0], "LSODA", t, rtol=1e-10, atol=1e-12, max_step=2e-4).y[0]
+    assert np.max(np.abs(hysteresis_series(0.0, rho, sigma, n, u, v, 0.001, 0) - reference)) < 2e-3
+
+
+@pytest.mark.parametrize(("sigma", "n"), [(0.3, 1.2), (0.6, 2.0), (2.5, 4.0)])
+def test_slopes_of_the_loop_are_its_differences(sigma: float, n: float) -> None:
+    t = np.arange(0.0, 2.0, 0.001)
+    u, v = 0.02 * np.sin(6.3 * t), 0.126 * np.cos(6.3 * t)
+    shape = np.array([1500.0, sigma, n])
+    found = hysteresis_with_slopes(*shape, u, v, 0.001, 997)
+    for k in range(3):
+        step = np.zeros(3)
+        step[k] = 1e-5 * shape[k]
+        above, below = (hysteresis_series(0.0, *(shape + sign * step), u, v, 0.001, 997) for sign in (1.0, -1.0))
+        difference = (above - below) / (2.0 * step[k])
+        assert np.max(np.abs(found[k + 1] - difference)) < 5e-3 * np.max(np.abs(difference))
+
+
+def test_a_cycle_of_warm_up_leaves_no_jump_at_the_first_sample() -> None:
+    for name in ("demo-viscoelastic-plastic", "demo-modified-bouc-wen", "demo-bouc-wen"):
+        chosen = parameter_set(name)
+        damper = model(chosen.model)
+        t = np.arange(0.0, 3.0, 0.004)  # a cycle is 166.67 samples
+        u, v, a = motion(t)
+        data = (u, v, a, np.full(t.size, CURRENT), 0.004)
+        force = force_series(damper.kind, damper.vector(chosen.values), damper.initial_state(u[0]), *data, 167)
+        assert force[0] == pytest.approx(force[500], abs=2.0)

@@ -1,0 +1,214 @@
+"""One fit a current, then each parameter as a function of the current (paper 2): affine, polynomial or Lagrange.
+
+Fitted at one current, a model needs no terms per ampere: the tests of a level are taken as tests without current, and
+what a current-dependent parameter is there is its value at zero. Between the levels a parameter follows its relation;
+parameters of the shape never leave the range of the fitted ones, because a polynomial may swing where a loop cannot.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
+from rig.identification.fit import CurrentRelations, Estimate, Fit
+from rig.identification.identifiability import CURRENTS_NEEDED, PER_AMPERE, SAME_CURRENT_A, examine
+from rig.identification.judging import judged
+from rig.identification.measurement import Measurement
+from rig.identification.model_slope import modelled_force
+from rig.identification.relation import Relation, relations
+from rig.identification.scoring import describes, score_forces
+from rig.identification.selection import Candidate
+from rig.identification.solving import Method, solve
+from rig.identification.uncertainty import DeclaredErrors
+from rig.matrix.methods import DEPENDENCES
+
+AFFINE = "affine"
+PER_CURRENT = {name: name.removeprefix("per-current-") for name in DEPENDENCES if name != AFFINE}
+
+
+@dataclass(frozen=True)
+class Level:
+    """The tests of one current, and the model fitted to them as if they ran without."""
+
+    current_A: float
+    tests: tuple[Measurement, ...]
+    fit: Fit
+
+
+def identify_per_current(
+    model: DamperModel,
+    fitted: Sequence[Measurement],
+    held_out: Sequence[Measurement],
+    dependence: str,
+    method: Method,
+    warnings: Sequence[str],
+    declared: DeclaredErrors | None,
+    started: float,
+    told: Callable[[str], None] | None = None,
+) -> Fit:
+    """Fit a model at each current and relate its parameters to the current.
+
+    Args:
+        model: the damper model.
+        fitted: tests at two or more constant currents.
+        held_out: tests to score the relations on.
+        dependence: a key of `PER_CURRENT`.
+        method: how each current is fitted.
+        warnings: what was found before.
+        declared: errors the data do not show.
+        started: `time.perf_counter()` at the start (s).
+        told: called with a line of text before each current.
+
+    Returns:
+        A fit whose parameters are named `NAME at I A`, with the relations in `current`.
+
+    Raises:
+        IdentificationFailed: fewer than two currents, a current that changes within a test, or a current at which
+            nothing can be identified; the message names it.
+    """
+    if dependence not in PER_CURRENT:
+        raise IdentificationFailed(f"unknown current dependence {dependence!r}; known: {', '.join(DEPENDENCES)}")
+    levels = []
+    for current_A, tests in _levels(fitted):
+        if told is not None:
+            told(f"fitting {model.name} at {current_A:.3g} A ({len(tests)} tests)")
+        levels.append(Level(current_A, tuple(tests), _fit_level(model, current_A, tests, method, declared)))
+    if len(levels) < 2:
+        raise IdentificationFailed(
+            f"{dependence} needs tests at two or more currents, and all ran at {levels[0].current_A:.2f} A; add tests "
+            "at another current, or fit without this option"
+        )
+    found = _relations(model, levels, PER_CURRENT[dependence])
+    return _joined(model, levels, found, held_out, dependence, method, warnings, started)
+
+
+def values_at(model: DamperModel, found: CurrentRelations, current_A: float) -> dict[str, float]:
+    """The model's values (SI) at a current (A); terms per ampere are zero, because the current is taken as zero."""
+    values = {each.name: 0.0 for each in model.parameters if each.name != "eta"}
+    for name, relation in found.relations.items():
+        value = float(relation.at(current_A))
+        low, high = found.ranges[name]
+        values[name] = value if model.parameter(name).linear else min(max(value, low), high)
+    return values
+
+
+def _levels(tests: Sequence[Measurement]) -> list[tuple[float, list[Measurement]]]:
+    """Tests by their current (A), rising.
+
+    Raises:
+        IdentificationFailed: the current of a test changes.
+    """
+    groups: list[tuple[float, list[Measurement]]] = []
+    for each in sorted(tests, key=lambda test: float(np.mean(test.current_A))):
+        if float(np.ptp(each.current_A)) > SAME_CURRENT_A:
+            raise IdentificationFailed(
+                f"{each.id}: its current changes from {np.min(each.current_A):.2f} to {np.max(each.current_A):.2f} A; "
+                "a fit for each current needs constant currents"
+            )
+        mean_A = float(np.mean(each.current_A))
+        if groups and mean_A - groups[-1][0] <= SAME_CURRENT_A:
+            groups[-1][1].append(each)
+        else:
+            groups.append((mean_A, [each]))
+    return [(float(np.mean([np.mean(each.current_A) for each in group])), group) for _, group in groups]
+
+
+def _without_current(each: Measurement) -> Measurement:
+    return replace(each, current_A=np.zeros_like(each.current_A), nominal_current_A=0.0)
+
+
+def _fit_level(
+    model: DamperModel, current_A: float, tests: Sequence[Measurement], method: Method, declared: DeclaredErrors | None
+) -> Fit:
+    """One current's fit.
+
+    Raises:
+        IdentificationFailed: nothing can be identified at this current; the message names it.
+    """
+    still, started = [_without_current(each) for each in tests], time.perf_counter()
+    findings = examine(model, still)
+    try:
+        best = Candidate(model, findings, solve(model, still, method, findings))
+        return judged(best, still, [], (), method, [], declared, False, started)
+    except IdentificationFailed as error:
+        raise IdentificationFailed(f"at {current_A:.2f} A: {error}") from error
+
+
+def _of_current(name: str) -> bool:
+    """Whether a parameter is a term per ampere or of a higher power."""
+    return name in PER_AMPERE or name in CURRENTS_NEEDED
+
+
+def _relations(model: DamperModel, levels: Sequence[Level], kind: str) -> CurrentRelations:
+    currents_A = np.array([level.current_A for level in levels])
+    names = [name for name in model.names if name != "eta" and not _of_current(name)]
+    names = [name for name in names if all(level.fit.parameters[name].value is not None for level in levels)]
+    found: dict[str, Relation] = {}
+    ranges = {}
+    for name in names:
+        values = np.array([level.fit.values[name] for level in levels])
+        found[name] = next(each for each in relations(currents_A, values) if each.kind == kind)
+        ranges[name] = (float(np.min(values)), float(np.max(values)))
+    return CurrentRelations(f"per-current-{kind}", tuple(currents_A.tolist()), found, ranges)
+
+
+def _joined(
+    model: DamperModel,
+    levels: Sequence[Level],
+    found: CurrentRelations,
+    held_out: Sequence[Measurement],
+    dependence: str,
+    method: Method,
+    warnings: Sequence[str],
+    started: float,
+) -> Fit:
+    """The levels and their relations as one fit, scored with the relations."""
+    fitted = [each for level in levels for each in level.tests]
+
+    def force(each: Measurement) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        values = values_at(model, found, float(np.mean(each.current_A)))
+        return np.asarray(modelled_force(model, values, _without_current(each)))
+
+    def fits(each: Measurement) -> bool | None:
+        values = values_at(model, found, float(np.mean(each.current_A)))
+        return describes(model, values, [_without_current(each)], method.weighting(model))
+
+    low, high = found.currents_A[0] - SAME_CURRENT_A, found.currents_A[-1] + SAME_CURRENT_A
+    outside = [each.id for each in held_out if not low <= float(np.mean(each.current_A)) <= high]
+    notes = list(warnings) + [f"at {level.current_A:.2f} A: {text}" for level in levels for text in level.fit.warnings]
+    notes += [text for each in held_out for text in each.warnings]
+    if outside:
+        notes.append(f"held out beyond the fitted currents, where the relations foretell nothing: {', '.join(outside)}")
+    return Fit(
+        model=model.name,
+        hysteresis=levels[0].fit.hysteresis,
+        method=method.name,
+        weight=levels[0].fit.weight,
+        parameters=_parameters(levels),
+        error=score_forces(fitted, [force(each) for each in fitted]),
+        holdout=score_forces(held_out, [force(each) for each in held_out]) if held_out else None,
+        selection=(),
+        adequate=not any(fits(each) is False for each in (*fitted, *held_out)),
+        warnings=tuple(notes),
+        evaluations=sum(level.fit.evaluations for level in levels),
+        wall_s=time.perf_counter() - started,
+        objective=sum(level.fit.objective for level in levels),
+        condition=max(level.fit.condition for level in levels),
+        notes=(*levels[0].fit.notes, f"{dependence}: each current fitted alone, then related to the current"),
+        current=found,
+    )
+
+
+def _parameters(levels: Sequence[Level]) -> Mapping[str, Estimate]:
+    names = [name for name in levels[0].fit.parameters if not _of_current(name)]
+    return {
+        f"{name} at {round(level.current_A, 2) + 0.0:g} A": level.fit.parameters[name]
+        for name in names
+        for level in levels
+        if name in level.fit.parameters
+    }

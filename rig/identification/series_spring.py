@@ -1,0 +1,127 @@
+"""A spring in series with the damper: mounts and fixtures that give way, so that the damper moves less than the rod.
+
+The damper's extension is u - F/k, its velocity v - F'/k. F is the measured force, made smooth and differentiable by the
+harmonics of its whole cycles that stand out of the noise; the acceleration stays the rod's, because inertia is the
+smallest term. The compliance c = 1/k is the one that leaves the least squares when the model is fitted to the motion so
+corrected: a search in one dimension from c = 0 to the compliance that would take `LARGEST_SHARE` of the stroke.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
+from rig.identification.fit import SeriesSpring
+from rig.identification.identifiability import examine
+from rig.identification.measurement import Measurement
+from rig.identification.shortening import first_cycle
+from rig.identification.solving import Method, solve
+from rig.identification.uncertainty import quantile
+from rig.recording.differentiation import harmonic
+
+FloatArray = NDArray[np.float64]
+
+LARGEST_SHARE = 0.3
+TOLERANCE = 1e-3  # of the compliance
+CURVATURE_STEP = 0.02  # of the compliance
+SMOOTHING = 0.01  # relative standard error from the corners that the smoothed force lacks (0.4 to 1.5 % off in tests)
+SEEN = 3.0  # standard errors of the compliance from which there is a spring
+
+
+class Softened:
+    """Tests whose motion can be corrected for any compliance.
+
+    Raises:
+        IdentificationFailed: the force of a test cannot be differentiated.
+    """
+
+    def __init__(self, tests: Sequence[Measurement]) -> None:
+        self._tests = tuple(tests)
+        self._forces = [_smooth_force(each) for each in tests]
+
+    def by(self, compliance_m_N: float) -> list[Measurement]:
+        """The tests with the damper's own motion behind a spring of this compliance (m/N)."""
+        return [
+            replace(each, u_m=each.u_m - compliance_m_N * force, v_m_s=each.v_m_s - compliance_m_N * rate)
+            for each, (force, rate) in zip(self._tests, self._forces, strict=True)
+        ]
+
+    @property
+    def largest_m_N(self) -> float:
+        """The compliance (m/N) that takes `LARGEST_SHARE` of the stroke in the test that leaves the least room."""
+        return LARGEST_SHARE * min(
+            float(np.ptp(each.u_m)) / max(float(np.ptp(force)), 1e-9)
+            for each, (force, _) in zip(self._tests, self._forces, strict=True)
+        )
+
+
+def _smooth_force(each: Measurement) -> tuple[FloatArray, FloatArray]:
+    """Force (N) and its rate (N/s), shape (n,) each.
+
+    Raises:
+        IdentificationFailed: the cycles are unknown.
+    """
+    if each.samples_per_cycle < 1:
+        raise IdentificationFailed(f"{each.id}: its cycles are unknown, so its force cannot be differentiated")
+    time_s: FloatArray = np.arange(each.u_m.size, dtype=np.float64) * each.dt_s
+    fit = harmonic(time_s, np.where(each.scored, each.force_N, np.nan), 1.0 / (each.samples_per_cycle * each.dt_s))
+    force, rate, _ = fit.at(time_s)
+    return force, rate
+
+
+def find_spring(model: DamperModel, tests: Sequence[Measurement], method: Method) -> SeriesSpring:
+    """The spring that explains the tests best with this model.
+
+    Its interval comes from the curvature of the sum of squares along the compliance, all parameters following, as if
+    the residual were white; see `SeriesSpring.widened`.
+
+    Raises:
+        IdentificationFailed: the force of a test cannot be differentiated, or the model cannot be fitted.
+    """
+    from scipy.optimize import minimize_scalar
+
+    softened, findings = Softened(tests), examine(model, tests)
+    near: dict[str, float] = {}
+
+    def left(compliance: float) -> float:
+        moved = softened.by(compliance)
+        if model.states > 0:
+            moved = [first_cycle(each) for each in moved]
+        solution = solve(model, moved, method, findings, near or None)
+        near.update(solution.values)
+        return solution.objective
+
+    largest = softened.largest_m_N
+    rigid = left(0.0)
+    found = minimize_scalar(left, bounds=(0.0, largest), method="bounded", options={"xatol": TOLERANCE * largest})
+    if float(found.fun) >= rigid:
+        return SeriesSpring(None, None, None)
+    best, step = float(found.x), CURVATURE_STEP * largest
+    low, high = max(0.0, best - step), best + step
+    curvature = 2.0 * _second_difference((low, left(low)), (best, float(found.fun)), (high, left(high)))
+    counted = first_cycle if model.states > 0 else _whole
+    samples = sum(counted(each).u_m.size for each in tests)
+    if curvature <= 0.0:
+        return SeriesSpring(1.0 / best, None, None)
+    error = math.sqrt(2.0 * float(found.fun) / samples / curvature)
+    if best < SEEN * error:
+        return SeriesSpring(None, None, None)
+    softest, stiffest = best + quantile() * error, best - quantile() * error
+    return SeriesSpring(1.0 / best, 1.0 / softest, 1.0 / stiffest)
+
+
+def _whole(each: Measurement) -> Measurement:
+    return each
+
+
+def _second_difference(low: tuple[float, float], middle: tuple[float, float], high: tuple[float, float]) -> float:
+    """Divided second difference of three points (x, y)."""
+    first = (middle[1] - low[1]) / (middle[0] - low[0])
+    second = (high[1] - middle[1]) / (high[0] - middle[0])
+    return (second - first) / (high[0] - low[0])
