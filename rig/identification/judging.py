@@ -21,7 +21,7 @@ from rig.identification.residuals import LEAST_WIDENING, correlated
 from rig.identification.scoring import describes, score
 from rig.identification.selection import Candidate
 from rig.identification.separable import Solution
-from rig.identification.solving import Method
+from rig.identification.solving import SEPARABLE, Method
 from rig.identification.uncertainty import DeclaredErrors, Information, information, quantile
 
 NONLINEAR = "nonlinear"  # all nonlinear parameters, where parameters are named
@@ -59,7 +59,8 @@ def judged(
         started: `time.perf_counter()` at the start (s).
 
     Raises:
-        IdentificationFailed: a profile is wanted of a parameter that was not fitted, or of a robust fit.
+        IdentificationFailed: a profile is wanted of a parameter that was not fitted, or of a fit that is not the
+            least-squares solution.
 
     Returns:
         Errors, intervals, what cannot be found and why, what the residual and the energy say, warnings.
@@ -113,6 +114,8 @@ def _profiles(
         return {}
     if method.loss != "squares":
         raise IdentificationFailed(f"no profile likelihood with loss {method.loss!r}: it needs least squares")
+    if unfinished := _unfinished(known, method, best.solution):
+        raise IdentificationFailed(f"no profile likelihood: {unfinished[0]}")
     asked = [NONLINEAR] if wanted is True else list(wanted)
     nonlinear = [name for name in known.names if not best.model.parameter(name).linear]
     names = list(dict.fromkeys(name for each in asked for name in (nonlinear if each == NONLINEAR else [each])))
@@ -158,7 +161,7 @@ def _unresolved(fitted: Sequence[Measurement]) -> list[str]:
 
 def _unfinished(known: Information, method: Method, solution: Solution) -> list[str]:
     """A warning when a search stopped before the least-squares solution, which is what the intervals are about."""
-    if method.loss != "squares" or solution.at_bound:
+    if method.name == SEPARABLE or method.loss != "squares" or solution.at_bound:
         return []
     told = [k for k, name in enumerate(known.names) if name not in known.partners]
     away = [abs(float(known.step[k])) / known.standard_error(known.names[k]) for k in told]

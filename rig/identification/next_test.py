@@ -3,7 +3,8 @@
 The information of a test that was not run yet is J'J / s^2, with the fitted model's slopes J on its motion and the
 noise s of the tests that were run. Added to the information of all tests so far it gives the intervals to expect
 (D-optimal designs look at all of them together; here the worst one counts). Candidates are sines inside what the bench,
-or without one what the tests so far, allow.
+or without one what the tests so far, allow; a slow one is not credited with being longer than the tests so far. A model
+that does not fit proposes nothing: its slopes are not the damper's.
 """
 
 from __future__ import annotations
@@ -126,7 +127,7 @@ def next_tests(
         allowance: what may be tested; by default what was tested.
     """
     allowance = allowance or envelope_of(measurements)
-    found = list(_loop(model, fit, measurements, allowance))
+    found = list(_loop(model, fit, measurements, allowance)) if fit.adequate else []
     if "eta" in fit.parameters and not fit.parameters["eta"].identifiable and allowance.feasible is not None:
         found.append(_steps(allowance))
     return tuple(found)
@@ -152,12 +153,13 @@ def _loop(
         scaled = jacobian[each.scored] * scale
         before += scaled.T @ scaled / spread[-1]
     widths = np.sqrt(np.diag(np.linalg.inv(before)))
+    longest = float(np.median([each.u_m.size for each in measurements]))
     dt_s, noise = float(np.median([each.dt_s for each in measurements])), float(np.median(spread))
     candidates = list(_candidates(model, values, measurements, allowance))
     expected = []
     for point, motion in candidates:
         scaled = parameter_slopes(model, values, names, motion) * scale
-        weight = KEPT_CYCLES / (point.frequency_Hz * dt_s) / SAMPLES / noise
+        weight = min(KEPT_CYCLES / (point.frequency_Hz * dt_s), longest) / SAMPLES / noise
         expected.append(np.sqrt(np.diag(np.linalg.inv(before + weight * scaled.T @ scaled))))
     for worst in np.argsort(-widths) if candidates else ():
         ranked = np.argsort([each[worst] for each in expected])[:MOST_CHECKS]

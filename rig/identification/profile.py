@@ -71,7 +71,7 @@ def profiles(
         measurements: the tests of the fit.
         weighting: the weights of the fit.
         names: which parameters; all others of `known` are fitted anew at every point.
-        floors: parameters that must not be negative.
+        floors: parameters that would be negative and are held at 0; only their own profile moves them, upwards.
 
     Raises:
         IdentificationFailed: a parameter was not fitted; the message names those that were.
@@ -81,7 +81,8 @@ def profiles(
             raise IdentificationFailed(
                 f"no profile of {name!r}: it was not fitted; fitted were {', '.join(known.names)}"
             )
-    walker = _Walker(model, dict(values), known, measurements, weighting)
+    free = tuple(name for name in known.names if name not in floors)
+    walker = _Walker(model, dict(values), known, free, measurements, weighting)
     return {name: walker.profile(name, floor=0.0 if name in floors else -math.inf) for name in names}
 
 
@@ -93,10 +94,11 @@ class _Walker:
         model: DamperModel,
         values: dict[str, float],
         known: Information,
+        free: tuple[str, ...],
         measurements: Sequence[Measurement],
         weighting: Weighting,
     ) -> None:
-        self._model, self._best, self._known = model, values, known
+        self._model, self._best, self._known, self._free = model, values, known, free
         self._data = [(each, weighting.of(each, index)) for index, each in enumerate(measurements)]
         self._least = self._objective(values)
         self._positive = {each.name for each in model.parameters if not each.linear and each.low >= 0.0}
@@ -113,7 +115,7 @@ class _Walker:
         below, low = self._side(name, -step, scale, floor)
         above, high = self._side(name, step, scale, floor)
         points = sorted([*below, (self._best[name], 0.0), *above])
-        if low is None and below and below[-1][0] == floor:
+        if low is None and points[0][0] == floor:
             low = floor
         return Profile(tuple(x for x, _ in points), tuple(d for _, d in points), low, high)
 
@@ -163,7 +165,7 @@ class _Walker:
 
     def _fit(self, values: dict[str, float], pinned: str, scale: float) -> tuple[dict[str, float], float]:
         """All parameters but one fitted by Levenberg-Marquardt; the fit and its sum of squares."""
-        names = [name for name in self._known.names if name != pinned]
+        names = [name for name in self._free if name != pinned]
         found, damping = self._objective(values), 1e-6
         if not math.isfinite(found):
             return values, math.inf

@@ -76,3 +76,15 @@ def test_what_was_not_fitted_has_no_profile(make_synthetic: Make) -> None:
         identify(tests, profile=["Fyb"])
     with pytest.raises(IdentificationFailed, match="needs least squares"):
         identify(tests, method=Method(loss="huber"), profile=True)
+    with pytest.raises(IdentificationFailed, match="c_foa stopped before the least-squares solution"):
+        identify(tests, method=Method("c_foa", weight="1", budget=500), profile=True)
+
+
+def test_a_parameter_at_its_bound_stays_there_while_others_are_profiled(make_synthetic: Make) -> None:
+    tests = make_synthetic({**DEMO, "m": -2.0}, (0.0, 1.0), (1.0, 2.0))
+    fit = identify(tests, profile=["beta", "m"])
+    assert fit.values["m"] == 0.0
+    deviance = np.array(fit.profiles["beta"].deviance)
+    assert np.count_nonzero(deviance == 0.0) == 1
+    assert fit.profiles["m"].low == 0.0
+    assert min(fit.profiles["m"].values) == 0.0
