@@ -59,7 +59,7 @@ def comparison_tables(study: StudyFile, results: Lines, minima: Mapping[str, flo
     Args:
         study: The study.
         results: Result lines by key.
-        minima: Damper model -> lowest objective value there is, for the notes.
+        minima: Damper model -> objective value that separable least squares reaches, for the notes.
 
     Returns:
         Table 2 first; methods beyond the paper's get tables of their own.
@@ -95,7 +95,7 @@ def model_tables(study: StudyFile, results: Lines, minima: Mapping[str, float]) 
     Args:
         study: The study.
         results: Result lines by key.
-        minima: Damper model -> lowest objective value there is, for the notes.
+        minima: Damper model -> objective value that separable least squares reaches, for the notes.
 
     Returns:
         None, one or two tables.
@@ -245,7 +245,7 @@ def _cells(summary: Summary) -> tuple[Cell, ...]:
 
 def _lowest(minima: Mapping[str, float], models: Iterable[str]) -> str:
     known = [f"{minima[model]:.3e} for the {model} model" for model in models if model in minima]
-    return f"The lowest there is, by separable least squares: {', '.join(known)}." if known else ""
+    return f"Separable least squares reaches {', '.join(known)}." if known else ""
 
 
 def _statistics(study: StudyFile, what: str) -> str:
