@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     import h5py
 
 WIDER = 3.0
-"""A stated standard deviation this many times the pooled one, or as many times less, is replaced."""
+"""A stated standard deviation this many times the pooled one, or as many times less, is replaced ..."""
+MATTERS_S = 50e-6
+"""... where one of the two is more than half of what a skew is to be known to."""
 STATUS = {"current": "coil_current", "coil_temperature": "coil_temperature"}
 
 
@@ -56,7 +58,8 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
 def _differs(point: RecordedPoint, skew: Skew) -> bool:
     if abs(skew.shift_s) > skew.std_s:
         return True
-    return not skew.std_s / WIDER < point.skew_std_s < skew.std_s * WIDER
+    smaller_s, larger_s = sorted((point.skew_std_s, skew.std_s))
+    return larger_s > MATTERS_S and larger_s > WIDER * smaller_s
 
 
 def _finished(point: RecordedPoint) -> FinishedPoint:

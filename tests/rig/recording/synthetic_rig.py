@@ -162,3 +162,19 @@ class SyntheticRig:
 def put(ring: RingWriter, records: np.ndarray) -> None:
     """Append records to a ring as the station does."""
     ring.append([tuple(record) for record in records.tolist()])
+
+
+def with_controller_record(rig: SyntheticRig, force_lag_s: float) -> np.ndarray:
+    """The rig's records, the controller's own position and force among them; force lags by `force_lag_s` more."""
+    late = rig.sensor(Channel.FORCE)
+    time_s = rig.start_s - 0.5 + np.arange(len(late)) / rig.rate_Hz / (1 + 1e-6 * rig.force_ppm)
+    late["value"] = rig.force(time_s - force_lag_s)
+    position, coarse = (rig.status(channel, 0.0, 100.0, 0.0, 1) for channel in (Channel.POSITION, 32))
+    clock_s = position["device_us"] * 1e-6
+    noise = np.random.default_rng(rig.seed).standard_normal((2, len(clock_s)))
+    position["value"] = rig.displacement(clock_s) + 10e-6 * noise[0]
+    coarse["value"] = rig.force(clock_s) + 10.0 * noise[1]
+    others = rig.records()
+    others = others[~np.isin(others["channel"], (1, 20))]
+    records = np.concatenate((late, position, coarse, others))
+    return records[np.argsort(records["host_ns"], kind="stable")]

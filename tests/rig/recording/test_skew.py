@@ -2,31 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic_rig import SyntheticRig
+from synthetic_rig import SyntheticRig, with_controller_record
 
-from drivers.ring import Channel
 from rig.recording.alignment import align
 from rig.recording.clock_model import by_order
 from rig.recording.context import SensorContext
 from rig.recording.cycle_match import Cycles, match_cycles
 from rig.recording.signal_match import match
 from rig.recording.skew import pooled, tolerance_s, undeclared
-
-
-def with_controller_record(rig: SyntheticRig, force_lag_s: float) -> np.ndarray:
-    """The rig's records, the controller's own position and force among them; force lags by `force_lag_s` more."""
-    late = rig.sensor(Channel.FORCE)
-    time_s = rig.start_s - 0.5 + np.arange(len(late)) / rig.rate_Hz / (1 + 1e-6 * rig.force_ppm)
-    late["value"] = rig.force(time_s - force_lag_s)
-    position, coarse = (rig.status(channel, 0.0, 100.0, 0.0, 1) for channel in (Channel.POSITION, 32))
-    clock_s = position["device_us"] * 1e-6
-    noise = np.random.default_rng(rig.seed).standard_normal((2, len(clock_s)))
-    position["value"] = rig.displacement(clock_s) + 10e-6 * noise[0]
-    coarse["value"] = rig.force(clock_s) + 10.0 * noise[1]
-    others = rig.records()
-    others = others[~np.isin(others["channel"], (1, 20))]
-    records = np.concatenate((late, position, coarse, others))
-    return records[np.argsort(records["host_ns"], kind="stable")]
 
 
 def test_a_delay_nobody_declared_is_found_and_taken_out() -> None:

@@ -1,0 +1,89 @@
+"""Points of one rig that lags by 2 ms, each of which sees too little of it alone: what they say once taken together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from synthetic_rig import SyntheticRig, with_controller_record
+
+from drivers.ring import Channel
+from rig.recording.conversion import build
+from rig.recording.journal import JournalContent
+from rig.recording.layout import write_file
+from rig.recording.retiming import retime
+from rig.recording.run import RecordedPoint
+
+LAG_S = 2e-3
+KEPT_POLLS = 3
+"""Every third status, so that one point knows the lag to a few tenths of a millisecond."""
+
+
+def write_points(folder: Path, lag_s: float, count: int = 5) -> dict[str, SyntheticRig]:
+    rigs = {}
+    for number in range(1, count + 1):
+        rig = SyntheticRig(
+            frequency_Hz=2.0, cycles=10, amplitude_m=0.03 if number < 3 else 0.003, seed=number, noise_N=5.0
+        )
+        records = with_controller_record(rig, lag_s)
+        polls = np.isin(records["channel"], (Channel.POSITION, Channel.CONTROLLER_FORCE))
+        keep = ~polls | (np.cumsum(polls) % (2 * KEPT_POLLS) < 2)
+        context = rig.context(controller_delay_s=0.0, provenance={"bench_hash": "one bench"})
+        context.point["id"] = f"p{number:03}"
+        content = JournalContent("", records[keep], end={"stopped_by": None, "lost_records": 0})
+        file, _, _ = build(content, context)
+        write_file(folder / f"p{number:03}.h5", file)
+        rigs[f"p{number:03}"] = rig
+    return rigs
+
+
+def opened(folder: Path) -> list[RecordedPoint]:
+    return [RecordedPoint.open(file) for file in sorted(folder.glob("*.h5"))]
+
+
+def force_error_N(point: RecordedPoint, rig: SyntheticRig) -> float:
+    """Root mean square of what the aligned force misses of the true force at the aligned times, full cycles."""
+    clock_s = point.time_s + float(point.test["controller_clock_at_zero_s"])
+    inside = (clock_s > rig.start_s + 1.0) & (clock_s < rig.start_s + 5.0)
+    return float(np.sqrt(np.mean((point.force_N[inside] - rig.force(clock_s[inside])) ** 2)))
+
+
+def test_points_that_saw_too_little_take_over_what_all_of_them_know(tmp_path: Path) -> None:
+    rigs = write_points(tmp_path, LAG_S)
+    before = {point.id: force_error_N(point, rigs[point.id]) for point in opened(tmp_path)}
+    assert any(abs(point.skew_s - LAG_S) > 1e-3 for point in opened(tmp_path)), "the weak ones keep the declaration"
+    changed = {point.id for point in retime(tmp_path)}
+    assert changed
+    points = opened(tmp_path)
+    for point in points:
+        assert abs(point.skew_s - LAG_S) < 3.0 * point.skew_std_s, point.id
+        assert point.skew_std_s < 0.5e-3, point.id
+    for name in changed:
+        point = next(point for point in points if point.id == name)
+        assert point.skew_s == pytest.approx(next(iter(points)).skew_s, abs=0.5e-3)
+        assert force_error_N(point, rigs[name]) < max(6.0, before[name])
+    assert list(retime(tmp_path)) == [], "what was brought to one skew stays as it is"
+
+
+def test_nothing_that_was_received_is_touched(tmp_path: Path) -> None:
+    write_points(tmp_path, LAG_S)
+    received = ("value", "sequence", "device_us", "host_ns", "flags")
+
+    def raw(file: Path) -> list[bytes]:
+        with h5py.File(file) as content:
+            return [content[f"entry/raw/{name}/{key}"][:].tobytes()
+                    for name in content["entry/raw"] for key in received]  # fmt: skip
+
+    before = {file.name: raw(file) for file in sorted(tmp_path.glob("*.h5"))}
+    assert list(retime(tmp_path))
+    assert {file.name: raw(file) for file in sorted(tmp_path.glob("*.h5"))} == before
+    assert list(tmp_path.glob("*.tmp")) == []
+
+
+def test_points_that_agree_with_the_declaration_are_not_written_again(tmp_path: Path) -> None:
+    write_points(tmp_path, 0.0, count=3)
+    before = {file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.h5")}
+    assert list(retime(tmp_path)) == []
+    assert {file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.h5")} == before
