@@ -228,8 +228,8 @@ class Hands:
         self.note("signature", found=str(found), expected=str(expected), first=str(crew.baseline.signature))
         temperature_degC = self.observer.value(Channel.COIL_TEMPERATURE)
         cause = judge_damper(found, expected, crew.baseline.signature)
-        if cause is None and crew.matrix.temperature is None:
-            # With a window, every point finds its own temperature.
+        if cause is None and crew.matrix.temperature is None and self.ledger.began_ns is None:
+            # With a window every point finds its own temperature; after a restart the session's own points have warmed.
             cause = crew.baseline.other_temperature(temperature_degC, crew.stock.temperatures_degC)
         if cause is None and found is not None:
             self._keep(found, temperature_degC)
