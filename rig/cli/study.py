@@ -42,7 +42,7 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
 
         def show(progress: StudyProgress) -> None:
             left = "" if progress.seconds_left is None else f"{_minutes(progress.seconds_left)} left"
-            bar.update(task, completed=progress.done, total=progress.total, left=left)
+            bar.update(task, description=progress.doing, completed=progress.done, total=progress.total, left=left)
 
         outcome = run_study(file, folder, processes, show, scheduler)
     if as_json:

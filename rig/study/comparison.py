@@ -86,7 +86,10 @@ def run_study(
     with ResultsFile(folder / "results.jsonl", bench.fingerprint) as results:
         with _workers(processes, scheduler) as workers:
             run_cells(study, cells, results, workers, report)
+        total = len(searches(cells, ()))
+        tell = report or (lambda progress: None)
         if study.parallel is not None:
+            tell(StudyProgress(total, total, None, "", "timing serial and parallel computing"))
             time_parallel(study.parallel, bench, results)
         lines = dict(results.lines)
     facts = {
@@ -94,11 +97,12 @@ def run_study(
         "recordings": "synthetic" if study.data.simulate else ", ".join(study.data.runs),
         "tests": len(bench.tests),
         "samples": sum(len(test.u_m) for test in bench.tests),
-        "searches": len(searches(cells, ())),
+        "searches": total,
         "repeats": study.comparison.repeats,
         "left_out": bench.left_out,
         "wall_s": round((time.monotonic_ns() - started_ns) * 1e-9, 1),
     }
+    tell(StudyProgress(total, total, None, "", "writing tables and figures"))
     tables = study_tables(study, bench, lines)
     tests = study_tests(study, lines)
     page = write_outputs(folder, study.name, tables, figures(study, lines), tests, facts)

@@ -25,12 +25,14 @@ class StudyProgress:
         total: Searches of the study.
         seconds_left: Estimate from what each kind of search has cost; None before the first result.
         last: Key of the search that just finished; empty at the start.
+        doing: What is being done.
     """
 
     done: int
     total: int
     seconds_left: float | None
     last: str
+    doing: str = "searches"
 
 
 def run_cells(

@@ -89,14 +89,15 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
     outcome = run_study(small_study, tmp_path / "out", processes=2, report=seen.append)
     total = len(searches(all_cells(load_study(small_study)), ()))
     assert (seen[0].done, seen[-1].done, seen[-1].total) == (0, total, total)
-    assert seen[-1].seconds_left == pytest.approx(0.0)
+    assert [progress.seconds_left for progress in seen if progress.last][-1] == pytest.approx(0.0)
+    assert seen[-1].doing == "writing tables and figures"
     names = {table.name for table in outcome.tables}
     assert {f"table-{n:02d}" for n in (1, 2, 3, 4, 5, 7, 8, 9, 11, 12, 14)} <= names
     assert {"paper2-figure-13", "paper2-table-02", "paper2-relations-ga_novel"} <= names
 
     again: list[StudyProgress] = []
     second = run_study(small_study, tmp_path / "out", processes=2, report=again.append)
-    assert [(progress.done, progress.last) for progress in again] == [(total, "")]
+    assert [(progress.done, progress.last) for progress in again] == [(total, ""), (total, "")]
     assert second.tables == outcome.tables
 
     lines = [json.loads(line) for line in (tmp_path / "out" / "results.jsonl").read_text().splitlines()[1:]]
