@@ -37,12 +37,12 @@ def test_another_model_or_a_loop_without_hysteresis_is_refused_by_name(make_synt
     with pytest.raises(IdentificationFailed, match="identifies normalized_bouc_wen only, not kwok"):
         identify(tests, model="kwok", method=METHOD)
     viscous = dict.fromkeys(model("normalized_bouc_wen").names, 0.0) | {
-        "kv": -500.0,
+        "kv": 800.0,
         "rho": 1.0,
         "sigma": 1.0,
         "n": 2.0,
     }
     flat = make_synthetic(viscous, (1.0,), (1.0,), name="normalized_bouc_wen", noise_N=0.0, cycles=4)
-    spring = [Measurement(**{**vars(each), "force_N": -300.0 * np.sign(each.v_m_s)}) for each in flat]
-    with pytest.raises(IdentificationFailed, match="p001: zhu_three_step: kw = -300 N is not positive"):
-        identify(spring, model="normalized_bouc_wen", method=METHOD)
+    stripped = [Measurement(**{**vars(each), "force_N": each.force_N - 100.0 * np.sign(each.v_m_s)}) for each in flat]
+    with pytest.raises(IdentificationFailed, match="p001: zhu_three_step: kw = -100 N is not positive"):
+        identify(stripped, model="normalized_bouc_wen", method=METHOD)
