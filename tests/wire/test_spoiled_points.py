@@ -1,0 +1,98 @@
+"""Points spoiled on purpose, on real processes: invalid for the right reason, repeated, exit 5 when nothing helps."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.recording.campaign_log import read_log
+from rig.recording.run import RecordedPoint
+
+pytestmark = pytest.mark.wire
+
+MATRIX = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+amplitude = ["20 mm"]
+frequency = ["1 Hz"]
+current = [{currents}]
+cycles = {cycles}
+[campaign]
+retries = 1
+{campaign}
+[identify]
+enabled = false
+"""
+
+
+@dataclass(frozen=True)
+class Ending:
+    exit_code: int
+    said: str
+    answer: dict[str, Any]
+    story: list[dict[str, Any]]
+
+    def verdicts(self) -> dict[str, str]:
+        return {point["id"]: point["verdict"] for point in self.answer["points"]}
+
+    def reasons(self, point_id: str) -> dict[str, str]:
+        """Slug of each reason, and who is to blame."""
+        point = next(point for point in self.answer["points"] if point["id"] == point_id)
+        return {text.partition(":")[0]: who for text, who in zip(point["reasons"], point["blamed"], strict=True)}
+
+    def recorded(self) -> dict[str, RecordedPoint]:
+        folder = Path(self.answer["campaign"]) / "points"
+        return {file.stem: RecordedPoint.open(file) for file in sorted(folder.glob("*.h5"))}
+
+    def trips(self) -> list[str]:
+        return [line["slug"] for line in self.story if line["event"] == "station" and line.get("what") == "trip"]
+
+
+def run(folder: Path, *simulator: str, currents: str = '"0.5 A"', cycles: int = 5, campaign: str = "") -> Ending:
+    matrix = folder / "matrix.toml"
+    matrix.write_text(MATRIX.format(currents=currents, cycles=cycles, campaign=campaign), encoding="utf-8")
+    command = [sys.executable, "-m", "rig.cli.main", "run", str(matrix), "--simulate", "--speed", "20", "--seed", "3"]
+    done = subprocess.run(
+        [*command, "--json", "--out", str(folder / "out"), "--", *simulator],
+        capture_output=True, text=True, timeout=170, check=False,
+    )  # fmt: skip
+    answer = json.loads(done.stdout)
+    story = read_log(Path(answer["campaign"])) if "campaign" in answer else []
+    return Ending(done.returncode, done.stderr, answer, story)
+
+
+def test_a_clipped_load_cell_is_saturated_not_stuck_and_repeating_does_not_mend_it(tmp_path: Path) -> None:
+    ending = run(tmp_path, "--option", "load_cell.clip=480", currents='"0 A", "1.5 A"')
+    assert ending.exit_code == 5, ending.said
+    assert ending.trips() == []
+    assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
+    assert ending.reasons("p002") == {"sensor-saturated": "bench"}
+    assert {"p002", "p002-attempt2"} <= ending.recorded().keys()
+
+
+def test_a_point_with_a_gap_is_repeated_and_mended(tmp_path: Path) -> None:
+    ending = run(tmp_path, "--fault", "sample-gap@3+1", cycles=6)
+    assert ending.exit_code == 0, ending.said
+    assert ending.verdicts() == {"p001": "valid"}
+    first, second = (ending.recorded()[name] for name in ("p001", "p001-attempt2"))
+    assert first.verdict == "invalid"
+    assert {reason.partition(":")[0] for reason in first.reasons} == {"sample-gap"}
+    assert first.lost_samples > 0
+    assert second.lost_samples == 0
+
+
+def test_a_format_without_a_clock_cannot_carry_the_skew_that_is_asked_for(tmp_path: Path) -> None:
+    ending = run(tmp_path, "--force-format", "ascii", campaign="require_skew = true")
+    assert ending.exit_code == 3, ending.said
+    assert ending.answer["slug"] == "format-without-clock"
+    assert "[load_cell] format" in ending.answer["error"]
