@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.recording.run import RecordedPoint, Run
+from rig.report.conditions import conditions
+
+TIME_S = np.arange(0.0, 4.0, 0.004)
+
+
+def a_point(commanded_mm: float | None) -> RecordedPoint:
+    test = {} if commanded_mm is None else {"commanded_amplitude_m": 1e-3 * commanded_mm}
+    return RecordedPoint.from_arrays(
+        id="p001", waveform="sine", amplitude_m=0.03, frequency_Hz=2.0, current_A=1.0, time_s=TIME_S,
+        displacement_m=0.03 * np.sin(4.0 * np.pi * TIME_S), force_N=np.zeros(len(TIME_S)), test=test,
+        quality={
+            "measured_amplitude_m": 0.03, "measured_amplitude_std_m": 2e-6, "measured_cycles": 4,
+            "coil_temperature_low_degC": 41.2, "coil_temperature_high_degC": 43.7,
+        },
+    )  # fmt: skip
+
+
+def test_a_servo_that_falls_short_is_stated_with_its_uncertainty_and_correction(tmp_path: Path) -> None:
+    page = conditions(Run(tmp_path, (a_point(32.4),)))
+    for words in ("92.59 \N{PLUS-MINUS SIGN} 0.006", ">8<", ">41.2<", ">43.7<"):
+        assert words in page, page
+
+
+def test_what_the_campaign_waited_for_is_told_in_its_own_words(tmp_path: Path) -> None:
+    lines = [
+        {"event": "info", "text": "p001: cooling down from 55 to 44.8 degC, about 98 s of the rig's time"},
+        {"event": "info", "text": "pause after the running point"},
+    ]
+    (tmp_path / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    page = conditions(Run(tmp_path, (a_point(30.0),)))
+    assert page.count("<li>") == 1
+    assert "cooling down from 55 to 44.8 degC" in page
+
+
+@pytest.mark.parametrize("commanded_mm", [None, 0.0])
+def test_tests_without_a_command_have_no_such_section(tmp_path: Path, commanded_mm: float | None) -> None:
+    assert conditions(Run(tmp_path, (a_point(commanded_mm),))) == ""
