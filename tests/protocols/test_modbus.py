@@ -32,6 +32,11 @@ def test_words_are_believed_only_whole() -> None:
             modbus.decode_words(READ, wrong, 3)
 
 
+def test_an_answer_to_a_function_nobody_knows_is_not_believed() -> None:
+    with pytest.raises(RemoteProtocolError, match="cannot be decoded"):
+        modbus.decode_words(bytes.fromhex("6A 006B 0001"), bytes.fromhex("6A 02 022B"), 1)
+
+
 def test_a_write_is_acknowledged_only_by_its_own_address_and_count() -> None:
     modbus.check_written(WRITE, bytes.fromhex("10 0001 0002"))
     for wrong in ("10 0002 0002", "10 0001 0001", "10 0001 0002 00", "03 0001 0002", "10"):
