@@ -149,6 +149,7 @@ def test_unknown_names_are_refused_with_what_would_fit() -> None:
         model("asymmetric", "prnted")  # type: ignore[arg-type] - a user's typing error
     with pytest.raises(KeyError, match="missing \\['eta'\\]"):
         model("asymmetric").vector({name: value for name, value in DEMO.items() if name != "eta"})
+    assert model("asymmetric").parameter("beta").unit == "s/m"
     with pytest.raises(KeyError, match="has no parameter 'q'"):
         model("asymmetric").parameter("q")
 

@@ -24,7 +24,7 @@ def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def bouc_wen_rate(p: dict[str, float], z: float, v: float) -> float:
-    return -p["gamma"] * abs(v) * z * abs(z) ** (p["n"] - 1) - p["beta"] * v * abs(z) ** p["n"] + p["A"] * v
+    return -p["gamma"] * abs(v) * np.sign(z) * abs(z) ** p["n"] - p["beta"] * v * abs(z) ** p["n"] + p["A"] * v
 
 
 def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], Callable[..., float], list[float]]:
@@ -36,6 +36,15 @@ def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], 
                 (p["c0"] + p["c0_b"] * CURRENT) * v
                 + p["k0"] * (u - p["x0"])
                 + (p["alpha"] + p["alpha_b"] * CURRENT) * s[0]
+            ),
+            [0.0],
+        )
+    if name == "normalized_bouc_wen":
+        shape = {"gamma": p["rho"] * p["sigma"], "beta": p["rho"] * (1.0 - p["sigma"]), "A": p["rho"], "n": p["n"]}
+        return (
+            lambda u, v, s: [bouc_wen_rate(shape, s[0], v)],
+            lambda u, v, s: (
+                p["kx"] * u + (p["kv"] + p["kv_b"] * CURRENT) * v + (p["kw"] + p["kw_b"] * CURRENT) * s[0] + p["f0"]
             ),
             [0.0],
         )
@@ -68,8 +77,12 @@ def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], 
     [
         ("demo-bouc-wen", {}),
         ("demo-bouc-wen", {"gamma": 1e3, "beta": -1e3}),
+        ("demo-bouc-wen", {"n": 0.9, "gamma": 1e3, "beta": 1e3}),
+        ("demo-normalized-bouc-wen", {}),
+        ("demo-normalized-bouc-wen", {"n": 0.9}),
         ("demo-modified-bouc-wen", {}),
         ("demo-modified-bouc-wen", {"gamma": 1e3, "beta": -1e3}),
+        ("demo-modified-bouc-wen", {"n": 0.9}),
         ("demo-viscoelastic-plastic", {}),
         ("spencer-modified", {}),
     ],
@@ -200,3 +213,40 @@ def test_a_cycle_of_warm_up_leaves_no_jump_at_the_first_sample() -> None:
         data = (u, v, a, np.full(t.size, CURRENT), 0.004)
         force = force_series(damper.kind, damper.vector(chosen.values), damper.initial_state(u[0]), *data, 167)
         assert force[0] == pytest.approx(force[500], abs=2.0)
+
+
+def test_a_loop_that_starts_saturated_stays_so_until_the_motion_turns() -> None:
+    chosen = parameter_set("demo-normalized-bouc-wen")
+    damper, p = model(chosen.model), chosen.values
+    t = np.arange(0.0, 0.16, 0.002)  # a quarter of a period: rebound all the way
+    u, v, a = motion(t)
+    held = force_series(damper.kind, damper.vector(p), np.array([1.0]), u, v, a, np.zeros(t.size), 0.002, 0)
+    assert held == pytest.approx(p["kx"] * u + p["kv"] * v + p["kw"] + p["f0"], rel=1e-9)
+
+
+def test_a_series_of_a_model_without_states_is_its_equation() -> None:
+    chosen = parameter_set("demo")
+    damper = model(chosen.model)
+    u, v, a = motion(np.arange(0.0, 1.0, 0.002))
+    current = np.full(u.size, CURRENT)
+    series = force_series(damper.kind, damper.vector(chosen.values), np.zeros(0), u, v, a, current, 0.002, 0)
+    assert series == pytest.approx(damper.force(chosen.values, u, v, a, current, 0.002), rel=1e-12)
+
+
+def test_a_cycle_of_warm_up_is_forgotten_by_loops_that_have_no_curve() -> None:
+    chosen = parameter_set("demo-normalized-bouc-wen")
+    damper = model(chosen.model)
+    vector = damper.vector({**chosen.values, "n": 0.9})
+    t = np.arange(0.0, 2.0 / 1.5, 0.002)
+    data = (*motion(t), np.full(t.size, CURRENT), 0.002)
+    from_rest = force_series(damper.kind, vector, np.array([0.0]), *data, 333)
+    from_elsewhere = force_series(damper.kind, vector, np.array([0.5]), *data, 333)
+    assert np.max(np.abs(from_rest - from_elsewhere)) < 1e-6 * np.max(np.abs(from_rest))
+
+
+def test_slopes_without_a_warm_up_start_from_rest() -> None:
+    t = np.arange(0.0, 0.5, 0.001)
+    u, v = 0.02 * np.sin(6.3 * t), 0.126 * np.cos(6.3 * t)
+    found = hysteresis_with_slopes(1500.0, 0.6, 2.0, u, v, 0.001, 0)
+    assert found[:, 0] == pytest.approx([0.0, 0.0, 0.0, 0.0], abs=1e-12)
+    assert found[0] == pytest.approx(hysteresis_series(0.0, 1500.0, 0.6, 2.0, u, v, 0.001, 0), abs=1e-9)
