@@ -53,12 +53,14 @@ class Unknowns:
         logarithmic: which of them are searched by their logarithm.
         scales: sizes at which the others move.
         model: the model.
+        held: parameters of the model left at zero.
     """
 
     names: tuple[str, ...]
     logarithmic: NDArray[np.bool_]
     scales: FloatArray
     model: DamperModel
+    held: frozenset[str]
 
     def vector(self, theta: FloatArray) -> FloatArray:
         """The model's own vector."""
@@ -67,7 +69,7 @@ class Unknowns:
         values = {each.name: each.start for each in self.model.parameters} | found
         if "rho" in found:
             values = _from_normalised(self.model, values, found)
-        return self.model.vector({name: values[name] for name in self.model.names})
+        return self.model.vector({name: 0.0 if name in self.held else values[name] for name in self.model.names})
 
     def theta(self, values: Mapping[str, float]) -> FloatArray:
         """The unknowns of named values."""
@@ -85,7 +87,7 @@ def _from_normalised(model: DamperModel, values: dict[str, float], found: dict[s
         "gamma": found["sigma"] * total,
         "beta": (1.0 - found["sigma"]) * total,
         "alpha_a": found["kw"] / z0,
-        "alpha_b": found["kw_b"] / z0,
+        "alpha_b": found.get("kw_b", 0.0) / z0,
         "x0": found["f1"] / found["k1"] if found["k1"] != 0.0 else 0.0,
         "eta": model.parameter("eta").start,
     }
@@ -232,7 +234,7 @@ def _unknowns(model: DamperModel, start: Mapping[str, float], held: frozenset[st
         "f0": "fc",
     }
     sizes = [max(abs(start[name]), 0.3 * abs(start[companions.get(name, name)]), 1e-6) for name in names]
-    return Unknowns(names, logarithmic, np.array(sizes), model)
+    return Unknowns(names, logarithmic, np.array(sizes), model, held)
 
 
 def _modified_starts(

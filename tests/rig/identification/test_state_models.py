@@ -88,3 +88,15 @@ def test_powers_of_the_current_that_the_tests_cannot_tell_are_left_out(
     for name in powers[currents:]:
         assert fit.parameters[name].value == 0.0
         assert "current" in fit.parameters[name].reason
+
+
+@pytest.mark.parametrize("set_name", ["demo-modified-bouc-wen", "demo-viscoelastic-plastic"])
+def test_at_one_current_the_terms_per_ampere_are_zero_and_the_rest_is_found(set_name: str) -> None:
+    chosen = parameter_set(set_name)
+    fit = identify([test for test in recorded(set_name) if test.nominal_current_A == 0.7], model=chosen.model)
+    assert fit.error.rmse_N == pytest.approx(NOISE_N, rel=0.1)
+    per_ampere = {name for name in chosen.values if name in {"alpha_b", "c0b", "c1b", "fc_b", "c0_b"}}
+    assert {fit.parameters[name].value for name in per_ampere} == {0.0}
+    together = {"c0a": 877.0, "c0": 777.0}
+    for name in together.keys() & fit.parameters.keys():
+        assert fit.values[name] == pytest.approx(together[name], rel=0.02)

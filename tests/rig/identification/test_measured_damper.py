@@ -1,0 +1,60 @@
+"""The models on a real damper: what they foretell of motions they were not fitted to."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.identification import Measurement, identify
+from rig.identification.preparation import prepare_all
+from rig.recording.importing import import_tests
+from rig.recording.run import Run
+
+MEASURED = Path(os.environ.get("RIG_MEASURED_DATA", Path(__file__).parents[4] / "shared/data/utfsm"))
+COLUMNS = {"time": "t_s", "displacement": "x_m", "force": "force_N"}
+
+pytestmark = [
+    pytest.mark.measured,
+    pytest.mark.skipif(not MEASURED.is_dir(), reason=f"the measured UTFSM tests are not in {MEASURED}"),
+]
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> list[Measurement]:
+    """Twenty tests: four motions at five currents."""
+    folder = tmp_path_factory.mktemp("measured")
+    run = import_tests(
+        sorted(MEASURED.glob("*.csv")), columns=COLUMNS, current_from_name=r"_(?P<current>[0-9.]+)A", out=folder
+    )
+    return prepare_all(Run.open(run).valid)[0]
+
+
+def one_motion_out(tests: list[Measurement]) -> Iterator[tuple[list[Measurement], list[Measurement]]]:
+    """Each amplitude and frequency left out in turn."""
+    motions = sorted({(round(each.amplitude_m, 4), round(each.frequency_Hz, 2)) for each in tests})
+    for motion in motions:
+        out = [each for each in tests if (round(each.amplitude_m, 4), round(each.frequency_Hz, 2)) == motion]
+        yield [each for each in tests if not any(each is other for other in out)], out
+
+
+def test_thinning_bouc_wen_foretells_unseen_motions_to_a_tenth_of_the_peak(measured: list[Measurement]) -> None:
+    assert len(measured) == 20
+    errors = []
+    for kept, out in one_motion_out(measured):
+        fit = identify(kept, model="thinning_bouc_wen", holdout=out)
+        assert fit.holdout is not None
+        errors.append(fit.holdout.nrmse_percent_of_peak)
+    assert len(errors) == 4
+    assert np.mean(errors) < 8.5
+    assert max(errors) < 11.0
+
+
+def test_the_data_choose_the_model_made_for_real_dampers(measured: list[Measurement]) -> None:
+    kept, out = list(one_motion_out(measured))[1]
+    fit = identify(kept, model="all", holdout=out)
+    assert fit.model == "thinning_bouc_wen"
+    assert not fit.adequate  # two to seven per cent of the peak remain, far more than the scatter
+    unseen = {each.model: each.holdout_nrmse_percent_of_peak for each in fit.selection}
+    assert unseen["asymmetric"] > 1.3 * unseen["thinning_bouc_wen"]  # type: ignore[operator]  # tests were held out
