@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.dampers.algebraic import AlgebraicModel
+from rig.errors import IdentificationFailed
 from rig.identification.algorithms import minimise
 from rig.identification.algorithms.search import Callback
 from rig.identification.measurement import Measurement
@@ -73,12 +74,16 @@ class Workbench:
             model: Name of a damper model.
 
         Returns:
-            The value `separable` reaches, without bounds; None for models with internal states.
+            The value `separable` reaches, without bounds; None for models with internal states, and where the
+            recordings are too few for it.
         """
         problem = self.problem(model)
         if not isinstance(problem.model, AlgebraicModel):
             return None
-        found = solve_separable(self.tests, problem.model, Weighting(problem.weight), non_negative=frozenset())
+        try:
+            found = solve_separable(self.tests, problem.model, Weighting(problem.weight), non_negative=frozenset())
+        except IdentificationFailed:
+            return None
         return problem.objective(problem.vector(found.values))
 
     def run(self, cell: SearchCell, callback: Callback | None = None) -> dict[str, Any]:
