@@ -104,7 +104,7 @@ def test_a_study_writes_every_table_and_a_second_session_runs_nothing(small_stud
     of_de = [line for line in lines if (line["method"], line["population"], line["budget"]) == ("de", 8, 120)]
     values = {120: [line["value"] for line in of_de], 60: [line["marks"]["60"]["value"] for line in of_de]}
     with (tmp_path / "out" / "tables" / "table-11.csv").open() as file:
-        rows = {row["setting"]: row for row in csv.DictReader(file)}
+        rows = {row["Differential Evolution"]: row for row in csv.DictReader(file)}
     for budget, found in values.items():
         row = rows[f"N=8, fun_evals={budget}"]
         assert float(row["BV"]) == min(found)
