@@ -58,6 +58,8 @@ class Quality:
     run: Run
     truth: Truth
     truth_degC: NDArray[np.float64]
+    clocks: dict[str, float]
+    """Offset (us) and rate (ppm) of every device's clock, as the truth file says them."""
     story: list[dict[str, Any]]
 
     def point(self, name: str) -> RecordedPoint:
@@ -80,13 +82,34 @@ def quality(tmp_path_factory: pytest.TempPathFactory, truth_of: Callable[[Path],
     campaign = Path(answer["campaign"])
     with h5py.File(campaign / "truth.h5") as file:
         temperature = np.asarray(file["entry/data/coil_temperature"][:], np.float64)
-    return Quality(answer, Run.open(campaign), truth_of(campaign / "truth.h5"), temperature, read_log(campaign))
+        said = dict(file["entry/provenance"].attrs)
+    clocks = {name: float(value) for name, value in said.items() if name.startswith("clock_")}
+    truth = truth_of(campaign / "truth.h5")
+    return Quality(answer, Run.open(campaign), truth, temperature, clocks, read_log(campaign))
 
 
 def test_every_point_is_valid(quality: Quality) -> None:
     assert {point["id"]: point["verdict"] for point in quality.answer["points"]} == dict.fromkeys(
         ("p001", "p002", "p003", "p004", "friction", "step1"), "valid"
     )
+
+
+def test_the_measured_current_is_placed_on_the_rigs_clock_to_within_an_ecu_period(quality: Quality) -> None:
+    clocks, truth, point = quality.clocks, quality.truth, quality.point("step1")
+    clock_s = float(point.test["controller_clock_at_zero_s"]) + point.time_s
+    time_s = (clock_s - 1e-6 * clocks["clock_offset_us_controller"]) / (1.0 + 1e-6 * clocks["clock_ppm_controller"])
+    wrap_s = 2.0**32 * 1e-6
+    time_s += wrap_s * round((float(np.mean(truth.time_s)) - float(np.mean(time_s))) / wrap_s)
+    known = np.isfinite(point.current_measured_A)
+    lags_s = np.linspace(-0.2, 0.2, 401)
+    misfit = [
+        np.sum((point.current_measured_A[known] - np.interp(time_s[known] - lag_s, truth.time_s, truth.current_A)) ** 2)
+        for lag_s in lags_s
+    ]
+    with h5py.File(str(point.path)) as file:
+        std_s = float(file["entry/raw/coil_current"].attrs["clock_std_s"])
+    assert abs(lags_s[int(np.argmin(misfit))]) < 3.0 * std_s
+    assert std_s < 0.05, "a wall millisecond is 20 ms here, and arrivals were off by several"
 
 
 def test_the_droop_is_compensated_to_one_percent_of_what_the_rod_really_did(quality: Quality) -> None:
