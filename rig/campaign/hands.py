@@ -150,10 +150,11 @@ class Hands:
                 self._give_up(point, Cause("not-written", f"{error}; `rig recover` will finish it"))
             else:
                 self.enter(finished)
-        self._bring_to_one_skew()
+        if self.ledger.complete:
+            self._bring_to_one_skew()
 
     def _bring_to_one_skew(self) -> None:
-        """All points together know the sensors' delays better than each alone; files that say otherwise are mended."""
+        """All points together know the sensors' delays better than each alone; files certainly wrong are mended."""
         try:
             mended = self._finaliser.retime(self.crew.folder / "points", RETIMING_TIMEOUT_S)
         except OSError as error:

@@ -65,6 +65,11 @@ class Ledger:
         return tuple(self.results.get(point.id) or _result(point, None, NOT_RUN, (), 0) for point in self.points)
 
     @property
+    def complete(self) -> bool:
+        """Whether every planned point was run, whatever its verdict."""
+        return all(point.id in self.results for point in self.points)
+
+    @property
     def valid(self) -> int:
         """How many points are valid."""
         return sum(result.verdict == VALID for result in self.results.values())

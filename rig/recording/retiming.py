@@ -2,8 +2,9 @@
 
 A delay that nobody declared is one constant of the rig, but each point's file is made when the point ends, by what that
 point alone could see. At the end of the campaign all of them together know it several times better
-(`rig.recording.skew_pooling`); files that differ from that by more than is left uncertain are written again, each in
-one step: force laid over displacement anew, the statements on skew replaced. What was received stays as it was.
+(`rig.recording.skew_pooling`). A finished file is not touched lightly: only one whose loop is certainly wrong is
+written again, in one step: force laid over displacement anew, the statements on skew replaced. What was received stays
+as it was.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from rig.recording.skew_pooling import Skew, pooled_skews
 if TYPE_CHECKING:
     import h5py
 
-WIDER = 3.0
-"""A stated standard deviation this many times the pooled one, or as many times less, is replaced ..."""
-MATTERS_S = 50e-6
-"""... where one of the two is more than half of what a skew is to be known to."""
+CERTAIN = 2.0
+"""Standard deviations of the pooled skew by which a file must be off ..."""
+MATTERS_S = 1e-4
+"""... and by how much, which is what a skew is to be known to."""
 STATUS = {"current": "coil_current", "coil_temperature": "coil_temperature"}
 
 
@@ -50,16 +51,13 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
     skews = pooled_skews([point for point in points if point.verdict != "invalid"])
     for point in points:
         skew = skews.get(point.id)
-        if skew is not None and point.path is not None and _differs(point, skew):
+        if skew is not None and point.path is not None and _certainly_wrong(skew):
             _write_again(point.path, point, skew)
             yield _finished(RecordedPoint.open(point.path))
 
 
-def _differs(point: RecordedPoint, skew: Skew) -> bool:
-    if abs(skew.shift_s) > skew.std_s:
-        return True
-    smaller_s, larger_s = sorted((point.skew_std_s, skew.std_s))
-    return larger_s > MATTERS_S and larger_s > WIDER * smaller_s
+def _certainly_wrong(skew: Skew) -> bool:
+    return abs(skew.shift_s) > max(CERTAIN * skew.std_s, MATTERS_S)
 
 
 def _finished(point: RecordedPoint) -> FinishedPoint:

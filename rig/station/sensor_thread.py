@@ -22,8 +22,6 @@ BACKSTOP_NS = 250_000_000
 COUNTED = 1000
 STUCK_S = 0.08
 STUCK_SAMPLES = 10
-CLIPPED_S = 1.0
-"""A value that repeats at the channel's extreme for longer (s of samples) stops the rig too."""
 
 
 class SensorDriver(Protocol):
@@ -201,7 +199,7 @@ class SensorThread(DeviceThread):
         if self.motion is not None:
             findings += self.motion.judge(records)
         if self.judge.repeats >= self._stuck_samples and self.in_motion():
-            findings += self._standing(records[-1][0])
+            findings.append(self._standing(records[-1][0]))
         if findings:
             self._supervisor.report(findings)
         self._append(records)
@@ -213,18 +211,15 @@ class SensorThread(DeviceThread):
         if self._recent_count < COUNTED:
             self._count(records)
 
-    def _standing(self, t_ns: int) -> list[Finding]:
-        """A value that repeats in motion: stuck, or an amplifier's end if nothing greater (or less) was ever shown.
+    def _standing(self, t_ns: int) -> Finding:
+        """A value that repeats in motion: stuck, or at an amplifier's end if nothing greater (or less) was ever shown.
 
-        An amplifier leaves its end when the force falls, so the point's verdict is left to judge it until `CLIPPED_S`.
+        Either way the force or the position is not seen, so either way the rig stops.
         """
+        slug = "sensor-saturated" if self.judge.at_extreme else "sensor-stuck"
         value = self.judge.last_value
         detail = f"{self.name}: {self.judge.repeats} samples of exactly {value:g} during motion"
-        if not self.judge.at_extreme:
-            return [Finding("sensor-stuck", detail, t_ns, value)]
-        if self.judge.repeats < CLIPPED_S * self.config.rate_Hz:
-            return []
-        return [Finding("sensor-saturated", f"{detail}, the amplifier's end", t_ns, value)]
+        return Finding(slug, detail, t_ns, value)
 
     def _judge_line(self, good: int, t_ns: int) -> None:
         damaged = self._driver.bad_frames - self._bad_frames

@@ -24,7 +24,7 @@ stroke = "170 mm"
 prior = "demo"
 [matrix]
 amplitude = ["20 mm"]
-frequency = ["1 Hz"]
+frequency = ["{frequency}"]
 current = [{currents}]
 cycles = {cycles}
 [campaign]
@@ -58,9 +58,13 @@ class Ending:
         return [line["slug"] for line in self.story if line["event"] == "station" and line.get("what") == "trip"]
 
 
-def run(folder: Path, *simulator: str, currents: str = '"0.5 A"', cycles: int = 5, campaign: str = "") -> Ending:
+def run(
+    folder: Path, *simulator: str, currents: str = '"0.5 A"', frequency: str = "1 Hz", cycles: int = 5,
+    campaign: str = "",
+) -> Ending:
     matrix = folder / "matrix.toml"
-    matrix.write_text(MATRIX.format(currents=currents, cycles=cycles, campaign=campaign), encoding="utf-8")
+    text = MATRIX.format(currents=currents, frequency=frequency, cycles=cycles, campaign=campaign)
+    matrix.write_text(text, encoding="utf-8")
     command = [sys.executable, "-m", "rig.cli.main", "run", str(matrix), "--simulate", "--speed", "20", "--seed", "3"]
     done = subprocess.run(
         [*command, "--json", "--out", str(folder / "out"), "--", *simulator],
@@ -71,13 +75,20 @@ def run(folder: Path, *simulator: str, currents: str = '"0.5 A"', cycles: int = 
     return Ending(done.returncode, done.stderr, answer, story)
 
 
-def test_a_clipped_load_cell_is_saturated_not_stuck_and_repeating_does_not_mend_it(tmp_path: Path) -> None:
-    ending = run(tmp_path, "--option", "load_cell.clip=480", currents='"0 A", "1.5 A"')
+def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_mend_them(tmp_path: Path) -> None:
+    ending = run(tmp_path, "--option", "load_cell.clip=1050", currents='"0 A", "1.5 A"', frequency="5 Hz", cycles=20)
     assert ending.exit_code == 5, ending.said
     assert ending.trips() == []
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
     assert ending.reasons("p002") == {"sensor-saturated": "bench"}
     assert {"p002", "p002-attempt2"} <= ending.recorded().keys()
+
+
+def test_a_load_cell_that_stays_at_its_amplifiers_end_stops_the_rig(tmp_path: Path) -> None:
+    ending = run(tmp_path, "--option", "load_cell.clip=480", currents='"0 A", "1.5 A"')
+    assert ending.exit_code == 4, ending.said
+    assert ending.trips() == ["sensor-saturated"]
+    assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
 
 
 def test_a_point_with_a_gap_is_repeated_and_mended(tmp_path: Path) -> None:
