@@ -102,6 +102,16 @@ def test_a_point_with_a_gap_is_repeated_and_mended(tmp_path: Path) -> None:
     assert second.lost_samples == 0
 
 
+def test_a_damper_that_heats_and_a_fixture_that_slips_are_named_and_repeated(tmp_path: Path) -> None:
+    options = ("damper.heat_capacity_J_K=8.0", "damper.heat_loss_W_K=0.1", "damper.free_play_m=0.002")
+    ending = run(tmp_path, *(part for option in options for part in ("--option", option)), currents='"1 A"')
+    assert ending.exit_code == 5, ending.said
+    reasons = ending.reasons("p001")
+    assert reasons["temperature-drift"] == "test"
+    assert reasons["free-play"] == "bench"
+    assert set(ending.recorded()) == {"p001", "p001-attempt2"}
+
+
 def test_a_format_without_a_clock_cannot_carry_the_skew_that_is_asked_for(tmp_path: Path) -> None:
     ending = run(tmp_path, "--force-format", "ascii", campaign="require_skew = true")
     assert ending.exit_code == 3, ending.said
