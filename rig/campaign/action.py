@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from rig.campaign.cause import Cause, StopKind
+from rig.campaign.options import Wait
 from rig.matrix.point import TestPoint
 
 
@@ -151,10 +152,14 @@ class Deadline:
 
 @dataclass(frozen=True)
 class Note:
-    """A line for the campaign's journal and the operator; `level` is `info`, `warning` or `error`."""
+    """A line for the campaign's journal and the operator; `level` is `info`, `warning` or `error`.
+
+    `wait` is what the line tells of the damper's temperature, for the campaign's result.
+    """
 
     level: str
     text: str
+    wait: Wait | None = None
 
 
 @dataclass(frozen=True)

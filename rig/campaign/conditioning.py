@@ -15,6 +15,7 @@ from rig.campaign import adaptation, stopping
 from rig.campaign import event as ev
 from rig.campaign.cause import Cause, StopKind
 from rig.campaign.conditions import demagnetising_currents
+from rig.campaign.options import Wait
 from rig.campaign.state import Phase, State
 from rig.campaign.stopping import Step
 from rig.matrix.point import TestPoint
@@ -100,19 +101,23 @@ def gate(state: State, event: ev.TemperatureRead, onwards: Onwards) -> Step:
     highest_degC = state.conditions.highest_start(state.point)
     if now_degC > highest_degC:
         return cool(state, now_degC, highest_degC)
-    return onwards(replace(state, warming=None, warmed_s=0.0))
+    return onwards(replace(state, warming=None, warmed_s=0.0, warmed_with=None))
 
 
 def warm(state: State, now_degC: float, onwards: Onwards) -> Step:
     """One more warm-up program; too many of them stop the campaign."""
-    wanted = state.conditions.warm_up_program(now_degC)
+    low_degC = math.nan if state.conditions.thermal is None else state.conditions.thermal.low_degC
+    wanted = state.conditions.warm_up_program(now_degC, state.warmed_with)
     if wanted is None or state.warmed_s > state.conditions.longest_s:
-        low_degC = math.nan if state.conditions.thermal is None else state.conditions.thermal.low_degC
         text = f"{now_degC:.1f} degC after {state.warmed_s:.0f} s of warming up; the window begins at {low_degC:g} degC"
         return stopping.fault(state, ev.Fault(StopKind.S2, Cause("temperature-window", text)))
     motion, motion_s = wanted
-    state, actions = onwards(replace(state, warming=motion, warmed_s=state.warmed_s + motion_s))
-    return state, (act.Note("info", f"warming up from {now_degC:.1f} degC: {motion_s:.0f} s of motion"), *actions)
+    state = replace(
+        state, warming=motion, warmed_s=state.warmed_s + motion_s, warmed_with=(motion_s, now_degC)
+    )
+    state, actions = onwards(state)
+    wait = Wait(state.point.id, str(Phase.WARMING), now_degC, low_degC, motion_s)
+    return state, (act.Note("info", wait.text, wait), *actions)
 
 
 def cool(state: State, now_degC: float, highest_degC: float) -> Step:
@@ -123,20 +128,16 @@ def cool(state: State, now_degC: float, highest_degC: float) -> Step:
         left = "never" if math.isinf(forecast_s) else f"in {forecast_s:.0f} s"
         text = f"{now_degC:.1f} degC; would be cool enough ({highest_degC:.1f} degC) {left}"
         return give_up(state, Cause("temperature-window", text))
-    note = act.Note(
-        "info",
-        f"{point.id}: cooling down from {now_degC:.1f} to {highest_degC:.1f} degC, about {forecast_s:.0f} s of the "
-        "rig's time",
-    )
+    wait = Wait(point.id, str(Phase.COOLING), now_degC, highest_degC, forecast_s)
     limit_s = COOLING_PATIENCE * forecast_s + COOLING_EXTRA_S
-    actions = (note, act.SetCurrent(0.0), act.AwaitTemperature(highest_degC))
+    actions = (act.Note("info", wait.text, wait), act.SetCurrent(0.0), act.AwaitTemperature(highest_degC))
     return stopping.enter(state, Phase.COOLING, *actions, device_s=limit_s)
 
 
 def give_up(state: State, cause: Cause) -> Step:
     """The current point cannot be begun: it is invalid, and the campaign goes on."""
     point = state.point
-    state = replace(state, queue=state.queue[1:], warming=None, warmed_s=0.0, demagnetising=())
+    state = replace(state, queue=state.queue[1:], warming=None, warmed_s=0.0, warmed_with=None, demagnetising=())
     actions = (act.GiveUpPoint(point, cause), act.SetCurrent(0.0))
     return stopping.enter(state, Phase.CLEARING, *actions, device_s=CURRENT_LIMIT_S)
 

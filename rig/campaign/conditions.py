@@ -21,6 +21,8 @@ DEMAGNETISED_A = 0.05
 LONGEST_WARM_UP_PROGRAM_S = 60.0
 FEWEST_WARM_UP_CYCLES = 3
 UNKNOWN_WARM_UP_S = 10.0
+LONGEST_GROWTH = 2.0
+"""Of a warm-up program over the one before: a temperature read to 0.1 K says little of the pace."""
 WARM_UP_MARGIN_K = 0.3
 """Warmed a little beyond the window's lower end, so that the rod's return does not cost another program."""
 
@@ -57,16 +59,34 @@ class Conditions:
             return math.inf
         return self.thermal.highest_start(dict(self.loads).get(point.id, Load(point.motion_s, 0.0)))
 
-    def warm_up_program(self, now_degC: float) -> tuple[TestPoint, float] | None:
-        """The next warm-up program from a temperature (degC), and its motion (s); None without a window."""
+    def warm_up_program(
+        self, now_degC: float, before: tuple[float, float] | None = None
+    ) -> tuple[TestPoint, float] | None:
+        """The next warm-up program from a temperature (degC), and its motion (s); None without a window.
+
+        The forecast is corrected by doing: where `before`, the last program's motion (s) and the temperature it began
+        at (degC), warmed less than forecast, the next one is longer, up to twice as long. A damper near the temperature
+        that the motion can hold would never arrive by programs that shorten as it comes closer.
+        """
         if self.thermal is None or self.warm_up is None:
             return None
         thermal, period_s = self.thermal, 1.0 / self.warm_up.frequency_Hz
         goal_degC = min(thermal.low_degC + WARM_UP_MARGIN_K, 0.5 * (thermal.low_degC + thermal.high_degC))
         needed_s = thermal.heat.time_to(goal_degC, now_degC, thermal.warm_up_W)
-        needed_s = UNKNOWN_WARM_UP_S if math.isinf(needed_s) else min(needed_s, LONGEST_WARM_UP_PROGRAM_S)
+        needed_s = UNKNOWN_WARM_UP_S if math.isinf(needed_s) else needed_s
+        if before is not None:
+            needed_s = max(needed_s, _at_the_pace_of(before, now_degC, goal_degC))
+        needed_s = min(needed_s, LONGEST_WARM_UP_PROGRAM_S)
         program = replace(self.warm_up, cycles=max(FEWEST_WARM_UP_CYCLES, math.ceil(needed_s / period_s)))
         return program, program.motion_s
+
+
+def _at_the_pace_of(before: tuple[float, float], now_degC: float, goal_degC: float) -> float:
+    """How long the motion takes to a goal if it warms as it last did (s); at most twice what it last took."""
+    lasted_s, from_degC = before
+    longest_s = LONGEST_GROWTH * lasted_s
+    gained_K = now_degC - from_degC
+    return longest_s if gained_K <= 0.0 else min(longest_s, lasted_s * (goal_degC - now_degC) / gained_K)
 
 
 NO_CONDITIONS = Conditions()

@@ -303,4 +303,6 @@ def _result(folder: Path, runner: Runner) -> CampaignResult:
         refused=state.refused is not None,
         wall_s=ledger.wall_s,
         motion_s=ledger.motion_s,
+        start_temperature_degC=ledger.start_temperature_degC,
+        waits=tuple(ledger.waits),
     )

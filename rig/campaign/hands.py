@@ -161,8 +161,11 @@ class Hands:
             self.note("warning", text=f"the points keep each its own skew: {error}")
             return
         for finished in mended:
-            self.note("retimed", file=finished.id, skew_s=finished.skew_s, skew_std_s=finished.skew_std_s)
-            self.ledger.mended(Path(finished.file), finished.quality)
+            self.note(
+                "retimed", file=finished.id, skew_s=finished.skew_s, skew_std_s=finished.skew_std_s,
+                verdict=finished.verdict,
+            )
+            self.ledger.mended(Path(finished.file), finished.verdict, finished.reasons, finished.quality)
 
     def close(self) -> None:
         """Let go of the ring and the station; a point still open is closed as interrupted."""
@@ -228,6 +231,7 @@ class Hands:
             found = measured_signature(up.rest_force_N, down.rest_force_N)
         self.note("signature", found=str(found), expected=str(expected), first=str(crew.baseline.signature))
         temperature_degC = self.observer.value(Channel.COIL_TEMPERATURE)
+        self.ledger.found(temperature_degC)
         cause = judge_damper(found, expected, crew.baseline.signature)
         if cause is None and crew.matrix.temperature is None and self.ledger.began_ns is None:
             # With a window every point finds its own temperature; after a restart the session's own points have warmed.
@@ -322,6 +326,8 @@ class Hands:
     def _tell(self, action: act.Note) -> None:
         self.note(action.level, text=action.text)
         self.crew.display.message(action.level, action.text)
+        if action.wait is not None:
+            self.ledger.waits.append(action.wait)
 
     def _finish(self, action: act.Finish) -> None:
         self._deadline = None

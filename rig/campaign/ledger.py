@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.campaign.cause import Cause
-from rig.campaign.options import PointResult
+from rig.campaign.options import PointResult, Wait
 from rig.matrix.point import TestPoint
 
 NOT_RUN = "not run"
@@ -29,6 +30,13 @@ class Ledger:
     began_ns: int | None = None
     ended_ns: int | None = None
     motion_s: float = 0.0
+    start_temperature_degC: float | None = None
+    waits: list[Wait] = field(default_factory=list)
+
+    def found(self, temperature_degC: float) -> None:
+        """The coil's temperature at a slow move, NaN where unknown; the session's first one counts."""
+        if self.start_temperature_degC is None and math.isfinite(temperature_degC):
+            self.start_temperature_degC = temperature_degC
 
     def begun(self, now_ns: int) -> None:
         """A point's recording began at `now_ns` (monotonic)."""
@@ -50,11 +58,11 @@ class Ledger:
             self.results[point.id] = result
         return result
 
-    def mended(self, file: Path, quality: Mapping[str, float]) -> None:
-        """A point's file was written again; its numbers are these now."""
+    def mended(self, file: Path, verdict: str, reasons: Iterable[str], quality: Mapping[str, float]) -> None:
+        """A point's file was written again; its verdict and numbers are these now."""
         for point_id, result in self.results.items():
             if result.file == file:
-                self.results[point_id] = replace(result, quality=quality)
+                self.results[point_id] = replace(result, verdict=verdict, reasons=tuple(reasons), quality=quality)
 
     def given_up(self, point: TestPoint, cause: Cause) -> PointResult:
         """Enter a point that could not be begun or whose file could not be written."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -71,6 +71,35 @@ class PointResult:
 
 
 @dataclass(frozen=True)
+class Wait:
+    """What the damper's temperature cost before a point.
+
+    Attributes:
+        point: id of the point that could not begin yet.
+        phase: `warming up` (one program) or `cooling down`.
+        from_degC: the coil's temperature then.
+        to_degC: the one it must reach.
+        planned_s: motion of the warm-up program, or the forecast of cooling down (s, rig's clock).
+    """
+
+    point: str
+    phase: str
+    from_degC: float
+    to_degC: float
+    planned_s: float
+
+    @property
+    def text(self) -> str:
+        """For the operator and the journal."""
+        if self.phase == "warming up":
+            return f"warming up from {self.from_degC:.1f} degC: {self.planned_s:.0f} s of motion"
+        return (
+            f"{self.point}: cooling down from {self.from_degC:.1f} to {self.to_degC:.1f} degC, about "
+            f"{self.planned_s:.0f} s of the rig's time"
+        )
+
+
+@dataclass(frozen=True)
 class CampaignResult:
     """How a campaign ended.
 
@@ -85,6 +114,8 @@ class CampaignResult:
         refused: True when the rig refused before anything moved.
         wall_s: wall seconds from the first point's start to the last point's end (0 when none ran).
         motion_s: planned seconds of motion of the points that ran, on the rig's clock.
+        start_temperature_degC: the coil's at this session's first slow move; None where there was none.
+        waits: warming up and cooling down in this session, in order.
     """
 
     campaign: Path
@@ -97,6 +128,8 @@ class CampaignResult:
     refused: bool
     wall_s: float
     motion_s: float
+    start_temperature_degC: float | None = None
+    waits: tuple[Wait, ...] = ()
 
     @property
     def exit_code(self) -> int:
@@ -120,6 +153,8 @@ class CampaignResult:
             "stopped_by": self.stopped_by,
             "wall_s": self.wall_s,
             "motion_s": self.motion_s,
+            "start_temperature_degC": self.start_temperature_degC,
+            "waits": [asdict(wait) for wait in self.waits],
         }
 
 

@@ -88,6 +88,7 @@ class State:
         drives: how motions are commanded, as far as they were tried.
         warming: the warm-up program that comes before the current point, None when there is none.
         warmed_s: motion of warm-up programs before the current point (s).
+        warmed_with: the last of them (s) and the temperature it began at (degC), None before the first.
         steps_left: currents still to come of a current-step point (A).
         demagnetising: currents still to come of the demagnetising sequence (A).
         magnetised_A: the largest current since the last demagnetising (A).
@@ -119,6 +120,7 @@ class State:
     drives: Drives = ()
     warming: TestPoint | None = None
     warmed_s: float = 0.0
+    warmed_with: tuple[float, float] | None = None
     steps_left: tuple[float, ...] = ()
     demagnetising: tuple[float, ...] = ()
     magnetised_A: float = 0.0
@@ -142,7 +144,7 @@ class State:
         """The state after an explicit reset: nothing is proved any more, the position is not known."""
         return replace(
             self, latch=None, stopped=False, proved=False, powered=False, held_at_m=None, rest_s=0.0, warming=None,
-            cooled_s=0.0,
+            warmed_with=None, cooled_s=0.0,
         )
 
 

@@ -54,6 +54,11 @@ class ClockModel:
     method: str
     rate_std: float = 0.0
 
+    @property
+    def rate_measured(self) -> bool:
+        """Whether the rate is known better than that of any crystal."""
+        return self.rate_std < CRYSTAL_DRIFT
+
     def time_s(self, local_s: FloatArray) -> FloatArray:
         """Controller time (n,) in s of local times (n,) in s."""
         return np.asarray(self.offset_s + self.rate * (local_s - self.origin_s))

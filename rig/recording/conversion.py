@@ -178,8 +178,9 @@ def _clock_attributes(alignment: Alignment) -> dict[str, Attribute]:
     found: dict[str, Attribute] = {}
     for name in ("force", "displacement"):
         channel = alignment.timed[name]
-        found[f"{name}_clock_drift_ppm"] = 1e6 * (1.0 / channel.clock.rate - 1.0)
-        found[f"{name}_clock_drift_std_ppm"] = 1e6 * channel.clock.rate_std
+        if channel.clock.rate_measured:
+            found[f"{name}_clock_drift_ppm"] = 1e6 * (1.0 / channel.clock.rate - 1.0)
+            found[f"{name}_clock_drift_std_ppm"] = 1e6 * channel.clock.rate_std
         found[f"{name}_clock_std_s"] = channel.clock.std_s
         found[f"{name}_arrival_latency_s"] = channel.latency_s if alignment.arrival_skew_s is not None else None
         if channel.sensor is None:

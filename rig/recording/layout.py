@@ -141,31 +141,31 @@ def check_lengths(content: PointFile) -> None:
 def fill(file: h5py.File, content: PointFile) -> None:
     """Put the content into an open, empty HDF5 file."""
     file.attrs["format_version"] = FORMAT_VERSION
-    _set_attributes(file, {"default": "entry"})
+    set_attributes(file, {"default": "entry"})
     entry = file.create_group("entry")
-    _set_attributes(entry, {"NX_class": "NXentry", "default": "data", "title": content.title})
+    set_attributes(entry, {"NX_class": "NXentry", "default": "data", "title": content.title})
     _fill_data(entry.create_group("data"), content)
     raw = entry.create_group("raw")
     for channel in content.raw:
         _fill_raw(raw.create_group(channel.name), channel)
     _fill_events(entry.create_group("events"), content.events)
     for name in ("test", "quality", "provenance"):
-        _set_attributes(entry.create_group(name), getattr(content, name))
+        set_attributes(entry.create_group(name), getattr(content, name))
 
 
 def _fill_data(group: h5py.Group, content: PointFile) -> None:
-    _set_attributes(group, {
+    set_attributes(group, {
         "NX_class": "NXdata", "signal": content.signal, "axes": "time", "sample_rate_hz": content.sample_rate_hz,
     })
     time = _dataset(group, "time", content.time_s, np.float64)
-    _set_attributes(time, {"units": "s", "long_name": "Time"})
+    set_attributes(time, {"units": "s", "long_name": "Time"})
     time.make_scale("time")
     flags = np.zeros(len(content.time_s), np.int8) if content.flags is None else content.flags
     quality = AlignedChannel("flags", flags, "1", "Quality: 1 overload, 2 fault, 4 gap, 8 NaN, 16 spike, 32 stale")
     for channel in (*content.channels, quality):
         flagged = channel is quality or channel.values.dtype == np.int8
         dataset = _dataset(group, channel.name, channel.values, np.int8 if flagged else np.float32)
-        _set_attributes(dataset, {
+        set_attributes(dataset, {
             "units": channel.unit, "long_name": channel.long_name, "sensor": channel.sensor, **channel.attributes,
         })
         dataset.dims[0].attach_scale(time)
@@ -175,15 +175,15 @@ def _fill_raw(group: h5py.Group, channel: RawChannel) -> None:
     units = {"value": channel.unit, "sequence": "1", "device_us": "us", "host_ns": "ns", "flags": "1"}
     for name, unit in units.items():
         kind = np.int8 if name == "flags" else RECORD_DTYPE[name]
-        _set_attributes(_dataset(group, name, channel.records[name], kind), {"units": unit})
+        set_attributes(_dataset(group, name, channel.records[name], kind), {"units": unit})
     if channel.time_s is not None:
-        _set_attributes(_dataset(group, "time", channel.time_s, np.float64), {"units": "s"})
-    _set_attributes(group, {"long_name": channel.long_name, **channel.attributes})
+        set_attributes(_dataset(group, "time", channel.time_s, np.float64), {"units": "s"})
+    set_attributes(group, {"long_name": channel.long_name, **channel.attributes})
 
 
 def _fill_events(group: h5py.Group, events: Sequence[Event]) -> None:
     times = np.array([event.time_ns for event in events], np.int64)
-    _set_attributes(_dataset(group, "time_ns", times, np.int64), {"units": "ns"})
+    set_attributes(_dataset(group, "time_ns", times, np.int64), {"units": "ns"})
     for name in ("code", "text"):
         texts, kind = _texts([getattr(event, name) for event in events] or [" "])
         group.create_dataset(name, data=texts[:len(events)], dtype=kind)
@@ -215,7 +215,7 @@ def check_of(values: NDArray[Any]) -> int:
     return zlib.crc32(np.ascontiguousarray(values).tobytes())
 
 
-def _set_attributes(place: h5py.Group | h5py.Dataset, attributes: Mapping[str, Attribute]) -> None:
+def set_attributes(place: h5py.Group | h5py.Dataset, attributes: Mapping[str, Attribute]) -> None:
     """Plain attributes: numbers, fixed-length UTF-8 text, one-dimensional arrays of text; None is left out."""
     for name, value in attributes.items():
         if value is None:

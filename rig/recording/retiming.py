@@ -2,9 +2,9 @@
 
 A delay that nobody declared is one constant of the rig, but each point's file is made when the point ends, by what that
 point alone could see. At the end of the campaign all of them together know it several times better
-(`rig.recording.skew_pooling`). A finished file is not touched lightly: only one whose loop is certainly wrong is
-written again, in one step: force laid over displacement anew, the statements on skew replaced. What was received stays
-as it was.
+(`rig.recording.skew_pooling`). A finished file is not touched lightly: only one whose loop is certainly wrong, or whose
+verdict changes because its skew is known now, is written again, in one step: force laid over displacement anew, the
+statements on skew and the verdict's reason about it replaced. What was received stays as it was.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ from rig.recording.alignment import BAD_VALUE
 from rig.recording.conversion import FinishedPoint, ReadBackDiffers
 from rig.recording.durable import replace_durably
 from rig.recording.interpolation import cubic_at, linear_at
-from rig.recording.layout import FloatArray, check_of, parts
+from rig.recording.layout import FloatArray, check_of, parts, set_attributes
 from rig.recording.run import RecordedPoint
 from rig.recording.skew_pooling import Skew, pooled_skews
+from rig.recording.verdict import Verdict, with_skew
 
 if TYPE_CHECKING:
     import h5py
@@ -51,13 +52,19 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
     skews = pooled_skews([point for point in points if point.verdict != "invalid"])
     for point in points:
         skew = skews.get(point.id)
-        if skew is not None and point.path is not None and _certainly_wrong(skew):
+        if skew is None or point.path is None:
+            continue
+        if _certainly_wrong(skew) or _judged(point, skew).verdict != point.verdict:
             _write_again(point.path, point, skew)
             yield _finished(RecordedPoint.open(point.path))
 
 
 def _certainly_wrong(skew: Skew) -> bool:
     return abs(skew.shift_s) > max(CERTAIN * skew.std_s, MATTERS_S)
+
+
+def _judged(point: RecordedPoint, skew: Skew) -> Verdict:
+    return with_skew(Verdict(point.verdict, tuple(point.reasons)), skew.std_s, point.frequency_Hz)
 
 
 def _finished(point: RecordedPoint) -> FinishedPoint:
@@ -111,7 +118,6 @@ def _brought(data: h5py.Group, channel: h5py.Group, name: str) -> FloatArray:
     values, times_s = values[increasing], times_s[increasing]
     period_s = float(np.median(np.diff(times_s)))
     wanted_s = data["time"]
-    wanted_s = data["time"]
     if name in STATUS:
         return np.concatenate([
             linear_at(wanted_s[rows], times_s, values, 2.0 * period_s) for rows in parts(len(wanted_s))
@@ -130,6 +136,12 @@ def _say(entry: h5py.Group, point: RecordedPoint, skew: Skew, displacement_s: fl
     quality = entry["quality"].attrs
     quality["skew_s"] = skew.force.value_s - skew.displacement.value_s
     quality["skew_std_s"] = skew.std_s
+    judged = _judged(point, skew)
+    for name in {"reasons", "blamed"} & quality.keys():
+        del quality[name]  # no reason left is no attribute
+    set_attributes(entry["quality"], {
+        "verdict": judged.verdict, "reasons": judged.reasons, "blamed": judged.blamed,
+    })
     for name, delay in (("force", skew.force), ("displacement", skew.displacement)):
         quality[f"{name}_undeclared_delay_s"] = delay.value_s
         std_s = math.hypot(float(point.quality[f"{name}_tie_std_s"]), delay.std_s)

@@ -131,13 +131,28 @@ def judge(findings: Findings) -> Verdict:
     """Judge a point by everything that was found; one bad finding is enough."""
     reasons = [
         *_ending(findings), *_sensor_reasons(findings), *_motion(findings), *_current(findings),
-        *_temperature(findings), *_specimen(findings), *_skew(findings),
+        *_temperature(findings), *_specimen(findings), *_skew(findings.skew_std_s, findings.wanted_frequency_Hz),
         *findings.extra,
     ]
     invalid = [text for kind, text in reasons if kind == "invalid"]
     suspect = [text for kind, text in reasons if kind == "suspect"]
     verdict = "invalid" if invalid else "suspect" if suspect else "valid"
     return Verdict(verdict, tuple(invalid + suspect))
+
+
+def with_skew(judged: Verdict, skew_std_s: float, frequency_Hz: float) -> Verdict:
+    """A verdict once force and displacement are known to be tied to `skew_std_s` (s); nothing else is judged again.
+
+    Args:
+        judged: the verdict by what the point alone knew.
+        skew_std_s: what is left uncertain now (s).
+        frequency_Hz: the point's wanted frequency; 0 without one.
+    """
+    others = tuple(reason for reason in judged.reasons if not reason.startswith("skew:"))
+    reasons = (*others, *(text for _, text in _skew(skew_std_s, frequency_Hz)))
+    if judged.verdict == "invalid":
+        return Verdict("invalid", reasons)
+    return Verdict("suspect" if reasons else "valid", reasons)
 
 
 def _ending(found: Findings) -> list[Reason]:
@@ -288,12 +303,12 @@ def _amplitude_scatter(found: Findings) -> float:
     return found.amplitude_std_m / found.wanted_amplitude_m
 
 
-def _skew(found: Findings) -> list[Reason]:
-    limit_s = SKEW_SUSPECT_PERIODS / found.wanted_frequency_Hz if found.wanted_frequency_Hz > 0 else 0.0
-    if limit_s and found.skew_std_s > limit_s:
+def _skew(skew_std_s: float, frequency_Hz: float) -> list[Reason]:
+    limit_s = SKEW_SUSPECT_PERIODS / frequency_Hz if frequency_Hz > 0 else 0.0
+    if limit_s and skew_std_s > limit_s:
         return [(
             "suspect",
-            f"skew: force and displacement are tied together to {1e3 * found.skew_std_s:.2g} ms only "
-            f"({1e3 * limit_s:.2g} ms would do at {found.wanted_frequency_Hz:g} Hz)",
+            f"skew: force and displacement are tied together to {1e3 * skew_std_s:.2g} ms only "
+            f"({1e3 * limit_s:.2g} ms would do at {frequency_Hz:g} Hz)",
         )]
     return []

@@ -47,7 +47,9 @@ def time_base(run: Run) -> str:
 
 
 def _drift(quality: Mapping[str, Any], name: str) -> str:
-    drift, std = quality.get(f"{name}_clock_drift_ppm"), quality.get(f"{name}_clock_drift_std_ppm", 0.0)
+    drift, std = quality.get(f"{name}_clock_drift_ppm"), quality.get(f"{name}_clock_drift_std_ppm")
+    if drift is None or std is None:
+        return NOTHING
     return f"{number(drift, 4)} {PLUS_MINUS} {number(CONFIDENCE * float(std), 2)}"
 
 

@@ -126,7 +126,7 @@ CASES = {
         Conditions(longest_s=2 * COOLING_PAUSE_S),
         retries=1,
         events=HOT_EVENTS,
-        phases=frozenset({Phase.COOLING_DOWN}),
+        phases=frozenset({Phase.COOLING_DOWN, Phase.JUDGING, Phase.RESETTING}),
     ),
     "one-retry": Case(retries=1, events=WITHOUT_PAUSES, phases=frozenset({Phase.JUDGING, Phase.RESETTING})),
     "compensated": Case(*COMPENSATED, events=WITHOUT_PAUSES + MEASURED_MOTIONS, phases=frozenset({Phase.ADAPTING})),

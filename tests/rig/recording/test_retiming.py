@@ -21,11 +21,11 @@ KEPT_POLLS = 3
 """Every third status, so that one point knows the lag to a few tenths of a millisecond."""
 
 
-def write_points(folder: Path, lag_s: float, count: int = 5) -> dict[str, SyntheticRig]:
+def write_points(folder: Path, lag_s: float, count: int = 5, frequency_Hz: float = 2.0) -> dict[str, SyntheticRig]:
     rigs = {}
     for number in range(1, count + 1):
         rig = SyntheticRig(
-            frequency_Hz=2.0, cycles=10, amplitude_m=0.03 if number < 3 else 0.003, seed=number, noise_N=5.0
+            frequency_Hz=frequency_Hz, cycles=10, amplitude_m=0.03 if number < 3 else 0.003, seed=number, noise_N=5.0
         )
         records = with_controller_record(rig, lag_s)
         polls = np.isin(records["channel"], (Channel.POSITION, Channel.CONTROLLER_FORCE))
@@ -65,6 +65,16 @@ def test_points_that_saw_too_little_take_over_what_all_of_them_know(tmp_path: Pa
         assert point.skew_s == pytest.approx(next(iter(points)).skew_s, abs=0.5e-3)
         assert force_error_N(point, rigs[name]) < max(6.0, before[name])
     assert list(retime(tmp_path)) == [], "what was brought to one skew stays as it is"
+
+
+def test_a_point_that_was_suspect_for_its_skew_alone_is_valid_once_all_points_know_it(tmp_path: Path) -> None:
+    write_points(tmp_path, LAG_S, frequency_Hz=3.0)
+    suspects = {point.id for point in opened(tmp_path) if point.verdict == "suspect"}
+    assert suspects
+    told = {finished.id: (finished.verdict, finished.reasons) for finished in retime(tmp_path)}
+    assert {told[name] for name in suspects} == {("valid", ())}
+    for point in opened(tmp_path):
+        assert (point.verdict, tuple(point.reasons)) == ("valid", ()), point.id
 
 
 def test_nothing_that_was_received_is_touched(tmp_path: Path) -> None:

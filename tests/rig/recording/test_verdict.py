@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from rig.recording.verdict import Findings, SensorCounts, blamed, judge
+from rig.recording.verdict import Findings, SensorCounts, blamed, judge, with_skew
 
 GOOD = Findings(
     sensors={"force": SensorCounts(2500), "displacement": SensorCounts(2500)}, wanted_cycles=10,
@@ -78,3 +78,18 @@ def test_invalid_reasons_come_before_suspect_ones_and_all_are_kept() -> None:
 ])
 def test_every_reason_says_who_is_to_blame(reason: str, who: str) -> None:
     assert blamed(reason) == who
+
+
+@pytest.mark.parametrize(("findings", "std_s", "verdict", "slugs"), [
+    (replace(GOOD, skew_std_s=0.004), 0.002, "valid", []),
+    (replace(GOOD, skew_std_s=0.004, current_error_A=None), 0.002, "suspect", ["no-current"]),
+    (replace(GOOD, skew_std_s=0.004, stopped_by="estop"), 0.002, "invalid", ["estop"]),
+    (replace(GOOD, skew_std_s=0.002), 0.004, "suspect", ["skew"]),
+    (replace(GOOD, skew_std_s=0.004), 0.005, "suspect", ["skew"]),
+])
+def test_skew_known_better_or_worse_changes_what_was_judged_by_it_and_nothing_else(
+    findings: Findings, std_s: float, verdict: str, slugs: list[str]
+) -> None:
+    found = with_skew(judge(findings), std_s, findings.wanted_frequency_Hz)
+    assert found.verdict == verdict
+    assert [reason.split(":")[0] for reason in found.reasons] == slugs
