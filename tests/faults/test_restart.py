@@ -62,7 +62,7 @@ def test_a_fault_that_passes_repeats_the_point_after_every_proof_was_made_again(
 
 
 def test_a_hot_ecu_is_left_to_cool_down_before_the_point_is_repeated(run: Run) -> None:
-    ending = run("ecu-overtemp@6.3+25", matrix=POINTS)
+    ending = run("ecu-overtemp@6.3+36", matrix=POINTS)
     restarted(ending, "ecu-overtemp")
     truth = ending.truth
     cooled, again = truth.first("FAULT_ENDS"), truth.all("START")[2]
