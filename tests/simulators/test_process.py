@@ -256,7 +256,7 @@ def test_the_fault_list_names_all_sixty_rows() -> None:
     answer = subprocess.run([*COMMAND, "--list-faults", "--json"], capture_output=True, check=True, text=True)
     rows = json.loads(answer.stdout)
     assert len(rows) == 60
-    assert set(rows[0]) == {"slug", "where", "place", "reaction", "limit", "tested", "test", "reason"}
+    assert set(rows[0]) == {"slug", "where", "place", "reaction", "limit", "exit_code", "tested", "test", "reason"}
 
 
 @pytest.mark.parametrize(
