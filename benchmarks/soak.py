@@ -4,9 +4,10 @@
 
 Each session ends by what its seed draws (`--fault-seed`), by a kill -9 of application, station or simulated rig, by
 Ctrl-C (a fault that stops nothing is not left to spoil every point), or at the last point; the next one resumes. After
-every session each finished point must still be there, byte by byte. Memory and descriptors are watched through /proc:
-the quarters of the soak are compared, and within each session what came after the first 20 s. A session is the campaign
-as `rig run` runs it, without fit and report.
+every session each finished point must still be there, byte by byte; files that the journal says were written again for
+their skew at the end are counted apart. Memory and descriptors are watched through /proc: the quarters of the soak are
+compared, and within each session what came after the first 20 s. A session is the campaign as `rig run` runs it,
+without fit and report.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ SESSION_S = 900.0
 LOOK_S = 0.25
 SETTLED_S = 20.0
 CURRENTS = 20
+COMPLETE = {0, 5}  # every point was run; some may be suspect, or invalid after all their retries
 MB = 1 << 20
 
 
@@ -168,14 +170,19 @@ class Finished:
 
     def __init__(self) -> None:
         self.known: dict[str, str] = {}
-        self.lost: list[str] = []
+        self.lost: set[str] = set()
+        self.retimed: set[str] = set()
 
     def check(self, points: Path) -> None:
         """Compare with what was there before, and take up what is new."""
+        from rig.recording.campaign_log import read_log
         from rig.recording.run import RecordedPoint
 
         now = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in points.glob("*.h5")}
-        self.lost += [name for name, digest in self.known.items() if now.get(name) != digest]
+        changed = {name for name, digest in self.known.items() if now.get(name) != digest}
+        told = {f"{line['file']}.h5" for line in read_log(points.parent) if line["event"] == "retimed"}
+        self.retimed |= changed & told & now.keys()
+        self.lost |= changed - self.retimed
         new = [name for name in now if name not in self.known]
         self.known |= {name: now[name] for name in new if RecordedPoint.open(points / name).verdict != "invalid"}
 
@@ -202,7 +209,7 @@ def soak(place: Path, points: int, speed: float, seed: int, within_s: float) -> 
     chance, sessions, finished = random.Random(seed), [], Finished()
     until_ns = monotonic_ns() + int(within_s * 1e9)
     (place / "matrix.toml").write_text(matrix(points), encoding="utf-8")
-    while monotonic_ns() < until_ns and (not sessions or sessions[-1].exit_code != 0):
+    while monotonic_ns() < until_ns and (not sessions or sessions[-1].exit_code not in COMPLETE):
         kills = chance.random() < KILL_SHARE
         wanted = f"kill {chance.choice(KILLED)}" if kills else f"faults {chance.randrange(1 << 30)}"
         command = [sys.executable, __file__, "--session", str(place), "--speed", str(speed)]
@@ -229,7 +236,8 @@ def summary(sessions: list[Session], finished: Finished, wall_s: float) -> dict[
     """The result in numbers."""
     return {
         "machine": machine(), "wall_s": round(wall_s), "points": len(finished.known), "sessions": len(sessions),
-        "complete": sessions[-1].exit_code == 0, "lost_finished_points": len(finished.lost),
+        "complete": sessions[-1].exit_code in COMPLETE, "lost_finished_points": len(finished.lost),
+        "written_again_for_their_skew": len(finished.retimed),
         "exit_codes": dict(Counter(str(session.exit_code) for session in sessions)),
         "causes": dict(Counter(session.stopped_by or session.wanted.split(" ", 1)[0] for session in sessions)),
         "used": table(sessions),

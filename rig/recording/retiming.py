@@ -48,14 +48,14 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
         FileProblem: a file cannot be trusted.
         OSError: the disk refuses; the files written before are complete, the others are as they were.
     """
-    points = [RecordedPoint.open(file) for file in sorted(points_folder.glob("*.h5"))]
+    points = [RecordedPoint.open(file, whole=False) for file in sorted(points_folder.glob("*.h5"))]
     skews = pooled_skews([point for point in points if point.verdict != "invalid"])
     for point in points:
         skew = skews.get(point.id)
         if skew is None or point.path is None:
             continue
         if _certainly_wrong(skew) or _judged(point, skew).verdict != point.verdict:
-            _write_again(point.path, point, skew)
+            _write_again(point.path, RecordedPoint.open(point.path), skew)
             yield _finished(RecordedPoint.open(point.path))
 
 
