@@ -1,4 +1,4 @@
-"""How each fault is put into the running rig: one small function a slug.
+"""How each fault is put into the running rig: an attribute, or one small function, a slug.
 
 Some faults can be taken away again (`ecu-silent@5+0.2`): their injectors hand back how. The others stay, because they
 changed what happened (a reboot, a pulled cable), or because they are there before anything is connected.
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 Undo = Callable[[], None]
 LastingInjector = Callable[["SimulatedRig"], None]
 PassingInjector = Callable[["SimulatedRig"], Undo]
-LASTING: dict[str, LastingInjector] = {}
-PASSING: dict[str, PassingInjector] = {}
-"""Injectors whose fault can be taken away again."""
 
 FOREIGN_OWNER = 999
 BABBLED_FRAMES_S = 4200.0
@@ -52,84 +49,48 @@ def _every_tick(rig: SimulatedRig, action: Callable[[], None]) -> Undo:
     return lambda: rig.every_tick.remove(action)
 
 
-def _stays(slug: str) -> Callable[[LastingInjector], LastingInjector]:
-    def register(injector: LastingInjector) -> LastingInjector:
-        LASTING[slug] = injector
-        return injector
-
-    return register
+def _switched(owner: Callable[[SimulatedRig], object], name: str, value: object = True) -> PassingInjector:
+    """A fault that is one attribute of the rig."""
+    return lambda rig: _switch(owner(rig), name, value)
 
 
-def _passes(slug: str) -> Callable[[PassingInjector], PassingInjector]:
-    def register(injector: PassingInjector) -> PassingInjector:
-        PASSING[slug] = injector
-        return injector
-
-    return register
+def _link(rig: SimulatedRig) -> object:
+    return rig.modbus.faults
 
 
-@_passes("modbus-busy")
-def _modbus_busy(rig: SimulatedRig) -> Undo:
-    return _switch(rig.modbus.faults, "busy", True)
+def _registers(rig: SimulatedRig) -> object:
+    return rig.bank
 
 
-@_passes("modbus-reject")
-def _modbus_reject(rig: SimulatedRig) -> Undo:
-    return _switch(rig.modbus.faults, "reject_writes", True)
+def _controller(rig: SimulatedRig) -> object:
+    return rig.actuator.faults
 
 
-@_stays("modbus-reset")
+def _ecu(rig: SimulatedRig) -> object:
+    return rig.ecu.faults
+
+
+def _load_cell(rig: SimulatedRig) -> object:
+    return rig.channel("load_cell").sensor.faults
+
+
 def _modbus_reset(rig: SimulatedRig) -> None:
     rig.modbus.faults.reset = True
 
 
-@_stays("modbus-halfopen")
 def _modbus_halfopen(rig: SimulatedRig) -> None:
     rig.modbus.silence_connections()
 
 
-@_passes("modbus-wrong-tid")
-def _modbus_wrong_tid(rig: SimulatedRig) -> Undo:
-    return _switch(rig.modbus.faults, "wrong_transaction", True)
-
-
-@_passes("modbus-mismatch")
-def _modbus_mismatch(rig: SimulatedRig) -> Undo:
-    return _switch(rig.modbus.faults, "wrong_function", True)
-
-
-@_passes("rtu-stale")
-def _rtu_stale(rig: SimulatedRig) -> Undo:
-    return _switch(rig.modbus.faults, "late_answers", True)
-
-
-@_passes("rtu-crc")
-def _rtu_crc(rig: SimulatedRig) -> Undo:
-    return _switch(rig.modbus.faults, "damaged", True)
-
-
-@_passes("modbus-write-lost")
-def _modbus_write_lost(rig: SimulatedRig) -> Undo:
-    return _switch(rig.bank, "writes_lost", True)
-
-
-@_passes("actuator-frozen")
-def _actuator_frozen(rig: SimulatedRig) -> Undo:
-    return _switch(rig.actuator.faults, "position_frozen", True)
-
-
-@_stays("actuator-reboot")
 def _actuator_reboot(rig: SimulatedRig) -> None:
     rig.actuator.boot_count += 1
     rig.actuator.boot()
 
 
-@_stays("watchdog-absent")
 def _watchdog_absent(rig: SimulatedRig) -> None:
     rig.actuator.faults.watchdog_absent = True
 
 
-@_stays("second-master")
 def _second_master(rig: SimulatedRig) -> None:
     """Another master takes the lease by force and stops the program it did not start."""
     rig.actuator.owner = FOREIGN_OWNER
@@ -138,48 +99,28 @@ def _second_master(rig: SimulatedRig) -> None:
     rig.actuator.result = Result.DONE
 
 
-@_stays("stop-ignored")
 def _stop_ignored(rig: SimulatedRig) -> None:
     """Programs lose their end, the running one too, and no stop command ends them; taking the pressure away does."""
     rig.actuator.faults.stop_ignored = True
     rig.plant.order(full_cycles=ENDLESS_CYCLES)
 
 
-@_stays("register-layout")
 def _register_layout(rig: SimulatedRig) -> None:
     rig.bank.word_order_swapped = True
 
 
-@_stays("estop")
 def _estop(rig: SimulatedRig) -> None:
     """The chain opens: valve shut, hydraulics dumped, coil supply cut."""
     rig.actuator.faults.e_stop_open = True
     rig.ecu.supply_V = 0.0
 
 
-@_stays("can-busoff")
 def _can_busoff(rig: SimulatedRig) -> None:
     """The adapter reports errors, as it does on its way to bus-off, then nothing passes any more."""
     rig.bus.send_lines([ERROR] * 3)
     rig.bus.silent = True
 
 
-@_passes("ecu-silent")
-def _ecu_silent(rig: SimulatedRig) -> Undo:
-    return _switch(rig.ecu.faults, "silent", True)
-
-
-@_passes("ecu-late")
-def _ecu_late(rig: SimulatedRig) -> Undo:
-    return _switch(rig.ecu.faults, "late", True)
-
-
-@_passes("ecu-crc")
-def _ecu_crc(rig: SimulatedRig) -> Undo:
-    return _switch(rig.ecu.faults, "wrong_crc", True)
-
-
-@_passes("can-malformed")
 def _can_malformed(rig: SimulatedRig) -> Undo:
     """Every frame of the ECU is short, a remote request or has an extended identifier, in turn."""
     turn = 0
@@ -196,7 +137,6 @@ def _can_malformed(rig: SimulatedRig) -> Undo:
     return _switch(rig.bus, "encode", malformed_line)
 
 
-@_passes("can-babble")
 def _can_babble(rig: SimulatedRig) -> Undo:
     """A node that never stops fills the bus, on wall time as any other node's bits take theirs."""
     line = standard_line(0x001, bytes(8))
@@ -211,7 +151,6 @@ def _can_babble(rig: SimulatedRig) -> Undo:
     return _every_tick(rig, babble)
 
 
-@_passes("can-foreign")
 def _can_foreign(rig: SimulatedRig) -> Undo:
     """Another node sends CoilCommand with a valid counter and CRC of its own."""
     count = 0
@@ -226,42 +165,18 @@ def _can_foreign(rig: SimulatedRig) -> Undo:
     return _every_tick(rig, intrude)
 
 
-@_passes("ecu-overtemp")
-def _ecu_overtemp(rig: SimulatedRig) -> Undo:
-    return _switch(rig.ecu.faults, "over_temperature", True)
-
-
-@_passes("coil-open-short")
-def _coil_open(rig: SimulatedRig) -> Undo:
-    return _switch(rig.ecu.faults, "coil_open", True)
-
-
-@_passes("current-tracking")
-def _current_tracking(rig: SimulatedRig) -> Undo:
-    return _switch(rig.ecu.faults, "gain", TRACKING_GAIN)
-
-
-@_passes("current-stuck")
-def _current_stuck(rig: SimulatedRig) -> Undo:
-    return _switch(rig.ecu.faults, "stuck_current", True)
-
-
-@_stays("ecu-restart")
 def _ecu_restart(rig: SimulatedRig) -> None:
     rig.ecu.restart()
 
 
-@_stays("loadcell-pulled")
 def _loadcell_pulled(rig: SimulatedRig) -> None:
     rig.channel("load_cell").port.close()
 
 
-@_stays("lvdt-pulled")
 def _lvdt_pulled(rig: SimulatedRig) -> None:
     rig.channel("lvdt").port.close()
 
 
-@_stays("usb-renumber")
 def _usb_renumber(rig: SimulatedRig) -> None:
     """The adapter comes up under another number; without a name that follows it (`--ports by-id`) it is just gone."""
     port = rig.channel("load_cell").port
@@ -271,48 +186,11 @@ def _usb_renumber(rig: SimulatedRig) -> None:
         port.close()
 
 
-@_passes("serial-garbage")
-def _serial_garbage(rig: SimulatedRig) -> Undo:
-    return _switch(rig.channel("load_cell").sensor.faults, "garbage", True)
-
-
-@_passes("serial-baud")
-def _serial_baud(rig: SimulatedRig) -> Undo:
-    return _switch(rig.channel("load_cell").sensor.faults, "wrong_baud", True)
-
-
-@_passes("sensor-stuck")
-def _sensor_stuck(rig: SimulatedRig) -> Undo:
-    return _switch(rig.channel("load_cell").sensor.faults, "stuck", True)
-
-
-@_passes("sensor-saturated")
-def _sensor_saturated(rig: SimulatedRig) -> Undo:
-    return _switch(rig.channel("load_cell").sensor.faults, "saturated", True)
-
-
-@_passes("sensor-spike")
-def _sensor_spike(rig: SimulatedRig) -> Undo:
-    return _switch(rig.channel("load_cell").sensor.faults, "spikes", True)
-
-
-@_passes("sensor-nan")
-def _sensor_nan(rig: SimulatedRig) -> Undo:
-    return _switch(rig.channel("load_cell").sensor.faults, "not_a_number", True)
-
-
-@_passes("sample-gap")
-def _sample_gap(rig: SimulatedRig) -> Undo:
-    return _switch(rig.channel("load_cell").sensor.faults, "gaps", True)
-
-
-@_stays("clock-drift")
 def _clock_drift(rig: SimulatedRig) -> None:
     sensor = rig.channel("load_cell").sensor
     sensor.clock.drift(sensor.clock.ppm + DRIFT_PPM, rig.plant.time_s)
 
 
-@_stays("sensors-swapped")
 def _sensors_swapped(rig: SimulatedRig) -> None:
     """The two plugs are exchanged: each port carries the other sensor's bytes."""
     load_cell, lvdt = rig.channel("load_cell"), rig.channel("lvdt")
@@ -320,18 +198,15 @@ def _sensors_swapped(rig: SimulatedRig) -> None:
     load_cell.column, lvdt.column = lvdt.column, load_cell.column
 
 
-@_stays("not-tared")
 def _not_tared(rig: SimulatedRig) -> None:
     sensor = rig.channel("load_cell").sensor
     sensor.faults.zero_offset = ZERO_SHARE * sensor.options.range
 
 
-@_stays("wrong-damper")
 def _wrong_damper(rig: SimulatedRig) -> None:
     rig.plant.constants["force_scale"] = WRONG_DAMPER_SCALE
 
 
-@_passes("load-train")
 def _load_train(rig: SimulatedRig) -> Undo:
     """A joint works loose: free play behind a softer mounting; taken away, it is tight again."""
     constants = rig.plant.constants
@@ -346,4 +221,52 @@ def _load_train(rig: SimulatedRig) -> Undo:
     return tighten
 
 
+LASTING: dict[str, LastingInjector] = {
+    "modbus-reset": _modbus_reset,
+    "modbus-halfopen": _modbus_halfopen,
+    "actuator-reboot": _actuator_reboot,
+    "watchdog-absent": _watchdog_absent,
+    "second-master": _second_master,
+    "stop-ignored": _stop_ignored,
+    "register-layout": _register_layout,
+    "estop": _estop,
+    "can-busoff": _can_busoff,
+    "ecu-restart": _ecu_restart,
+    "loadcell-pulled": _loadcell_pulled,
+    "lvdt-pulled": _lvdt_pulled,
+    "usb-renumber": _usb_renumber,
+    "clock-drift": _clock_drift,
+    "sensors-swapped": _sensors_swapped,
+    "not-tared": _not_tared,
+    "wrong-damper": _wrong_damper,
+}
+PASSING: dict[str, PassingInjector] = {
+    "modbus-busy": _switched(_link, "busy"),
+    "modbus-reject": _switched(_link, "reject_writes"),
+    "modbus-wrong-tid": _switched(_link, "wrong_transaction"),
+    "modbus-mismatch": _switched(_link, "wrong_function"),
+    "rtu-stale": _switched(_link, "late_answers"),
+    "rtu-crc": _switched(_link, "damaged"),
+    "modbus-write-lost": _switched(_registers, "writes_lost"),
+    "actuator-frozen": _switched(_controller, "position_frozen"),
+    "ecu-silent": _switched(_ecu, "silent"),
+    "ecu-late": _switched(_ecu, "late"),
+    "ecu-crc": _switched(_ecu, "wrong_crc"),
+    "can-malformed": _can_malformed,
+    "can-babble": _can_babble,
+    "can-foreign": _can_foreign,
+    "ecu-overtemp": _switched(_ecu, "over_temperature"),
+    "coil-open-short": _switched(_ecu, "coil_open"),
+    "current-tracking": _switched(_ecu, "gain", TRACKING_GAIN),
+    "current-stuck": _switched(_ecu, "stuck_current"),
+    "serial-garbage": _switched(_load_cell, "garbage"),
+    "serial-baud": _switched(_load_cell, "wrong_baud"),
+    "sensor-stuck": _switched(_load_cell, "stuck"),
+    "sensor-saturated": _switched(_load_cell, "saturated"),
+    "sensor-spike": _switched(_load_cell, "spikes"),
+    "sensor-nan": _switched(_load_cell, "not_a_number"),
+    "sample-gap": _switched(_load_cell, "gaps"),
+    "load-train": _load_train,
+}
+"""Injectors whose fault can be taken away again."""
 INJECTORS: dict[str, Callable[[SimulatedRig], Undo | None]] = {**LASTING, **PASSING}
