@@ -9,6 +9,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from protocols.actuator import State
+
 
 @dataclass(frozen=True)
 class Happening:
@@ -29,21 +31,26 @@ class Truth:
     velocity_m_s: NDArray[np.float64]
     force_N: NDArray[np.float64]
     current_A: NDArray[np.float64]
+    temperature_degC: NDArray[np.float64]
     state: NDArray[np.float64]
     log: list[Happening]
+    clocks: dict[str, float]
+    """Offset (us) and rate (ppm) of every device's clock."""
 
     @classmethod
     def load(cls, path: Path) -> Truth:
         with h5py.File(path) as file:
             data, events = file["entry/data"], file["entry/events"]
-            names = ("time", "displacement", "velocity", "force", "current", "controller_state")
+            names = ("time", "displacement", "velocity", "force", "current", "coil_temperature", "controller_state")
             arrays = [np.asarray(data[name][:], np.float64) for name in names]
             columns = (events["time_ns"][:], events["code"][:], events["text"][:])
+            said = dict(file["entry/provenance"].attrs)
+        clocks = {name: float(value) for name, value in said.items() if name.startswith("clock_")}
         log = []
         for time_ns, code, said in zip(*columns, strict=True):
             text, _, host_ns = said.decode().rpartition("; host_ns=")
             log.append(Happening(1e-9 * float(time_ns), int(host_ns), code.decode(), text))
-        return cls(*arrays, log)
+        return cls(*arrays, log, clocks)
 
     def all(self, *codes: str, text: str = "", after: Happening | None = None) -> list[Happening]:
         """Lines of these codes that contain `text`, from `after` on."""
@@ -59,3 +66,9 @@ class Truth:
     def since(self, time_s: float) -> slice:
         """The samples from `time_s` on."""
         return slice(int(np.searchsorted(self.time_s, time_s)), None)
+
+    def runs(self) -> list[slice]:
+        """The samples of every motion program, in turn."""
+        running = np.concatenate(([False], self.state == State.RUNNING, [False]))
+        edges = np.flatnonzero(np.diff(running.astype(int)))
+        return [slice(int(start), int(end)) for start, end in edges.reshape(-1, 2)]

@@ -1,4 +1,4 @@
-"""What tests on real processes share: the simulated rig's true states, and a campaign in a process of its own."""
+"""What tests on real processes share: a campaign in a process of its own, read line by line."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
-import numpy as np
 import pytest
-from numpy.typing import NDArray
+from true_states import Truth
 
-from protocols.actuator import State
 from rig.clock import monotonic_ns
 
 # Runs a campaign as `rig run` does, says each phase, and exits with the campaign's exit code.
@@ -35,52 +32,6 @@ options = CampaignOptions(
 )
 sys.exit(run_campaign(options, Display()).exit_code)
 """
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What really happened: arrays over the rig's clock (s), and the commands that reached it."""
-
-    time_s: NDArray[np.float64]
-    displacement_m: NDArray[np.float64]
-    velocity_m_s: NDArray[np.float64]
-    force_N: NDArray[np.float64]
-    current_A: NDArray[np.float64]
-    state: NDArray[np.float64]
-    commands: list[tuple[float, str, str]]
-    """(time on the rig's clock, command, text)."""
-
-    def runs(self) -> list[slice]:
-        """Where a motion program ran, one slice a program."""
-        running = np.concatenate(([False], self.state == State.RUNNING, [False]))
-        edges = np.flatnonzero(np.diff(running.astype(int)))
-        return [slice(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
-
-    def when(self, command: str, text: str = "") -> float:
-        """When the first such command arrived (s); fails when there was none."""
-        times = [at_s for at_s, name, said in self.commands if name == command and text in said]
-        assert times, f"no {command} {text} among {self.commands}"
-        return times[0]
-
-    def after(self, at_s: float) -> slice:
-        """The samples from `at_s` on."""
-        return slice(int(np.searchsorted(self.time_s, at_s)), None)
-
-
-def load_truth(path: Path) -> Truth:
-    with h5py.File(path) as file:
-        data, events = file["entry/data"], file["entry/events"]
-        names = ("time", "displacement", "velocity", "force", "current", "controller_state")
-        arrays = [np.asarray(data[name][:], np.float64) for name in names]
-        columns = (events["time_ns"][:], events["code"][:], events["text"][:])
-        commands = [(1e-9 * float(t), code.decode(), text.decode()) for t, code, text in zip(*columns, strict=True)]
-    return Truth(*arrays, commands)
-
-
-@pytest.fixture(scope="session")
-def truth_of() -> Callable[[Path], Truth]:
-    """Reads a truth file."""
-    return load_truth
 
 
 @dataclass
@@ -116,7 +67,7 @@ class Campaign:
         path, deadline_ns = self.folder / "truth.h5", monotonic_ns() + int(timeout_s * 1e9)
         while not path.exists() and monotonic_ns() < deadline_ns:
             pass_time()
-        return load_truth(path)
+        return Truth.load(path)
 
 
 def pass_time() -> None:

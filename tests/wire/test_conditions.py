@@ -9,19 +9,15 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import h5py
-import numpy as np
 import pytest
+from simulated_campaign import options
+from true_states import Truth
 
 from rig.recording.campaign_log import read_log
-
-if TYPE_CHECKING:
-    from conftest import Truth
 
 pytestmark = pytest.mark.wire
 
@@ -70,7 +66,6 @@ class TwoSessions:
     stopped: Ending
     resumed: Ending
     truth: Truth
-    truth_degC: np.ndarray
 
     def point(self, point_id: str) -> dict[str, Any]:
         return next(point for point in self.resumed.answer["points"] if point["id"] == point_id)
@@ -84,13 +79,12 @@ def rig_run(*arguments: str) -> subprocess.Popen[str]:
 
 
 @pytest.fixture(scope="module")
-def sessions(tmp_path_factory: pytest.TempPathFactory, truth_of: Callable[[Path], Truth]) -> TwoSessions:
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> TwoSessions:
     folder = tmp_path_factory.mktemp("conditions")
     matrix = folder / "matrix.toml"
     matrix.write_text(MATRIX, encoding="utf-8")
-    options = [part for option in OPTIONS for part in ("--option", option)]
     command = [str(matrix), "--simulate", "--speed", "20", "--seed", "5", "--out", str(folder)]
-    first = rig_run(*command, "--", "--no-real-time", *options)
+    first = rig_run(*command, "--", "--no-real-time", *options(*OPTIONS))
     with first:
         assert first.stderr is not None
         for line in first.stderr:
@@ -105,11 +99,9 @@ def sessions(tmp_path_factory: pytest.TempPathFactory, truth_of: Callable[[Path]
         output, errors = second.communicate(timeout=100)
     assert output, errors[-3000:]
     story = read_log(campaign)
-    with h5py.File(campaign / "truth.h5") as file:
-        temperature = np.asarray(file["entry/data/coil_temperature"][:], np.float64)
     return TwoSessions(
         Ending(first.returncode, stopped, story[:told]), Ending(second.returncode, json.loads(output), story[told:]),
-        truth_of(campaign / "truth.h5"), temperature,
+        Truth.load(campaign / "truth.h5"),
     )  # fmt: skip
 
 
@@ -126,7 +118,7 @@ def test_a_cold_damper_is_warmed_before_the_first_point(sessions: TwoSessions) -
 def test_a_resumed_campaign_warms_its_damper_again_before_it_measures(sessions: TwoSessions) -> None:
     phases = sessions.resumed.phases()
     assert phases.index("warming up") < phases.index("running")
-    assert sessions.truth_degC[0] < LOW_DEGC
+    assert sessions.truth.temperature_degC[0] < LOW_DEGC
     programs = [wait for wait in sessions.resumed.answer["waits"] if wait["point"] == "p001"]
     assert 1 <= len(programs) < 12, "what the servo does not reach is learned, not crept up to"
     assert sessions.point("p001")["verdict"] == sessions.point("p002")["verdict"] == "valid"

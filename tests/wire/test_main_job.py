@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import json
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from true_states import Truth
 
 from protocols.actuator import State
 from rig.campaign import CampaignOptions, CampaignResult, PointResult, run_campaign
 from rig.matrix.plan import Plan
 from rig.recording.campaign_log import read_log
 from rig.recording.run import Run
-
-if TYPE_CHECKING:
-    from conftest import Truth
 
 pytestmark = pytest.mark.wire
 
@@ -80,7 +77,7 @@ class Job:
 
 
 @pytest.fixture(scope="module")
-def job(tmp_path_factory: pytest.TempPathFactory, truth_of: Callable[[Path], Truth]) -> Job:
+def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
     folder = tmp_path_factory.mktemp("main-job")
     matrix = folder / "matrix.toml"
     matrix.write_text(MATRIX, encoding="utf-8")
@@ -88,7 +85,7 @@ def job(tmp_path_factory: pytest.TempPathFactory, truth_of: Callable[[Path], Tru
     result = run_campaign(CampaignOptions(matrix, folder / "out", simulate=True, speed=SPEED, seed=7), seen)
     assert signal.getsignal(signal.SIGINT) is before
     assert result.exit_code == 0, f"{result.stopped_by}: {result.detail}; {seen.messages}"
-    return Job(result, seen, truth_of(result.campaign / "truth.h5"), Run.open(result.campaign))
+    return Job(result, seen, Truth.load(result.campaign / "truth.h5"), Run.open(result.campaign))
 
 
 def test_every_point_is_valid_and_the_rig_is_safe(job: Job) -> None:
@@ -162,13 +159,13 @@ def test_the_rod_rests_at_mid_stroke_between_points_for_the_rest_asked_for(job: 
 
 
 def test_nothing_moves_before_watchdog_and_zeros_are_proved(job: Job) -> None:
-    names = [name for _, name, _ in job.truth.commands]
+    names = [each.code for each in job.truth.log]
     assert names.index("TRIP") < names.index("HYDRAULICS_LOW") < names.index("HYDRAULICS_ON") < names.index("MOVE_TO")
-    before = slice(0, int(np.searchsorted(job.truth.time_s, job.truth.when("HYDRAULICS_LOW"))))
+    before = slice(0, int(np.searchsorted(job.truth.time_s, job.truth.first("HYDRAULICS_LOW").time_s)))
     assert np.abs(job.truth.displacement_m[before] - job.truth.displacement_m[0]).max() < 1e-6
 
 
 def test_the_rig_is_left_without_pressure_and_current(job: Job) -> None:
     assert job.truth.state[-1] == State.OFF
     assert abs(job.truth.current_A[-1]) < 0.01
-    assert [name for _, name, _ in job.truth.commands][-2:] == ["HYDRAULICS_OFF", "RELEASE"]
+    assert [each.code for each in job.truth.log][-2:] == ["HYDRAULICS_OFF", "RELEASE"]

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from true_states import Truth
 
 from protocols.actuator import State
 from rig.recording.campaign_log import read_log
 from rig.recording.run import RecordedPoint
 
 if TYPE_CHECKING:
-    from conftest import Campaign, Truth
+    from conftest import Campaign
 
 pytestmark = pytest.mark.wire
 
@@ -44,12 +45,12 @@ FADE_S = 1.0 + 0.2
 def assert_stopped(truth: Truth, at_s: float) -> None:
     """0 A within the coil's lag and standstill within one cycle of fade-out after `at_s`, and for good."""
     assert_no_current(truth, at_s)
-    assert np.abs(truth.velocity_m_s[truth.after(at_s + FADE_S)]).max() < 2e-3
+    assert np.abs(truth.velocity_m_s[truth.since(at_s + FADE_S)]).max() < 2e-3
 
 
 def assert_no_current(truth: Truth, at_s: float) -> None:
     """0 A within the coil's lag after `at_s`, and for good."""
-    assert np.abs(truth.current_A[truth.after(at_s + COIL_LAG_S)]).max() < 0.05
+    assert np.abs(truth.current_A[truth.since(at_s + COIL_LAG_S)]).max() < 0.05
 
 
 def causes(folder: Path) -> list[str]:
@@ -71,8 +72,8 @@ def test_ctrl_c_stops_at_once_keeps_the_point_as_invalid_and_further_ones_change
         campaign.process.send_signal(signal.SIGINT)
     assert campaign.finish() == 4
     truth = campaign.truth()
-    assert_stopped(truth, truth.when("FADE_STOP"))
-    assert abs(truth.when("SET_CURRENT", "0.000 A") - truth.when("FADE_STOP")) < 0.1
+    assert_stopped(truth, truth.first("FADE_STOP").time_s)
+    assert abs(truth.first("SET_CURRENT", text="0.000 A").time_s - truth.first("FADE_STOP").time_s) < 0.1
     assert causes(campaign.folder) == ["sigint"]
     point = RecordedPoint.open(campaign.folder / "points" / "p001.h5")
     assert point.verdict == "invalid"
@@ -86,7 +87,7 @@ def test_sigterm_also_takes_the_pressure_away(start_campaign: Start) -> None:
     campaign.process.send_signal(signal.SIGTERM)
     assert campaign.finish() == 4
     truth = campaign.truth()
-    assert_stopped(truth, truth.when("FADE_STOP"))
+    assert_stopped(truth, truth.first("FADE_STOP").time_s)
     assert truth.state[-1] == State.OFF
     stops = [line for line in read_log(campaign.folder) if line.get("what") == "trip"]
     assert [(line["slug"], line["stop"]) for line in stops] == [("sigterm", "S1")]
@@ -99,7 +100,7 @@ def test_ctrl_c_before_the_rig_is_armed_moves_nothing(start_campaign: Start) -> 
     assert campaign.finish() == 4
     truth = campaign.truth()
     assert np.ptp(truth.displacement_m) < 1e-6
-    assert "START" not in [name for _, name, _ in truth.commands]
+    assert "START" not in [each.code for each in truth.log]
 
 
 def test_a_killed_station_leaves_the_rig_to_its_dead_men_and_exits_with_state_unknown(start_campaign: Start) -> None:
@@ -109,10 +110,10 @@ def test_a_killed_station_leaves_the_rig_to_its_dead_men_and_exits_with_state_un
     os.kill(station, signal.SIGKILL)
     assert campaign.finish() == 7
     truth = campaign.truth()
-    starved = [at_s for at_s, name, text in truth.commands if name == "TRIP" and "WATCHDOG" in text]
+    starved = [each.time_s for each in truth.all("TRIP", text="WATCHDOG")]
     assert len(starved) == 2, "once in the preflight, once now"
     assert_stopped(truth, starved[1])
-    assert_no_current(truth, truth.when("ECU_FAULT", "COMMAND_TIMEOUT"))
+    assert_no_current(truth, truth.first("ECU_FAULT", text="COMMAND_TIMEOUT").time_s)
     assert RecordedPoint.open(campaign.folder / "points" / "p001.h5").verdict == "invalid"
 
 
@@ -124,7 +125,7 @@ def test_a_killed_application_leaves_the_station_to_stop_the_rig_and_the_truth_i
     campaign.process.send_signal(signal.SIGKILL)
     assert campaign.finish() == -signal.SIGKILL
     truth = campaign.truth()
-    assert_stopped(truth, truth.when("FADE_STOP"))
+    assert_stopped(truth, truth.first("FADE_STOP").time_s)
     assert truth.state[-1] == State.OFF
 
 
@@ -132,7 +133,7 @@ def test_a_fault_of_the_coil_ends_the_campaign_by_name_with_the_finished_point_k
     campaign = start_campaign(MATRIX, "--fault", "coil-open-short@14")
     assert campaign.finish() == 4
     truth = campaign.truth()
-    assert_stopped(truth, truth.when("FADE_STOP"))
+    assert_stopped(truth, truth.first("FADE_STOP").time_s)
     assert causes(campaign.folder) == ["coil-open-short"]
     points = campaign.folder / "points"
     assert RecordedPoint.open(points / "p001.h5").verdict == "valid"
@@ -159,7 +160,7 @@ def started_rig(folder: Path) -> tuple[subprocess.Popen[str], Path]:
     ids=["actuator", "ecu"],
 )
 def test_another_device_than_the_benchs_is_refused_before_anything_moves(
-    start_campaign: Start, tmp_path: Path, truth_of: Callable[[Path], Truth], good: str, bad: str, named: str
+    start_campaign: Start, tmp_path: Path, good: str, bad: str, named: str
 ) -> None:
     rig, bench_path = started_rig(tmp_path)
     try:
@@ -178,13 +179,13 @@ def test_another_device_than_the_benchs_is_refused_before_anything_moves(
     finally:
         rig.terminate()
         rig.communicate(timeout=60)
-    truth = truth_of(tmp_path / "hand.h5")
+    truth = Truth.load(tmp_path / "hand.h5")
     assert np.ptp(truth.displacement_m) < 1e-6
-    assert not truth.commands
+    assert not truth.log
 
 
 def test_a_rig_started_by_hand_runs_the_same_job(
-    start_campaign: Start, tmp_path: Path, truth_of: Callable[[Path], Truth]
+    start_campaign: Start, tmp_path: Path
 ) -> None:
     rig, bench = started_rig(tmp_path)
     try:
@@ -197,4 +198,4 @@ def test_a_rig_started_by_hand_runs_the_same_job(
         "valid",
         "valid",
     ]
-    assert len(truth_of(tmp_path / "hand.h5").runs()) == 2
+    assert len(Truth.load(tmp_path / "hand.h5").runs()) == 2

@@ -6,23 +6,12 @@ One simulated rig serves all tests here: servo of 7.1 Hz (8 % short at 2 Hz), da
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-
-from rig.recording.campaign_log import read_log
-from rig.recording.run import RecordedPoint, Run
-
-if TYPE_CHECKING:
-    from conftest import Truth
+from simulated_campaign import Ended, options, simulated
 
 pytestmark = pytest.mark.wire
 
@@ -52,52 +41,24 @@ demagnetise = true
 OPTIONS = ("servo.bandwidth_Hz=7.1", "servo.damping=1.0", "damper.start_degC=75")
 
 
-@dataclass(frozen=True)
-class Quality:
-    answer: dict[str, Any]
-    run: Run
-    truth: Truth
-    truth_degC: NDArray[np.float64]
-    clocks: dict[str, float]
-    """Offset (us) and rate (ppm) of every device's clock, as the truth file says them."""
-    story: list[dict[str, Any]]
-
-    def point(self, name: str) -> RecordedPoint:
-        return next(point for point in self.run.points if point.id == name)
-
-
 @pytest.fixture(scope="module")
-def quality(tmp_path_factory: pytest.TempPathFactory, truth_of: Callable[[Path], Truth]) -> Quality:
-    folder = tmp_path_factory.mktemp("quality")
-    matrix = folder / "matrix.toml"
-    matrix.write_text(MATRIX, encoding="utf-8")
-    options = [part for option in OPTIONS for part in ("--option", option)]
-    command = [sys.executable, "-m", "rig.cli.main", "run", str(matrix), "--simulate", "--speed", "20", "--seed", "5"]
-    done = subprocess.run(
-        [*command, "--json", "--out", str(folder / "out"), "--", *options],
-        capture_output=True, text=True, timeout=170, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-3000:]
-    answer = json.loads(done.stdout)
-    campaign = Path(answer["campaign"])
-    with h5py.File(campaign / "truth.h5") as file:
-        temperature = np.asarray(file["entry/data/coil_temperature"][:], np.float64)
-        said = dict(file["entry/provenance"].attrs)
-    clocks = {name: float(value) for name, value in said.items() if name.startswith("clock_")}
-    truth = truth_of(campaign / "truth.h5")
-    return Quality(answer, Run.open(campaign), truth, temperature, clocks, read_log(campaign))
+def quality(tmp_path_factory: pytest.TempPathFactory) -> Ended:
+    ended = simulated(tmp_path_factory.mktemp("quality"), MATRIX, *options(*OPTIONS))
+    assert ended.exit_code == 0, ended.said[-3000:]
+    return ended
 
 
-def test_every_point_is_valid(quality: Quality) -> None:
+def test_every_point_is_valid(quality: Ended) -> None:
     assert {point["id"]: point["verdict"] for point in quality.answer["points"]} == dict.fromkeys(
         ("p001", "p002", "p003", "p004", "friction", "step1"), "valid"
     )
 
 
-def test_the_measured_current_is_placed_on_the_rigs_clock_to_within_an_ecu_period(quality: Quality) -> None:
-    clocks, truth, point = quality.clocks, quality.truth, quality.point("step1")
+def test_the_measured_current_is_placed_on_the_rigs_clock_to_within_an_ecu_period(quality: Ended) -> None:
+    truth, point = quality.truth, quality.point("step1")
     clock_s = float(point.test["controller_clock_at_zero_s"]) + point.time_s
-    time_s = (clock_s - 1e-6 * clocks["clock_offset_us_controller"]) / (1.0 + 1e-6 * clocks["clock_ppm_controller"])
+    rate = 1.0 + 1e-6 * truth.clocks["clock_ppm_controller"]
+    time_s = (clock_s - 1e-6 * truth.clocks["clock_offset_us_controller"]) / rate
     wrap_s = 2.0**32 * 1e-6
     time_s += wrap_s * round((float(np.mean(truth.time_s)) - float(np.mean(time_s))) / wrap_s)
     known = np.isfinite(point.current_measured_A)
@@ -112,7 +73,7 @@ def test_the_measured_current_is_placed_on_the_rigs_clock_to_within_an_ecu_perio
     assert std_s < 0.05, "a wall millisecond is 20 ms here, and arrivals were off by several"
 
 
-def test_the_droop_is_compensated_to_one_percent_of_what_the_rod_really_did(quality: Quality) -> None:
+def test_the_droop_is_compensated_to_one_percent_of_what_the_rod_really_did(quality: Ended) -> None:
     truth, recorded = quality.truth, quality.truth.runs()[-5:-1]
     for rows, point in zip(recorded, quality.run.points[-5:], strict=False):
         moved_m = truth.displacement_m[rows]
@@ -121,25 +82,25 @@ def test_the_droop_is_compensated_to_one_percent_of_what_the_rod_really_did(qual
     assert quality.point("p001").test["commanded_amplitude_m"] == pytest.approx(0.02 / 0.926, rel=0.01)
 
 
-def test_it_took_at_most_three_corrections_and_no_motion_twice(quality: Quality) -> None:
+def test_it_took_at_most_three_corrections_and_no_motion_twice(quality: Ended) -> None:
     texts = [str(line.get("text", "")) for line in quality.story if line["event"] == "info"]
     corrections = [text for text in texts if "correction" in text]
     assert 1 <= len(corrections) <= 3
     assert [line["point"] for line in quality.story if line["event"] == "dropped"] == ["p001"]
 
 
-def test_the_hot_damper_cooled_before_it_was_measured_and_stayed_in_the_window(quality: Quality) -> None:
+def test_the_hot_damper_cooled_before_it_was_measured_and_stayed_in_the_window(quality: Ended) -> None:
     first, *_ = quality.truth.runs()
-    assert quality.truth_degC[0] > 74.0
-    assert quality.truth_degC[first.start] <= 44.1
+    assert quality.truth.temperature_degC[0] > 74.0
+    assert quality.truth.temperature_degC[first.start] <= 44.1
     phases = [line["phase"] for line in quality.story if line["event"] == "phase"]
     assert phases.index("cooling down") < phases.index("running")
     for rows in quality.truth.runs():
-        assert quality.truth_degC[rows].min() >= 25.0
-        assert quality.truth_degC[rows].max() <= 44.2
+        assert quality.truth.temperature_degC[rows].min() >= 25.0
+        assert quality.truth.temperature_degC[rows].max() <= 44.2
 
 
-def test_the_core_was_demagnetised_between_currents_and_not_within_one(quality: Quality) -> None:
+def test_the_core_was_demagnetised_between_currents_and_not_within_one(quality: Ended) -> None:
     truth = quality.truth
     third_run = truth.runs()[[index for index, _ in enumerate(truth.runs())][-3]]
     assert truth.current_A.min() < -0.3
@@ -150,7 +111,7 @@ def test_the_core_was_demagnetised_between_currents_and_not_within_one(quality: 
         assert truth.current_A[rows].min() > -0.05
 
 
-def test_the_coils_lag_is_found_from_the_steps(quality: Quality) -> None:
+def test_the_coils_lag_is_found_from_the_steps(quality: Ended) -> None:
     fit = json.loads(Path(quality.answer["fit"]).read_text(encoding="utf-8"))
     eta = fit["parameters"]["eta"]
     assert eta["identifiable"]
@@ -158,7 +119,7 @@ def test_the_coils_lag_is_found_from_the_steps(quality: Quality) -> None:
     assert eta["simultaneous_low"] <= 25.0 <= eta["simultaneous_high"]
 
 
-def test_the_report_and_its_numbers_hold_the_standard_tests(quality: Quality) -> None:
+def test_the_report_and_its_numbers_hold_the_standard_tests(quality: Ended) -> None:
     found = json.loads((quality.run.path / "characteristics.json").read_text(encoding="utf-8"))
     assert [loop["id"] for loop in found["loops"]] == ["p001", "p002", "p003", "p004"]
     (slow,) = found["friction"]
@@ -173,7 +134,7 @@ def test_the_report_and_its_numbers_hold_the_standard_tests(quality: Quality) ->
         assert words in page
 
 
-def test_a_cycle_dissipates_what_the_damper_really_did(quality: Quality) -> None:
+def test_a_cycle_dissipates_what_the_damper_really_did(quality: Ended) -> None:
     found = json.loads((quality.run.path / "characteristics.json").read_text(encoding="utf-8"))
     truth = quality.truth
     runs = [rows for rows in truth.runs() if abs(np.ptp(truth.displacement_m[rows]) - 0.04) < 1e-3]

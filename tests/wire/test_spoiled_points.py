@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
+from simulated_campaign import Ended, options, simulated
 
-from rig.recording.campaign_log import read_log
 from rig.recording.run import RecordedPoint
 
 pytestmark = pytest.mark.wire
@@ -35,12 +30,8 @@ enabled = false
 """
 
 
-@dataclass(frozen=True)
-class Ending:
-    exit_code: int
-    said: str
-    answer: dict[str, Any]
-    story: list[dict[str, Any]]
+class Ending(Ended):
+    """The campaign's end as these tests look at it."""
 
     def verdicts(self) -> dict[str, str]:
         return {point["id"]: point["verdict"] for point in self.answer["points"]}
@@ -51,8 +42,7 @@ class Ending:
         return {text.partition(":")[0]: who for text, who in zip(point["reasons"], point["blamed"], strict=True)}
 
     def recorded(self) -> dict[str, RecordedPoint]:
-        folder = Path(self.answer["campaign"]) / "points"
-        return {file.stem: RecordedPoint.open(file) for file in sorted(folder.glob("*.h5"))}
+        return {file.stem: RecordedPoint.open(file) for file in sorted((self.folder / "points").glob("*.h5"))}
 
     def trips(self) -> list[str]:
         return [line["slug"] for line in self.story if line["event"] == "station" and line.get("what") == "trip"]
@@ -62,21 +52,13 @@ def run(
     folder: Path, *simulator: str, currents: str = '"0.5 A"', frequency: str = "1 Hz", cycles: int = 5,
     campaign: str = "",
 ) -> Ending:
-    matrix = folder / "matrix.toml"
-    text = MATRIX.format(currents=currents, frequency=frequency, cycles=cycles, campaign=campaign)
-    matrix.write_text(text, encoding="utf-8")
-    command = [sys.executable, "-m", "rig.cli.main", "run", str(matrix), "--simulate", "--speed", "20", "--seed", "3"]
-    done = subprocess.run(
-        [*command, "--json", "--out", str(folder / "out"), "--", *simulator],
-        capture_output=True, text=True, timeout=170, check=False,
-    )  # fmt: skip
-    answer = json.loads(done.stdout)
-    story = read_log(Path(answer["campaign"])) if "campaign" in answer else []
-    return Ending(done.returncode, done.stderr, answer, story)
+    matrix = MATRIX.format(currents=currents, frequency=frequency, cycles=cycles, campaign=campaign)
+    ended = simulated(folder, matrix, *simulator, seed=3)
+    return Ending(ended.exit_code, ended.said, ended.answer)
 
 
 def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_mend_them(tmp_path: Path) -> None:
-    ending = run(tmp_path, "--option", "load_cell.clip=1050", currents='"0 A", "1.5 A"', frequency="5 Hz", cycles=20)
+    ending = run(tmp_path, *options("load_cell.clip=1050"), currents='"0 A", "1.5 A"', frequency="5 Hz", cycles=20)
     assert ending.exit_code == 5, ending.said
     assert ending.trips() == []
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
@@ -85,7 +67,7 @@ def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_mend_th
 
 
 def test_a_load_cell_that_stays_at_its_amplifiers_end_stops_the_rig(tmp_path: Path) -> None:
-    ending = run(tmp_path, "--option", "load_cell.clip=480", currents='"0 A", "1.5 A"')
+    ending = run(tmp_path, *options("load_cell.clip=480"), currents='"0 A", "1.5 A"')
     assert ending.exit_code == 4, ending.said
     assert ending.trips() == ["sensor-saturated"]
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
@@ -103,8 +85,8 @@ def test_a_point_with_a_gap_is_repeated_and_mended(tmp_path: Path) -> None:
 
 
 def test_a_damper_that_heats_and_a_fixture_that_slips_are_named_and_repeated(tmp_path: Path) -> None:
-    options = ("damper.heat_capacity_J_K=8.0", "damper.heat_loss_W_K=0.1", "damper.free_play_m=0.002")
-    ending = run(tmp_path, *(part for option in options for part in ("--option", option)), currents='"1 A"')
+    heating = ("damper.heat_capacity_J_K=8.0", "damper.heat_loss_W_K=0.1")
+    ending = run(tmp_path, *options(*heating, "damper.free_play_m=0.002"), currents='"1 A"')
     assert ending.exit_code == 5, ending.said
     reasons = ending.reasons("p001")
     assert reasons["temperature-drift"] == "test"
