@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -68,7 +69,7 @@ def _mbpoll(url: str) -> str:
 
 
 async def serve(arguments: dict[str, Any]) -> None:
-    """Open everything, say so, run until stopped, complete the truth file.
+    """Open everything, say so, run until stopped or signalled, complete the truth file.
 
     Raises:
         OSError: a socket, the bench file or the truth file cannot be had.
@@ -76,6 +77,8 @@ async def serve(arguments: dict[str, Any]) -> None:
     from simulators.rig import SimulatedRig, take_real_time_priority
 
     rig = SimulatedRig(arguments["options"], arguments["run"])
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, rig.stop)
     rig.warm_up()
     addresses = await rig.open()
     real_time = arguments["real_time"] and take_real_time_priority(arguments["run"].speed)

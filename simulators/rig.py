@@ -7,7 +7,6 @@ import dataclasses
 import gc
 import math
 import os
-import signal
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -156,10 +155,8 @@ class SimulatedRig:
         return bench_text(self.options, addresses, speed, relaxed)
 
     async def run(self) -> None:
-        """Run until `stop`, a termination signal, or (with `exit_when_idle`) standstill after the parent is gone."""
+        """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(number, self.stop)
         gc.freeze()
         deadline_s = loop.time()
         while not self._stopping:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -280,3 +281,26 @@ def test_ctrl_c_ends_it_cleanly(start: Callable[..., Process]) -> None:
     assert process.popen.returncode == 0
     assert process.truth.exists()
     assert not process.bench_path.exists()
+
+
+def test_ctrl_c_the_moment_its_first_line_is_there_ends_it_cleanly_too(tmp_path: Path) -> None:
+    """A full pipe holds it behind its first line, where it explains itself, until the signal is there."""
+    truth = tmp_path / "truth.h5"
+    read_end, write_end = os.pipe()
+    os.set_blocking(write_end, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(write_end, bytes(4096))
+    os.set_blocking(write_end, True)
+    with subprocess.Popen(
+        [*COMMAND, "--truth", str(truth)], stdout=subprocess.PIPE, stderr=write_end, text=True
+    ) as process, open(read_end, "rb") as said:
+        os.close(write_end)
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        while said.read(4096):
+            pass
+        process.wait(timeout=30)
+    assert process.returncode == 0
+    assert truth.exists()
