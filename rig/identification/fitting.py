@@ -245,8 +245,10 @@ def _split(
             raise IdentificationFailed(f"holdout {holdout!r} matches every point; nothing is left to fit")
     elif holdout is not None:
         others = list(holdout.valid) if isinstance(holdout, Run) else list(holdout)
-        kept_out = [each for each in others if isinstance(each, RecordedPoint)]
+        kept_out = [each for each in others if isinstance(each, RecordedPoint) and each.kind == "loop"]
         held_out = [each for each in others if isinstance(each, Measurement)]
+        if others and not kept_out and not held_out:
+            raise IdentificationFailed(f"none of the {len(others)} held-out points is a loop; only loops are scored")
     refuse_seen([*points, *fitted], [*kept_out, *held_out])
     warnings: list[str] = []
     if points or not fitted:
