@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.identification.energy import cycle_energies_J
 from rig.identification.measurement import Measurement
 from rig.identification.preparation import prepare
+from rig.identification.residuals import samples_a_cycle
 from rig.recording.run import RecordedPoint
 
 FloatArray = NDArray[np.float64]
@@ -43,9 +46,9 @@ class LoopCharacteristics:
         id: of the point; `waveform`, `amplitude_m`, `frequency_Hz`, `current_A` as wanted.
         peak_speed_m_s: greatest measured speed, m/s.
         rebound_N: mean force at peak velocity in extension, N (positive); `jounce_N` in compression (negative).
-        energy_J: dissipated in a cycle, the loop's area, J.
+        energy_J: dissipated in a cycle, the loop's area, J; NaN where a stretch of every cycle has no force samples.
         equivalent_damping_N_s_m: `E / (pi omega X^2)`: the viscous damper that dissipates as much in a sine of the
-            measured amplitude, N s/m.
+            measured amplitude and frequency, N s/m.
         force_scatter_N: standard deviation of the force from cycle to cycle at equal phase, N, noise included.
         cycles: number of cycles.
     """
@@ -81,16 +84,15 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
         RigError: too little of the point can be used; the message says why.
     """
     measured = prepare(point) if prepared is None else prepared
-    starts = _cycle_starts(measured)
-    energies, dampings, rebounds, jounces = [], [], [], []
-    for start, stop in itertools.pairwise(starts):
+    energies_J = cycle_energies_J(measured, measured.force_N)
+    omega_1_s = math.tau / (samples_a_cycle(measured.u_m) * measured.dt_s)
+    dampings, rebounds, jounces = [], [], []
+    for energy_J, (start, stop) in zip(energies_J, _cycles(measured, len(energies_J)), strict=True):
         part = slice(start, stop)
         u, v, force = measured.u_m[part], measured.v_m_s[part], measured.force_N[part]
         good = measured.scored[part] & np.isfinite(force)
-        energy_J = float(np.mean((force * v)[good]) / measured.frequency_Hz) if measured.frequency_Hz > 0 else math.nan
         amplitude_m = 0.5 * float(np.max(u) - np.min(u))
-        energies.append(energy_J)
-        dampings.append(energy_J / (math.pi * math.tau * measured.frequency_Hz * amplitude_m**2))
+        dampings.append(float(energy_J) / (math.pi * omega_1_s * amplitude_m**2))
         rebounds.append(_at_peak(force, v, good))
         jounces.append(_at_peak(force, -v, good))
     return LoopCharacteristics(
@@ -102,10 +104,10 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
         peak_speed_m_s=float(np.max(np.abs(measured.v_m_s))),
         rebound_N=over_cycles(rebounds),
         jounce_N=over_cycles(jounces),
-        energy_J=over_cycles(energies),
+        energy_J=over_cycles(energies_J.tolist()),
         equivalent_damping_N_s_m=over_cycles(dampings),
         force_scatter_N=measured.noise_N,
-        cycles=len(energies),
+        cycles=len(energies_J),
     )
 
 
@@ -118,20 +120,21 @@ def over_cycles(values: list[float]) -> Measured:
     return Measured(float(np.mean(known)), scatter / math.sqrt(len(known)), scatter)
 
 
-def _cycle_starts(measured: Measurement) -> list[int]:
-    count, per_cycle = len(measured.u_m), measured.samples_per_cycle
-    cycles = max(1, round(count / per_cycle)) if per_cycle else 1
-    return [round(number * count / cycles) for number in range(cycles + 1)]
+def _cycles(measured: Measurement, count: int) -> Iterator[tuple[int, int]]:
+    """First sample of each cycle, and that of the next."""
+    edges = np.rint(np.linspace(0.0, len(measured.u_m), count + 1)).astype(int).tolist()
+    return itertools.pairwise(edges)
 
 
 def _at_peak(force_N: FloatArray, speed_m_s: FloatArray, good: NDArray[np.bool_]) -> float:
     """Force (N) at the greatest speed in one direction: a straight line through the samples near it.
 
-    Where the speed hardly varies there (a triangle's flank), their mean.
+    Where the speed hardly varies there (a triangle's flank), their mean. NaN where most of them carry no force.
     """
     peak_m_s = float(np.max(speed_m_s))
-    chosen = good & (speed_m_s >= NEAR_PEAK * peak_m_s)
-    if not np.any(chosen):
+    near = speed_m_s >= NEAR_PEAK * peak_m_s
+    chosen = good & near
+    if 2 * np.count_nonzero(chosen) < np.count_nonzero(near):
         return math.nan
     below = speed_m_s[chosen] / peak_m_s - 1.0
     if np.count_nonzero(chosen) < FEWEST_FOR_A_LINE or float(np.std(below)) < LEAST_SPREAD:

@@ -19,8 +19,8 @@ from rig.recording.run import Run
 class DynamicRange:
     """How much more force a current gives than 0 A, in the same motion at peak velocity.
 
-    `rebound` and `jounce` are ratios of force; `std` is the standard uncertainty of the rebound ratio. Force offsets
-    (gas) are taken off both: half the sum of rebound and jounce at 0 A.
+    `rebound` and `jounce` are ratios of force, NaN where the force at peak velocity is not known; `std` is the standard
+    uncertainty of the rebound ratio. Force offsets (gas) are taken off both: half the sum of rebound and jounce at 0 A.
     """
 
     motion: tuple[str, float, float]
@@ -32,20 +32,19 @@ class DynamicRange:
     def to_json(self) -> dict[str, Any]:
         """Every attribute, the motion spelled out."""
         waveform, amplitude_m, frequency_Hz = self.motion
+        ratios = {"rebound": self.rebound, "jounce": self.jounce, "std": self.std}
         return {
             "waveform": waveform,
             "amplitude_m": amplitude_m,
             "frequency_Hz": frequency_Hz,
             "current_A": self.current_A,
-            "rebound": self.rebound,
-            "jounce": self.jounce,
-            "std": self.std if math.isfinite(self.std) else None,
+            **{name: value if math.isfinite(value) else None for name, value in ratios.items()},
         }
 
 
 @dataclass(frozen=True)
 class Characteristics:
-    """What a run says of its damper without a model; `left_out` has one line for each point that says nothing."""
+    """What a run says of its damper without a model; `left_out` has a line for each point that does not say it all."""
 
     loops: tuple[LoopCharacteristics, ...]
     dynamic_range: tuple[DynamicRange, ...]
@@ -98,6 +97,7 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
         try:
             if point.kind == "loop":
                 loops.append(characterise_loop(point, known.get(point.id)))
+                left_out += _unknown(loops[-1])
             elif point.kind == "friction":
                 friction.append(friction_of(point))
         except RigError as error:
@@ -106,8 +106,19 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
     return Characteristics(tuple(loops), tuple(dynamic_range(loops)), tuple(friction), lag, (*left_out, *refused))
 
 
+def _unknown(loop: LoopCharacteristics) -> list[str]:
+    """What of a loop is not known, in words."""
+    values = {
+        "force at peak velocity in rebound": loop.rebound_N,
+        "force at peak velocity in jounce": loop.jounce_N,
+        "energy per cycle and equivalent damping": loop.energy_J,
+    }
+    names = [name for name, each in values.items() if not math.isfinite(each.value)]
+    return [f"{loop.id}: {', '.join(names)}: no force samples over a stretch of every cycle"] if names else []
+
+
 def dynamic_range(loops: Sequence[LoopCharacteristics]) -> list[DynamicRange]:
-    """Every loop with current against the one at 0 A with the same motion."""
+    """Every loop with current and a known peak force against the one at 0 A with the same motion."""
     passive = {loop.motion: loop for loop in loops if loop.current_A == 0.0}
     ranges = []
     for loop in sorted(loops, key=lambda each: (each.motion, each.current_A)):
@@ -117,6 +128,8 @@ def dynamic_range(loops: Sequence[LoopCharacteristics]) -> list[DynamicRange]:
         gas_N = 0.5 * (rest.rebound_N.value + rest.jounce_N.value)
         rebound_N, jounce_N = rest.rebound_N.value - gas_N, rest.jounce_N.value - gas_N
         if not (rebound_N > 0.0 > jounce_N):
+            continue
+        if math.isnan(loop.rebound_N.value) and math.isnan(loop.jounce_N.value):
             continue
         ratio = (loop.rebound_N.value - gas_N) / rebound_N
         std = math.hypot(loop.rebound_N.std / rebound_N, ratio * rest.rebound_N.std / rebound_N)

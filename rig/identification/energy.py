@@ -6,6 +6,7 @@ fitted well and still not do so where no test asked it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -22,13 +23,38 @@ FloatArray = NDArray[np.float64]
 SPEEDS, CURRENTS = 24, 5
 NEGLIGIBLE = 0.005  # share of the greatest power below which power put in does not matter
 DIFFERENT = 0.05  # share of the measured energy by which the model's may differ
+UNKNOWN_ENERGY = "energy per cycle is unknown where a stretch of every cycle has no force samples"
+LONGEST_UNSEEN = 0.05  # share of a cycle over which the power may be bridged: 0.2 % of a sine's energy at the worst
+
+
+def cycle_energies_J(each: Measurement, force_N: FloatArray) -> FloatArray:
+    """Energy (J) that a force (N), shape (n,), takes out in each cycle, shape (k,): the area of the loop.
+
+    `E = integral of F v dt` over one measured period. Lost samples are bridged; NaN for a cycle in which the force is
+    unknown for more than `LONGEST_UNSEEN` of the period at a stretch, as where the load cell was saturated: what was
+    dissipated there is not known.
+    """
+    scored = each.scored
+    period = samples_a_cycle(each.u_m)
+    count = each.u_m.size
+    cycles = max(1, round(count / period))
+    known = np.flatnonzero(scored)
+    power_W = (force_N - float(np.mean(force_N[scored]))) * each.v_m_s
+    power_W = np.interp(np.arange(count), known, power_W[known])
+    edges = np.linspace(0.0, count, cycles + 1)
+    work = np.interp(edges, np.arange(count + 1), np.concatenate(([0.0], np.cumsum(power_W))))
+    energies_J = np.diff(work) * each.dt_s * period / (count / cycles)
+    seen = np.concatenate(([-1], known, [count]))
+    for gap in np.flatnonzero(np.diff(seen) - 1 > LONGEST_UNSEEN * period):
+        energies_J[(edges[:-1] < seen[gap + 1]) & (edges[1:] > seen[gap] + 1)] = np.nan
+    return energies_J
 
 
 def cycle_energy_J(each: Measurement, force_N: FloatArray) -> float:
-    """Energy (J) that a force (N), shape (n,), takes out in one mean cycle, over the samples with a measured force."""
-    scored = each.scored
-    speed = each.v_m_s[scored] - float(np.mean(each.v_m_s[scored]))
-    return samples_a_cycle(each.u_m) * each.dt_s * float(np.mean(force_N[scored] * speed))
+    """Energy (J) that a force (N), shape (n,), takes out in one cycle, the mean of those known; NaN where none is."""
+    energies_J = cycle_energies_J(each, force_N)
+    known = energies_J[np.isfinite(energies_J)]
+    return float(np.mean(known)) if known.size else math.nan
 
 
 def passivity(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> Passivity:
@@ -80,6 +106,9 @@ def judgements(error: ErrorSummary, found: Passivity) -> list[str]:
         for each in error.per_test
         if abs(each.modelled_energy_J - each.energy_J) > DIFFERENT * abs(each.energy_J)
     ]
+    unknown = [each.id for each in error.per_test if math.isnan(each.energy_J)]
+    if unknown:
+        warnings.append(f"{UNKNOWN_ENERGY}: {some(unknown)}")
     if off:
         warnings.append(f"the model's energy per cycle differs by more than {100 * DIFFERENT:g} %: {some(off)}")
     return warnings

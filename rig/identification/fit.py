@@ -57,7 +57,7 @@ class TestError:
         nrmse_percent_of_peak: 100 rmse / max|F - mean F|.
         noise_N: scatter of the force from cycle to cycle (N); None when unknown.
         samples: number of samples.
-        energy_J: energy dissipated in a mean cycle, measured (J).
+        energy_J: energy dissipated in a mean cycle, measured (J); NaN where a stretch of every cycle has no force.
         modelled_energy_J: the same by the model (J).
     """
 

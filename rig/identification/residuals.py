@@ -106,12 +106,20 @@ def autocovariance(values: FloatArray, share: float) -> tuple[FloatArray, FloatA
 
 
 def samples_a_cycle(u_m: FloatArray) -> float:
-    """Mean distance of the upward crossings of mid-stroke, in samples, not rounded; the length when there is no two."""
-    rising = np.flatnonzero((u_m[:-1] < 0.0) & (u_m[1:] >= 0.0))
-    if rising.size < 2:
-        return float(u_m.size)
-    exact = rising + u_m[rising] / (u_m[rising] - u_m[rising + 1])
-    return float((exact[-1] - exact[0]) / (exact.size - 1))
+    """Mean distance of the crossings of the mean position in one direction, in samples, not rounded.
+
+    The direction that has more of them counts: whole cycles cut at their upward crossings have none at their ends. The
+    length where neither has two, as in a single cycle.
+    """
+    about_mean = u_m - float(np.mean(u_m))
+    exact = max(_upward_crossings(about_mean), _upward_crossings(-about_mean), key=len)
+    return float(u_m.size) if exact.size < 2 else float((exact[-1] - exact[0]) / (exact.size - 1))
+
+
+def _upward_crossings(x: FloatArray) -> FloatArray:
+    """Where (in samples, not rounded) x rises through zero."""
+    rising = np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
+    return np.asarray(rising + x[rising] / (x[rising] - x[rising + 1]))
 
 
 def _repeating(gamma: FloatArray, pairs: FloatArray, period: float) -> tuple[FloatArray, float]:

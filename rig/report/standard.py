@@ -30,7 +30,8 @@ def standard_tests(found: Characteristics) -> str:
         "uncertainty of calibrations comes on top. Forces are mean forces at peak velocity, in extension (rebound) and "
         "compression (jounce)."
     )
-    return f'<h2>Standard damper tests</h2><p class="lead">{note}</p>{body}'
+    left_out = f'<p class="lead">Not measured: {text("; ".join(found.left_out))}.</p>' if found.left_out else ""
+    return f'<h2>Standard damper tests</h2><p class="lead">{note}</p>{body}{left_out}'
 
 
 def achieved_table(points: Sequence[RecordedPoint]) -> str:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rig.characteristics.friction import friction_of
 from rig.characteristics.loop import characterise_loop
-from rig.characteristics.summary import Characteristics, dynamic_range
-from rig.recording.run import RecordedPoint
+from rig.characteristics.summary import Characteristics, characterise, dynamic_range
+from rig.identification.energy import cycle_energy_J
+from rig.identification.preparation import prepare
+from rig.recording.run import RecordedPoint, Run
 
 RATE_HZ, AMPLITUDE_M = 500.0, 0.02
 
@@ -97,3 +101,60 @@ def test_everything_can_be_written_as_json_without_nan() -> None:
     found = Characteristics((loop,), (), (), None, ("p009: invalid",))
     text = json.dumps(found.to_json(), allow_nan=False)
     assert json.loads(text)["signature"] == [loop.id]
+
+
+@pytest.mark.parametrize("frequency_Hz", [1.0549, 0.5049, 3.3])
+@pytest.mark.parametrize("share", [1.0, 0.95, 1.04])
+def test_energy_and_damping_follow_the_measured_period_not_the_nominal_one(frequency_Hz: float, share: float) -> None:
+    point = replace(viscous(800.0, frequency_Hz, gas_N=-270.0), frequency_Hz=share * frequency_Hz)
+    loop = characterise_loop(point)
+    exact_J = math.pi * 800.0 * math.tau * frequency_Hz * AMPLITUDE_M**2
+    assert loop.energy_J.value == pytest.approx(exact_J, rel=2e-3)
+    assert loop.equivalent_damping_N_s_m.value == pytest.approx(800.0, rel=3e-3)
+    measured = prepare(point)
+    assert cycle_energy_J(measured, measured.force_N) == pytest.approx(loop.energy_J.value, rel=1e-9)
+
+
+def test_a_short_test_of_two_kept_cycles_has_the_energy_of_one_cycle() -> None:
+    point = viscous(800.0, 1.0)
+    short = point.time_s < 4.6
+    cut = RecordedPoint.from_arrays(
+        time_s=point.time_s[short], displacement_m=point.displacement_m[short], force_N=point.force_N[short],
+        id="short", waveform="sine", amplitude_m=AMPLITUDE_M, frequency_Hz=1.0, current_A=0.0,
+    )  # fmt: skip
+    measured = prepare(cut)
+    exact_J = math.pi * 800.0 * math.tau * AMPLITUDE_M**2
+    assert cycle_energy_J(measured, measured.force_N) == pytest.approx(exact_J, rel=5e-3)
+
+
+def with_a_load_cell_of(range_N: float, point: RecordedPoint) -> RecordedPoint:
+    """The point as a load cell records it that stands still beyond its range."""
+    return replace(point, arrays={**(point.arrays or {}), "force": np.clip(point.force_N, -range_N, range_N)})
+
+
+def test_a_saturated_force_leaves_energy_and_peak_force_unknown_and_says_so(tmp_path: Path) -> None:
+    passive, strong = viscous(800.0, 1.0), with_a_load_cell_of(248.0, viscous(2000.0, 1.0, current_A=1.0))
+    found = characterise(Run(tmp_path, (passive, strong)))
+    loop = found.loops[1]
+    assert math.isnan(loop.energy_J.value)
+    assert math.isnan(loop.equivalent_damping_N_s_m.value)
+    assert math.isnan(loop.rebound_N.value)
+    assert found.dynamic_range == ()
+    assert any(strong.id in line and "energy per cycle" in line for line in found.left_out)
+    assert json.loads(json.dumps(found.to_json(), allow_nan=False))["loops"][1]["energy_J"]["value"] is None
+
+
+def test_a_peak_force_unknown_in_one_direction_leaves_the_other_ratio_standing() -> None:
+    one_sided = viscous(1500.0, 1.0, current_A=1.0)
+    cut = replace(one_sided, arrays={**(one_sided.arrays or {}), "force": np.minimum(one_sided.force_N, 183.0)})
+    (found,) = dynamic_range([characterise_loop(viscous(500.0, 1.0)), characterise_loop(cut)])
+    assert found.to_json()["rebound"] is None
+    assert found.jounce == pytest.approx(3.0, rel=2e-2)
+
+
+def test_a_few_lost_samples_leave_the_energy_as_it_was() -> None:
+    whole = viscous(800.0, 1.5)
+    force_N = whole.force_N.copy()
+    force_N[np.random.default_rng(3).choice(len(force_N), 100, replace=False)] = np.nan
+    lossy = characterise_loop(replace(whole, arrays={**(whole.arrays or {}), "force": force_N}))
+    assert lossy.energy_J.value == pytest.approx(characterise_loop(whole).energy_J.value, rel=2e-3)
