@@ -1,7 +1,8 @@
 """From a sensor's bytes to ring records: unwrapped counters, counted losses, flags.
 
 Loss is counted from the sequence number where the format has one. A format without one is counted against its nominal
-rate (`RateWatch`), which sees a shortfall only beyond its tolerance.
+rate (`RateWatch`), which sees a shortfall only beyond its tolerance; what is found missing is skipped in the sequence, so
+that a count of samples remains a clock. On a rig whose clock is not the host's (a simulated one at speed) it is not watched.
 """
 
 from __future__ import annotations
@@ -76,7 +77,8 @@ class RateWatch:
     """Counts missing samples of a stream that carries no sequence number.
 
     Samples of each second are compared with the nominal rate. Less than the tolerance (1 % and 2 samples, for the
-    device's clock and its bursts) passes unseen.
+    device's clock and its bursts) passes unseen. A second ends with samples that arrive: what a line holds back until
+    then is late, not lost.
 
     Args:
         rate_Hz: samples a second of the host's clock.
@@ -102,7 +104,7 @@ class RateWatch:
             return 0
         self._received += received
         elapsed_ns = now_ns - self._begin_ns
-        if elapsed_ns < self.WINDOW_NS:
+        if not received or elapsed_ns < self.WINDOW_NS:
             return 0
         expected = self.rate_Hz * elapsed_ns / 1e9
         shortfall = int(expected - self._received)
@@ -120,7 +122,8 @@ class SampleStream:
         offset: SI unit, added after scaling: minus what the sensor shows at zero.
         nominal_rate_Hz: samples a second of the device's clock; None when it is not known.
         device_rate: device seconds that pass in one second of the host's clock.
-        has_sequence: whether the format carries a sequence number; without one, losses are counted against the rate.
+        has_sequence: whether the format carries a sequence number; without one, losses are counted against the rate
+            where `device_rate` is 1.
 
     Attributes:
         counters: totals.
@@ -145,12 +148,13 @@ class SampleStream:
         self._offset = offset
         self._rate_Hz = nominal_rate_Hz
         self._watch: RateWatch | None = None
-        if nominal_rate_Hz is not None and not has_sequence:
-            self._watch = RateWatch(nominal_rate_Hz * device_rate)
+        if nominal_rate_Hz is not None and not has_sequence and device_rate == 1.0:
+            self._watch = RateWatch(nominal_rate_Hz)
         period_us = 1e6 / nominal_rate_Hz if nominal_rate_Hz is not None else 0.0
         self._longest_step_us = max(_CLOCK_JUMP_US, _CLOCK_JUMP_PERIODS * period_us)
         self._started = False
         self._sequence = 0  # unwrapped
+        self._skipped = 0  # samples the decoder, which numbers what it sees, does not know of
         self._device_us = NO_DEVICE_TIME  # unwrapped
         self._edges: int | None = None  # unwrapped
         self._gap = False
@@ -177,7 +181,7 @@ class SampleStream:
         """The loop every sample passes; anything unusual goes to `_unusual`."""
         sensitivity, offset, channel = self._sensitivity, self._offset, self._channel
         sequence, device_us, gap = self._sequence, self._device_us, self._gap
-        longest = self._longest_step_us
+        longest, behind = self._longest_step_us, self._skipped - 1
         records: list[Record] = []
         add = records.append
         good = 0
@@ -186,7 +190,7 @@ class SampleStream:
             if (
                 not status
                 and not gap
-                and not (number - sequence - 1) & _SEQUENCE_MASK
+                and not (number - sequence + behind) & _SEQUENCE_MASK
                 and ((clock - device_us) & _US_MASK) < longest
                 and value - value == 0.0
                 and self._started
@@ -211,13 +215,13 @@ class SampleStream:
         number, clock, value, status, edge_count = reading
         if status & STATUS_EDGE:
             return self._edge(clock, edge_count, arrival_ns)
-        step = (number - self._sequence) & _SEQUENCE_MASK if self._started else 1
+        step = (number + self._skipped - self._sequence) & _SEQUENCE_MASK if self._started else 1
         if step == 0:
             self.counters.duplicates += 1
             return None
         flags = self._value_flags(value, status)
         if not self._started:
-            self._sequence, self._device_us = number, clock if clock >= 0 else NO_DEVICE_TIME
+            self._sequence, self._device_us = number + self._skipped, clock if clock >= 0 else NO_DEVICE_TIME
             self._started = True
         else:
             flags |= self._advance(step, clock)
@@ -294,7 +298,9 @@ class SampleStream:
         return arrival_ns, latched_us, 0.0, self._edges & _RECORD_MASK, self._edge_channel, int(flags)
 
     def _skip(self, missing: int) -> None:
-        """Count samples that the rate says are missing before the next one."""
+        """Count samples that the rate says are missing before the next one, and leave their numbers out."""
         if missing:
             self.counters.lost += missing
+            self._sequence += missing
+            self._skipped += missing
             self._gap = True

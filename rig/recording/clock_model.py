@@ -38,6 +38,10 @@ CRYSTAL_DRIFT = 1e-4
 SHORTEST_SPAN_S = 0.2
 """Edges nearer together than this tell nothing about the drift."""
 ENVELOPE_BLOCKS = 40
+LOSS_PERIODS = 0.5
+"""Arrivals that wander against a count of samples by more than this share of a period may hide a lost sample."""
+FAST_RIG_LATENCIES = 4.0
+"""On a rig that outruns the wall arrivals wander by so many unknown latencies though nothing was lost."""
 
 
 @dataclass(frozen=True)
@@ -176,10 +180,7 @@ def by_envelope(local_s: Values, arrival_s: Values, *, device_rate: float = 1.0)
         arrival_s: the same samples' arrival, s, in the clock to go to.
         device_rate: device seconds per wall second; above 1 the drift is not fitted.
     """
-    blocks = min(ENVELOPE_BLOCKS, max(1, len(local_s) // 8))
-    bounds = np.linspace(0, len(local_s), blocks + 1).astype(np.int64)
-    lowest = np.array([_lowest(local_s[a:b], arrival_s[a:b]) for a, b in itertools.pairwise(bounds.tolist())])
-    x, y = lowest[:, 0], lowest[:, 1]
+    x, y = _block_minima(local_s, arrival_s)
     first_s, last_s = float(local_s[0]), float(local_s[-1])
     origin = 0.5 * (first_s + last_s)
     slope = _hull_slope(x - origin, y) if len(x) > 2 and device_rate == 1.0 else 0.0
@@ -189,6 +190,29 @@ def by_envelope(local_s: Values, arrival_s: Values, *, device_rate: float = 1.0)
     std = float(np.hypot(scatter, UNKNOWN_LATENCY_S * device_rate))
     rate_std = CRYSTAL_DRIFT if slope == 0.0 else 2.0 * scatter / span_s
     return ClockModel(origin, origin + offset, 1.0 + slope, std, "device clock", rate_std)
+
+
+def miscount_std_s(local_s: Values, arrival_s: Values, period_s: float, *, device_rate: float = 1.0) -> float:
+    """How uncertain a count of samples is as a clock, for samples lost that nobody counted (s); 0 where none can be.
+
+    A sample that is missing in the count puts all that follow too early, so the lower envelope of their arrival steps
+    up by a period and stays there; a single late block does not. Half of what it wanders is one standard deviation.
+
+    Args:
+        local_s: sample count over nominal rate (n,), s.
+        arrival_s: the same samples' arrival, s, in the clock to go to.
+        period_s: nominal sample period, s.
+        device_rate: device seconds per wall second.
+    """
+    x, y = _block_minima(local_s, arrival_s)
+    if len(x) < 3:
+        return 0.0
+    origin, slope, centre = _line(x, y, with_slope=True)
+    wander = y - origin - slope * (x - centre)
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(wander, 3), axis=1)
+    hidden_s = 0.0 if device_rate == 1.0 else FAST_RIG_LATENCIES * UNKNOWN_LATENCY_S * device_rate
+    reach_s = float(np.ptp(middle))
+    return 0.5 * reach_s if reach_s > max(LOSS_PERIODS * period_s, hidden_s) else 0.0
 
 
 def by_order(
@@ -222,6 +246,14 @@ def by_order(
     return ClockModel(
         origin_s, origin_s + middle_s - 0.5 * period_s, 1.0, std_s, "order of arrival", CRYSTAL_DRIFT,
     )
+
+
+def _block_minima(local_s: Values, arrival_s: Values) -> tuple[FloatArray, FloatArray]:
+    """Local time and lateness (s) of the sample that arrived soonest in each of at most `ENVELOPE_BLOCKS` blocks."""
+    blocks = min(ENVELOPE_BLOCKS, max(1, len(local_s) // 8))
+    bounds = np.linspace(0, len(local_s), blocks + 1).astype(np.int64)
+    lowest = np.array([_lowest(local_s[a:b], arrival_s[a:b]) for a, b in itertools.pairwise(bounds.tolist())])
+    return lowest[:, 0], lowest[:, 1]
 
 
 def _lowest(local_s: FloatArray, arrival_s: FloatArray) -> tuple[float, float]:

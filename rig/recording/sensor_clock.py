@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from protocols.actuator import ProgramPhase
 from protocols.quality import Quality
-from rig.recording.clock_model import LARGEST_DRIFT, UNKNOWN_LATENCY_S, ClockModel, HostMap, by_edges, by_envelope
+from rig.recording.clock_model import (
+    LARGEST_DRIFT,
+    UNKNOWN_LATENCY_S,
+    ClockModel,
+    HostMap,
+    by_edges,
+    by_envelope,
+    miscount_std_s,
+)
 from rig.recording.column import Records, Values, mapped
 from rig.recording.context import PointContext, SensorContext
 from rig.recording.cycle_match import Cycles, match_cycles
@@ -95,9 +103,13 @@ def timed_sensor(
         return _by_edges(clock, local_s, channel, sensor, reference)
     arrival_s = mapped(channel["host_ns"], host.time_s, np.float64)
     clock = by_envelope(local_s, arrival_s, device_rate=context.device_rate)
-    if not has_clock:
-        clock = replace(clock, method="nominal rate")
-    return _by_signal(clock, local_s, channel, sensor, reference, context.device_rate)
+    if has_clock:
+        return _by_signal(clock, local_s, channel, sensor, reference, context.device_rate)
+    miscount_s = miscount_std_s(local_s, arrival_s, 1.0 / sensor.rate_Hz, device_rate=context.device_rate)
+    found = _by_signal(
+        replace(clock, method="nominal rate"), local_s, channel, sensor, reference, context.device_rate
+    )
+    return replace(found, clock=replace(found.clock, std_s=float(np.hypot(found.clock.std_s, miscount_s))))
 
 
 def _by_edges(

@@ -1,6 +1,7 @@
 """From sensor bytes to records: unwrapping, losses, flags, edges, nominal rate."""
 
 import math
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -185,3 +186,42 @@ def test_a_rate_within_its_tolerance_loses_nothing() -> None:
     assert watch.missing(1, 0) == 0
     assert [watch.missing(248, second * 10**9) for second in range(1, 20)] == [0] * 19
     assert watch.missing(200, 20 * 10**9) == 50
+
+
+def test_what_a_line_holds_back_over_the_end_of_a_second_is_late_and_not_lost() -> None:
+    watch = RateWatch(250.0)
+    assert watch.missing(1, 0) == 0
+    assert watch.missing(240, 970_000_000) == 0
+    assert watch.missing(0, 1_000_000_000) == 0
+    assert watch.missing(15, 1_020_000_000) == 0
+
+
+def test_lines_found_missing_leave_a_hole_in_the_sequence_and_time_goes_on_behind_it() -> None:
+    flow = line_stream(250.0)
+    numbers = []
+    flow.take(b"\r\n", NOW)
+    for period in range(1, 1501):
+        if 700 <= period < 750:
+            continue
+        batch = flow.take(b"+0000001.0 N\r\n", NOW + period * 4_000_000)
+        numbers += [(period, record[3]) for record in batch.records]
+    steps = [later[1] - earlier[1] for earlier, later in pairwise(numbers)]
+    assert sum(step - 1 for step in steps) == flow.counters.lost == 50
+    assert [step for step in steps if step != 1] == [51], "one hole, where it was noticed"
+    noticed = steps.index(51) + 1
+    assert all(number == period for period, number in numbers[noticed:]), "the count of samples is a clock again"
+    assert numbers[noticed][0] - 750 < 250, "within a second"
+
+
+def test_more_lines_than_half_the_sequence_may_be_missing() -> None:
+    flow = line_stream(50_000.0)
+    flow.take(b"\r\n+0000001.0 N\r\n", NOW)
+    batch = flow.take(b"+0000001.0 N\r\n" * 2, NOW + 10**9)
+    assert (batch.lost, [record[3] for record in batch.records]) == (49_998, [50_000, 50_001])
+
+
+def test_a_rig_that_outruns_the_wall_is_not_counted_against_the_hosts_clock() -> None:
+    decoder = LineDecoder(preset("signed-decimal"))
+    flow = SampleStream(decoder, Channel.FORCE, nominal_rate_Hz=250.0, device_rate=20.0, has_sequence=False)
+    flow.take(b"\r\n+0000001.0 N\r\n", NOW)
+    assert flow.take(b"+0000001.0 N\r\n", NOW + 10**9).lost == 0

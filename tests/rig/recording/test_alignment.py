@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 from synthetic_rig import SyntheticRig
 
+from drivers.ring import Channel
+from drivers.sample_stream import SampleStream
+from protocols.line_format import LineDecoder, preset
 from rig.recording.alignment import Alignment, NothingRecorded, align, lost_samples
 from rig.recording.clock_model import by_edges
 from rig.recording.context import SensorContext
@@ -114,3 +117,51 @@ def test_two_edges_claim_no_perfection() -> None:
 def test_losses_are_counted_through_the_wrap_of_the_sequence() -> None:
     assert lost_samples(np.array([2**32 - 2, 2**32 - 1, 0, 3], np.uint32)) == 2
     assert lost_samples(np.array([5], np.uint32)) == 0
+
+
+def by_lines(rig: SyntheticRig, lost: slice) -> np.ndarray:
+    """The rig's records with a load cell that sends lines without a number or clock, some of which do not arrive."""
+    records = rig.records()
+    sent = records[records["channel"] == 1]
+    kept = np.delete(sent, lost)
+    stream = SampleStream(
+        LineDecoder(preset("signed-decimal")), Channel.FORCE, nominal_rate_Hz=rig.rate_Hz, has_sequence=False
+    )
+    stream.take(b"\r\n", int(kept["host_ns"][0]))
+    received = [
+        record for value, host_ns in kept[["value", "host_ns"]].tolist()
+        for record in stream.take(f"{value:+010.1f} N\r\n".encode(), host_ns).records
+    ]
+    joined = np.concatenate((records[records["channel"] != 1], np.array(received, RECORD_DTYPE)))
+    return joined[np.argsort(joined["host_ns"], kind="stable")]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_lines_that_never_arrived_are_lost_in_the_file_and_time_goes_on_behind_them(seed: int) -> None:
+    rig = SyntheticRig(edges=False, force_ppm=0.0, seed=seed, jitter_s=3e-4)
+    found, whole = (align(by_lines(rig, lost), rig.context()) for lost in (slice(700, 750), slice(0, 0)))
+    force = found.timed["force"]
+    assert abs(force.lost - 50) <= 1
+    assert whole.timed["force"].lost == 0
+    assert np.isnan(found.values["force"]).sum() >= 48, "nothing is drawn across the hole"
+    after = rig.start_s - 0.5 + np.arange(1000, len(force.records) + 50) / rig.rate_Hz + rig.force_latency_s
+    assert np.abs(force.time_s[-len(after):] - after).max() < 1.6 / rig.rate_Hz
+
+
+def without_force_clock(rig: SyntheticRig, uncounted: int) -> Alignment:
+    """The rig with a load cell that has no clock, some samples of which are lost without anybody counting them."""
+    records = rig.records()
+    force = np.flatnonzero(records["channel"] == 1)
+    records["device_us"][force] = -1
+    records["sequence"][force[700:]] -= np.uint32(uncounted)
+    return align(np.delete(records, force[700 : 700 + uncounted]), rig.context())
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("uncounted", [1, 4])
+def test_samples_lost_below_the_watchs_tolerance_widen_what_is_stated_of_the_clock(uncounted: int, seed: int) -> None:
+    rig = SyntheticRig(edges=False, force_ppm=0.0, seed=seed, jitter_s=3e-4)
+    found, whole = (without_force_clock(rig, lost) for lost in (uncounted, 0))
+    assert found.timed["force"].lost == 0, "nobody could count them"
+    assert found.timed["force"].clock.std_s > np.hypot(whole.timed["force"].clock.std_s, 0.4 * uncounted / 250.0)
+    assert whole.timed["force"].clock.std_s < 2.5e-3, "a line that loses nothing pays nothing"
