@@ -1,8 +1,9 @@
 """From a sensor's bytes to ring records: unwrapped counters, counted losses, flags.
 
 Loss is counted from the sequence number where the format has one. A format without one is counted against its nominal
-rate (`RateWatch`), which sees a shortfall only beyond its tolerance; what is found missing is skipped in the sequence, so
-that a count of samples remains a clock. On a rig whose clock is not the host's (a simulated one at speed) it is not watched.
+rate (`RateWatch`), which sees a shortfall only beyond its tolerance; what is found missing is skipped in the sequence,
+so that a count of samples remains a clock. Where the rig's clock is not the host's (a simulated one at speed) there is
+nothing to count against.
 """
 
 from __future__ import annotations
