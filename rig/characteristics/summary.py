@@ -12,7 +12,9 @@ from rig.characteristics.loop import LoopCharacteristics, characterise_loop
 from rig.errors import RigError
 from rig.identification.current_lag import CurrentLag, lag_of
 from rig.identification.measurement import Measurement
+from rig.identification.preparation import prepare
 from rig.recording.run import Run
+from rig.recording.skew_pooling import pooled_skews
 
 
 @dataclass(frozen=True)
@@ -84,9 +86,10 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
 
     Args:
         run: the run.
-        prepared: measurements already made of its points, by id.
+        prepared: measurements already made of its points, by id; None: made here, with one skew for all points.
     """
     known = {} if prepared is None else prepared
+    skews = pooled_skews(run.usable) if prepared is None else {}
     loops: list[LoopCharacteristics] = []
     friction: list[FrictionTest] = []
     left_out = []
@@ -96,7 +99,8 @@ def characterise(run: Run, prepared: Mapping[str, Measurement] | None = None) ->
             continue
         try:
             if point.kind == "loop":
-                loops.append(characterise_loop(point, known.get(point.id)))
+                measured = known.get(point.id) or prepare(point, skews.get(point.id))
+                loops.append(characterise_loop(point, measured))
                 left_out += _unknown(loops[-1])
             elif point.kind == "friction":
                 friction.append(friction_of(point))

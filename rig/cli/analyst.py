@@ -2,7 +2,7 @@
 
 It is started before the motion, loads the numeric packages at low priority during it, and then answers one JSON line
 on its standard input, {"run", "identify": {"model", "method", "holdout"} or null}, with one on its standard output:
-{"fit", "report", "error", "warning"}.
+{"fit", "report", "error", "report_error"}.
 """
 
 from __future__ import annotations
@@ -18,28 +18,33 @@ from typing import TYPE_CHECKING, Any
 from rig.errors import RigError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
 NICENESS = 10
 
 
 def analyse(run: Path, wanted: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Identify (when wanted) and report; what fails is said, and does not keep the report from being written."""
+    """Identify (when wanted) and report; what fails is said, and does not cost the other."""
     from rig.identification import identify_run
     from rig.report import write_report
 
-    answer: dict[str, Any] = {"fit": None, "report": None, "error": None, "report_error": None}
-    if wanted is not None:
-        try:
-            identify_run([run], **wanted)
-            answer["fit"] = str((run / "fit.json").resolve())
-        except RigError as error:
-            answer["error"] = str(error)
+    def identified() -> Path:
+        identify_run([run], **(wanted or {}))
+        return run / "fit.json"
+
+    fit, error = (None, None) if wanted is None else _made(identified)
+    report, report_error = _made(lambda: write_report(run))
+    return {"fit": fit, "report": report, "error": error, "report_error": report_error}
+
+
+def _made(make: Callable[[], Path]) -> tuple[str | None, str | None]:
+    """The path of what was made, or why it could not be: a message, or the traceback of what nobody foresaw."""
     try:
-        answer["report"] = str(write_report(run).resolve())
+        return str(make().resolve()), None
     except (RigError, OSError) as error:
-        answer["report_error"] = str(error)
-    return answer
+        return None, str(error)
+    except Exception:  # noqa: BLE001 - the last stop of this process: the answer carries the traceback
+        return None, traceback.format_exc()
 
 
 def main() -> int:
@@ -49,11 +54,7 @@ def main() -> int:
         importlib.import_module(room)
     for line in sys.stdin:
         request = json.loads(line)
-        try:
-            answer = analyse(Path(request["run"]), request["identify"])
-        except Exception:  # noqa: BLE001 - the last stop of this process: the answer carries the traceback
-            answer = {"fit": None, "report": None, "error": traceback.format_exc(), "report_error": None}
-        sys.stdout.write(json.dumps(answer) + "\n")
+        sys.stdout.write(json.dumps(analyse(Path(request["run"]), request["identify"])) + "\n")
         sys.stdout.flush()
     return 0
 

@@ -22,12 +22,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class JobResult:
-    """A campaign's result and what was made of it; `fit` and `report` are None when there is none."""
+    """A campaign's result and what was made of it; `fit` and `report` are None when there is none.
+
+    `error` says why there is no fit, `report_error` why there is no report, though they were wanted.
+    """
 
     campaign: CampaignResult
-    fit: Path | None
-    report: Path | None
-    error: str | None
+    fit: Path | None = None
+    report: Path | None = None
+    error: str | None = None
+    report_error: str | None = None
 
     @property
     def exit_code(self) -> int:
@@ -45,6 +49,7 @@ class JobResult:
             "fit": None if self.fit is None else str(self.fit),
             "report": None if self.report is None else str(self.report),
             "identification_error": self.error,
+            "report_error": self.report_error,
         }
 
 
@@ -86,14 +91,19 @@ class Analyst:
             answer: dict[str, Any] = json.loads(line)
         except KeyboardInterrupt:
             self._process.kill()
-            return {"fit": None, "report": None, "error": "interrupted by the operator"}
+            return _nothing("interrupted by the operator", identify)
         except (OSError, ValueError):
             self._process.kill()
             code = self._process.wait()
             self._log.seek(0)
             tail = self._log.read()[-2000:].strip()
-            return {"fit": None, "report": None, "error": f"the identifying process ended (exit {code})\n{tail}"}
+            return _nothing(f"the identifying process ended (exit {code})\n{tail}", identify)
         return answer
+
+
+def _nothing(why: str, identify: Identify | None) -> dict[str, Any]:
+    """The answer of a process that gave none."""
+    return {"fit": None, "report": None, "error": None if identify is None else why, "report_error": why}
 
 
 def run_job(options: CampaignOptions, identify: Identify | None, console: Console) -> JobResult:
@@ -110,12 +120,12 @@ def run_job(options: CampaignOptions, identify: Identify | None, console: Consol
             result = run_campaign(options, display)
         recorded = [point for point in result.points if point.file is not None]
         if not recorded:
-            return JobResult(result, None, None, None)
+            return JobResult(result)
         finished = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID}
         usable = finished and any(point.verdict != "invalid" for point in recorded)
         with console.status("identifying and writing the report"):
             answer = analyst.analyse(result.campaign, identify if usable else None)
-    if answer.get("report_error"):
+    if answer["report_error"] is not None:
         console.print(f"warning: no report: {answer['report_error']}", style="yellow", markup=False)
     paths = {key: None if answer[key] is None else Path(answer[key]) for key in ("fit", "report")}
-    return JobResult(result, paths["fit"], paths["report"], answer["error"])
+    return JobResult(result, paths["fit"], paths["report"], answer["error"], answer["report_error"])

@@ -13,6 +13,7 @@ from rig.dampers import DamperModel
 from rig.errors import FileProblem, RigError
 from rig.recording.durable import write_text_durably
 from rig.recording.run import Run
+from rig.recording.skew_pooling import pooled_skews
 from rig.report import fit as fit_part
 from rig.report import loops, measurement, section, standard
 from rig.report.conditions import conditions
@@ -90,8 +91,12 @@ def views_of(run: Run, fit: Mapping[str, Any] | None) -> tuple[list[PointView], 
     error = (fit or {}).get("error") or {}
     kept = {entry.get("id"): entry for entry in error.get("per_test") or ()}
     apart = {entry.get("id"): entry for entry in (error.get("holdout") or {}).get("per_test") or ()}
+    skews = pooled_skews(run.usable)
     views = [
-        view_of(point, model, values, kept.get(point.id) or apart.get(point.id), held_out=point.id in apart)
+        view_of(
+            point, model, values, kept.get(point.id) or apart.get(point.id), held_out=point.id in apart,
+            skew=skews.get(point.id),
+        )
         for point in run.points
     ]
     return views, remark

@@ -15,6 +15,7 @@ from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
 from rig.identification.preparation import prepare
 from rig.recording.run import RecordedPoint
+from rig.recording.skew_pooling import Skew
 from rig.report.chart import FloatArray, thinned
 
 
@@ -46,13 +47,16 @@ class PointView:
 
 def view_of(
     point: RecordedPoint, model: DamperModel | None, values: Mapping[str, float], error: Mapping[str, Any] | None,
-    *, held_out: bool = False,
+    *, held_out: bool = False, skew: Skew | None = None,
 ) -> PointView:
-    """Prepare a point for drawing; what keeps it from being drawn is said, never hidden."""
+    """Prepare a point for drawing; what keeps it from being drawn is said, never hidden.
+
+    `skew` is what the campaign as a whole knows of the sensors' delays, as for the fit.
+    """
     if point.kind == "current_step":
         return PointView(point, None, "the rod stood still; the current was stepped", error or {}, held_out)
     try:
-        measured = prepare(point)
+        measured = prepare(point, skew)
     except RigError as problem:
         return PointView(point, None, str(problem), error or {}, held_out)
     if "eta" in values:

@@ -13,30 +13,42 @@ import pytest
 
 import rig.dampers
 import rig.identification
+from rig.characteristics import characterise
+from rig.characteristics.loop import characterise_loop
+from rig.cli.analyst import analyse
 from rig.errors import FileProblem
+from rig.identification.energy import cycle_energy_J
+from rig.identification.preparation import prepare_all
 from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.recording.run import Run
 from rig.report import write_report
 from rig.report.__main__ import main
+from rig.report.document import views_of
 
 TRUE = rig.dampers.parameter_set("demo").values
 LARGEST_BYTES = 1_500_000
 
 
-def record(folder: Path, name: str, frequency_Hz: float, current_A: float, *, verdict: str = "valid") -> None:
-    """A point of the demo damper, 6 cycles between two rests, as the finaliser writes it."""
+def record(
+    folder: Path, name: str, frequency_Hz: float, current_A: float, *, verdict: str = "valid", late_s: float = 0.0,
+    **quality: object,
+) -> None:
+    """A point of the demo damper, 6 cycles between two rests, as the finaliser writes it; its force `late_s` late."""
     time_s = np.arange(round((6 / frequency_Hz + 0.4) * 250)) / 250.0
     phase = 2 * np.pi * frequency_Hz * np.clip(time_s - 0.2, 0.0, 6 / frequency_Hz)
     moving = (phase > 0) & (phase < 12 * np.pi)
     u, w = 0.02 * np.sin(phase), 2 * np.pi * frequency_Hz
     v, a = 0.02 * w * np.cos(phase) * moving, -(w**2) * u
     force = rig.dampers.model("asymmetric").force(TRUE, u, v, a, np.full(len(u), current_A), 0.004)
+    force = np.interp(time_s - late_s, time_s, force)
     write_file(folder / "points" / f"{name}.h5", PointFile(
         time_s, 250.0,
         [AlignedChannel("displacement", u, "m", "Damper extension"), AlignedChannel("force", force, "N", "Force"),
          AlignedChannel("current", np.full(len(u), current_A), "A", "Current")],
         test={"id": name, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": frequency_Hz,
               "current_A": current_A, "mid_stroke_m": 0.0},
-        quality={"verdict": verdict, "reasons": ("estop: <stopped> & held",) if verdict == "invalid" else ()},
+        quality={"verdict": verdict, "reasons": ("estop: <stopped> & held",) if verdict == "invalid" else (),
+                 **quality},
         provenance={"bench": "a bench", "specimen": "MR-<001>"},
     ))
 
@@ -222,3 +234,36 @@ def test_a_damaged_fit_is_refused_by_name(run: Path, content: str) -> None:
     (run / "fit.json").write_text(content)
     with pytest.raises(FileProblem, match=r"fit\.json"):
         write_report(run)
+
+
+def test_report_and_characteristics_use_the_skew_that_the_campaign_as_a_whole_knows(run: Path) -> None:
+    late_s = 0.004
+    seen = {"force_matched_lag_s": late_s, "force_matched_lag_std_s": 5e-5, "force_undeclared_delay_s": 0.0,
+            "displacement_matched_lag_s": 0.0, "displacement_matched_lag_std_s": 5e-5,
+            "displacement_undeclared_delay_s": 0.0, "force_tie_std_s": 1e-6, "displacement_tie_std_s": 1e-6,
+            "force_declared_delay_s": 2e-4, "displacement_declared_delay_s": 2e-4}
+    for name, frequency_Hz, current_A in (("p001", 1.0, 0.0), ("p002", 2.0, 0.5)):
+        (run / "points" / f"{name}.h5").unlink()
+        record(run, name, frequency_Hz, current_A, late_s=late_s, **seen)
+    points = [point for point in Run.open(run).points if point.verdict == "valid"]
+    fitted, _ = prepare_all(points)
+    views, _ = views_of(Run.open(run), None)
+    drawn = {view.point.id: view.measured for view in views}
+    for each in fitted:
+        shown = drawn[each.id]
+        assert shown is not None
+        np.testing.assert_allclose(shown.u_m, each.u_m, atol=1e-12)
+    skewless, pooled = characterise_loop(points[0]), characterise(Run.open(run)).loops[0]
+    exact_J = cycle_energy_J(fitted[0], fitted[0].force_N)
+    assert pooled.energy_J.value == pytest.approx(exact_J, rel=1e-9)
+    assert abs(skewless.energy_J.value / exact_J - 1.0) > 1e-5
+
+
+def test_a_report_that_cannot_be_written_costs_no_fit_and_says_why_under_its_own_key(run: Path) -> None:
+    (run / "points" / "p001.h5").unlink()
+    record(run, "p001", 1.0, 0.0, force_span_N="wide")
+    answer = analyse(run, {"model": "asymmetric"})
+    assert answer["error"] is None
+    assert Path(answer["fit"]) == (run / "fit.json").resolve()
+    assert answer["report"] is None
+    assert "wide" in answer["report_error"]
