@@ -1,12 +1,14 @@
 """Gas force and friction from a slow triangle without current.
 
-The force up and the force down at the same place, near mid-stroke: half their sum is what the damper pushes with at
+The force up and the force down at the same place, near mid-stroke (which is which says the cycle's own way from its top
+to its bottom, not the sign of a velocity that noise turns round): half their sum is what the damper pushes with at
 rest (gas, and what stands beside it), half their difference is what resists motion at that low speed: friction, and
 the viscous rest, which is said with its speed. No model is involved: the tanh models are not physical near rest.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +18,7 @@ import numpy as np
 from rig.characteristics.loop import Measured, over_cycles
 from rig.errors import IdentificationFailed
 from rig.recording.cycles import find_cycles, full_cycles
+from rig.recording.layout import FloatArray
 from rig.recording.run import RecordedPoint
 
 MIDDLE = 0.5
@@ -29,7 +32,7 @@ class FrictionTest:
 
     Attributes:
         id: of the point.
-        speed_m_s: mean measured speed between the reversals, m/s.
+        speed_m_s: mean slope of the measured flanks between the reversals, m/s.
         gas_force_N: half the sum of the forces up and down about mid-stroke, N, positive when it pulls the rod in.
         friction_N: half their difference, N.
         stiffness_N_m: slope of the mean force over displacement (a gas spring's), N/m.
@@ -56,18 +59,36 @@ def friction_of(point: RecordedPoint) -> FrictionTest:
     cycles = full_cycles(find_cycles(point.time_s, point.displacement_m))
     half_m = MIDDLE * float(np.median(cycles.amplitude_m))
     gas, friction, stiffness, speeds = [], [], [], []
-    for start_s, stop_s in zip(cycles.start_s, cycles.start_s[1:], strict=False):
+    for start_s, stop_s in itertools.pairwise(cycles.start_s):
         inside = (point.time_s >= start_s) & (point.time_s < stop_s)
-        u = point.displacement_m[inside] - cycles.mean_m
-        v, force = point.velocity_m_s[inside], point.force_N[inside]
-        good = (np.abs(u) <= half_m) & np.isfinite(force) & np.isfinite(v)
-        up, down = good & (v > 0.0), good & (v < 0.0)
+        t, u, force = point.time_s[inside], point.displacement_m[inside] - cycles.mean_m, point.force_N[inside]
+        top_s, bottom_s = _reversals(t, u, half_m)
+        good = (np.abs(u) <= half_m) & np.isfinite(force)
+        falling = (t > top_s) & (t < bottom_s)
+        up, down = good & ~falling, good & falling
         if min(np.count_nonzero(up), np.count_nonzero(down)) < FEWEST_SAMPLES:
             raise IdentificationFailed(f"{point.id}: fewer than {FEWEST_SAMPLES} samples between the reversals")
-        rising, falling = np.polyfit(u[up], force[up], 1), np.polyfit(u[down], force[down], 1)
-        gas.append(0.5 * float(rising[1] + falling[1]))
-        friction.append(0.5 * float(rising[1] - falling[1]))
-        stiffness.append(0.5 * float(rising[0] + falling[0]))
-        speeds.append(0.5 * float(np.mean(v[up]) - np.mean(v[down])))
+        # The rise after the bottom belongs before the one that the cycle begins in the middle of: one straight flank.
+        flank_s = np.where(t >= bottom_s, t - (stop_s - start_s), t) - start_s
+        extending, compressing = (np.polyfit(u[part], force[part], 1) for part in (up, down))
+        gas.append(0.5 * float(extending[1] + compressing[1]))
+        friction.append(0.5 * float(extending[1] - compressing[1]))
+        stiffness.append(0.5 * float(extending[0] + compressing[0]))
+        rise, fall = (float(np.polyfit(flank_s[part], u[part], 1)[0]) for part in (up, down))
+        speeds.append(0.5 * (rise - fall))
     speed_m_s = float(np.mean(speeds)) if speeds else math.nan
     return FrictionTest(point.id, speed_m_s, over_cycles(gas), over_cycles(friction), over_cycles(stiffness))
+
+
+def _reversals(t: FloatArray, u: FloatArray, beyond_m: float) -> tuple[float, float]:
+    """When a cycle turns at its top and at its bottom (s): the middle of the times spent beyond `beyond_m`.
+
+    The noise of a single sample, whose derivative grows with the sampling rate, has no say in the direction.
+
+    Raises:
+        IdentificationFailed: no sample lies beyond.
+    """
+    above, below = t[u > beyond_m], t[u < -beyond_m]
+    if above.size == 0 or below.size == 0:
+        raise IdentificationFailed("a cycle of the friction test has no samples near its reversals")
+    return float(np.mean(above)), float(np.mean(below))

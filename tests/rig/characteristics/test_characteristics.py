@@ -96,6 +96,31 @@ def test_gas_force_friction_and_gas_spring_come_from_a_slow_triangle(
     assert found.speed_m_s == pytest.approx(0.005, rel=1e-6)
 
 
+@pytest.mark.parametrize("rate_Hz", [250.0, 1000.0, 10_000.0])
+@pytest.mark.parametrize("speed_m_s", [1e-4, 1e-3, 1e-2])
+def test_friction_and_gas_force_do_not_depend_on_sampling_rate_or_speed(rate_Hz: float, speed_m_s: float) -> None:
+    amplitude_m = 5e-4 if speed_m_s < 1e-3 else 3e-3
+    frequency_Hz = speed_m_s / (4.0 * amplitude_m)
+    time_s = np.arange(0.0, 4.3 / frequency_Hz, 1.0 / rate_Hz)
+    rng = np.random.default_rng(round(rate_Hz + 1e6 * speed_m_s))
+    phase = np.clip(time_s * frequency_Hz - 0.1, 0.0, None)
+    true_m = amplitude_m * 2.0 / math.pi * np.arcsin(np.sin(math.tau * phase))
+    up = np.where((phase % 1.0 < 0.25) | (phase % 1.0 >= 0.75), 1.0, -1.0)
+    displacement_m = 0.002 + true_m + 5e-6 * rng.standard_normal(len(time_s))
+    point = RecordedPoint.from_arrays(
+        time_s=time_s,
+        displacement_m=displacement_m,
+        force_N=-270.0 + 40.0 * up + 5.0 * rng.standard_normal(len(time_s)),
+        id="slow", waveform="triangle", amplitude_m=amplitude_m, frequency_Hz=frequency_Hz, current_A=0.0,
+    )  # fmt: skip
+    found = friction_of(point)
+    for measured, exact_N in ((found.friction_N, 40.0), (found.gas_force_N, -270.0)):
+        assert measured.value == pytest.approx(exact_N, abs=1.0)
+        assert measured.scatter < 1.0
+        assert abs(measured.value - exact_N) < 10.0 * measured.std + 0.01
+    assert found.speed_m_s == pytest.approx(speed_m_s, rel=2e-3)
+
+
 def test_everything_can_be_written_as_json_without_nan() -> None:
     loop = characterise_loop(viscous(800.0, 1.5))
     found = Characteristics((loop,), (), (), None, ("p009: invalid",))
