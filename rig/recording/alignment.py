@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from protocols.quality import Quality
 from rig.recording.channel import NUMBER, RING_CHANNELS
-from rig.recording.clock_model import IDENTITY, ClockModel, HostMap, by_envelope, by_order, host_map
+from rig.recording.clock_model import ARRIVAL, IDENTITY, ClockModel, HostMap, by_envelope, by_order, host_map
 from rig.recording.column import Column, Records, Values, first_after, mapped, overlapping, thinned
 from rig.recording.context import PointContext
-from rig.recording.interpolation import cubic_at, flags_at, linear_at
+from rig.recording.interpolation import cubic_at, flags_at, status_at
 from rig.recording.layout import FloatArray
 from rig.recording.sensor_clock import SensorClock, timed_sensor
 
@@ -155,7 +155,7 @@ def _timed(
     elif name in ECU_CLOCKED and np.all(records["device_us"] >= 0):
         clock = _ecu_clock(device_s, arrival_s, by_name, context)
     else:
-        return TimedChannel(name, records, arrival_s, ClockModel(0.0, 0.0, 1.0, 0.0, "arrival"), 0, 0.0)
+        return TimedChannel(name, records, arrival_s, ClockModel(0.0, 0.0, 1.0, 0.0, ARRIVAL), 0, 0.0)
     time_s = clock.time_s(device_s)
     return TimedChannel(name, records, time_s, clock, 0, float(np.median(arrival_s - time_s)))
 
@@ -250,15 +250,13 @@ def good_values(records: NDArray[Any]) -> FloatArray:
 
 
 def _status_along(base: TimedChannel, channel: TimedChannel | None) -> Values:
-    """A status value at the base's times; NaN across lost frames (period: the median of its own)."""
-    known = None
-    if channel is not None and len(channel.time_s) >= 3:
-        increasing = np.concatenate(([True], np.diff(np.maximum.accumulate(channel.time_s)) > 0))
-        known = np.asarray(channel.time_s)[increasing], channel.records[:]["value"][increasing]
+    """A status value at the base's times, as `status_at`; NaN where the channel was not recorded."""
+    values = None if channel is None else channel.records[:]["value"]
 
     def part(start: int, stop: int) -> FloatArray:
-        if known is None or len(known[0]) < 3:
-            return np.full(stop - start, np.nan)
-        return linear_at(np.asarray(base.time_s[start:stop]), *known, 2.0 * float(np.median(np.diff(known[0]))))
+        wanted_s = np.asarray(base.time_s[start:stop])
+        if channel is None or values is None:
+            return np.full(len(wanted_s), np.nan)
+        return status_at(wanted_s, np.asarray(channel.time_s), values, by_arrival=channel.clock.method == ARRIVAL)
 
     return _along(base, part)

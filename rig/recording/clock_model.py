@@ -23,6 +23,8 @@ from rig.recording.layout import FloatArray
 if TYPE_CHECKING:
     from rig.recording.column import Values
 
+ARRIVAL = "arrival"
+"""Method of a channel that carries neither clock nor sequence."""
 LARGEST_DRIFT = 1e-3
 """Relative rate error beyond which a fitted drift is not believed (crystals: 1e-4)."""
 EDGE_PRIOR_S = 5e-6

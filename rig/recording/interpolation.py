@@ -61,6 +61,23 @@ def linear_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, peri
     return result
 
 
+def status_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, *, by_arrival: bool) -> FloatArray:
+    """A status value at wanted times (m,), s: straight between neighbouring frames, NaN across lost ones.
+
+    Args:
+        wanted_s: where to evaluate (m,), s.
+        time_s: times of the frames (n,), s; those that do not come after all before are left out.
+        values: (n,), any unit.
+        by_arrival: the times are arrivals, which are irregular: up to two lost frames are then not told from late ones.
+    """
+    increasing = np.diff(np.maximum.accumulate(time_s), prepend=-np.inf) > 0
+    time_s, values = time_s[increasing], values[increasing]
+    if len(time_s) < 3:
+        return np.full(len(wanted_s), np.nan)
+    period_s = float(np.median(np.diff(time_s)))
+    return linear_at(wanted_s, time_s, values, 2.0 * period_s if by_arrival else period_s)
+
+
 def flags_at(wanted_s: FloatArray, time_s: FloatArray, flags: NDArray[np.int8]) -> NDArray[np.int8]:
     """Flags (m,) of the two neighbours of each wanted time, joined; 0 beyond the ends."""
     result = np.zeros(len(wanted_s), np.int8)

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from protocols.quality import Quality
 from rig.recording.alignment import BAD_VALUE
+from rig.recording.clock_model import ARRIVAL
 from rig.recording.conversion import FinishedPoint, ReadBackDiffers
 from rig.recording.durable import replace_durably
-from rig.recording.interpolation import cubic_at, linear_at
+from rig.recording.interpolation import cubic_at, status_at
 from rig.recording.layout import FloatArray, check_of, parts, set_attributes
 from rig.recording.run import RecordedPoint
 from rig.recording.skew_pooling import Skew, pooled_skews
@@ -83,9 +84,10 @@ def _write_again(path: Path, point: RecordedPoint, skew: Skew) -> None:
     with h5py.File(partial, "r+") as file:
         _move(file["entry"], point, skew)
     with h5py.File(partial, "r") as file:
-        for dataset in file["entry/data"].values():
-            if "crc32" in dataset.attrs and check_of(dataset[:]) != int(dataset.attrs["crc32"]):
-                raise ReadBackDiffers(f"{path}: {dataset.name} read back differs from what was written again")
+        for group in (file["entry/data"], *file["entry/raw"].values()):
+            for dataset in group.values():
+                if "crc32" in dataset.attrs and check_of(dataset[:]) != int(dataset.attrs["crc32"]):
+                    raise ReadBackDiffers(f"{path}: {dataset.name} read back differs from what was written again")
     replace_durably(partial, path)
 
 
@@ -114,14 +116,15 @@ def _brought(data: h5py.Group, channel: h5py.Group, name: str) -> FloatArray:
     """A channel at the displacement's sample times (n,); NaN where nothing was measured."""
     bad = (channel["flags"][:].astype(np.int64) & int(BAD_VALUE)) != 0
     values, times_s = np.where(bad, np.nan, channel["value"][:]), channel["time"][:]
-    increasing = np.concatenate(([True], np.diff(np.maximum.accumulate(times_s)) > 0))
-    values, times_s = values[increasing], times_s[increasing]
-    period_s = float(np.median(np.diff(times_s)))
     wanted_s = data["time"]
     if name in STATUS:
+        by_arrival = channel.attrs.get("clock_method") == ARRIVAL
         return np.concatenate([
-            linear_at(wanted_s[rows], times_s, values, 2.0 * period_s) for rows in parts(len(wanted_s))
+            status_at(wanted_s[rows], times_s, values, by_arrival=by_arrival) for rows in parts(len(wanted_s))
         ])
+    increasing = np.diff(np.maximum.accumulate(times_s), prepend=-np.inf) > 0
+    values, times_s = values[increasing], times_s[increasing]
+    period_s = float(np.median(np.diff(times_s)))
     return np.concatenate([cubic_at(wanted_s[rows], times_s, values, period_s) for rows in parts(len(wanted_s))])
 
 

@@ -205,7 +205,7 @@ def _coarsened(time_s: Values, channel: Records, rate_Hz: float) -> tuple[FloatA
         times.append(np.asarray(time_s[rows])[:count].reshape(-1, every).mean(axis=1))
         values.append(good.reshape(-1, every).mean(axis=1))
     joined = np.concatenate(times)
-    after = np.concatenate(([True], np.diff(np.maximum.accumulate(joined)) > 0))
+    after = np.diff(np.maximum.accumulate(joined), prepend=-np.inf) > 0
     return joined[after], np.concatenate(values)[after], every / rate_Hz
 
 
@@ -228,12 +228,29 @@ def matched_edges(edge_records: Records | None, pulse_records: Records | None) -
     counts = np.round(pulses["value"]).astype(np.int64) % PULSE_COUNT_MODULO
     pulse_count = counts[0] + np.concatenate(([0], np.cumsum(np.diff(counts) % PULSE_COUNT_MODULO)))
     edge_count = edges["sequence"].astype(np.int64)
-    same = np.flatnonzero((edge_count[:, None] - pulse_count[None, :]) % EDGE_COUNT_MODULO == 0)
-    if len(same) == 0:
+    best = _surest(edge_count, edges["host_ns"], pulse_count, pulses["host_ns"])
+    if best is None:
         return np.zeros((0, 2))
-    rows, columns = np.unravel_index(same, (len(edge_count), len(pulse_count)))
-    apart = np.abs(edges["host_ns"][rows] - pulses["host_ns"][columns])
-    best = int(np.argmin(apart))
-    shift = int(edge_count[rows[best]] - pulse_count[columns[best]])
+    shift = int(edge_count[best[0]] - pulse_count[best[1]])
     _, at_edge, at_pulse = np.intersect1d(edge_count - shift, pulse_count, return_indices=True)
     return np.column_stack((edges["device_us"][at_edge], pulses["device_us"][at_pulse])) * 1e-6
+
+
+def _surest(
+    edge_count: NDArray[np.int64], edge_ns: NDArray[np.int64], pulse_count: NDArray[np.int64],
+    pulse_ns: NDArray[np.int64],
+) -> tuple[int, int] | None:
+    """Edge and pulse of the same count modulo 256 that arrived nearest to each other; None where no counts agree."""
+    first = min(int(edge_ns.min()), int(pulse_ns.min()))
+    span = max(int(edge_ns.max()), int(pulse_ns.max())) - first + 1
+    wanted = edge_count % EDGE_COUNT_MODULO * span + (edge_ns - first)
+    keys = pulse_count % EDGE_COUNT_MODULO * span + (pulse_ns - first)
+    order = np.argsort(keys)
+    after = np.searchsorted(keys[order], wanted)
+    pairs = [
+        (int(abs(wanted[edge] - keys[pulse])), int(edge), int(pulse))
+        for neighbour in (after - 1, after)
+        for edge, pulse in enumerate(order[np.clip(neighbour, 0, len(order) - 1)])
+        if (edge_count[edge] - pulse_count[pulse]) % EDGE_COUNT_MODULO == 0
+    ]
+    return min(pairs)[1:] if pairs else None

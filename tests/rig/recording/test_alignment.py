@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
-from synthetic_rig import SyntheticRig
+from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
 from drivers.sample_stream import SampleStream
@@ -165,3 +167,40 @@ def test_samples_lost_below_the_watchs_tolerance_widen_what_is_stated_of_the_clo
     assert found.timed["force"].lost == 0, "nobody could count them"
     assert found.timed["force"].clock.std_s > np.hypot(whole.timed["force"].clock.std_s, 0.4 * uncounted / 250.0)
     assert whole.timed["force"].clock.std_s < 2.5e-3, "a line that loses nothing pays nothing"
+
+
+def test_the_measured_current_is_unknown_across_a_lost_frame() -> None:
+    rig = SyntheticRig()
+    records = rig.records()
+    frames = np.flatnonzero(records["channel"] == Channel.COIL_CURRENT)
+    whole, holed = (
+        np.isnan(align(kept, rig.context()).values["current"]).sum()
+        for kept in (records, np.delete(records, frames[300:301]))
+    )
+    assert holed - whole in {4, 5, 6}, "20 ms of samples at 250 Hz"
+
+
+def test_a_long_points_edges_are_matched_without_room_for_every_pair() -> None:
+    count = 20_000
+    pulses, edges = np.zeros(count, RECORD_DTYPE), np.zeros(count, RECORD_DTYPE)
+    pulses["value"], pulses["host_ns"] = (np.arange(count) + 60_000) % 65536, np.arange(count) * 10**8
+    pulses["device_us"] = np.arange(count) * 10**5
+    edges["sequence"], edges["host_ns"] = np.arange(count) + 60_000 % 256, np.arange(count) * 10**8 + 3 * 10**6
+    edges["device_us"] = np.arange(count) * 10**5 + 250
+    tracemalloc.start()
+    pairs = matched_edges(edges[5:], pulses)
+    most_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(pairs) == count - 5
+    assert np.allclose(pairs[:, 0] - pairs[:, 1], 250e-6)
+    assert most_bytes < 50e6
+
+
+@pytest.mark.parametrize("kept", [1, 3, 9, 15, 60])
+def test_a_point_cut_off_after_a_few_samples_of_a_fast_sensor_can_still_be_aligned(kept: int) -> None:
+    rig = SyntheticRig(rate_Hz=10_000.0)
+    records = with_controller_record(rig, 0.0)
+    spare = np.concatenate([np.flatnonzero(records["channel"] == number)[kept:] for number in (1, 2)])
+    found = align(np.delete(records, spare), rig.context(controller_delay_s=0.0))
+    assert len(found.time_s) == kept
+    assert found.timed["force"].sensor.match is None

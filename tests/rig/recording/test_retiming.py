@@ -10,7 +10,7 @@ import pytest
 from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
-from rig.recording.conversion import build
+from rig.recording.conversion import ReadBackDiffers, build
 from rig.recording.journal import JournalContent
 from rig.recording.layout import write_file
 from rig.recording.retiming import retime
@@ -97,3 +97,20 @@ def test_points_that_agree_with_the_declaration_are_not_written_again(tmp_path: 
     before = {file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.h5")}
     assert list(retime(tmp_path)) == []
     assert {file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.h5")} == before
+
+
+def test_a_sample_time_that_was_not_written_as_meant_is_noticed_and_the_file_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_points(tmp_path, LAG_S)
+    before = {file.name: file.read_bytes() for file in sorted(tmp_path.glob("*.h5"))}
+    write = h5py.Dataset.__setitem__
+
+    def forgetful(dataset: h5py.Dataset, rows: object, values: np.ndarray) -> None:
+        if dataset.name != "/entry/raw/force/time":
+            write(dataset, rows, values)
+
+    monkeypatch.setattr(h5py.Dataset, "__setitem__", forgetful)
+    with pytest.raises(ReadBackDiffers, match="/entry/raw/force/time"):
+        list(retime(tmp_path))
+    assert {file.name: file.read_bytes() for file in sorted(tmp_path.glob("*.h5"))} == before
