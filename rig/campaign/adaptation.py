@@ -16,6 +16,10 @@ MOST_STEPS = 3
 LEAST_ANSWER = 0.25
 """A larger command that brings less than this share of itself is not answered."""
 LARGEST_SHIFT_M = 5e-3
+LEAST_SHARE = 0.5
+"""Share of the wanted amplitude that a shift of the centre always leaves room for."""
+LEAST_CHANGE = 0.1
+"""A correction that a limit makes smaller than this share of the tolerance is none."""
 TRIAL_CYCLES = 3
 TRIAL_RAMP_CYCLES = 1.0
 
@@ -39,10 +43,37 @@ class MotionSeen:
 
 @dataclass(frozen=True)
 class Ceiling:
-    """The largest amplitude (m) that may be commanded, and what limits it, in words."""
+    """What may be commanded.
+
+    Attributes:
+        amplitude_m: the largest amplitude that speed and acceleration allow, m; `what` limits it, in words.
+        low_m: lowest position that may be commanded, m; `high_m` the highest; `where` they come from, in words.
+    """
 
     amplitude_m: float = math.inf
     what: str = ""
+    low_m: float = -math.inf
+    high_m: float = math.inf
+    where: str = ""
+
+    def allowed(self, point: TestPoint, amplitude_m: float, shift_m: float) -> tuple[float, float, str]:
+        """Amplitude and shift of the centre (m) nearest to the wanted ones, and what keeps them from being commanded.
+
+        The shift comes first: it is what keeps the measured motion in the middle of the limits.
+        """
+        least_m = LEAST_SHARE * point.amplitude_m
+        lowest_m = max(-LARGEST_SHIFT_M, self.low_m + least_m - point.centre_m)
+        highest_m = min(LARGEST_SHIFT_M, self.high_m - least_m - point.centre_m)
+        moved_m = max(lowest_m, min(highest_m, shift_m))
+        centre_m = point.centre_m + moved_m
+        room_m = min(self.high_m - centre_m, centre_m - self.low_m)
+        needed = f"a command of {1e3 * amplitude_m:.4g} mm about {1e3 * centre_m:.4g} mm would be needed"
+        why = ""
+        if amplitude_m > min(room_m, self.amplitude_m):
+            why = f"{needed}, beyond {self.where if room_m < self.amplitude_m else self.what}"
+        elif moved_m != shift_m:
+            why = f"the centre would have to be moved by {1e3 * shift_m:.4g} mm; {1e3 * moved_m:.4g} mm are allowed"
+        return min(amplitude_m, room_m, self.amplitude_m), moved_m, why
 
 
 @dataclass(frozen=True)
@@ -94,7 +125,7 @@ def drive_for(point: TestPoint, known: Drives, ceiling: Ceiling) -> Drive:
     alike = [drive for drive in known if drive.waveform == point.waveform and not drive.cannot]
     shift_m = min(alike, key=lambda drive: _apart(drive, point)).shift_m if alike else 0.0
     wanted_m = point.amplitude_m * _predicted_gain(alike, point.frequency_Hz)
-    command_m = min(wanted_m, max(point.amplitude_m, ceiling.amplitude_m))
+    command_m, shift_m, _ = ceiling.allowed(point, wanted_m, shift_m)
     return Drive(point.waveform, point.amplitude_m, point.frequency_Hz, command_m, shift_m)
 
 
@@ -144,19 +175,13 @@ def learned(drive: Drive, point: TestPoint, seen: MotionSeen, tolerance: float, 
     if _unanswered(drive, point, seen, tolerance):
         return _given_up(drive, point, seen, _machine(seen))
     wanted_m = drive.command_m * point.amplitude_m / seen.amplitude_m
-    shift_m = drive.shift_m - (seen.mean_m - point.centre_m)
-    shift_m = max(-LARGEST_SHIFT_M, min(LARGEST_SHIFT_M, shift_m))
-    largest_m = ceiling.amplitude_m - abs(shift_m)
-    if wanted_m > largest_m and (drive.command_m >= largest_m * (1.0 - 1e-9)):
-        needed = f"a command of {1e3 * wanted_m:.4g} mm would be needed, beyond {ceiling.what}"
-        return _given_up(drive, point, seen, f"{needed}; {_machine(seen)}" if seen.valve_saturated else needed)
-    return replace(
-        drive,
-        command_m=min(wanted_m, max(largest_m, drive.command_m)),
-        shift_m=shift_m,
-        steps=drive.steps + 1,
-        tried=(drive.command_m, seen.amplitude_m),
-    )
+    wanted_shift_m = drive.shift_m - (seen.mean_m - point.centre_m)
+    command_m, shift_m, why = ceiling.allowed(point, wanted_m, wanted_shift_m)
+    change_m = max(abs(command_m - drive.command_m), abs(shift_m - drive.shift_m))
+    if why and change_m <= LEAST_CHANGE * tolerance * point.amplitude_m:
+        return _given_up(drive, point, seen, f"{why}; {_machine(seen)}" if seen.valve_saturated else why)
+    tried = (drive.command_m, seen.amplitude_m)
+    return replace(drive, command_m=command_m, shift_m=shift_m, steps=drive.steps + 1, tried=tried)
 
 
 def _unanswered(drive: Drive, point: TestPoint, seen: MotionSeen, tolerance: float) -> bool:

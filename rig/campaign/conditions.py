@@ -12,7 +12,7 @@ from rig.bench.model import Bench
 from rig.campaign.adaptation import Ceiling
 from rig.matrix.forecast import forecaster
 from rig.matrix.model import Matrix
-from rig.matrix.plan import command_limit
+from rig.matrix.plan import command_limit, command_room
 from rig.matrix.point import TestPoint
 from rig.matrix.schedule import Load, Thermal, load_of, thermal_of, warm_up_point
 
@@ -33,7 +33,7 @@ class Conditions:
 
     Attributes:
         tolerance: allowed deviation of the amplitude, relative; None: the command is not compensated.
-        ceilings: by point id, the largest amplitude that may be commanded.
+        ceilings: by point id, what may be commanded.
         thermal: temperature window and heat model; None without a window.
         loads: by point id, its heat.
         warm_up: the motion that warms; None without a window.
@@ -50,7 +50,7 @@ class Conditions:
     demagnetise: bool = False
 
     def ceiling(self, point: TestPoint) -> Ceiling:
-        """The largest amplitude that may be commanded for a point."""
+        """What may be commanded for a point."""
         return dict(self.ceilings).get(point.id, Ceiling())
 
     def highest_start(self, point: TestPoint) -> float:
@@ -97,9 +97,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     points, temperature = matrix.points(), matrix.temperature
     found = Conditions(
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
-        ceilings=tuple(
-            (point.id, Ceiling(*command_limit(point, matrix, bench))) for point in points if point.kind == "loop"
-        ),
+        ceilings=tuple((point.id, _ceiling(point, matrix, bench)) for point in points if point.kind == "loop"),
         demagnetise=matrix.campaign.demagnetise,
     )
     if temperature is None:
@@ -112,6 +110,12 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
         warm_up=warm_up_point(points, forecast, temperature),
         longest_s=temperature.longest_s,
     )
+
+
+def _ceiling(point: TestPoint, matrix: Matrix, bench: Bench) -> Ceiling:
+    amplitude_m, what = command_limit(point, bench)
+    low_m, high_m, where = command_room(matrix, bench)
+    return Ceiling(amplitude_m, what, low_m, high_m, where)
 
 
 def demagnetising_currents(largest_A: float) -> tuple[float, ...]:

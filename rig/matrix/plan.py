@@ -175,22 +175,28 @@ def _reasons(point: TestPoint, force_N: float | None, matrix: Matrix, bench: Ben
     yield from _independent_of_amplitude(point, matrix, bench)
 
 
-def command_limit(point: TestPoint, matrix: Matrix, bench: Bench) -> tuple[float, str]:
-    """The largest amplitude (m) that may be commanded for a point's motion, and what limits it, in words.
+def command_limit(point: TestPoint, bench: Bench) -> tuple[float, str]:
+    """The largest amplitude (m) that speed and acceleration let be commanded for a point's motion, and which of them.
 
-    The same limits as the plan's, but for the force: that follows the motion reached, not the one commanded.
+    The same limits as the plan's. The force's is none of them: that follows the motion reached, not the one commanded.
     """
     limits, one_metre = bench.limits, replace(point, amplitude_m=1.0)
-    low, high = limits.position_m
     allowed = {
         f"the bench's speed limit, {limits.speed_m_s:.3g} m/s": limits.speed_m_s / one_metre.peak_speed_m_s,
         f"the bench's acceleration limit, {limits.acceleration_m_s2:.3g} m/s^2": limits.acceleration_m_s2
         / one_metre.peak_acceleration_m_s2,
-        f"the bench's position limits, {show(low, 'mm')} to {show(high, 'mm')}": _room_m(point, bench),
-        f"the specimen's stroke, {show(matrix.specimen.stroke_m, 'mm')}": matrix.specimen.stroke_m / 2.0 - HEADROOM_M,
     }
     what = min(allowed, key=lambda name: allowed[name])
     return allowed[what], what
+
+
+def command_room(matrix: Matrix, bench: Bench) -> tuple[float, float, str]:
+    """Lowest and highest position (m) that may be commanded, headroom taken off, and what sets them, in words."""
+    (low_m, high_m), specimen = bench.limits.position_m, matrix.specimen
+    half_m = 0.5 * specimen.stroke_m
+    low_m, high_m = max(low_m, specimen.mid_stroke_m - half_m), min(high_m, specimen.mid_stroke_m + half_m)
+    where = f"the positions that bench and specimen allow, {show(low_m, 'mm')} to {show(high_m, 'mm')}"
+    return low_m + HEADROOM_M, high_m - HEADROOM_M, where
 
 
 def _too_hot(point: TestPoint, energy_J: float | None, matrix: Matrix) -> Iterator[str]:

@@ -23,7 +23,7 @@ from rig.campaign.adaptation import (
 from rig.matrix.point import TestPoint
 
 POINT = TestPoint("p001", "sine", 0.03, 2.0, 1.0)
-FREE = Ceiling(0.085, "the specimen's stroke")
+FREE = Ceiling(low_m=-0.085, high_m=0.085, where="the specimen's stroke")
 Machine = Callable[[float, float], MotionSeen]
 
 
@@ -32,7 +32,9 @@ def adapt(point: TestPoint, machine: Machine, ceiling: Ceiling = FREE, tolerance
     drive, programs = drive_for(point, (), ceiling), 0
     while not drive.settled:
         program = commanded(point, drive)
-        assert program.amplitude_m + abs(program.centre_m - point.centre_m) <= ceiling.amplitude_m + 1e-12
+        assert program.amplitude_m <= ceiling.amplitude_m
+        assert program.centre_m + program.amplitude_m <= ceiling.high_m + 1e-12
+        assert program.centre_m - program.amplitude_m >= ceiling.low_m - 1e-12
         drive = learned(drive, point, machine(program.amplitude_m, program.centre_m), tolerance, ceiling)
         programs += 1
         assert programs <= MOST_STEPS + 1
@@ -65,6 +67,47 @@ def test_a_limit_of_the_bench_is_named_and_never_passed() -> None:
     drive, _ = adapt(POINT, lambda command_m, centre_m: MotionSeen(0.9 * command_m, centre_m), ceiling)
     assert "beyond the bench's speed limit" in drive.cannot
     assert drive.command_m == pytest.approx(0.0305)
+
+
+def test_a_shift_known_from_other_motions_never_leads_beyond_the_position_limits() -> None:
+    limits = Ceiling(2.0, "speed", -0.084, 0.084, "the positions allowed")
+
+    def sensor_zero_3_mm_off(command_m: float, centre_m: float) -> MotionSeen:
+        return MotionSeen(0.99 * command_m, centre_m + 0.003)
+
+    learned_on, _ = adapt(POINT, sensor_zero_3_mm_off, limits, tolerance=0.005)
+    assert learned_on.shift_m == pytest.approx(-0.003)
+    large = TestPoint("p002", "sine", 0.083, 0.5, 0.0)
+    drive, programs = drive_for(large, (learned_on,), limits), 0
+    while not drive.settled:
+        program = commanded(large, drive)
+        assert program.centre_m - program.amplitude_m >= limits.low_m - 1e-12
+        drive = learned(drive, large, sensor_zero_3_mm_off(program.amplitude_m, program.centre_m), 0.005, limits)
+        programs += 1
+    assert "about -3 mm would be needed, beyond the positions allowed" in drive.cannot
+    assert programs <= 2
+
+
+def test_a_speed_limit_takes_nothing_from_the_room_for_the_centre() -> None:
+    ceiling = Ceiling(0.0305, "the bench's speed limit", -0.084, 0.084, "the positions allowed")
+    drive, _ = adapt(POINT, lambda command_m, centre_m: MotionSeen(0.99 * command_m, centre_m + 0.004), ceiling, 0.005)
+    assert drive.cannot == ""
+    assert drive.command_m == pytest.approx(0.03 / 0.99)
+    assert drive.shift_m == pytest.approx(-0.004)
+
+
+def test_a_centre_too_far_off_is_named() -> None:
+    drive, programs = adapt(POINT, lambda command_m, centre_m: MotionSeen(command_m, centre_m + 0.008))
+    assert "the centre would have to be moved by -8 mm; -5 mm are allowed" in drive.cannot
+    assert programs == 2
+
+
+def test_a_small_motion_beside_a_limit_keeps_room_to_move() -> None:
+    ceiling = Ceiling(1.0, "speed", -0.084, 0.084, "the positions allowed")
+    beside = TestPoint("p003", "sine", 0.002, 1.0, 0.0, centre_m=-0.082)
+    drive, _ = adapt(beside, lambda command_m, centre_m: MotionSeen(command_m, centre_m + 0.004), ceiling)
+    assert drive.cannot
+    assert drive.command_m >= 0.001 - 1e-12
 
 
 def test_a_saturated_valve_is_named() -> None:
