@@ -119,15 +119,10 @@ class ChannelJudge:
         host_ns, device_us, value, sequence, channel, flags = record
         if flags & Quality.GAP_BEFORE:
             findings.append(Finding("sample-gap", f"{self.name}: samples lost before sequence {sequence}", host_ns))
+        self._follow_flags(record, findings)
         if flags & Quality.NOT_A_NUMBER or math.isnan(value):
             findings.append(Finding("sensor-nan", f"{self.name}: sample {sequence} is not a number", host_ns))
             return record
-        self._faulty = self._faulty + 1 if flags & Quality.SENSOR_FAULT else 0
-        if self._faulty == CONSECUTIVE:
-            findings.append(Finding("sensor-fault", f"{self.name}: the sensor reports a fault", host_ns, value))
-        self._saturated = self._saturated + 1 if flags & Quality.OVERLOAD or abs(value) >= self.span else 0
-        if self._saturated == CONSECUTIVE:
-            findings.append(Finding("sensor-saturated", f"{self.name}: at its end", host_ns, value, self.span))
         # Over lost samples the value may have gone anywhere; its limits are judged all the same.
         if not flags & Quality.GAP_BEFORE and abs(value - self.last_value) > self.spike_jump:
             self._jumps += 1
@@ -141,6 +136,22 @@ class ChannelJudge:
         self.last_value = value
         self._check_limits(host_ns, value, findings)
         return record
+
+    def _follow_flags(self, record: Record, findings: list[Finding]) -> None:
+        """Count samples in a row with a fault, or at the end; one with neither value nor flag ends neither count."""
+        host_ns, _, value, _, _, flags = record
+        if flags & Quality.SENSOR_FAULT:
+            self._faulty += 1
+        elif not math.isnan(value):
+            self._faulty = 0
+        if self._faulty >= CONSECUTIVE:
+            findings.append(Finding("sensor-fault", f"{self.name}: the sensor reports a fault", host_ns, value))
+        if flags & Quality.OVERLOAD or abs(value) >= self.span:
+            self._saturated += 1
+        elif not math.isnan(value):
+            self._saturated = 0
+        if self._saturated >= CONSECUTIVE:
+            findings.append(Finding("sensor-saturated", f"{self.name}: at its end", host_ns, value, self.span))
 
     def _check_limits(self, host_ns: int, value: float, findings: list[Finding]) -> None:
         if self.low <= value <= self.high:
@@ -203,6 +214,6 @@ class MotionJudge:
     def _judge_speed(self, host_ns: int, findings: list[Finding]) -> None:
         speed_m_s = abs(self.speed_m_s)
         self._over = self._over + 1 if speed_m_s > self.speed_limit_m_s else 0
-        if self._over == CONSECUTIVE:
+        if self._over >= CONSECUTIVE:
             detail = f"LVDT speed {speed_m_s:.4g} m/s, allowed {self.speed_limit_m_s:.4g} m/s"
             findings.append(Finding("speed-limit", detail, host_ns, speed_m_s, self.speed_limit_m_s))

@@ -55,7 +55,7 @@ class SensorDriver(Protocol):
 class SensorThread(DeviceThread):
     """Owns a sensor's port from the first read on.
 
-    Silence is judged here, right after a read that brought nothing, so that a station that was kept from running does
+    Silence is judged here, right after a read that brought no value, so that a station that was kept from running does
     not mistake data waiting in its port for silence. The supervisor's own check of the age is only a backstop.
     """
 
@@ -148,7 +148,7 @@ class SensorThread(DeviceThread):
         return (count - 1) / elapsed_s if elapsed_s > 0 else None
 
     def counters(self, now_ns: int) -> dict[str, object]:
-        """Age of the last sample and what was counted."""
+        """Age of the last value and what was counted."""
         return {
             "age_s": (now_ns - self._last_ns) / 1e9,
             "samples": self.samples,
@@ -188,7 +188,10 @@ class SensorThread(DeviceThread):
             self._judge_line(len(samples), batch.arrival_ns)
             if samples:
                 self._take(samples)
+            if any(math.isfinite(record[2]) for record in samples):
+                self._last_ns = batch.arrival_ns
             else:
+                # A sample without a value leaves the channel as old as it was.
                 self._judge_silence()
             if len(samples) != len(batch.records):
                 self._append([record for record in batch.records if record[4] != self._channel])
@@ -205,7 +208,6 @@ class SensorThread(DeviceThread):
         self._append(records)
         if self.clock.take(records[-1][0], records[-1][1]):
             self._supervisor.report(drift(self.name, self.clock.ppm, self.reference_ppm(), records[-1][0]))
-        self._last_ns = records[-1][0]
         self._garbage = self._driver.bad_frames + self._driver.skipped_bytes
         self.samples += len(records)
         if self._recent_count < COUNTED:
@@ -241,22 +243,23 @@ class SensorThread(DeviceThread):
         now_ns = monotonic_ns()
         age_ns = now_ns - self._last_ns
         if age_ns > self._stale_ns:
-            detail = f"{self.name}: no sample for {age_ns / 1e6:.0f} ms, allowed {self._stale_ns / 1e6:.0f} ms"
+            detail = f"{self.name}: no value for {age_ns / 1e6:.0f} ms, allowed {self._stale_ns / 1e6:.0f} ms"
             garbage = self._driver.bad_frames + self._driver.skipped_bytes > self._garbage
             slug = "serial-baud" if garbage else self.slug
             self._supervisor.report([Finding(slug, detail, now_ns, age_ns / 1e9, self._stale_ns / 1e9)])
 
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
-        """Age of the last sample, and the age at which the supervisor itself calls it stale (ns)."""
+        """Age of the last value, and the age at which the supervisor itself calls it stale (ns)."""
         return now_ns - self._last_ns, self._stale_ns + BACKSTOP_NS
 
     def fresh(self, now_ns: int) -> bool:
-        """The last sample is younger than the channel's stale-after, or may be waiting in the port."""
+        """The last value is younger than the channel's stale-after, or may be waiting in the port."""
         return self.port_lost is None and now_ns - self._last_ns <= self._stale_ns + int(self._timeout_s * 1e9)
 
     def value(self, now_ns: int) -> float | None:
-        """Latest good value (SI), None when stale."""
-        return self.judge.last_value if self.fresh(now_ns) and self.samples else None
+        """Latest good value (SI), None when stale or before the first."""
+        value = self.judge.last_value
+        return value if self.fresh(now_ns) and not math.isnan(value) else None
 
     def position_m(self, now_ns: int) -> float | None:
         """Latest position (m), None when stale."""

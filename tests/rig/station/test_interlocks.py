@@ -132,10 +132,11 @@ def test_speed_just_below_the_limit_does_not_trip_on_sensor_noise() -> None:
     assert judge.speed_m_s == pytest.approx(0.8, rel=0.01)
 
 
-def test_speed_beyond_the_limit_trips_once_within_eight_samples() -> None:
+def test_speed_beyond_the_limit_is_found_at_the_third_window_and_for_as_long_as_it_lasts() -> None:
     judge = MotionJudge(0.88, rate_Hz=250.0)
-    positions = [1.0 * i * PERIOD_US * 1e-6 for i in range(8)]
-    assert motion_of(positions, judge) == ["speed-limit"]
+    found = [[f.slug for f in judge.judge([record(i, 1.0 * i * PERIOD_US * 1e-6)])] for i in range(8)]
+    assert found[:5] == [[]] * 5
+    assert found[5:] == [["speed-limit"]] * 3
 
 
 def test_one_spike_in_the_displacement_does_not_trip_the_speed_limit() -> None:

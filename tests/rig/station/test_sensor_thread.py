@@ -1,0 +1,157 @@
+"""A sensor's bytes through driver, judge and supervisor: what blinds a channel stops the rig."""
+
+from __future__ import annotations
+
+import math
+import os
+import pty
+import time
+import tty
+from collections.abc import Callable, Iterator
+
+import pytest
+from station_bench import Told, config_for
+
+from drivers.ring import Channel
+from drivers.serial_sensor import FRAME16, SerialSensor
+from protocols.frame_format import encode
+from rig.station.config import SensorConfig
+from rig.station.interlocks import ChannelJudge
+from rig.station.sensor_thread import SensorThread
+from rig.station.supervisor import Supervisor
+
+PERIOD_S = 0.004
+STALE_S = 0.1
+PATIENCE_S = 5.0
+
+Line = Callable[[int], bytes]
+"""What the sensor sends as its sample of that number."""
+
+
+class Cable:
+    """A load cell's line into a running station thread; `send` plays samples at the sensor's rate."""
+
+    def __init__(self, line_format: str) -> None:
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        url = os.ttyname(self._slave)
+        self.told = Told()
+        self.supervisor = Supervisor(config_for(url), self.told.append, lambda records: None, lambda now_ns: None)
+        given = SensorConfig("load_cell", url, 1.0 / PERIOD_S, 10e3, STALE_S, format=line_format)
+        driver = SerialSensor(url, name="load_cell", channel=Channel.FORCE, line_format=line_format)
+        judge = ChannelJudge("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
+        self.thread = SensorThread(
+            given, "loadcell-pulled", Channel.FORCE, driver, judge, self.supervisor, lambda records: None
+        )
+        self.thread.open()
+        self.thread.start()
+        self._number = 0
+
+    def begin(self, line: Line) -> None:
+        """Send until the station reads: what waited when it began is thrown away."""
+        while self.thread.samples < 10:
+            self._write(line)
+        read = -1
+        while read != (read := self.thread.samples):
+            time.sleep(10 * PERIOD_S)
+
+    def send(self, line: Line, samples: int) -> None:
+        """Send so many samples, and wait until the station has read them."""
+        wanted = self.thread.samples + samples
+        for _ in range(samples):
+            self._write(line)
+        deadline = time.monotonic() + PATIENCE_S
+        while self.thread.samples < wanted and time.monotonic() < deadline:
+            time.sleep(PERIOD_S)
+        assert self.thread.samples == wanted
+
+    def _write(self, line: Line) -> None:
+        os.write(self._master, line(self._number))
+        self._number += 1
+        time.sleep(PERIOD_S)
+
+    def close(self) -> None:
+        self.thread.end()
+        self.thread.close()
+        os.close(self._master)
+        os.close(self._slave)
+
+
+@pytest.fixture
+def cable() -> Iterator[Callable[[str], Cable]]:
+    made: list[Cable] = []
+
+    def make(line_format: str) -> Cable:
+        made.append(Cable(line_format))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def laumas(text: bytes) -> Line:
+    return lambda number: (text if text else b"%06d" % (100 + number % 7)) + b"\r\n"
+
+
+def frame(value_N: float, status: int = 0) -> Line:
+    return lambda number: encode(value_N, number, round(1e6 * PERIOD_S * number), status)
+
+
+@pytest.mark.parametrize(
+    ("line_format", "good", "blind", "slug"),
+    [
+        ("laumas-fast", laumas(b""), laumas(b"^^^^^^"), "sensor-saturated"),
+        ("laumas-fast", laumas(b""), laumas(b"  ErOL"), "sensor-saturated"),
+        ("laumas-fast", laumas(b""), laumas(b" ErCEL"), "sensor-fault"),
+        (FRAME16, frame(120.0), frame(math.inf), "sensor-saturated"),
+        (FRAME16, frame(120.0), frame(-math.inf), "sensor-saturated"),
+        (FRAME16, frame(120.0), frame(math.nan, 1), "sensor-saturated"),
+        (FRAME16, frame(120.0), frame(math.nan, 2), "sensor-fault"),
+    ],
+)
+def test_three_samples_that_say_overload_or_fault_trip_whether_or_not_they_carry_a_number(
+    cable: Callable[[str], Cable], line_format: str, good: Line, blind: Line, slug: str
+) -> None:
+    line = cable(line_format)
+    line.begin(good)
+    line.supervisor.arm()
+    line.send(blind, 2)
+    assert line.supervisor.trip is None, "two samples are a disturbance"
+    line.send(blind, 1)
+    assert line.supervisor.trip is not None
+    assert line.supervisor.trip.slug == slug
+
+
+def test_a_load_cell_that_sends_no_number_any_more_is_as_good_as_pulled(cable: Callable[[str], Cable]) -> None:
+    line = cable(FRAME16)
+    line.begin(frame(120.0))
+    line.supervisor.arm()
+    line.send(frame(math.nan), round(1.5 * STALE_S / PERIOD_S))
+    assert line.supervisor.trip is not None
+    assert line.supervisor.trip.slug == "loadcell-pulled"
+    assert line.thread.value(time.monotonic_ns() + int(1e9 * STALE_S)) is None
+
+
+def test_every_tenth_sample_that_is_no_number_only_warns(cable: Callable[[str], Cable]) -> None:
+    line = cable(FRAME16)
+    line.begin(frame(120.0))
+    line.supervisor.arm()
+    line.send(lambda number: frame(math.nan if number % 10 == 0 else 120.0)(number), 100)
+    assert line.supervisor.trip is None
+    assert line.told.slugs("warning") == ["sensor-nan"], "told once a second, not once a sample"
+
+
+def test_a_sensor_that_reports_a_fault_from_power_on_stops_the_rig_once_it_is_armed(
+    cable: Callable[[str], Cable],
+) -> None:
+    line = cable(FRAME16)
+    line.begin(frame(120.0, 2))
+    assert line.supervisor.trip is None
+    line.supervisor.arm()
+    line.send(frame(120.0, 2), 1)
+    assert line.supervisor.trip is not None
+    assert line.supervisor.trip.slug == "sensor-fault"
+    line.send(frame(120.0, 2), 50)
+    assert line.told.slugs("trip") == ["sensor-fault"]
+    assert line.told.slugs("warning") == ["sensor-fault"], "one before arming; fifty more samples tell nothing new"
