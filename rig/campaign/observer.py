@@ -19,6 +19,7 @@ from rig.campaign import event as ev
 from rig.campaign.motion_seen import MOTION_CHANNELS, MotionWanted, seen_motion
 from rig.campaign.preflight import AtRest, RestLimits, judge_rest
 from rig.campaign.proof_move import DamperJudge, ProofWatch
+from rig.station.interlocks import BAD
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
@@ -212,6 +213,9 @@ class Observer:
             seen = AtRest(*(
                 window["value"][window["channel"] == channel].astype(np.float64)
                 for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE)
+            ), *(
+                int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(BAD)))
+                for channel in (Channel.FORCE, Channel.DISPLACEMENT)
             ))
             return ev.ZerosJudged(judge_rest(seen, limits))
 

@@ -52,12 +52,15 @@ class AtRest:
         displacement_m: of the LVDT, (m,).
         position_m: the controller's own position, (k,).
         controller_force_N: the controller's own coarse force input, (k,).
+        force_flagged, displacement_flagged: how many samples the sensor itself says are overloaded, faulty or none.
     """
 
     force_N: NDArray[np.float64]
     displacement_m: NDArray[np.float64]
     position_m: NDArray[np.float64]
     controller_force_N: NDArray[np.float64]
+    force_flagged: int = 0
+    displacement_flagged: int = 0
 
     def exchanged(self, limits: RestLimits) -> AtRest:
         """What the same bytes mean when each port carries the other sensor."""
@@ -86,6 +89,10 @@ def judge_rest(seen: AtRest, limits: RestLimits) -> Cause | None:
     ):
         if len(samples) < fewest or not np.all(np.isfinite(samples)):
             return Cause("not-tared", f"{name}: {len(samples)} samples at rest, expected {fewest} or more, all finite")
+    for name, flagged in (("load cell", seen.force_flagged), ("LVDT", seen.displacement_flagged)):
+        if flagged:
+            told = "samples at rest with the sensor's own overload or fault flag, expected none; check it and its cable"
+            return Cause("not-tared", f"{name}: {flagged} {told}")
     cause = _first(seen, limits)
     if cause is None:
         return None

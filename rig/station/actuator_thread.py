@@ -303,7 +303,7 @@ class ActuatorThread(DeviceThread):
     def _follow_echo(self, status: ActuatorStatus) -> None:
         """The counter was written before the status was read, so its echo must be there."""
         self._unechoed = self._unechoed + 1 if status.watchdog_echo != self._counter else 0
-        if self._unechoed == CONSECUTIVE:
+        if self._unechoed >= CONSECUTIVE:
             detail = f"wrote watchdog counter {self._counter}, the controller still has {status.watchdog_echo}"
             finding = Finding("modbus-write-lost", detail, status.received_ns, status.watchdog_echo, self._counter)
             self._supervisor.report([finding])

@@ -163,7 +163,7 @@ class ControllerJudge:
             findings.append(Finding("stop-ignored", detail, t_ns, ran_s, self._program_s))
         restless = status.state in AT_REST_STATES and abs(lvdt_speed_m_s) > RESTLESS_M_S
         self._restless = self._restless + 1 if restless else 0
-        if self._restless == 4 * CONSECUTIVE:
+        if self._restless >= 4 * CONSECUTIVE:
             detail = f"the controller says {State(status.state).name}, the LVDT moves at {lvdt_speed_m_s:.3g} m/s"
             findings.append(Finding("stop-ignored", detail, t_ns, lvdt_speed_m_s, RESTLESS_M_S))
 
@@ -184,7 +184,7 @@ class ControllerJudge:
         allowed_m = self.disagreement_m + max(speeds) * self.lag_s
         apart_m = abs(status.position_m - lvdt_m)
         self._apart = self._apart + 1 if apart_m > allowed_m else 0
-        if self._apart == 2 * CONSECUTIVE:
+        if self._apart >= 2 * CONSECUTIVE:
             detail = f"controller at {status.position_m:.6g} m, LVDT at {lvdt_m:.6g} m, allowed {allowed_m:.4g} m apart"
             findings.append(Finding("position-disagreement", detail, t_ns, apart_m, allowed_m))
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from protocols.actuator import State
+from protocols.quality import Quality
 from rig.campaign import event as ev
 from rig.campaign.observer import Observer
 from rig.campaign.preflight import AtRest, RestLimits, judge_rest
@@ -139,6 +140,20 @@ def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None
     assert observer.observe(status(7_210_000_000, State.OFF)) == ev.ZerosJudged(None)
 
 
+def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_they_look_well() -> None:
+    observer = Observer()
+    observer.await_zeros(LIMITS)
+    observer.observe(status(1_000_000_000, State.OFF))
+    channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
+    block = records(*((channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels))
+    block["flags"][block["channel"] == Channel.FORCE] = Quality.SENSOR_FAULT
+    observer.observe(block)
+    judged = observer.observe(status(1_300_000_000, State.OFF))
+    assert isinstance(judged, ev.ZerosJudged)
+    assert judged.cause is not None
+    assert "load cell: 20 samples at rest" in judged.cause.detail
+
+
 def test_live_values_are_the_last_ones() -> None:
     observer = Observer()
     observer.observe(records((Channel.FORCE, 1, 10.0), (Channel.FORCE, 2, 12.0), (Channel.COIL_CURRENT, 2, 0.5)))
@@ -175,8 +190,13 @@ def test_a_tared_rig_with_gas_force_passes() -> None:
         (rest(samples=5), "load cell: 5 samples"),
         (rest(force_N=float("nan")), "finite"),
         (rest(lvdt_m=float("inf")), "finite"),
+        (replace(rest(), force_flagged=3), "load cell: 3 samples at rest with the sensor's own overload or fault flag"),
+        (replace(rest(), displacement_flagged=1), "LVDT: 1 samples"),
     ],
-    ids=["offset", "noisy", "disagree", "disagree-at-zero", "apart", "moving", "too-few", "nan", "inf"],
+    ids=[
+        "offset", "noisy", "disagree", "disagree-at-zero", "apart", "moving", "too-few", "nan", "inf", "faulty-force",
+        "faulty-lvdt",
+    ],
 )
 def test_a_rig_that_is_not_tared_or_not_at_rest_is_refused_by_name(shown: AtRest, named: str) -> None:
     cause = judge_rest(shown, LIMITS)
