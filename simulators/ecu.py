@@ -183,7 +183,8 @@ class Ecu:
         now_us = self.clock.unwrapped_us(self.plant.time_s)
         while self._next_tick * STATUS_PERIOD_US <= now_us:
             due.append((wire.STATUS_ID, self._status(self._next_tick)))
-            if self._next_tick % TEMPERATURES_EVERY == 0:
+            told = self.plant.time_s < self.options.temperatures_until_s
+            if told and self._next_tick % TEMPERATURES_EVERY == 0:
                 due.append((wire.TEMPERATURE_ID, self._temperatures()))
             if self._next_tick % IDENTITY_EVERY == 0:
                 identity = wire.EcuIdentity(self.options.serial_number, 0x0100, wire.LAYOUT)

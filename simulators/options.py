@@ -99,7 +99,7 @@ class SpecimenOptions:
 
 @dataclass(frozen=True)
 class CoilOptions:
-    """Coil and current ECU."""
+    """Coil and current ECU; after `temperatures_until_s` (simulated s) it sends no temperature frames."""
 
     ohm: float = 1.5
     ohm_per_K: float = 0.0039
@@ -109,6 +109,7 @@ class CoilOptions:
     current_noise_A: float = 0.002
     over_temperature_degC: float = 150.0
     command_timeout_s: float = 0.100
+    temperatures_until_s: float = math.inf
     serial_number: int = 1001
     boot_count: int = 3
     clock_offset_us: float = math.nan

@@ -145,11 +145,17 @@ class CoilThread(DeviceThread):
         return status.current_A
 
     def wait_identity(self, timeout_s: float) -> EcuIdentity | None:
-        """The ECU's identity once it and a status have come; None after `timeout_s` wall seconds."""
-        driver = self._driver
+        """The ECU's identity once it, a status and a temperature have come; None after `timeout_s` wall seconds."""
         with self._progress:
-            self._progress.wait_for(lambda: driver.identity is not None and driver.status is not None, timeout_s)
-        return driver.identity if driver.status is not None else None
+            self._progress.wait_for(lambda: not self.missing, timeout_s)
+        return None if self.missing else self._driver.identity
+
+    @property
+    def missing(self) -> list[str]:
+        """Kinds of frames that the ECU has not sent yet."""
+        driver = self._driver
+        heard = {"identity": driver.identity, "status": driver.status, "temperature": driver.temperature}
+        return [name for name, frame in heard.items() if frame is None]
 
     def describe(self) -> str:
         """State and faults in words."""
@@ -227,6 +233,7 @@ class CoilThread(DeviceThread):
             self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
         for temperature in batch.temperatures:
             findings += self.judge.judge_temperature(temperature, now_ns)
+        findings += self.judge.judge_temperature_age(now_ns)
         findings += self._bus_judge.judge(self._driver.counters, now_ns)
         if self._driver.send_error is not None:
             findings.append(Finding("can-lost", f"command frames ended: {self._driver.send_error}", now_ns))

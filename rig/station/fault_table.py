@@ -67,7 +67,7 @@ _ROWS = (
     _matrix_row("usb-renumber", 46, "a sensor's port ended while its name leads to another one"),
     _matrix_row("slow-consumer", 44, "the recorder has left more than half of the ring unread"),
     _matrix_row("clock-drift", 45, "a sensor's clock off the controller's, by arrivals on the host's clock"),
-    _matrix_row("ecu-silent", 20, "no ECU status within its stale-after"),
+    _matrix_row("ecu-silent", 20, "no ECU status within its stale-after, or no temperature for five of its periods"),
     _matrix_row("ecu-late", 7, "ECU status frames repeated again and again; a single one warns"),
     _matrix_row("can-malformed", 6, "three ECU status frames in a row of a wrong length or kind"),
     _matrix_row("can-babble", 48, "frames of others fill the bus"),

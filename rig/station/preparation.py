@@ -30,7 +30,7 @@ class Preparation:
         self._commander = commander
 
     def prove_devices(self) -> dict[str, object]:
-        """Identities as the bench expects them, and data at a measured rate from every sensor.
+        """Identities as the bench expects them, the coil's temperature, and data at a measured rate from every sensor.
 
         Returns:
             Identities of actuator and ECU, rates (Hz of the device's clock) of the sensors.
@@ -49,7 +49,8 @@ class Preparation:
             )
         ecu = devices.coil.wait_identity(FIRST_DATA_S)
         if ecu is None:
-            raise StationRefused("no-answer", f"ecu: no identity and status frames within {FIRST_DATA_S:g} s")
+            missing = " and ".join(devices.coil.missing)
+            raise StationRefused("no-answer", f"ecu: no {missing} frames within {FIRST_DATA_S:g} s")
         if config.ecu.serial_number not in {None, ecu.serial_number}:
             expected_number = config.ecu.serial_number
             raise StationRefused(

@@ -19,6 +19,9 @@ CLOCK_MODULUS = 1 << 32
 CONSEQUENCE_NS = 50_000_000
 CONSEQUENCES = EcuFault.UNDERVOLTAGE | EcuFault.COMMAND_TIMEOUT
 """What the ECU reports when the fault is elsewhere."""
+STATUS_MS = 10
+UNTOLD_STATUSES = 50
+"""Status frames (`STATUS_MS` each on the ECU's clock) without a temperature: five of the temperature's periods."""
 
 _FAULT_SLUGS = (
     (FaultBit.E_STOP, "estop"),
@@ -197,10 +200,12 @@ class EcuJudge:
         self.coil_temperature_limit_degC = coil_temperature_limit_degC
         self.controller_polls: Callable[[], int] = lambda: 0
         self._boot_count: int | None = None
+        self._untold = 0
         self._consequence: tuple[int, int] | None = None
 
     def judge_status(self, status: CoilStatus, t_ns: int) -> list[Finding]:
         """Take one CoilStatus that arrived at `t_ns` (host monotonic)."""
+        self._untold += 1
         faults = status.faults
         if faults & CONSEQUENCES and self._controller_may_know(t_ns):
             faults &= ~CONSEQUENCES
@@ -230,6 +235,7 @@ class EcuJudge:
 
     def judge_temperature(self, temperature: CoilTemperature, t_ns: int) -> list[Finding]:
         """Take one CoilTemperature that arrived at `t_ns` (host monotonic)."""
+        self._untold = 0
         findings: list[Finding] = []
         limit = self.coil_temperature_limit_degC
         if temperature.coil_degC > limit:
@@ -240,3 +246,11 @@ class EcuJudge:
             findings.append(Finding("ecu-restart", detail, t_ns, temperature.boot_count, self._boot_count))
         self._boot_count = temperature.boot_count
         return findings
+
+    def judge_temperature_age(self, t_ns: int) -> list[Finding]:
+        """Temperatures that stay away, by the statuses that came meanwhile; call it once a read's frames are judged."""
+        if self._untold <= UNTOLD_STATUSES:
+            return []
+        age_ms, allowed_ms = STATUS_MS * self._untold, STATUS_MS * UNTOLD_STATUSES
+        detail = f"ecu: no coil temperature for {age_ms} ms of its clock, allowed {allowed_ms} ms"
+        return [Finding("ecu-silent", detail, t_ns, age_ms / 1e3, allowed_ms / 1e3)]

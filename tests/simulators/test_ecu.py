@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import struct
 
 import numpy as np
@@ -16,10 +17,10 @@ from simulators.plant.plant import Plant
 class Coil:
     """An ECU on its plant, without a bus."""
 
-    def __init__(self, noise_A: float = 0.0) -> None:
+    def __init__(self, noise_A: float = 0.0, temperatures_until_s: float = math.inf) -> None:
         self.plant = Plant(RigOptions())
         self.log: list[tuple[str, str]] = []
-        options = CoilOptions(current_noise_A=noise_A)
+        options = CoilOptions(current_noise_A=noise_A, temperatures_until_s=temperatures_until_s)
         self.ecu = Ecu(self.plant, options, 23.0, DeviceClock(0.0, 0.0), np.random.default_rng(0),
                        lambda code, text: self.log.append((code, text)))
         self.counter = 0
@@ -53,6 +54,13 @@ def test_periods_follow_the_device_clock(coil: Coil) -> None:
     assert by_id[0x123] in {2, 3}
     times = [status.device_time_ticks for status in statuses(frames)]
     assert set(np.diff(times).tolist()) == {100}
+
+
+def test_temperatures_can_end_while_everything_else_goes_on() -> None:
+    frames = Coil(temperatures_until_s=1.0).run(2.0)
+    by_id = {identifier: sum(1 for each, _ in frames if each == identifier) for identifier in (0x121, 0x122, 0x123)}
+    assert by_id[0x122] in {10, 11}
+    assert by_id[0x121] in {200, 201}
 
 
 def test_counters_run_0_to_14_and_every_crc_is_right(coil: Coil) -> None:

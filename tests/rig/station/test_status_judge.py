@@ -203,3 +203,19 @@ def test_hot_coil_and_a_new_boot_count_are_findings() -> None:
     assert made.judge_temperature(CoilTemperature(119.9, 40.0, 13.5, 4), 5) == []
     assert [f.slug for f in made.judge_temperature(CoilTemperature(120.1, 40.0, 13.5, 4), 5)] == ["coil-temperature"]
     assert [f.slug for f in made.judge_temperature(CoilTemperature(20.0, 40.0, 13.5, 5), 5)] == ["ecu-restart"]
+
+
+def test_a_temperature_that_stays_away_for_five_of_its_periods_is_a_finding_for_as_long_as_it_does() -> None:
+    made = EcuJudge(3.15, 120.0)
+    warm = CoilTemperature(60.0, 40.0, 13.5, 4)
+    for _ in range(3):
+        for _ in range(50):
+            made.judge_status(coil(), 5)
+        assert made.judge_temperature_age(5) == []
+        made.judge_temperature(warm, 5)
+    for _ in range(51):
+        made.judge_status(coil(), 5)
+    found = [*made.judge_temperature_age(6), *made.judge_temperature_age(7)]
+    assert [(finding.slug, finding.value, finding.limit) for finding in found] == [("ecu-silent", 0.51, 0.5)] * 2
+    made.judge_temperature(warm, 8)
+    assert made.judge_temperature_age(8) == []

@@ -200,6 +200,22 @@ def test_fault_trips_by_its_name_and_the_rod_comes_to_rest(station_rig: Make, fa
     assert abs(truth.current_A[-1]) < 0.05
 
 
+def test_a_coil_whose_temperature_is_not_told_any_more_stops_the_rig(station_rig: Make) -> None:
+    rig = station_rig("--option", "coil.temperatures_until_s=12", speed=2.0)
+    rig.client.request("connect")
+    rig.client.request("arm")
+    trip = rig.event("trip")
+    assert (trip["slug"], trip["stop"]) == ("ecu-silent", "S2")
+    assert "no coil temperature" in trip["detail"]
+    assert rig.event("safe")["current_zero"]
+
+
+def test_an_ecu_that_never_tells_the_coils_temperature_is_refused_at_connect(station_rig: Make) -> None:
+    rig = station_rig("--option", "coil.temperatures_until_s=0")
+    with pytest.raises(StationRefused, match="ecu: no temperature frames within 3 s"):
+        rig.client.request("connect")
+
+
 def test_fast_rig_stops_like_a_slow_one(station_rig: Make) -> None:
     rig = station_rig(speed=20.0)
     rig.prepare()
