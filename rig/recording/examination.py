@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,12 +16,12 @@ from rig.recording.context import PointContext, SensorContext
 from rig.recording.journal import JournalContent
 from rig.recording.layout import FloatArray, parts
 from rig.recording.loop_shape import LoopShape, loop_shape, standing
+from rig.recording.tracking import loop_error_A, steps_error_A
 from rig.recording.verdict import Findings, SensorCounts
 
 SATURATION_SHARE = 0.999
 MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
-STEP_PERCENT = 2.0
 VERDICT_REMARKS = {"machine-cannot": "suspect"}
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
@@ -70,6 +70,7 @@ def examine(
     standing_rod = point.get("kind") == "current_step"
     motion = None if standing_rod else motion
     inside = np.ones(len(seen.time_s), bool)
+    starts = np.array([seen.time_s[0], np.nextafter(seen.time_s[-1], np.inf)])
     shape = None
     if motion is not None:
         inside = (seen.time_s >= motion.start_s) & (seen.time_s < motion.end_s)
@@ -86,12 +87,13 @@ def examine(
         measured_amplitude_m=None if motion is None else motion.amplitude_m,
         amplitude_std_m=None if motion is None else motion.amplitude_std_m,
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
-        current_error_A=_steps_error(seen.current_A, str(point.get("steps_A", ""))) if standing_rod
-        else _median_error(seen.current_A[inside], float(point["current_A"])),
+        current_error_A=_steps_error_A(seen, point) if standing_rod
+        else loop_error_A(seen.time_s, seen.current_A, float(point["current_A"]), starts),
         amplitude_tolerance=point.get("amplitude_tolerance") if loop else None,
         extra=[(VERDICT_REMARKS[event.code], f"{event.code}: {event.text}") for event in content.events
                if event.code in VERDICT_REMARKS],
         temperature_degC=_range(seen.temperature_degC[inside]),
+        temperature_share=float(np.mean(np.isfinite(seen.temperature_degC[inside]))) if np.any(inside) else 0.0,
         temperature_window_degC=_window(point),
         skew_std_s=0.0 if standing_rod else alignment.skew_std_s,
         scatter_N=None if shape is None else shape.scatter_N, change_N=None if shape is None else shape.change_N,
@@ -113,19 +115,9 @@ def _range(values: FloatArray) -> tuple[float, float] | None:
     return (float(np.min(known)), float(np.max(known))) if len(known) else None
 
 
-def _median_error(values: FloatArray, wanted: float) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.median(np.abs(known - wanted))) if len(known) else None
-
-
-def _steps_error(values: FloatArray, steps_A: str) -> float | None:
-    """By how much the least and greatest measured current miss those of the steps, A; None where none was measured."""
-    known = values[np.isfinite(values)]
-    if len(known) == 0 or not steps_A.strip():
-        return None
-    steps = [float(text) for text in steps_A.split()]
-    low, high = np.percentile(known, [STEP_PERCENT, 100.0 - STEP_PERCENT])
-    return float(max(abs(low - min(steps)), abs(high - max(steps))))
+def _steps_error_A(seen: Overview, point: Mapping[str, Any]) -> float | None:
+    levels_A = [float(text) for text in str(point.get("steps_A", "")).split()]
+    return steps_error_A(seen.time_s, seen.current_A, levels_A, 1.0 / float(point["frequency_Hz"]))
 
 
 def _counts(

@@ -24,6 +24,8 @@ FLAT_SAMPLES = 5
 """Equal neighbours at the greatest or least value: the amplifier's end, not the signal's."""
 TEMPERATURE_SUSPECT_K, TEMPERATURE_INVALID_K = 5.0, 10.0
 TEMPERATURE_RESOLUTION_K = 0.2
+TEMPERATURE_KNOWN_SHARE = 0.9
+"""Of the kept cycles, over which a point with a window must know its temperature."""
 SCATTER_SUSPECT, SCATTER_INVALID = 0.02, 0.05
 CHANGE_SUSPECT, CHANGE_INVALID = 0.03, 0.08
 AMPLITUDE_SCATTER = 0.01
@@ -76,8 +78,9 @@ class Findings:
 
     `wanted_*` come from the matrix, `measured_*` from the kept cycles; `amplitude_tolerance` (relative) is that of a
     command that was compensated, None: the usual limits. Counts of the journal are bytes and
-    blocks; `current_error_A` is the median deviation of measured from wanted current over the kept cycles;
-    `temperature_degC` the lowest and highest coil temperature over them; `scatter_N`, `change_N`, `span_N` and
+    blocks; `current_error_A` is the deviation of measured from wanted current by `rig.recording.tracking`;
+    `temperature_degC` the lowest and highest coil temperature over the kept cycles, known for `temperature_share` of
+    them; `scatter_N`, `change_N`, `span_N` and
     `free_play_m` are those of `rig.recording.loop_shape`.
     """
 
@@ -93,6 +96,7 @@ class Findings:
     amplitude_tolerance: float | None = None
     current_error_A: float | None = None
     temperature_degC: tuple[float, float] | None = None
+    temperature_share: float = 1.0
     temperature_window_degC: tuple[float, float] | None = None
     scatter_N: float | None = None
     change_N: float | None = None
@@ -252,9 +256,17 @@ def _current(found: Findings) -> list[Reason]:
 
 
 def _temperature(found: Findings) -> list[Reason]:
-    if found.temperature_degC is None:
-        return []
     reasons: list[Reason] = []
+    window, share = found.temperature_window_degC, found.temperature_share
+    if window is not None and (found.temperature_degC is None or share < TEMPERATURE_KNOWN_SHARE):
+        measured = 0.0 if found.temperature_degC is None else 100.0 * share
+        reasons.append((
+            "suspect",
+            f"no-temperature: the coil temperature was measured over {measured:.2g} % of the kept cycles only, window "
+            f"{window[0]:g} to {window[1]:g} degC",
+        ))
+    if found.temperature_degC is None:
+        return reasons
     low, high = found.temperature_degC
     shown = f"coil at {low:.1f} to {high:.1f} degC"
     if high - low > TEMPERATURE_SUSPECT_K:
@@ -262,10 +274,10 @@ def _temperature(found: Findings) -> list[Reason]:
         reasons.append((
             kind, f"temperature-drift: {shown} during the point (limit {TEMPERATURE_INVALID_K:g} K of change)",
         ))
-    if found.temperature_window_degC is not None:
-        floor, ceiling = found.temperature_window_degC
-        if low < floor - TEMPERATURE_RESOLUTION_K or high > ceiling + TEMPERATURE_RESOLUTION_K:
-            reasons.append(("invalid", f"temperature-window: {shown}, window {floor:g} to {ceiling:g} degC"))
+    if window is not None and (
+        low < window[0] - TEMPERATURE_RESOLUTION_K or high > window[1] + TEMPERATURE_RESOLUTION_K
+    ):
+        reasons.append(("invalid", f"temperature-window: {shown}, window {window[0]:g} to {window[1]:g} degC"))
     return reasons
 
 
