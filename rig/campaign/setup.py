@@ -72,7 +72,7 @@ def check_room(folder: Path, plan: Plan, bench: Bench) -> None:
         Refused: less free space than forecast (slug `disk-full`); both numbers are in the message.
     """
     sensors = (bench.load_cell, bench.lvdt, *bench.auxiliary)
-    records = plan.duration_s * (sum(sensor.rate_Hz for sensor in sensors) + STATUS_RECORDS_Hz)
+    records = plan.recorded_s * (sum(sensor.rate_Hz for sensor in sensors) + STATUS_RECORDS_Hz)
     needed = int(records * RECORD_DTYPE.itemsize * COPIES_ON_DISK) + RESERVE_BYTES
     free = shutil.disk_usage(folder).free
     if free < needed:

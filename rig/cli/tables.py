@@ -35,7 +35,7 @@ def plan_table(plan: Plan) -> list[Table | Text]:
     for name in ("point", "waveform", "A mm", "f Hz", "I A", "speed m/s", "acc. m/s²", "force N", "heat J", "time"):
         table.add_column(name, justify="left" if name in {"point", "waveform"} else "right", no_wrap=True)
     table.add_column("verdict", overflow="fold")
-    for item in plan.points:
+    for item in plan.judged:
         point = item.point
         table.add_row(
             point.id,
@@ -50,11 +50,18 @@ def plan_table(plan: Plan) -> list[Table | Text]:
             duration(item.duration_s),
             _verdict(item),
         )
-    bad = sum(not item.feasible for item in plan.points)
-    total = len(plan.points)
-    verdict = Text(f"all {total} points feasible" if not bad else f"{bad} of {total} points infeasible")
-    verdict.stylize("red" if bad else "green")
-    return [table, Text.assemble(verdict, f"; {duration(plan.duration_s)} of rig time; force {plan.prediction}")]
+    bad, total = sum(not item.feasible for item in plan.points), len(plan.points)
+    said = f"all {total} points feasible" if bad == 0 else f"{bad} of {total} points infeasible"
+    if plan.warm_up is not None and not plan.warm_up.feasible:
+        said += ", warm-up infeasible"
+    verdict = Text(said, style="green" if plan.feasible else "red")
+    return [table, Text.assemble(verdict, f"; {_rig_time(plan)}; force {plan.prediction}")]
+
+
+def _rig_time(plan: Plan) -> str:
+    if plan.duration_s is not None:
+        return f"{duration(plan.duration_s)} of rig time"
+    return f"{duration(plan.recorded_s)} of motion; how long warming up and cooling down take is unknown"
 
 
 def _verdict(item: PlannedPoint) -> Text:

@@ -11,7 +11,7 @@ from rig.bench.model import Bench
 from rig.matrix.forecast import Forecast, forecaster
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
-from rig.matrix.schedule import BETWEEN_POINTS_S, load_of, thermal_of, warm_up_point
+from rig.matrix.schedule import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
 from rig.units import show
 
 SETTLING_S = 0.5
@@ -76,14 +76,15 @@ class PlannedPoint:
 class Plan:
     """All points in the order in which they run.
 
-    `temperature_s` is forecast for warming up and cooling down from ambient temperature; 0 without a window.
+    `temperature_s` is forecast for warming up and cooling down from ambient temperature; 0 without a window, None where
+    the heat that warms is unknown or does not suffice.
     """
 
     points: tuple[PlannedPoint, ...]
     bench_name: str
     specimen: str
     prediction: str
-    temperature_s: float = 0.0
+    temperature_s: float | None = 0.0
     warm_up: PlannedPoint | None = None
 
     @property
@@ -97,9 +98,19 @@ class Plan:
         return all(item.feasible for item in self.judged)
 
     @property
-    def duration_s(self) -> float:
-        """Expected duration of the campaign at speed 1 (s): motion, ramps, settling, rest, warming up and cooling."""
+    def duration_s(self) -> float | None:
+        """Expected duration of the campaign at speed 1 (s): motion, ramps, settling, rest, warming up and cooling.
+
+        None where the last two are unknown.
+        """
+        if self.temperature_s is None:
+            return None
         return math.fsum(item.duration_s for item in self.points) + self.temperature_s
+
+    @property
+    def recorded_s(self) -> float:
+        """How long the points are recorded at speed 1 (s): motion, ramps and settling; nobody records the rests."""
+        return math.fsum(item.point.motion_s + SETTLING_S for item in self.points)
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig plan --json`."""
@@ -108,6 +119,7 @@ class Plan:
             "feasible": self.feasible,
             "duration_s": self.duration_s,
             "temperature_s": self.temperature_s,
+            "warm_up": None if self.warm_up is None else self.warm_up.to_json(),
             "bench": self.bench_name,
             "specimen": self.specimen,
             "prediction": self.prediction,
@@ -132,12 +144,12 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         return Plan(points, bench.name, specimen.serial_number, prediction)
     in_order = [item.point for item in points]
     thermal = thermal_of(in_order, predict, matrix.temperature)
-    loads = [load_of(point, predict) for point in in_order]
-    waits_s = thermal.total_s(loads) - sum(load.duration_s + load.rest_s + BETWEEN_POINTS_S for load in loads)
-    warm_up = warm_up_point(in_order, predict, matrix.temperature)
-    judged = _judge(warm_up, matrix, bench, predict)
-    judged = replace(judged, reasons=tuple(text for text in judged.reasons if not text.startswith(TOO_HOT)))
-    return Plan(points, bench.name, specimen.serial_number, prediction, waits_s, judged)
+    warm_up = _judged_warm_up(warm_up_point(in_order, predict, matrix.temperature), thermal, matrix, bench, predict)
+    waits_s = None
+    if warm_up.feasible and all(item.energy_J is not None for item in (*points, warm_up)):
+        loads = [load_of(point, predict) for point in in_order]
+        waits_s = thermal.total_s(loads) - sum(load.duration_s + load.rest_s + BETWEEN_POINTS_S for load in loads)
+    return Plan(points, bench.name, specimen.serial_number, prediction, waits_s, warm_up)
 
 
 def _judge(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> PlannedPoint:
@@ -151,6 +163,23 @@ def _judge(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) ->
         reasons=reasons,
         would_fit_m=_would_fit(point, matrix, bench, predict) if reasons else None,
     )
+
+
+def _judged_warm_up(
+    warm_up: TestPoint, thermal: Thermal, matrix: Matrix, bench: Bench, predict: Forecast
+) -> PlannedPoint:
+    """The warm-up motion: it may heat as much as it likes, and must heat enough."""
+    judged = _judge(warm_up, matrix, bench, predict)
+    reasons = [text for text in judged.reasons if not text.startswith(TOO_HOT)]
+    fits_m = judged.would_fit_m if reasons else None
+    ambient_degC = thermal.heat.ambient_degC
+    reached_degC = ambient_degC + thermal.warm_up_W / thermal.heat.loss_W_K
+    if judged.energy_J is not None and ambient_degC < thermal.low_degC and reached_degC <= thermal.low_degC:
+        reasons.append(
+            f"warm-up reaches only {reached_degC:.3g} degC, the temperature window begins at {thermal.low_degC:.3g} "
+            "degC; a lower window or a stronger [temperature.warm_up] would do"
+        )
+    return replace(judged, reasons=tuple(reasons), would_fit_m=fits_m)
 
 
 def _reasons(point: TestPoint, force_N: float | None, matrix: Matrix, bench: Bench) -> Iterator[str]:
@@ -203,9 +232,12 @@ def _too_hot(point: TestPoint, energy_J: float | None, matrix: Matrix) -> Iterat
     temperature = matrix.temperature
     if temperature is None or energy_J is None:
         return
-    rise_K, width_K = energy_J / temperature.heat_capacity_J_K, temperature.window_degC[1] - temperature.window_degC[0]
+    low_degC, high_degC = temperature.window_degC
+    coldest_degC = max(low_degC, temperature.ambient_degC)
+    rise_K, width_K = energy_J / temperature.heat_capacity_J_K, high_degC - coldest_degC
     if _beyond(rise_K, width_K):
-        yield f"{TOO_HOT} would warm the damper by {rise_K:.3g} K; the temperature window is {width_K:.3g} K wide"
+        wide = "wide above ambient" if coldest_degC > low_degC else "wide"
+        yield f"{TOO_HOT} would warm the damper by {rise_K:.3g} K; the temperature window is {width_K:.3g} K {wide}"
 
 
 def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[str]:

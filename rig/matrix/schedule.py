@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rig.matrix.heat import HeatModel
@@ -44,7 +44,7 @@ class Thermal:
         heat: the damper.
         low_degC: no point begins below; `high_degC`: no point ends above.
         start_degC: where the campaign begins.
-        warm_up_W: power of the warm-up motion.
+        warm_up_W: power of the warm-up motion at full amplitude.
     """
 
     heat: HeatModel
@@ -103,7 +103,7 @@ def load_of(point: TestPoint, forecast: Forecast) -> Load:
 
 def thermal_of(points: Sequence[TestPoint], forecast: Forecast, temperature: Temperature) -> Thermal:
     """The order-independent part, for a damper that begins at ambient temperature."""
-    warm = warm_up_point(points, forecast, temperature)
+    warm = replace(warm_up_point(points, forecast, temperature), ramp_in_cycles=0.0, ramp_out_cycles=0.0)
     return Thermal(
         heat=heat_model(temperature),
         low_degC=temperature.window_degC[0],

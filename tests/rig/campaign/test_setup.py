@@ -129,6 +129,13 @@ def test_room_on_the_disk_is_forecast(tmp_path: Path, monkeypatch: pytest.Monkey
     assert caught.value.slug == "disk-full"
 
 
+def test_a_temperature_window_with_unknown_heat_asks_for_no_more_room(tmp_path: Path) -> None:
+    path = tmp_path / "window.toml"
+    window = '[temperature]\nwindow = ["25 degC", "45 degC"]\n'
+    path.write_text(MATRIX.format(stroke="120 mm") + window, encoding="utf-8")
+    check_room(tmp_path, plan(load_matrix(path), bench(tmp_path)), bench(tmp_path))
+
+
 def test_the_campaigns_hash_counts_physics_and_not_addresses(tmp_path: Path) -> None:
     tests = matrix(tmp_path)
     reference = campaign_hash(bench(tmp_path, 1), tests)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig.bench.model import Bench
+from rig.cli.tables import plan_table
 from rig.dampers import model, parameter_set
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
@@ -164,3 +166,56 @@ def test_a_triangle_is_slower_than_the_sine_of_the_same_amplitude_and_rounds_its
     assert sine.peak_speed_m_s == pytest.approx(0.1 * math.pi)
     corner_s = 2 * triangle.peak_speed_m_s / triangle.peak_acceleration_m_s2
     assert corner_s == pytest.approx(0.05)
+
+
+def windowed(low: str, high: str, specimen: str = "", more: str = "") -> Plan:
+    """The plan of a 40 mm, 2 Hz sine at 1 A in a temperature window; ambient 23 degC, 5 W/K lost."""
+    motion = 'waveform = "sine"\namplitude = "40 mm"\nfrequency = "1.5 Hz"\ncurrent = "1 A"'
+    tail = f'[temperature]\nwindow = ["{low}", "{high}"]\n{more}'
+    return plan(matrix(motion, specimen, tail), DEMO)
+
+
+def test_a_window_that_the_warm_up_cannot_reach_is_refused_with_the_temperature_it_reaches() -> None:
+    bound = 'max_force = "3 kN"'
+    result = windowed("200 degC", "210 degC", bound, 'heat_loss = "10 W/K"')
+    held_degC = 23.0 + 4.0 * 0.04 * 3000.0 * 1.5 / 10.0
+    assert not result.feasible
+    assert result.warm_up is not None
+    assert f"warm-up reaches only {held_degC:.3g} degC, the temperature window begins at 200 degC" in (
+        result.warm_up.reasons
+    )[0]
+    entry = result.to_json()
+    assert (entry["temperature_s"], entry["duration_s"]) == (None, None)
+    assert entry["warm_up"]["verdict"] == "infeasible"
+
+
+@pytest.mark.parametrize(("low", "feasible"), [("94 degC", True), ("96 degC", False)])
+def test_what_the_warm_up_reaches_is_judged_without_its_ramps(low: str, feasible: bool) -> None:
+    result = windowed(low, "115 degC", 'max_force = "3 kN"', 'heat_loss = "10 W/K"')
+    held_degC = 23.0 + 4.0 * 0.04 * 3000.0 * 1.5 / 10.0
+    assert held_degC == pytest.approx(95.0)
+    assert result.feasible is feasible
+    if feasible:
+        assert result.temperature_s is not None
+        assert 0.0 < result.temperature_s < 3600.0
+
+
+def test_unknown_heat_gives_no_forecast_and_the_room_is_that_of_the_recorded_points() -> None:
+    result = windowed("25 degC", "45 degC")
+    assert result.feasible
+    assert (result.temperature_s, result.duration_s) == (None, None)
+    assert json.loads(json.dumps(result.to_json()))["duration_s"] is None
+    (item,) = result.points
+    assert item.point.motion_s < result.recorded_s < item.point.motion_s + 2.0
+    assert "unknown" in "".join(str(part) for part in plan_table(result))
+
+
+def test_a_point_that_ends_too_hot_even_from_ambient_is_refused() -> None:
+    bound = 'max_force = "3 kN"'
+    energy_J = 4.0 * 0.04 * 3000.0 * (10.0 + 2.0 / 3.0)
+    rise_K = energy_J / 1500.0
+    assert 3.0 < rise_K < 4.0
+    (item,) = windowed("15 degC", "26 degC", bound).points
+    assert item.reasons == (f"its heat would warm the damper by {rise_K:.3g} K; the temperature window is 3 K wide "
+                            "above ambient",)
+    assert windowed("15 degC", "27 degC", bound).feasible
