@@ -28,21 +28,22 @@ class CurrentJudge:
 
     def __init__(self, patience_ns: int) -> None:
         self._patience_ns = patience_ns
-        self._commanded_A = math.nan
+        self._set_point = (math.nan, 0)
         self._since_ns = 0
         self._statuses = 0
         self._off = 0
 
-    def judge(self, status: CoilStatus, commanded_A: float, t_ns: int) -> list[Finding]:
+    def judge(self, status: CoilStatus, commanded_A: float, t_ns: int, set_points: int = 0) -> list[Finding]:
         """Take one status.
 
         Args:
             status: the ECU's status.
             commanded_A: what the command frames ask for (A).
             t_ns: host arrival of the status.
+            set_points: how many there were so far: one may come and go between two statuses, its current does not.
         """
-        if commanded_A != self._commanded_A:
-            self._commanded_A, self._since_ns, self._statuses, self._off = commanded_A, t_ns, 0, 0
+        if self._set_point != (commanded_A, set_points):
+            self._set_point, self._since_ns, self._statuses, self._off = (commanded_A, set_points), t_ns, 0, 0
         self._statuses += 1
         if self._statuses <= SETTLED_STATUSES or t_ns - self._since_ns < self._patience_ns:
             return []

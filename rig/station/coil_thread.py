@@ -50,6 +50,7 @@ class CoilThread(DeviceThread):
         self._last_ns = monotonic_ns()
         self._bus_judge = BusJudge(config.bitrate)
         self._current_judge = CurrentJudge(self._stale_ns)
+        self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
         self._zeroed = True
@@ -93,7 +94,7 @@ class CoilThread(DeviceThread):
         """
         with self._command_lock:
             self._bus_judge.forget_foreign(self._driver.counters)
-            self._driver.command(0.0, enable=False, clear_faults=True)
+            self._command(0.0, enable=False, clear_faults=True)
             self._driver.start(self.config.command_period_s)
             self._zeroed = False
 
@@ -103,7 +104,7 @@ class CoilThread(DeviceThread):
         with self._progress:
             clear = self._progress.wait_for(lambda: self._last_ns > begun_ns and self._is_clear(), timeout_s)
         with self._command_lock:
-            self._driver.command(0.0, enable=False)
+            self._command(0.0, enable=False)
         return clear
 
     def set_current(self, current_A: float) -> None:
@@ -116,7 +117,7 @@ class CoilThread(DeviceThread):
         with self._command_lock:
             if self._zeroed and current_A != 0.0:
                 raise StationRefused("tripped", "set_current: 0 A is latched")
-            self._driver.command(current_A, enable=not self._zeroed)
+            self._command(current_A, enable=not self._zeroed)
             self._driver.send_now()
 
     def zero_now(self) -> None:
@@ -124,12 +125,19 @@ class CoilThread(DeviceThread):
         with self._command_lock:
             self._zeroed = True
             self._zeroed_ns = monotonic_ns()
-            self._driver.command(0.0, enable=False)
+            self._command(0.0, enable=False)
             try:
                 self._driver.send_now()
             except DriverError as error:
                 # The bus is gone: the ECU goes to 0 A by its own time-out; the loss itself is reported by the reader.
                 sys.stderr.write(f"0 A could not be sent: {error}\n")
+
+    def _command(self, current_A: float, *, enable: bool, clear_faults: bool = False) -> None:
+        """Change what is sent; a set-point that lasts for less than a status period is counted all the same."""
+        before_A = self._driver.commanded_A
+        self._driver.command(current_A, enable=enable, clear_faults=clear_faults)
+        if self._driver.commanded_A != before_A:
+            self._set_points += 1
 
     # State, for any thread
 
@@ -227,7 +235,7 @@ class CoilThread(DeviceThread):
         for status in batch.statuses:
             self._last_ns = now_ns
             findings += self.judge.judge_status(status, now_ns)
-            findings += self._current_judge.judge(status, commanded_A, now_ns)
+            findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
         if batch.statuses:
             # Errors that came with the last status frame may be the beginning of what silences the bus.
             self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors

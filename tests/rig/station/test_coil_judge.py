@@ -49,6 +49,13 @@ def test_a_current_that_stays_after_zero_is_stuck() -> None:
     assert found(judge, 1.0, 0.0, 30, 30) == [f"current-stuck@{30 + SETTLED_STATUSES + 2}"]
 
 
+def test_a_setpoint_that_came_and_went_between_two_statuses_begins_the_time_anew() -> None:
+    judge = CurrentJudge(30 * MS)
+    assert found(judge, 0.0, 0.0, 30) == []
+    falling = [judge.judge(status(0.3 * 0.6**n), 0.0, 10 * (30 + n) * MS, 2) for n in range(30)]
+    assert falling == [[]] * 30
+
+
 def slugs(judge: BusJudge, counted: EcuCounters, t_ns: int = 0) -> list[tuple[str, bool]]:
     return [(finding.slug, finding.warns) for finding in judge.judge(counted, t_ns)]
 
