@@ -124,10 +124,17 @@ class Fault:
 
 @dataclass(frozen=True)
 class Tripped:
-    """The station's interlocks tripped, or found more during a stop; the stop is already under way."""
+    """The station's interlocks tripped, or found more during a stop; the stop is already under way.
+
+    Attributes:
+        stop: how it stops the rig.
+        cause: what was found.
+        first: the station had no trip latched before this one.
+    """
 
     stop: StopKind
     cause: Cause
+    first: bool = True
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from rig.campaign.ledger import VALID, Ledger
 from rig.campaign.load_train import LoadTrainWatch
 from rig.campaign.sequencer import step
 from rig.campaign.signals import Signals
-from rig.campaign.state import Phase, State, start_state
+from rig.campaign.state import Phase, RigState, State, start_state
 from rig.clock import WallClockWatch, monotonic_ns
 from rig.recording.finaliser import Finaliser
 from rig.recording.recorder import RecorderFailed
@@ -39,6 +40,7 @@ TURN_S = 0.002
 BEAT_NS = 40_000_000
 PROGRESS_NS = 100_000_000
 STALE_HEARTBEATS = 2.0
+STATION_ENDS_S = 30.0
 
 log = logging.getLogger(__name__)
 
@@ -80,12 +82,21 @@ class Runner:
         try:
             while self.state.phase is not Phase.ENDED:
                 self._guarded_turn()
+            if self.state.armed:
+                self._leave_to_the_station()
             self._hands.collect_files()
         finally:
             self._hands.close()
             if self._ring is not None:
                 self._ring.close()
         return self.state
+
+    def _leave_to_the_station(self) -> None:
+        """A rig that could not be disarmed is shut down by its station now, before anybody waits for a disk."""
+        code = self._crew.client.close(STATION_ENDS_S)
+        self._hands.note("station", what="ended", exit_code=code)
+        if code != 0:
+            self.state = replace(self.state, rig_state=RigState.UNKNOWN)
 
     def _guarded_turn(self) -> None:
         try:
@@ -168,7 +179,7 @@ class Runner:
         if name in {"warning", "also"}:
             self._crew.display.message("warning", f"{message.get('slug')}: {detail}")
         if name in {"trip", "also"}:
-            return [ev.Tripped(StopKind(message["stop"]), Cause(str(message["slug"]), detail))]
+            return [ev.Tripped(StopKind(message["stop"]), Cause(str(message["slug"]), detail), name == "trip")]
         if name == "safe":
             return [ev.Safe()]
         if name == "unknown":

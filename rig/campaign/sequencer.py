@@ -101,6 +101,7 @@ PROVED: dict[tuple[Phase, Request], Callable[[State], Step]] = {
     (Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG): _pressure_low,
     (Phase.PRESSURE_LOW, Request.HYDRAULICS_LOW): _pressure_on,
     (Phase.PRESSURE_ON, Request.HYDRAULICS_ON): _powered,
+    (Phase.STOPPING, Request.STOP): lambda state: stopping.stopped(state, ev.Safe()),
     (Phase.RESETTING, Request.RESET): _begin_again,
     (Phase.FINISHING, Request.DISARM): lambda state: stopping.end(
         replace(state, armed=False, pressurised=False, powered=False)

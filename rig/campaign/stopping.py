@@ -39,17 +39,28 @@ def end_recording(state: State, fault: Cause | None) -> Step:
 
 def latch(state: State, stop: StopKind, cause: Cause, *actions: Action) -> Step:
     """Latch the first cause and wait for the proof of standstill; `actions` go first."""
+    return await_proof(replace(state, latch=Latch(stop, cause), held_at_m=None), stop, cause, *actions)
+
+
+def await_proof(state: State, stop: StopKind, cause: Cause, *actions: Action) -> Step:
+    """Say why the rig stops and wait for the station's proof of it."""
     period_s = 1.0 / state.queue[0].frequency_Hz if state.queue else 0.0
-    state = replace(state, latch=Latch(stop, cause), held_at_m=None)
     note = act.Note("error", f"{stop}: {cause.slug}: {cause.detail}")
     return enter(state, Phase.STOPPING, *actions, note, device_s=STOP_LIMIT_S + 2.0 * period_s)
 
 
 def tripped(state: State, event: ev.Tripped) -> Step:
-    """The station tripped: it stops the rig already, so nothing is asked of it."""
-    if state.latch is not None:
-        return (state, ()) if may_restart(event.stop, event.cause) else give_up_restart(state, event)
-    return latch(state, event.stop, event.cause)
+    """The station tripped: it stops the rig already, so nothing is asked of it.
+
+    A first trip during a reset came after the station had forgotten the one that is latched here: it is proved again.
+    """
+    if state.latch is None:
+        return latch(state, event.stop, event.cause)
+    restarts = may_restart(event.stop, event.cause)
+    if event.first and state.phase is Phase.RESETTING:
+        state = replace(state if restarts else without_restart(state), stopped=False)
+        return await_proof(state, event.stop, event.cause)
+    return (state, ()) if restarts else give_up_restart(state, event)
 
 
 def without_restart(state: State) -> State:

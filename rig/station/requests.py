@@ -8,7 +8,7 @@
     set_current  current_A
     start        waveform, amplitude_m, frequency_Hz, centre_m, cycles, ramp_in_cycles, ramp_out_cycles[, table]
     stop         kind=S2|S1|SO, reason[, detail]
-    reset                                            after a stop, at standstill and 0 A only
+    reset                                            after a stop, at standstill and 0 A, with no fault left
     disarm                                           0 A, hydraulics off, lease given back
     status, shutdown
 
@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 
 from drivers.errors import DriverError, RequestRefused
@@ -41,6 +42,11 @@ Answer = dict[str, object]
 
 HYDRAULICS_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 60.0
+REST_PATIENCE_S = 0.5
+QUIET_NS = 250_000_000
+"""So long nothing that stops the rig may have been found before a trip is forgotten ..."""
+QUIET_PATIENCE_NS = 2_000_000_000
+"""... which is waited for so long."""
 ACTUATOR = "actuator"
 
 
@@ -151,8 +157,7 @@ class Requests:
             raise StationRefused("bad-request", f"hydraulics: level {level!r} is not one of off, low, on")
         if level != "off":
             self._require_motion("hydraulics")
-        if self._devices.actuator.judge.moving(STILL_S):
-            raise StationRefused("not-at-rest", "hydraulics: the actuator moves; stop it first")
+        self._await_rest("hydraulics")
         command, reached = choices[level]
         self._commander.command(command)
         status = self._commander.await_status(
@@ -234,13 +239,14 @@ class Requests:
         return {"stop": str(stop.kind), "standstill": stop.standstill, **supervisor.evidence()}
 
     def _reset(self, arguments: Arguments) -> Answer:
-        """Forget a trip: only at proved standstill and 0 A, with every device there and prepared anew.
+        """Forget a trip: only at proved standstill and 0 A, with every device there, prepared anew and free of faults.
 
         Raises:
             StationRefused: one of these is not proved.
         """
         del arguments
         supervisor, devices = self._supervisor, self._devices
+        ended = supervisor.stop
         if not supervisor.settled:
             raise StationRefused("not-at-rest", "reset: the stop is still under way")
         devices.revive()
@@ -261,14 +267,18 @@ class Requests:
             limits = self._preparation.prepare_controller()
         finally:
             supervisor.starve(proving=False, feeding=True)
-        supervisor.reset()
+        self._await_quiet()
+        if not supervisor.reset(ended):
+            raise StationRefused("not-at-rest", "reset: a stop was taken up again meanwhile")
         return {"limits": asdict(limits)}
 
     def _disarm(self, arguments: Arguments) -> Answer:
         del arguments
         if not self._supervisor.settled:
             raise StationRefused("not-at-rest", "disarm: a stop is under way")
-        self._devices.coil.set_current(0.0)
+        # Without the ECU's link its own time-out takes the current away: no reason to leave the pressure on.
+        with suppress(DriverError):
+            self._devices.coil.set_current(0.0)
         self._hydraulics({"level": "off"})
         self._supervisor.disarm()
         self._devices.actuator.judge.leased = False
@@ -296,6 +306,31 @@ class Requests:
         return answer
 
     # What requests share
+
+    def _await_rest(self, do: str) -> None:
+        """Wait a moment for standstill to be seen: after a reconnection it has to be seen anew.
+
+        Raises:
+            StationRefused: it moves.
+        """
+        actuator = self._devices.actuator
+        patience_s = REST_PATIENCE_S + STILL_S / self._config.device_rate
+        if actuator.wait_status(lambda _: not actuator.judge.moving(STILL_S), patience_s) is None:
+            raise StationRefused("not-at-rest", f"{do}: the actuator moves; stop it first")
+
+    def _await_quiet(self) -> None:
+        """Wait until nothing that stops the rig has been found for a while.
+
+        Raises:
+            StationRefused: a cause is still there.
+        """
+        supervisor = self._supervisor
+        deadline_ns = monotonic_ns() + QUIET_PATIENCE_NS
+        while (left_ns := supervisor.trouble.t_ns + QUIET_NS - monotonic_ns()) > 0:
+            if monotonic_ns() + left_ns > deadline_ns:
+                raise StationRefused(supervisor.trouble.slug, f"reset: still there: {supervisor.trouble.detail}")
+            with supervisor.changed:
+                supervisor.changed.wait(left_ns * 1e-9)
 
     def _require_motion(self, do: str) -> None:
         supervisor = self._supervisor

@@ -24,6 +24,8 @@ LOST_LIMIT_S = 2.0
 ZERO_CURRENT_A = 0.05
 STILL_S = 0.1
 REPEAT_S = 0.1
+LONGEST_FADE_S = 10.0
+"""Device time: a motion whose fade-out would last longer is slow enough for the halt ramp."""
 
 
 class Step(Enum):
@@ -118,7 +120,7 @@ def begin(
     kind: Stop, now_ns: int, *, halt: bool, fade_s: float, device_rate: float, watchdog_s: float = 0.0
 ) -> tuple[SafeStop, tuple[Action, ...]]:
     """Start a stop; its actions are to be carried out at once and independently of each other."""
-    halt = halt or kind is Stop.SO
+    halt = halt or kind is Stop.SO or fade_s > LONGEST_FADE_S
     stop = SafeStop(
         kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns, watchdog_s=watchdog_s
     )
@@ -133,18 +135,31 @@ def stop_command(stop: SafeStop) -> Action:
 def escalate(stop: SafeStop, kind: Stop, now_ns: int, *, halt: bool = False) -> tuple[SafeStop, tuple[Action, ...]]:
     """Turn a stop under way into a stronger one; a weaker kind changes nothing.
 
-    A stop that has already ended is taken up again where the stronger kind goes further.
+    A stop that has already ended is taken up again where the stronger kind goes further: it is commanded and proved
+    anew, for what was proved then need not be so now.
     """
     halt = halt or kind is Stop.SO
+    if stop.finished:
+        if kind.severity <= stop.kind.severity:
+            return stop, ()
+        return begin(
+            kind, now_ns, halt=halt or stop.halt, fade_s=stop.fade_s, device_rate=stop.device_rate,
+            watchdog_s=stop.watchdog_s,
+        )
     actions: list[Action] = []
     if halt and not stop.halt and not stop.standstill:
         stop = replace(stop, halt=True, step=Step.STOPPING, step_ns=now_ns, clock_start_s=None)
         actions.append(Action.HALT)
     if kind.severity > stop.kind.severity:
         stop = replace(stop, kind=kind)
-        if stop.finished:
-            stop = replace(stop, step=Step.STOPPING, step_ns=now_ns, clock_start_s=None)
     return stop, tuple(actions)
+
+
+def broken(stop: SafeStop, view: View) -> bool:
+    """The rod moves under full pressure although its standstill was proved; nobody who can see it says it rests."""
+    seen = view.controller_moving is not None or view.still_s is not None
+    resting = view.controller_moving is False or (view.still_s is not None and view.still_s >= STILL_S)
+    return stop.step is Step.SAFE and view.hydraulics_low is not True and seen and not resting
 
 
 def advance(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:

@@ -25,7 +25,11 @@ from rig.station.vigil import Vigil
 TICK_S = 0.005
 WARNING_EVERY_NS = 1_000_000_000
 STALLED_NS = 500_000_000
+UNTAKEN_NS = 200_000_000
+"""So long a stop command may go unacknowledged before the controller's watchdog is starved."""
 EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip"})
+
+NO_TROUBLE = Finding("", "", 0)
 
 Emit = Callable[[dict[str, object]], None]
 
@@ -71,6 +75,7 @@ class Supervisor:
         self.trip: Trip | None = None
         self.stop: SafeStop | None = None
         self.later: dict[str, str] = {}
+        self.trouble = NO_TROUBLE
         self.changed = threading.Condition()
         self.vigil = Vigil(config.heartbeat_timeout_s)
         self._emit = emit
@@ -168,12 +173,16 @@ class Supervisor:
         """The controller's watchdog may be fed.
 
         Only while armed, the interlock loop ticks and the application is well; during a stop feeding goes on, so that
-        the fade-out is not cut short, until the stop has ended without proof.
+        the fade-out is not cut short, until the stop has ended without proof. A controller that does not take the stop
+        is left to its watchdog.
         """
         if not self._armed or self._starving or now_ns - self.tick_ns > STALLED_NS:
             return False
         if self.trip is not None:
-            return self.stop is None or self.stop.step is not Step.UNKNOWN
+            stop, taken = self.stop, self._motion is None or self._motion.stop_taken
+            if stop is not None and stop.step is Step.STOPPING and not taken:
+                return now_ns - stop.step_ns < UNTAKEN_NS
+            return stop is None or stop.step is not Step.UNKNOWN
         return self.vigil.beat_age_s(now_ns) < 2.0 * self.config.heartbeat_timeout_s
 
     def beat(self, healthy: bool) -> None:
@@ -196,6 +205,7 @@ class Supervisor:
             if finding.warns or row.stop is Stop.W or not self._armed:
                 self._warn(finding)
             else:
+                self.trouble = finding
                 self._trip(finding, row, row.stop)
 
     def ask_stop(self, kind: Stop, slug: str, detail: str) -> None:
@@ -207,14 +217,24 @@ class Supervisor:
         """A stop action has been taken by the controller's link; tells the application when."""
         self._emit({"event": "sent", "action": action.name.lower(), "t_ns": monotonic_ns()})
 
-    def reset(self) -> None:
-        """Forget a trip whose stop has ended; the caller has proved standstill, 0 A and a cleared controller."""
+    def reset(self, ended: SafeStop | None) -> bool:
+        """Forget a trip whose stop has ended; the caller has proved standstill, 0 A and a cleared controller.
+
+        Args:
+            ended: the stop that the proofs were made after.
+
+        Returns:
+            False, and nothing is forgotten, when the stop has been taken up again since.
+        """
         with self._lock:
+            if self.stop is not ended:
+                return False
             self.trip = None
             self.stop = None
             self.later = {}
             self.movement = Movement()
             self._warned = {}
+            return True
 
     def _warn(self, finding: Finding) -> None:
         now_ns = monotonic_ns()
@@ -313,13 +333,15 @@ class Supervisor:
                 return
             before = self.stop
             view = self._view(now_ns)
-            if before.finished:
-                if self._application_gone and before.kind is not Stop.S1:
-                    self.stop, actions = safe_stop.escalate(before, Stop.S1, now_ns)
-                else:
-                    return
-            else:
+            if not before.finished:
                 self.stop, actions = safe_stop.advance(before, view)
+            elif self._application_gone and before.kind is not Stop.S1:
+                self.stop, actions = safe_stop.escalate(before, Stop.S1, now_ns)
+            elif safe_stop.broken(before, view):
+                self._internal("stop-ignored", "the rod moves although its standstill was proved: hydraulics off")
+                return
+            else:
+                return
             after = self.stop
         self._perform(actions)
         if after.step is not before.step:

@@ -71,9 +71,10 @@ def test_a_hot_ecu_is_left_to_cool_down_before_the_point_is_repeated(run: Run) -
     assert len(waits) >= 2, "once was not enough: the ECU kept its fault"
 
 
-def test_a_fault_that_stays_is_not_restarted_into(run: Run, assert_stopped: Judge) -> None:
-    ending = run("ecu-silent@6.3", matrix=POINTS)
-    assert_stopped(ending, "ecu-silent")
+@pytest.mark.parametrize("slug", ["ecu-silent", "serial-garbage"])
+def test_a_fault_that_stays_is_not_restarted_into(run: Run, assert_stopped: Judge, slug: str) -> None:
+    ending = run(f"{slug}@6.3", matrix=POINTS)
+    assert_stopped(ending, slug)
     assert len(ending.truth.all("START")) == 2
 
 

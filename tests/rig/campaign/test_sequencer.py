@@ -158,6 +158,10 @@ def edges(request: pytest.FixtureRequest) -> list[Edge]:
     return explore(CASES[request.param])
 
 
+PROOFS = (ev.Safe(), ev.Done(Request.STOP))
+"""The station's word that the rig stands still at 0 A."""
+
+
 def moving(edge: Edge) -> bool:
     return any(isinstance(action, act.MOTION_ACTIONS) for action in edge.actions)
 
@@ -298,7 +302,7 @@ def test_at_the_end_the_pressure_is_gone_or_a_stop_was_proved_or_the_rigs_state_
 def test_a_stop_counts_as_proved_only_by_the_stations_word_since_the_latch(edges: list[Edge]) -> None:
     for edge in edges:
         if edge.after.stopped and not edge.before.stopped:
-            assert edge.event == ev.Safe()
+            assert edge.event in PROOFS
             assert edge.before.latch is not None
         assert not edge.after.stopped or edge.after.latch is not None
 
@@ -307,7 +311,7 @@ def test_pressure_is_only_gone_when_a_disarm_or_a_stop_with_hydraulics_off_was_p
     gone = [edge for edge in edges if edge.before.pressurised and not edge.after.pressurised]
     assert gone
     for edge in gone:
-        stopped = edge.event == ev.Safe() and edge.before.latch is not None and edge.before.latch.stop is StopKind.S1
+        stopped = edge.event in PROOFS and edge.before.latch is not None and edge.before.latch.stop is StopKind.S1
         assert stopped or edge.event == ev.Done(Request.DISARM)
 
 
@@ -431,6 +435,26 @@ def test_an_ecu_that_stays_hot_or_is_not_all_that_is_wrong_ends_the_campaign(ref
     assert not any(isinstance(action, act.BeginRecording) for action in actions)
     assert state.latch is not None
     assert state.latch.cause == HOT
+
+
+def test_a_trip_right_after_the_stations_reset_is_a_stop_of_its_own_although_the_answer_comes_later() -> None:
+    state, _ = play(start_state(POINTS, 2), until=Phase.RUNNING)
+    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, _ = play(state, until=Phase.RESETTING)
+    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, actions = step(state, ev.Done(Request.RESET))
+    assert (state.phase, actions) == (Phase.STOPPING, ()), "the answer belongs to the reset before"
+    state, actions = play(state)
+    assert actions.count(act.Ask(Request.RESET)) == 1
+    assert [action.attempt for action in actions if isinstance(action, act.BeginRecording)] == [3, 1]
+
+
+def test_a_station_that_stands_safely_already_answers_the_stop_with_its_proof() -> None:
+    state, _ = play(start_state(POINTS, 0), until=Phase.RUNNING)
+    state, _ = step(state, ev.Fault(StopKind.S2, FINAL))
+    state, _ = step(state, ev.Done(Request.STOP))
+    state, _ = play(state)
+    assert (state.rig_state, state.pressurised) == (RigState.SAFE, False)
 
 
 @pytest.mark.parametrize(

@@ -204,3 +204,43 @@ def test_a_stop_that_reaches_nobody_waits_for_the_controllers_own_watchdog_befor
     assert 500 + 1000 + 200 <= late_ms <= 500 + 1000 + 400
     _, done = run(stop, MOVING, 3000)
     assert next(ms for ms, action in done if action is Action.STOP_IGNORED) < 1500
+
+
+@pytest.mark.parametrize("kind", [Stop.S1, Stop.SO])
+def test_a_stop_taken_up_again_is_commanded_and_proved_anew(kind: Stop) -> None:
+    stop, _ = run(begin(), AT_REST, 400)
+    assert stop.step is Step.SAFE
+    stop, actions = safe_stop.escalate(stop, kind, 400 * MS, halt=True)
+    assert actions == (Action.ZERO_CURRENT, Action.HALT)
+    moving = replace(MOVING, current_A=0.0, hydraulics_off=True, hydraulics_low=True)
+    stop, _ = run(stop, moving, 700, from_ms=400)
+    assert stop.step is not Step.SAFE, "what was proved before is not so now"
+    stop, _ = run(stop, OFF, 900, from_ms=700)
+    assert (stop.step, stop.standstill) == (Step.SAFE, True)
+
+
+@pytest.mark.parametrize(
+    ("seen", "is_broken"),
+    [
+        ({}, False),
+        ({"controller_moving": True}, False),
+        ({"still_s": 0.0}, False),
+        ({"controller_moving": True, "still_s": 0.0}, True),
+        ({"controller_moving": True, "still_s": None}, True),
+        ({"controller_moving": None, "still_s": 0.0}, True),
+        ({"controller_moving": None, "still_s": None}, False),
+        ({"controller_moving": True, "still_s": 0.0, "hydraulics_low": True}, False),
+    ],
+    ids=str,
+)
+def test_a_proved_standstill_is_broken_when_nobody_who_can_see_it_says_it_rests(
+    seen: dict[str, object], is_broken: bool
+) -> None:
+    stop, _ = run(begin(), AT_REST, 400)
+    assert safe_stop.broken(stop, replace(AT_REST, **seen)) is is_broken  # type: ignore[arg-type]  # fields by name
+    assert not safe_stop.broken(begin(), MOVING), "a stop under way has its own deadlines"
+
+
+def test_a_fade_out_longer_than_any_stop_may_take_becomes_a_halt() -> None:
+    assert not begin(fade_s=safe_stop.LONGEST_FADE_S).halt
+    assert begin(fade_s=safe_stop.LONGEST_FADE_S + 0.1).halt
