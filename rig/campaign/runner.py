@@ -92,10 +92,13 @@ class Runner:
         return self.state
 
     def _leave_to_the_station(self) -> None:
-        """A rig that could not be disarmed is shut down by its station now, before anybody waits for a disk."""
+        """A rig that could not be disarmed is shut down by its station now, before anybody waits for a disk.
+
+        Standstill that was proved before stays proved although the pressure may still be on; the operator was told.
+        """
         code = self._crew.client.close(STATION_ENDS_S)
         self._hands.note("station", what="ended", exit_code=code)
-        if code != 0:
+        if code != 0 and not self.state.stopped:
             self.state = replace(self.state, rig_state=RigState.UNKNOWN)
 
     def _guarded_turn(self) -> None:
