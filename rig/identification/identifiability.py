@@ -12,6 +12,8 @@ from rig.dampers.algebraic import TanhModel
 from rig.dampers.model import DamperModel
 from rig.identification.coil import needs_lag
 from rig.identification.measurement import Measurement
+from rig.identification.projection import Weighting
+from rig.identification.rivals import rivals
 from rig.identification.uncertainty import Information
 
 FloatArray = NDArray[np.float64]
@@ -20,10 +22,8 @@ SAME_CURRENT_A = 0.03
 PROPORTIONAL = 1e-4  # share of the acceleration that displacement does not explain, below which m and K are one
 ONE_SPEED = 2e-3  # share of the velocity that its sign does not explain, below which C and Fy are one
 
-SATURATED = 0.999
 DEGENERATE = 0.03  # share of its possible energy that the yield force takes out, below which the tanh is sgn(u)
 STRAIGHT = 0.15  # largest tanh up to which it is a straight line: its bend is then below 1 %
-FEWEST_PASSING = 20  # samples on the slope of the tanh that its shape needs at least
 
 #: Parameters per ampere, and the value at zero current that each belongs to.
 PER_AMPERE: Mapping[str, str] = {
@@ -175,9 +175,21 @@ def _speed(model: DamperModel, measurements: Sequence[Measurement], found: Findi
 
 
 def explain(
-    model: DamperModel, found: Information, values: Mapping[str, float], measurements: Sequence[Measurement]
+    model: DamperModel,
+    found: Information,
+    values: Mapping[str, float],
+    measurements: Sequence[Measurement],
+    weighting: Weighting,
 ) -> dict[str, str]:
-    """Reasons for the parameters that the fitted model's own slopes cannot tell apart."""
+    """Reasons for parameters that the fitted model's own slopes cannot tell apart, or that another shape leaves open.
+
+    Args:
+        model: the fitted model.
+        found: what is known of its parameters at `values`.
+        values: the fit (SI).
+        measurements: the tests of the fit.
+        weighting: the weights of the fit.
+    """
     reasons = {}
     for name, partners in found.partners.items():
         if not partners:
@@ -185,35 +197,48 @@ def explain(
         else:
             reasons[name] = f"{name} cannot be told from {', '.join(partners)} in these tests"
     if isinstance(model, TanhModel):
-        reasons |= _tanh(model, values, measurements)
+        reasons |= _tanh(model, found, values, measurements, weighting)
     return reasons
 
 
-def _tanh(model: TanhModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> dict[str, str]:
-    """Reasons where the tanh has become something simpler: sgn(u), a sign function, or a straight line."""
+def _tanh(
+    model: TanhModel,
+    found: Information,
+    values: Mapping[str, float],
+    measurements: Sequence[Measurement],
+    weighting: Weighting,
+) -> dict[str, str]:
+    """Reasons where the tanh is as good as something simpler: sgn(u), a sign function, or a straight line."""
     yielding = np.concatenate([model.yield_shape(values, each.u_m, each.v_m_s) for each in measurements])
     v = np.concatenate([each.v_m_s for each in measurements])
-    passing, largest = int(np.count_nonzero(np.abs(yielding) < SATURATED)), float(np.max(np.abs(yielding)))
+    viscous = [name for name in VISCOUS if name in model.names]
     if abs(_dissipated_share(yielding, v)) < DEGENERATE:
         text = (
             f"cannot be told: the hysteresis is degenerate, {model.shape_names[1]} outweighs every speed, so that the "
             "tanh follows sgn(u) and the yield force dissipates nothing; only its height is known"
         )
         return {name: f"{name} {text}" for name in (*model.shape_names, *model.yield_names)}
-    if passing < FEWEST_PASSING:
-        text = (
-            f"cannot be found: the tanh is saturated at all but {passing} samples, so it hardly changes the force; "
-            "the yield force is only a sign function here"
-        )
-        return {name: f"{name} {text}" for name in model.shape_names}
+    largest = float(np.max(np.abs(yielding)))
     if largest < STRAIGHT:
-        viscous = [name for name in VISCOUS if name in model.names]
         text = (
             f"cannot be told: the tanh is a straight line here (at most {largest:.2g}), so that yield and viscous "
             "force are one; add faster tests"
         )
         return {name: f"{name} {text}" for name in (*model.shape_names, *model.yield_names, *viscous)}
-    return {}
+    steep, bent = rivals(model, found, values, measurements, weighting)
+    if not steep:
+        return {}
+    if bent:
+        text = (
+            "cannot be told: at these speeds a steep tanh and a bent one, with other yield and viscous forces, fit "
+            "alike; add other speeds or a sine"
+        )
+        return {name: f"{name} {text}" for name in (*model.shape_names, *model.yield_names, *viscous)}
+    text = (
+        "cannot be found: the tanh is saturated at nearly all samples, towards or away from mid-stroke, so it "
+        "hardly changes the force; the yield force is only a sign function there"
+    )
+    return {name: f"{name} {text}" for name in model.shape_names}
 
 
 def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> list[str]:

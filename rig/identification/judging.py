@@ -71,7 +71,7 @@ def judged(
     foretells = describes(model, values, held_out, weighting)
     free = [name for name in model.names if name in values and name not in best.findings.held]
     known = information(model, values, free, fitted, weighting, declared)
-    reasons = {**explain(model, known, values, fitted), **best.findings.reasons}
+    reasons = {**explain(model, known, values, fitted, weighting), **best.findings.reasons}
     warnings = [*warnings, *_of_tests((*fitted, *held_out))]
     warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
     if fits is not False and foretells is False:

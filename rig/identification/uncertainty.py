@@ -7,6 +7,10 @@ residual's root mean square, q_t >= 1 what correlation in time and misfit that r
 scale of force and displacement, the position of mid-stroke, the motion that the displacement's samples do not resolve
 at sharp reversals. A skew is taken as shared by all tests, which is the larger of the two possible effects; unresolved
 motion, whose effects on the tests may cancel, counts test by test.
+
+A combination of parameters without information is known only in so far as what each of them contributes cannot be many
+times the whole measured force: it has that standard deviation, `BEYOND_FORCE`. A parameter that this leaves less sure
+than the noise does cannot be told from the others of the combination; one that has next to no part in it is widened.
 """
 
 from __future__ import annotations
@@ -37,6 +41,8 @@ FloatArray = NDArray[np.float64]
 CONFIDENCE = 0.95
 LEAST_FREEDOM = 4.0
 INSEPARABLE = 1e-8  # smallest share of a parameter's own information that must be its alone
+BEYOND_FORCE = 3.0  # standard deviation of a direction without information, in multiples of the measured force
+LEAST_SHARE = 1e-6  # of a direction without information; a smaller one is rounding
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,7 @@ def information(
     size = len(names)
     normal, meat, gradient = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
     residuals: list[Residual] = []
-    independent = 0.0
+    independent, force_power = 0.0, 0.0
     shared = np.zeros((4, size))
     for index, each in enumerate(measurements):
         squared = weighting.of(each, index) ** 2
@@ -122,6 +128,7 @@ def information(
         residual = judge(error, counting, each.u_m, each.dt_s)
         residuals.append(residual)
         independent += np.count_nonzero(counting) / residual.widening
+        force_power += float(squared @ np.where(counting, each.force_N, 0.0) ** 2)
         power = float(np.mean(error[counting] ** 2)) if np.any(counting) else 0.0
         meat += residual.widening * power * (weighted.T @ weighted)
         if each.skew_std_s > 0.0:
@@ -136,7 +143,7 @@ def information(
             effect = weighted.T @ unseen_force(model, values, each)
             meat += np.outer(effect, effect)
     meat += shared.T @ shared
-    return _invert(tuple(names), normal, meat, gradient, tuple(residuals), independent)
+    return _invert(tuple(names), normal, meat, gradient, tuple(residuals), independent, force_power)
 
 
 def _invert(
@@ -146,6 +153,7 @@ def _invert(
     gradient: FloatArray,
     residuals: tuple[Residual, ...],
     independent: float,
+    force_power: float,
 ) -> Information:
     size = len(names)
     scale = np.sqrt(np.diag(normal))
@@ -155,11 +163,13 @@ def _invert(
     scaled[~seen, ~seen] = 0.0
     eigenvalues, vectors = np.linalg.eigh(scaled)
     empty = eigenvalues < INSEPARABLE * max(float(eigenvalues[-1]), 1e-300)
-    partners = _partners(names, vectors[:, empty], seen)
-    told = np.array([name not in partners for name in names])
     inverse = np.where(empty, 0.0, 1.0 / np.where(empty, 1.0, eigenvalues))
     half = (vectors * inverse) @ vectors.T / np.outer(safe, safe)
     covariance = np.asarray(half @ meat @ half)
+    null = vectors[:, empty] * (BEYOND_FORCE * math.sqrt(force_power))
+    partners = _partners(names, vectors[:, empty], seen, np.abs(null) > (safe * np.sqrt(np.diag(covariance)))[:, None])
+    covariance += null @ null.T / np.outer(safe, safe)
+    told = np.array([name not in partners for name in names])
     covariance[~told, :] = covariance[:, ~told] = 0.0
     deviation = np.sqrt(np.diag(covariance))
     spread = np.where(deviation > 0.0, deviation, 1.0)
@@ -177,14 +187,21 @@ def _invert(
     )
 
 
-def _partners(names: tuple[str, ...], null: FloatArray, seen: NDArray[np.bool_]) -> dict[str, tuple[str, ...]]:
-    """Members of the directions without information; a parameter without any effect has no partner."""
-    partners: dict[str, tuple[str, ...]] = {}
-    for k, name in enumerate(names):
-        if not seen[k]:
-            partners[name] = ()
-    for direction in null.T:
-        members = [name for k, name in enumerate(names) if seen[k] and abs(direction[k]) > 0.02]
+def _partners(
+    names: tuple[str, ...], null: FloatArray, seen: NDArray[np.bool_], unsure: NDArray[np.bool_]
+) -> dict[str, tuple[str, ...]]:
+    """Members of the directions without information; a parameter without any effect has no partner.
+
+    Args:
+        names: the parameters.
+        null: those directions, of length 1, shape (p, k).
+        seen: which parameters have any effect, shape (p,).
+        unsure: which parameters each direction leaves less sure than the noise does, shape (p, k).
+    """
+    partners: dict[str, tuple[str, ...]] = {name: () for k, name in enumerate(names) if not seen[k]}
+    member = unsure & seen[:, None] & (np.abs(null) > LEAST_SHARE)
+    for column in member.T:
+        members = [name for k, name in enumerate(names) if column[k]]
         for name in members:
             others = {other for other in members if other != name} | set(partners.get(name, ()))
             partners[name] = tuple(sorted(others, key=names.index))

@@ -1,0 +1,141 @@
+"""Other yield shapes that fit as well as the tanh that was found: the data then do not tell its parameters.
+
+The intervals of beta and delta are linear in them, and a tanh that saturates is not: from some steepness on all fit
+alike. And where only two speeds were tested a bent tanh is a sign function and a viscous force, exactly. So shapes
+without a bend, and with a bend at another speed, take the tanh's place, the linear parameters fitted anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.dampers.algebraic import TanhModel
+from rig.identification.measurement import Measurement
+from rig.identification.model_slope import parameter_slopes
+from rig.identification.projection import Weighting
+from rig.identification.uncertainty import Information
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Shape = Callable[[Measurement], FloatArray]
+Side = Callable[[Measurement], Mask]
+
+TOLD_APART = 16.0  # times the residual's variance, by which another shape must fit worse: four standard errors
+ROUNDING = 1e-12  # of the force's own sum of squares
+BENT = (0.5, 1.0, 2.0, 4.0)  # arguments of a tanh at the greatest speed where it bends within the tested speeds
+RESTS_ON = 2.0  # times its standard error, which a parameter may have without one side of mid-stroke
+LEAST = 1e-100  # square of a regressor without effect
+RIDGE = 1e-12  # of a scaled normal matrix: keeps a variance without information finite, and very large
+
+
+def rivals(
+    model: TanhModel,
+    found: Information,
+    values: Mapping[str, float],
+    measurements: Sequence[Measurement],
+    weighting: Weighting,
+) -> tuple[bool, bool]:
+    """Whether a sign function fits as well as the tanh, and whether a bent tanh fits as well as a sign function.
+
+    The sign function is tried everywhere, and for the motion towards and away from mid-stroke apart, because the loop's
+    width may leave only one of the two bent; that matters where beta and delta cannot be told by the other one alone.
+
+    Args:
+        model: the fitted model.
+        found: what is known of its parameters at `values`.
+        values: the fit (SI).
+        measurements: the tests of the fit.
+        weighting: the weights of the fit.
+
+    Returns:
+        The second only where the first holds.
+    """
+
+    def fitted(each: Measurement) -> FloatArray:
+        return model.yield_shape(values, each.u_m, each.v_m_s)
+
+    def saturated(side: Side) -> Shape:
+        return lambda each: np.where(side(each), np.sign(fitted(each)), fitted(each))
+
+    def bent(slope_s_m: float) -> Shape:
+        return lambda each: np.tanh(slope_s_m * each.v_m_s)
+
+    def least(shape: Shape) -> tuple[float, float]:
+        return _least_squares(model, found.names, shape, measurements, weighting)
+
+    def needed(side: Side) -> bool:
+        whole, rest = (
+            _shape_variances(model, found.names, values, without, measurements, weighting)
+            for without in (_nowhere, side)
+        )
+        return bool(np.any(rest > RESTS_ON**2 * whole))
+
+    best, power = least(fitted)
+    limit = best * (1.0 + TOLD_APART / found.freedom) + ROUNDING * power
+    steep = least(saturated(_everywhere))[0] < limit or any(
+        least(saturated(side))[0] < limit and needed(side) for side in (_towards, _away)
+    )
+    if not steep:
+        return False, False
+    top_m_s = max(float(np.max(np.abs(each.v_m_s))) for each in measurements)
+    return True, any(least(bent(argument / top_m_s))[0] < limit for argument in BENT)
+
+
+def _everywhere(each: Measurement) -> Mask:
+    return np.ones(each.u_m.size, dtype=bool)
+
+
+def _nowhere(each: Measurement) -> Mask:
+    return np.zeros(each.u_m.size, dtype=bool)
+
+
+def _towards(each: Measurement) -> Mask:
+    return each.u_m * each.v_m_s < 0.0
+
+
+def _away(each: Measurement) -> Mask:
+    return ~_towards(each)
+
+
+def _least_squares(
+    model: TanhModel, names: Sequence[str], shape: Shape, measurements: Sequence[Measurement], weighting: Weighting
+) -> tuple[float, float]:
+    """Least weighted sum of squares over the linear parameters among `names` for a yield shape; and the force's own."""
+    free = [k for k, name in enumerate(model.fixed_names) if name in names]
+    powers = [k for k, name in enumerate(model.yield_names) if name in names]
+    size = len(free) + len(powers) + 1
+    sums = np.zeros((size, size))
+    for index, each in enumerate(measurements):
+        weight = weighting.of(each, index)
+        fixed = model.fixed_columns(each.u_m, each.v_m_s, each.a_m_s2, each.current_A)[:, free]
+        gains = [shape(each) * each.current_A**k for k in powers]
+        columns = np.column_stack((fixed, *gains, np.where(weight > 0.0, each.force_N, 0.0))) * weight[:, None]
+        sums += columns.T @ columns
+    scale = np.sqrt(np.maximum(np.diag(sums)[:-1], LEAST))
+    right = sums[:-1, -1] / scale
+    solution = np.linalg.lstsq(sums[:-1, :-1] / np.outer(scale, scale), right, rcond=1e-12)[0]
+    return float(sums[-1, -1] - right @ solution), float(sums[-1, -1])
+
+
+def _shape_variances(
+    model: TanhModel,
+    names: Sequence[str],
+    values: Mapping[str, float],
+    without: Side,
+    measurements: Sequence[Measurement],
+    weighting: Weighting,
+) -> FloatArray:
+    """Variances of the shape parameters under unit noise, if the force of some samples did not depend on them."""
+    shaping = [k for k, name in enumerate(names) if name in model.shape_names]
+    normal = np.zeros((len(names), len(names)))
+    for index, each in enumerate(measurements):
+        slopes = parameter_slopes(model, values, names, each) * weighting.of(each, index)[:, None]
+        slopes[:, shaping] *= ~without(each)[:, None]
+        normal += slopes.T @ slopes
+    scale = np.sqrt(np.maximum(np.diag(normal), LEAST))
+    scaled = normal / np.outer(scale, scale) + RIDGE * np.eye(len(names))
+    variances: FloatArray = (np.diag(np.linalg.inv(scaled)) / scale**2)[shaping]
+    return variances
