@@ -14,6 +14,8 @@ from rig.matrix.point import TestPoint
 NOT_RUN = "not run"
 INVALID = "invalid"
 VALID = "valid"
+RANKS = (INVALID, "suspect", VALID)
+"""Verdicts, worst first: of a point's attempts the best verdict counts, then the latest."""
 
 
 def attempt_name(point: TestPoint, attempt: int) -> str:
@@ -23,7 +25,7 @@ def attempt_name(point: TestPoint, attempt: int) -> str:
 
 @dataclass
 class Ledger:
-    """Results by point id; a later attempt replaces an earlier one unless that one was valid."""
+    """Results by point id; a later attempt replaces an earlier one unless that one had a better verdict."""
 
     points: tuple[TestPoint, ...]
     results: dict[str, PointResult] = field(default_factory=dict)
@@ -54,12 +56,12 @@ class Ledger:
         """Enter an attempt's verdict and, when measured, its numbers; returns what was entered."""
         result = replace(_result(point, file, verdict, tuple(reasons), lost_samples), quality=quality or {})
         known = self.results.get(point.id)
-        if known is None or known.verdict != VALID:
+        if known is None or RANKS.index(verdict) >= RANKS.index(known.verdict):
             self.results[point.id] = result
         return result
 
     def mended(self, file: Path, verdict: str, reasons: Iterable[str], quality: Mapping[str, float]) -> None:
-        """A point's file was written again; its verdict and numbers are these now."""
+        """A point's file (absolute path) was written again; its verdict and numbers are these now."""
         for point_id, result in self.results.items():
             if result.file == file:
                 self.results[point_id] = replace(result, verdict=verdict, reasons=tuple(reasons), quality=quality)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.model import Bench
-from rig.campaign.ledger import INVALID
+from rig.campaign.ledger import INVALID, RANKS
 from rig.campaign.options import CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash
 from rig.clock import utc_now
@@ -134,14 +134,15 @@ class Stock:
 def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
     """Finish what the earlier session left and sort the matrix's points into kept and remaining.
 
-    A point is kept when one of its files opens and is not invalid. The caller holds the campaign.
+    A point is kept when one of its files opens and is not invalid: the one with the best verdict, then the latest
+    attempt. The caller holds the campaign.
 
     Args:
         folder: the campaign's directory.
         points: the matrix's points in order.
     """
     problems = [f"{each.id}: {each.error}" for each in recover_held(folder) if each.error]
-    best: dict[str, RecordedPoint] = {}
+    best: dict[str, tuple[tuple[int, int], RecordedPoint]] = {}
     attempts: dict[str, int] = {}
     temperatures_degC: list[float] = []
     for file in sorted((folder / "points").glob("*.h5")):
@@ -152,11 +153,13 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
             continue
         temperatures_degC += [float(found.quality[each]) for each in TEMPERATURES if each in found.quality]
         name = str(found.provenance.get("point", found.id))
-        attempts[name] = max(attempts.get(name, 0), int(found.provenance.get("attempt", 1)))
-        if name not in best or best[name].verdict == INVALID:
-            best[name] = found
+        attempt = int(found.provenance.get("attempt", 1))
+        attempts[name] = max(attempts.get(name, 0), attempt)
+        rank = (RANKS.index(found.verdict), attempt)
+        if name not in best or rank > best[name][0]:
+            best[name] = rank, found
     points = tuple(points)
-    kept = {point.id: best[point.id] for point in points if point.id in best and best[point.id].verdict != INVALID}
+    kept = {name: found for name, (_, found) in best.items() if found.verdict != INVALID}
     return Stock(
         results=tuple(_result(point, kept[point.id]) for point in points if point.id in kept),
         remaining=tuple(point for point in points if point.id not in kept),
