@@ -6,7 +6,7 @@ import contextlib
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rig.bench.model import Bench
@@ -62,7 +62,8 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         RigError: `options` name neither or both of bench and simulation.
     """
     if options.resume_path is not None:
-        options = resume.as_before(options.resume_path, options)
+        earlier = options.resume_path.resolve()
+        options = resume.as_before(earlier, replace(options, resume_path=earlier))
     if (options.bench_path is None) != options.simulate:
         raise RigError("give either a bench file or --simulate, not both and not neither")
     display = GuardedDisplay(display)
