@@ -15,6 +15,7 @@ from rig.identification.energy import cycle_energies_J
 from rig.identification.measurement import Measurement
 from rig.identification.preparation import prepare
 from rig.identification.residuals import samples_a_cycle
+from rig.recording.loop_shape import noise_of
 from rig.recording.run import RecordedPoint
 
 FloatArray = NDArray[np.float64]
@@ -23,6 +24,9 @@ NEAR_PEAK = 0.97
 """Samples whose speed is at least this share of the greatest one count as "at peak velocity"."""
 FEWEST_FOR_A_LINE = 5
 LEAST_SPREAD = 0.004
+PHASES = 200
+NOISE_SHARE = 0.1
+"""Share of the steepest slope that noise may make of it."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,7 @@ class LoopCharacteristics:
         energy_J: dissipated in a cycle, the loop's area, J; NaN where a stretch of every cycle has no force samples.
         equivalent_damping_N_s_m: `E / (pi omega X^2)`: the viscous damper that dissipates as much in a sine of the
             measured amplitude and frequency, N s/m.
+        steepest_N_s: greatest rate of change of the mean cycle's force, N/s: at the reversals.
         force_scatter_N: standard deviation of the force from cycle to cycle at equal phase, N, noise included.
         cycles: number of cycles.
     """
@@ -63,6 +68,7 @@ class LoopCharacteristics:
     jounce_N: Measured
     energy_J: Measured
     equivalent_damping_N_s_m: Measured
+    steepest_N_s: float
     force_scatter_N: float
     cycles: int
 
@@ -106,9 +112,39 @@ def characterise_loop(point: RecordedPoint, prepared: Measurement | None = None)
         jounce_N=over_cycles(jounces),
         energy_J=over_cycles(energies_J.tolist()),
         equivalent_damping_N_s_m=over_cycles(dampings),
+        steepest_N_s=steepest_N_s(measured),
         force_scatter_N=measured.noise_N,
         cycles=len(energies_J),
     )
+
+
+def steepest_N_s(measured: Measurement) -> float:
+    """Greatest rate of change (N/s) of the mean cycle's force, over as short a time as its noise allows.
+
+    The cycles are laid on one grid of phases; the grid's differences are taken over 1, 2, 4 ... places until three
+    standard deviations of their noise are a small share of the greatest. NaN where half of the phases have no force.
+    """
+    period = samples_a_cycle(measured.u_m)
+    places = min(PHASES, int(period))
+    scored = measured.scored & np.isfinite(measured.force_N)
+    phase = (np.flatnonzero(scored) / period) % 1.0
+    place = np.minimum((phase * places).astype(np.int64), places - 1)
+    count = np.bincount(place, minlength=places)
+    seen = np.flatnonzero(count)
+    if 2 * seen.size < places:
+        return math.nan
+    at_s = np.bincount(place, phase, places)[seen] / count[seen] * period * measured.dt_s
+    force_N = np.bincount(place, measured.force_N[scored], places)[seen] / count[seen]
+    noise_N = measured.noise_N if math.isfinite(measured.noise_N) else noise_of(measured.force_N[scored])
+    noise_N *= math.sqrt(2.0 * seen.size / phase.size)
+    reach, slope_N_s = 1, math.nan
+    while reach <= max(1, seen.size // 8):
+        apart_s = (np.roll(at_s, -reach) - at_s) % (period * measured.dt_s)
+        slope_N_s = float(np.max(np.abs(np.roll(force_N, -reach) - force_N) / apart_s))
+        if 3.0 * noise_N / float(np.mean(apart_s)) <= NOISE_SHARE * slope_N_s:
+            break
+        reach *= 2
+    return slope_N_s
 
 
 def over_cycles(values: list[float]) -> Measured:

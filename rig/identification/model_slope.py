@@ -16,7 +16,6 @@ FloatArray = NDArray[np.float64]
 
 RELATIVE_STEP = 1e-4
 TIME_STEP_S = 2e-6
-PLACE_STEP_M = 1e-6
 SCALE_STEP = 1e-5
 
 
@@ -94,12 +93,6 @@ def time_slope(model: DamperModel, values: Mapping[str, float], each: Measuremen
     """Change of the modelled force with a shift of time, dF/dt (N/s), shape (n,)."""
     jerk = np.gradient(each.a_m_s2, each.dt_s)
     return _motion_slope(model, values, each, (each.v_m_s, each.a_m_s2, jerk), TIME_STEP_S)
-
-
-def place_slope(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
-    """Change of the modelled force with the position's reference (N/m), shape (n,)."""
-    nothing = np.zeros_like(each.u_m)
-    return _motion_slope(model, values, each, (np.ones_like(each.u_m), nothing, nothing), PLACE_STEP_M)
 
 
 def scale_slope(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:

@@ -4,7 +4,7 @@ Covariance of the weighted least-squares estimate (sandwich form):
 C = A^-1 (sum_t q_t s_t^2 B_t + sum_k d_k d_k') A^-1, with A = sum J'W^2 J and B_t = J'W^4 J of test t, s_t its
 residual's root mean square, q_t >= 1 what correlation in time and misfit that repeats every cycle add to it
 (`residuals`), and d_k the effect J'W^2 dF/dk of each declared error k: the skew left in each test, the
-scale of force and displacement, the position of mid-stroke, the motion that the displacement's samples do not resolve
+scale of force and displacement, the motion that the displacement's samples do not resolve
 at sharp reversals. A skew is taken as shared by all tests, which is the larger of the two possible effects; unresolved
 motion, whose effects on the tests may cancel, counts test by test.
 
@@ -28,7 +28,6 @@ from rig.identification.measurement import Measurement
 from rig.identification.model_slope import (
     modelled_force,
     parameter_slopes,
-    place_slope,
     scale_slope,
     time_slope,
     unseen_force,
@@ -52,12 +51,10 @@ class DeclaredErrors:
     Attributes:
         force_gain: relative error of the force's scale (1).
         displacement_gain: relative error of the displacement's scale (1).
-        mid_stroke_m: error of the mid-stroke position (m).
     """
 
     force_gain: float = 0.0
     displacement_gain: float = 0.0
-    mid_stroke_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -116,7 +113,7 @@ def information(
     normal, meat, gradient = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
     residuals: list[Residual] = []
     independent, force_power = 0.0, 0.0
-    shared = np.zeros((4, size))
+    shared = np.zeros((3, size))
     for index, each in enumerate(measurements):
         squared = weighting.of(each, index) ** 2
         slopes = parameter_slopes(model, values, names, each)
@@ -137,8 +134,6 @@ def information(
             shared[1] += declared.force_gain * (weighted.T @ force)
         if declared.displacement_gain > 0.0:
             shared[2] += declared.displacement_gain * (weighted.T @ scale_slope(model, values, each))
-        if declared.mid_stroke_m > 0.0:
-            shared[3] += declared.mid_stroke_m * (weighted.T @ place_slope(model, values, each))
         if each.unseen_v_m_s is not None:
             effect = weighted.T @ unseen_force(model, values, each)
             meat += np.outer(effect, effect)

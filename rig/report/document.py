@@ -16,6 +16,7 @@ from rig.recording.run import Run
 from rig.recording.skew_pooling import pooled_skews
 from rig.report import fit as fit_part
 from rig.report import loops, measurement, section, standard
+from rig.report.budget import budget
 from rig.report.conditions import conditions
 from rig.report.fragment import box, text
 from rig.report.style import STYLE_SHEET
@@ -49,7 +50,7 @@ def write_report(run_dir: Path) -> Path:
         parts.append(fit_part.quality(fit))
     parts += [
         standard.standard_tests(found), section.points_table(views), standard.achieved_table(run.points),
-        conditions(run), measurement.time_base(run), measurement.budget(run), measurement.calibrations(run),
+        conditions(run), measurement.time_base(run), budget(views, found.loops), measurement.calibrations(run),
         section.provenance(run, fit),
     ]
     write_text_durably(run.path / "characteristics.json", json.dumps(found.to_json(), indent=1, allow_nan=False) + "\n")

@@ -1,10 +1,9 @@
-"""How far the numbers can be trusted: clocks and skew, calibrations, and an uncertainty budget for each channel."""
+"""How far the numbers can be trusted: clocks and skew, and calibrations."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from rig.recording.reading import channel_attributes
@@ -15,8 +14,6 @@ from rig.report.fragment import NOTHING, box, number, table, text
 
 PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
 CONFIDENCE = 1.96
-CHANNELS = (("force", "Force", "N"), ("displacement", "Displacement", "mm"))
-MILLI = {"N": 1.0, "mm": 1e3}
 
 
 def time_base(run: Run) -> str:
@@ -84,15 +81,6 @@ def _ms(std_s: float) -> str:
     return number(1e3 * CONFIDENCE * std_s, 2)
 
 
-@dataclass(frozen=True)
-class _Share:
-    """One contribution to a channel's uncertainty: a standard deviation, and where it comes from."""
-
-    what: str
-    value: float
-    origin: str
-
-
 def calibrations(run: Run) -> str:
     """Sensors with their calibration, as recorded in the run's files."""
     point = next((point for point in run.points if point.path is not None and not point.imported), None)
@@ -115,55 +103,3 @@ def calibrations(run: Run) -> str:
         ]))
     warning = box("warn", f"Calibration overdue: {text('; '.join(overdue))}.") if overdue else ""
     return "<h2>Calibration</h2>" + warning + table(head, rows, (3, 6, 7)) if rows else ""
-
-
-def budget(run: Run) -> str:
-    """Standard uncertainties of force and displacement at their peak, and what they add up to, in the worst point."""
-    points = [point for point in run.points if point.verdict != "invalid" and "force_span_N" in point.quality]
-    if not points:
-        return ""
-    worst = max(points, key=lambda point: float(point.quality["force_span_N"]) * point.frequency_Hz)
-    parts = [
-        "<h2>Uncertainty budget</h2>",
-        f'<p class="lead">Standard uncertainties at the peak of point {text(worst.id)}, where force changes fastest. '
-        "What nobody stated is shown as not stated and is not in the sum.</p>",
-    ]
-    for name, title, unit in CHANNELS:
-        parts.append(_channel_budget(worst, name, title, unit))
-    return "".join(parts)
-
-
-def _channel_budget(point: RecordedPoint, name: str, title: str, unit: str) -> str:
-    scale, quality = MILLI[unit], point.quality
-    amplitude = float(quality.get("measured_amplitude_m", point.amplitude_m))
-    peak = 0.5 * float(quality["force_span_N"]) if name == "force" else amplitude
-    stated = point.test.get(f"{name}_uncertainty_percent")
-    rate = 2.0 * math.pi * point.frequency_Hz
-    timing_s = point.skew_std_s if name == "force" else float(quality.get("displacement_clock_std_s", 0.0))
-    shares = [
-        _Share("calibration", peak * float(stated) / 100.0 if stated is not None else math.nan, "certificate"),
-        _Share("noise of one sample", _noise(point, name), "neighbouring samples"),
-        _Share("timing", peak * rate * timing_s, "clock and delay, times the rate of change"),
-    ]
-    if name == "force":
-        scatter_N = float(quality.get("force_scatter_N", 0.0))
-        shares.append(_Share("scatter between cycles", scatter_N, "cycle against cycle"))
-    known = [share.value for share in shares if math.isfinite(share.value)]
-    total = math.sqrt(sum(value * value for value in known))
-    shares.append(_Share("together (k = 1)", total, ""))
-    shares.append(_Share("expanded (k = 2)", 2.0 * total, ""))
-    rows = [
-        ("", [text(share.what), number(scale * share.value, 3) if math.isfinite(share.value) else "not stated",
-              number(100.0 * share.value / peak, 2) if peak > 0.0 else NOTHING, text(share.origin)])
-        for share in shares
-    ]
-    heading = f"<h3>{title}, peak {number(scale * peak, 4)} {unit}</h3>"
-    return heading + table(["Contribution", f"{unit}", "% of peak", "Known from"], rows, (1, 2))
-
-
-def _noise(point: RecordedPoint, name: str) -> float:
-    if name == "force":
-        return float(point.quality.get("force_noise_N", math.nan))
-    from rig.recording.loop_shape import noise_of
-
-    return noise_of(point.displacement_m)

@@ -57,6 +57,24 @@ def test_the_stated_uncertainty_covers_the_error_of_the_energy() -> None:
     assert abs(loop.energy_J.value - exact_J) < 4.0 * loop.energy_J.std + 1e-3 * exact_J
 
 
+@pytest.mark.parametrize("rate_Hz", [250.0, 1000.0, 10_000.0])
+@pytest.mark.parametrize("knee_m_s", [0.01, 0.05, 10.0])
+def test_the_steepest_change_of_force_is_that_of_the_reversal(rate_Hz: float, knee_m_s: float) -> None:
+    omega, noise_N = math.tau * 1.0, 3.0
+    time_s = np.arange(0.0, 9.0, 1.0 / rate_Hz)
+    speed_m_s = AMPLITUDE_M * omega * np.cos(omega * time_s)
+    yield_N = 800.0 * math.hypot(1.0, knee_m_s / 0.1)
+    point = RecordedPoint.from_arrays(
+        time_s=time_s,
+        displacement_m=AMPLITUDE_M * np.sin(omega * time_s),
+        force_N=yield_N * np.tanh(speed_m_s / knee_m_s)
+        + noise_N * np.random.default_rng(4).standard_normal(len(time_s)),
+        id="loop", waveform="sine", amplitude_m=AMPLITUDE_M, frequency_Hz=1.0, current_A=1.0,
+    )  # fmt: skip
+    exact_N_s = yield_N / knee_m_s * AMPLITUDE_M * omega**2
+    assert characterise_loop(point).steepest_N_s == pytest.approx(exact_N_s, rel=0.1)
+
+
 def test_dynamic_range_is_the_ratio_of_forces_without_the_gas_force() -> None:
     loops = [characterise_loop(viscous(500.0, 1.0, -200.0)), characterise_loop(viscous(1500.0, 1.0, -200.0, 1.0))]
     (found,) = dynamic_range(loops)

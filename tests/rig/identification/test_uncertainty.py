@@ -71,7 +71,7 @@ def test_a_gain_error_widens_each_force_by_its_share(make_synthetic: Make) -> No
     told = known(tests, declared=DeclaredErrors(force_gain=0.01))
     assert told.standard_error("Fyb") == pytest.approx(0.01 * DEMO["Fyb"], rel=0.01)
     assert told.standard_error("F0") == pytest.approx(0.01 * abs(DEMO["F0"]), rel=0.01)
-    scaled = known(tests, declared=DeclaredErrors(displacement_gain=0.01, mid_stroke_m=1e-4))
+    scaled = known(tests, declared=DeclaredErrors(displacement_gain=0.01))
     assert scaled.standard_error("Ca_plus") == pytest.approx(0.01 * DEMO["Ca_plus"], rel=0.2)
 
 

@@ -1,0 +1,159 @@
+"""An uncertainty budget for each channel: what stands behind a number in the report, and what nobody stated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.characteristics.loop import LoopCharacteristics
+from rig.identification.measurement import Measurement
+from rig.recording.loop_shape import noise_of
+from rig.recording.reading import channel_attributes
+from rig.recording.run import RecordedPoint
+from rig.report.fragment import NOTHING, number, table, text
+from rig.report.view import PointView
+
+NOT_STATED = math.nan
+UNIFORM = 1.0 / math.sqrt(12.0)
+"""Standard deviation of what lies anywhere in a span of 1."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """One contribution to a channel's uncertainty: a standard deviation, and where it comes from."""
+
+    what: str
+    value: float
+    origin: str
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel's greatest value and the contributions to its uncertainty, all in `unit`."""
+
+    title: str
+    unit: str
+    peak: float
+    shares: tuple[Share, ...]
+
+    @property
+    def together(self) -> float:
+        """Standard uncertainty: the root of the summed squares of what is known."""
+        return math.hypot(*(share.value for share in self.shares if math.isfinite(share.value)))
+
+
+def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> str:
+    """Standard uncertainties of every channel at its peak, in the loop whose force changes fastest.
+
+    Args:
+        views: the points, with their measurements.
+        loops: their characteristics.
+    """
+    steepest = {loop.id: loop.steepest_N_s for loop in loops if math.isfinite(loop.steepest_N_s)}
+    found = [
+        (view.point, view.measured) for view in views
+        if view.measured is not None and view.point.id in steepest and "force_span_N" in view.point.quality
+    ]
+    if not found:
+        return ""
+    point, measured = max(found, key=lambda pair: steepest[pair[0].id])
+    note = (
+        f"Standard uncertainties at the peak of point {text(point.id)}, where force changes fastest. "
+        "What nobody stated is shown as not stated and is not in the sum."
+    )
+    parts = [f'<h2>Uncertainty budget</h2><p class="lead">{note}</p>']
+    parts += [_table(channel) for channel in channels_of(point, measured, steepest[point.id])]
+    return "".join(parts)
+
+
+def channels_of(point: RecordedPoint, measured: Measurement, steepest_N_s: float) -> list[Channel]:
+    """The budget of every channel of a point, the uncertainties in the unit that the channel is shown in.
+
+    Args:
+        point: the point.
+        measured: its measurement, with the skew that is left.
+        steepest_N_s: greatest rate of change of its mean cycle's force, N/s.
+    """
+    return [_force(point, measured, steepest_N_s), _displacement(point, measured), *_current(point),
+            *_temperature(point), *_auxiliaries(point)]
+
+
+def _force(point: RecordedPoint, measured: Measurement, steepest_N_s: float) -> Channel:
+    quality = point.quality
+    peak_N = 0.5 * float(quality["force_span_N"])
+    timing_N = steepest_N_s * measured.skew_std_s
+    return Channel("Force", "N", peak_N, (
+        _certificate(peak_N, point.test.get("force_uncertainty_percent")),
+        Share("noise of one sample", float(quality.get("force_noise_N", math.nan)), "neighbouring samples"),
+        Share("timing, at the reversals", timing_N, "skew left, times the force's steepest measured change"),
+        Share("scatter between cycles", float(quality.get("force_scatter_N", math.nan)), "cycle against cycle"),
+    ))
+
+
+def _displacement(point: RecordedPoint, measured: Measurement) -> Channel:
+    peak_mm = 1e3 * float(point.quality.get("measured_amplitude_m", point.amplitude_m))
+    clock_std_s = float(point.quality.get("displacement_clock_std_s", math.nan))
+    timing_mm = 1e3 * float(np.max(np.abs(measured.v_m_s))) * clock_std_s
+    return Channel("Displacement", "mm", peak_mm, (
+        _certificate(peak_mm, point.test.get("displacement_uncertainty_percent")),
+        Share("noise of one sample", 1e3 * noise_of(point.displacement_m), "neighbouring samples"),
+        Share("timing, at peak velocity", timing_mm, "clock, times the measured peak velocity"),
+    ))
+
+
+def _current(point: RecordedPoint) -> Iterator[Channel]:
+    """The coil's current as the ECU measures it; its calibration is the ECU's own and nowhere stated."""
+    if "measured_current_A" in point.quality:
+        scatter_A = float(point.quality.get("measured_current_std_A", math.nan))
+        yield Channel("Coil current", "A", abs(float(point.quality["measured_current_A"])), (
+            Share("calibration", NOT_STATED, "the ECU"), Share("scatter of one sample", scatter_A, "over the point"),
+        ))
+
+
+def _temperature(point: RecordedPoint) -> Iterator[Channel]:
+    """The coil's temperature as the ECU measures it."""
+    low, high = (point.quality.get(f"coil_temperature_{end}_degC") for end in ("low", "high"))
+    if low is not None and high is not None:
+        change_K = UNIFORM * (float(high) - float(low))
+        yield Channel("Coil temperature", "degC", float(high), (
+            Share("calibration", NOT_STATED, "the ECU"),
+            Share("change during the point", change_K, "lowest to highest"),
+        ))
+
+
+def _auxiliaries(point: RecordedPoint) -> Iterator[Channel]:
+    """Auxiliary channels that have a calibration."""
+    for name in (f"auxiliary_{n}" for n in range(1, 8)):
+        attributes = {} if point.path is None else channel_attributes(point.path, name)
+        if "serial_number" not in attributes:
+            continue
+        values = point.channel(name)
+        known = values[np.isfinite(values)]
+        if known.size == 0:
+            continue
+        peak = float(np.max(np.abs(known)))
+        yield Channel(str(attributes.get("sensor") or name), str(attributes.get("units", "")), peak, (
+            _certificate(peak, attributes.get("uncertainty_percent")),
+            Share("noise of one sample", noise_of(values), "neighbouring samples"),
+        ))
+
+
+def _certificate(peak: float, percent: object) -> Share:
+    share = peak * percent / 100.0 if isinstance(percent, (int, float)) else NOT_STATED
+    return Share("calibration", share, "certificate")
+
+
+def _table(channel: Channel) -> str:
+    sums = (
+        Share("together (k = 1)", channel.together, ""), Share("expanded (k = 2)", 2.0 * channel.together, ""),
+    )
+    rows = [
+        ("", [text(share.what), number(share.value, 3) if math.isfinite(share.value) else "not stated",
+              number(100.0 * share.value / channel.peak, 2) if channel.peak > 0.0 else NOTHING, text(share.origin)])
+        for share in (*channel.shares, *sums)
+    ]
+    heading = f"<h3>{text(channel.title)}, peak {number(channel.peak, 4)} {text(channel.unit)}</h3>"
+    return heading + table(["Contribution", text(channel.unit), "% of peak", "Known from"], rows, (1, 2))
