@@ -11,6 +11,7 @@ from simulated_campaign import Ended, options, simulated
 from true_states import Truth
 
 from rig.recording.run import RecordedPoint
+from rig.recording.skew_pooling import pooled_skews
 
 pytestmark = pytest.mark.wire
 
@@ -29,8 +30,8 @@ cycles = 10
 enabled = false
 """
 LAG_S = 2e-3
-COVERING = 2.6
-"""Standard deviations: 99 %."""
+COVERING = 4.0
+"""Standard deviations: beyond them is a defect, not bad luck."""
 
 
 @pytest.fixture(scope="module")
@@ -50,12 +51,23 @@ def true_time_s(truth: Truth, point: RecordedPoint) -> np.ndarray:
     return np.asarray(time_s + wrap_s * round((np.mean(truth.time_s) - np.mean(time_s)) / wrap_s))
 
 
-def test_the_points_agree_on_the_skew_and_its_interval_covers_what_was_set(lagging: Ended) -> None:
-    numbers = [point["quality"] for point in lagging.answer["points"]]
-    assert np.ptp([quality["skew_s"] for quality in numbers]) < numbers[0]["skew_std_s"]
-    assert abs(numbers[0]["skew_s"] - LAG_S) < COVERING * numbers[0]["skew_std_s"]
-    assert numbers[0]["skew_std_s"] < 0.5e-3
-    assert [point.skew_s for point in lagging.run.points] == [quality["skew_s"] for quality in numbers]
+def test_every_points_skew_is_what_was_set_as_far_as_it_is_known(lagging: Ended) -> None:
+    for point in lagging.run.points:
+        assert abs(point.skew_s - LAG_S) < COVERING * point.skew_std_s, point.id
+        assert point.skew_std_s < 0.5e-3
+    said = [point["quality"]["skew_s"] for point in lagging.answer["points"]]
+    assert said == [point.skew_s for point in lagging.run.points]
+
+
+def test_all_points_together_know_it_better(lagging: Ended) -> None:
+    points = lagging.run.points
+    skews = pooled_skews(points)
+    (found_s,) = {skew.force.value_s - skew.displacement.value_s for skew in skews.values()}
+    assert skews.keys() == {point.id for point in points}
+    for point in points:
+        std_s = skews[point.id].std_s
+        assert abs(found_s - LAG_S) < COVERING * std_s
+        assert std_s < min(0.2e-3, 1.01 * point.skew_std_s)
 
 
 def test_the_drift_of_the_load_cells_clock_is_stated_with_its_uncertainty(lagging: Ended) -> None:
