@@ -26,7 +26,7 @@ prior = "demo"
 [matrix]
 amplitude = ["30 mm"]
 frequency = ["2 Hz"]
-current = ["1 A", "1.5 A"]
+current = ["1 A", "1.5 A", "2 A", "0.5 A", "1.2 A"]
 cycles = 6
 [identify]
 enabled = false
@@ -41,7 +41,7 @@ def rig_run(*arguments: str, folder: Path) -> subprocess.Popen[str]:
 
 
 def begun(folder: Path) -> Path:
-    """A campaign stopped during its second point."""
+    """A campaign stopped when its first point was done."""
     (folder / "matrix.toml").write_text(MATRIX, encoding="utf-8")
     arguments = ("matrix.toml", "--simulate", "--speed", "10", "--seed", "7", "--out", "out", "--", "--no-real-time")
     with rig_run(*arguments, folder=folder) as first:
