@@ -27,6 +27,8 @@ from protocols.errors import RemoteProtocolError
 from protocols.register_map import RegisterMap, Value
 
 SEQUENCE_MODULUS = 1 << 16
+CLEAR_OF_OTHERS = SEQUENCE_MODULUS // 2
+"""How far from another master's sequence numbers ours go on; it counts up, too."""
 SEND_ATTEMPTS = 3
 REOPEN_TIMEOUT_S = 0.2
 CONFIRM_PAUSE_S = 0.001
@@ -38,8 +40,9 @@ class ModbusActuator:
     """Drives one actuator controller; one owner thread.
 
     A command is written once with a new sequence number. When its outcome is unknown (time-out, broken connection) the
-    acknowledged sequence is read back first; only a command that did not arrive is written again, with the same
-    sequence number, so the controller never executes it twice.
+    acknowledged sequence and command are read back first; only a command that did not arrive is written again, with the
+    same sequence number, so the controller never executes it twice. A number that another master has used meanwhile is
+    ignored by the controller: then the command gets a new one.
 
     Args:
         url: modbus-tcp://host:port, or modbus-rtu: and a serial port.
@@ -74,6 +77,8 @@ class ModbusActuator:
         self._table = register_map.block("table")
         self._watchdog = register_map.block("watchdog")
         self._sequence: int | None = None
+        self._sent = Command.NONE
+        self._seen: ActuatorStatus | None = None
 
     @property
     def url(self) -> str:
@@ -232,15 +237,17 @@ class ModbusActuator:
             LinkLost: the connection broke and cannot be made again; the command may have arrived.
             WrongAnswer: the answer was not one to this write; the command may have arrived.
         """
-        sequence = self._sequence = self._next_sequence()
-        words = self._command.encode({
-            "command": int(command), "sequence": sequence, "owner_id": self.owner_id, **values,
-        })
+        sequence = self._next_sequence()
         for attempt in range(SEND_ATTEMPTS):
             try:
-                if attempt > 0 and self._arrived(sequence):
-                    break
-                self._link.write(self._command.address, words)
+                if attempt > 0:
+                    if self._arrived(command, sequence):
+                        break
+                    sequence = self._next_sequence() if self._swallowed else sequence
+                self._sequence, self._sent = sequence, command
+                self._link.write(self._command.address, self._command.encode({
+                    "command": int(command), "sequence": sequence, "owner_id": self.owner_id, **values,
+                }))
                 break
             except (NoAnswer, LinkLost, WrongAnswer):
                 if attempt == SEND_ATTEMPTS - 1:
@@ -248,7 +255,7 @@ class ModbusActuator:
         return sequence
 
     def confirm(self, sequence: int, timeout_s: float = 0.5) -> ActuatorStatus:
-        """Wait until the controller has answered a command.
+        """Wait until the controller has answered the last command that was sent.
 
         Args:
             sequence: what `send` returned.
@@ -265,13 +272,13 @@ class ModbusActuator:
         deadline = time.monotonic() + timeout_s
         while True:
             status = self.read_status()
-            if status.acked_sequence == sequence and status.result not in {Result.IDLE, Result.BUSY}:
+            if status.acknowledges(self._sent, sequence) and status.result not in {Result.IDLE, Result.BUSY}:
                 break
             if time.monotonic() >= deadline:
                 raise NoAnswer(
                     "actuator", self.url,
                     f"command {sequence} has no result after {timeout_s:g} s; the last one seen is "
-                    f"{status.acked_sequence} with result {status.result}",
+                    f"{status.acked_sequence} with result {status.result} of command {status.acked_command}",
                 )
             time.sleep(CONFIRM_PAUSE_S)
         if status.result != Result.DONE:
@@ -281,7 +288,7 @@ class ModbusActuator:
             )
         return status
 
-    def _arrived(self, sequence: int) -> bool:
+    def _arrived(self, command: Command, sequence: int) -> bool:
         """Whether the controller has seen this command; connects again first if it must.
 
         Raises:
@@ -292,16 +299,26 @@ class ModbusActuator:
             self._link.open(REOPEN_TIMEOUT_S)
         except DriverError as error:
             raise LinkLost("actuator", self.url, f"command {sequence}: outcome unknown, {error}") from error
-        return self.read_status().acked_sequence == sequence
+        return self.read_status().acknowledges(command, sequence)
+
+    @property
+    def _swallowed(self) -> bool:
+        """The controller has seen our last number with another command: it ignored, or will ignore, ours."""
+        seen = self._seen
+        return seen is not None and seen.acked_sequence == self._sequence and seen.acked_command != self._sent
 
     def _next_sequence(self) -> int:
-        """The number after the last one the controller saw; 1..65535.
+        """The number after our last one; far from it where another master uses the same ones; 1..65535.
 
         Raises:
-            DriverError: the controller cannot be asked for it.
+            DriverError: the controller cannot be asked for the last one it saw.
         """
-        last = self.read_status().acked_sequence if self._sequence is None else self._sequence
-        return last % (SEQUENCE_MODULUS - 1) + 1
+        if self._sequence is None or self._seen is None:
+            return _following(self.read_status().acked_sequence)
+        following = _following(self._sequence)
+        if self._swallowed or self._seen.acked_sequence == following:
+            return _following(self._sequence + CLEAR_OF_OTHERS)
+        return following
 
     def _to_status(self, words: list[int]) -> ActuatorStatus:
         """Decode a status block that has just arrived.
@@ -310,6 +327,12 @@ class ModbusActuator:
             WrongAnswer: the words do not make up the block.
         """
         try:
-            return decode_status(words, time.monotonic_ns(), self._status)
+            self._seen = decode_status(words, time.monotonic_ns(), self._status)
         except RemoteProtocolError as error:
             raise WrongAnswer("actuator", self.url, f"status block: {error}") from error
+        return self._seen
+
+
+def _following(sequence: int) -> int:
+    """The sequence number after this one; never 0."""
+    return sequence % (SEQUENCE_MODULUS - 1) + 1

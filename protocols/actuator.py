@@ -276,6 +276,15 @@ class ActuatorStatus(NamedTuple):
         """
         return now_ns - self.received_ns
 
+    def acknowledges(self, command: int, sequence: int) -> bool:
+        """Whether this answers that command: the same number may have carried another master's command.
+
+        Args:
+            command: what was sent, a `Command`.
+            sequence: its sequence number.
+        """
+        return (self.acked_sequence, self.acked_command) == (sequence, command)
+
 
 def _bare(field: str) -> str:
     """Register name of a field: the unit suffix dropped."""

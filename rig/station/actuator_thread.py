@@ -309,20 +309,28 @@ class ActuatorThread(DeviceThread):
             self._supervisor.report([finding])
 
     def _follow_stop(self, status: ActuatorStatus) -> None:
-        """A stop command that was acknowledged must also have been executed; else it is sent again."""
+        """A stop command that was written must also be acknowledged; else it is sent again.
+
+        Its number with another command is another master's: the controller has ignored ours.
+        """
         sent = self._sent
         if sent is None:
             return
         sent.statuses += 1
-        if status.acked_sequence == sent.sequence:
+        command = COMMANDS[sent.action]
+        if status.acknowledges(command, sent.sequence):
             self._sent = None
-        elif sent.statuses == CONSECUTIVE:
-            self._sent = None
-            name = COMMANDS[sent.action].name
-            detail = f"{name} was written as {sent.sequence}, the controller's last command is {status.acked_sequence}"
-            self._supervisor.report([Finding("modbus-write-lost", detail, status.received_ns)])
-            if not self._supervisor.settled:
-                self.act(sent.action)
+            return
+        swallowed = status.acked_sequence == sent.sequence
+        if not swallowed and sent.statuses < CONSECUTIVE:
+            return
+        self._sent = None
+        last = f"{status.acked_command} as {status.acked_sequence}"
+        detail = f"{command.name} was written as {sent.sequence}, the controller's last command is {last}"
+        slug = "second-master" if swallowed else "modbus-write-lost"
+        self._supervisor.report([Finding(slug, detail, status.received_ns)])
+        if not self._supervisor.settled:
+            self.act(sent.action)
 
     def _is(self, wanted: Callable[[ActuatorStatus], bool]) -> bool:
         return self.judge.status is not None and wanted(self.judge.status)

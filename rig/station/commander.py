@@ -59,7 +59,7 @@ class Commander:
 
         sequence = self._actuator.call(send, ACK_TIMEOUT_S)
         status = self.await_status(
-            lambda answer: answer.acked_sequence == sequence and answer.result not in {Result.IDLE, Result.BUSY},
+            lambda answer: answer.acknowledges(command, sequence) and answer.result not in {Result.IDLE, Result.BUSY},
             "modbus-write-lost",
             f"{command.name} was not acknowledged",
         )

@@ -44,6 +44,12 @@ class ModbusDevice:
         """Set registers."""
         self.registers[address : address + len(words)] = words
 
+    def command(self, command: int, sequence: int) -> None:
+        """Execute a command, ours or another master's, unless its number is the one before."""
+        if sequence != self.registers[118]:
+            self.executed.append(command)
+            self.put(118, [sequence, self.result, command])
+
     def hang_up(self) -> None:
         """Reset the connection."""
         if self._connection is not None:
@@ -116,9 +122,8 @@ class ModbusDevice:
         if self.ignore_writes:
             return
         self.put(address, words)
-        if address == 300 and words[1] != self.registers[118]:
-            self.executed.append(words[0])
-            self.put(118, [words[1], self.result, words[0]])
+        if address == 300:
+            self.command(words[0], words[1])
         if address == 350:
             self.put(122, words)
 
