@@ -40,12 +40,14 @@ MOTION_M_S = 0.01
 FEED_AGAIN_NS = 100_000_000
 IDENTITY_EVERY = 50
 """Polls between two looks at boot count and configuration."""
+REOPEN_PAUSE_S = 0.01
 COMMANDS = {
-    Action.FADE: Command.FADE_STOP,
-    Action.HALT: Command.HALT,
-    Action.HYDRAULICS_LOW: Command.HYDRAULICS_LOW,
     Action.HYDRAULICS_OFF: Command.HYDRAULICS_OFF,
+    Action.HALT: Command.HALT,
+    Action.FADE: Command.FADE_STOP,
+    Action.HYDRAULICS_LOW: Command.HYDRAULICS_LOW,
 }
+"""Stop commands, the strongest first: one that was sent makes those behind it needless."""
 
 
 @dataclass
@@ -83,7 +85,8 @@ class ActuatorThread(DeviceThread):
         self._supervisor = supervisor
         self._append = append
         self._wake = threading.Condition()
-        self._actions: deque[Action] = deque()
+        self._actions: frozenset[Action] = frozenset()
+        self._hurry = False
         self._jobs: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._counter = 0
         self._unechoed = 0
@@ -93,7 +96,6 @@ class ActuatorThread(DeviceThread):
         self._troubles = LinkTroubles(driver)
         self._feed_ns = 0
         self._settings: tuple[int, int] | None = None
-        self._retry: Action | None = None
         self._sent: SentStop | None = None
         self._records = StatusRecords()
 
@@ -136,7 +138,8 @@ class ActuatorThread(DeviceThread):
     def act(self, action: Action) -> None:
         """Carry out a stop action before anything else; returns at once."""
         with self._wake:
-            self._actions.append(action)
+            self._actions |= {action}
+            self._hurry = True
             self._wake.notify()
 
     def call(self, job: Callable[[ActuatorDriver], T], timeout_s: float) -> T:
@@ -144,13 +147,17 @@ class ActuatorThread(DeviceThread):
 
         Raises:
             DriverError: whatever the driver raised.
-            TimeoutError: the thread did not come to it in time.
+            TimeoutError: the thread did not come to it in time; a job that had not begun never will.
         """
         future: Future[object] = Future()
         with self._wake:
             self._jobs.append((lambda: job(self._driver), future))
             self._wake.notify()
-        return future.result(timeout_s)  # type: ignore[return-value]  # the future holds what the job returned
+        try:
+            return future.result(timeout_s)  # type: ignore[return-value]  # the future holds what the job returned
+        except TimeoutError:
+            future.cancel()
+            raise
 
     def expect_settings(self, expected: bool) -> None:
         """Compare boot count and configuration with what they are now (True), or with nothing (False)."""
@@ -186,7 +193,7 @@ class ActuatorThread(DeviceThread):
     @property
     def stop_taken(self) -> bool:
         """No stop command waits to be sent or to be acknowledged."""
-        return not self._actions and self._retry is None and self._sent is None
+        return not self._actions and self._sent is None
 
     def in_motion(self) -> bool:
         """The controller's last status shows speed."""
@@ -222,9 +229,9 @@ class ActuatorThread(DeviceThread):
 
     def _wait(self, until_ns: int) -> None:
         with self._wake:
-            if self._actions or self._jobs:
-                return
-            self._wake.wait(max(0.0, (until_ns - monotonic_ns()) / 1e9))
+            if not self._hurry and not self._jobs:
+                self._wake.wait(max(0.0, (until_ns - monotonic_ns()) / 1e9))
+            self._hurry = False
 
     def _serve(self) -> None:
         if not self._linked:
@@ -237,17 +244,20 @@ class ActuatorThread(DeviceThread):
             self._compare_settings(self._settings)
 
     def _carry_out(self) -> None:
-        """Send the stop commands that wait; one that is refused waits for the next round, after a status was read."""
-        while (action := self._next_action()) is not None:
-            self._retry = action
+        """Send the strongest stop command that waits and is taken; those refused wait for the next round."""
+        waiting = self._actions
+        strongest_first = [action for action in COMMANDS if action in waiting]
+        for place, action in enumerate(strongest_first):
             try:
                 sequence = self._driver.send(COMMANDS[action])
             except RequestRefused as error:
                 self._failed(error)
-                return
-            self._retry = None
+                continue
+            with self._wake:
+                self._actions -= {*strongest_first[place:]}
             self._sent = SentStop(action, sequence)
             self._supervisor.note_sent(action)
+            return
 
     def _compare_settings(self, expected: tuple[int, int]) -> None:
         """A controller that has booted, or whose limits somebody else changed, is not the one that was prepared."""
@@ -255,12 +265,6 @@ class ActuatorThread(DeviceThread):
         if found != expected:
             detail = f"controller's boot count and configuration hash are {found}, they were {expected}"
             self._supervisor.report([Finding("actuator-reboot", detail, monotonic_ns())])
-
-    def _next_action(self) -> Action | None:
-        with self._wake:
-            if self._retry is not None and not self._actions:
-                return self._retry
-            return self._actions.popleft() if self._actions else None
 
     def _run_job(self) -> None:
         with self._wake:
@@ -351,7 +355,11 @@ class ActuatorThread(DeviceThread):
             DriverError: nobody answers.
         """
         self._driver.close()
-        self._driver.open()
+        try:
+            self._driver.open()
+        except DriverError:
+            self._ending.wait(REOPEN_PAUSE_S)
+            raise
         self.judge.restart()
         self._linked = True
 

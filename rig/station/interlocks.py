@@ -188,8 +188,9 @@ class MotionJudge:
 
     def restart_still(self) -> None:
         """Begin the proof of standstill anew, from the next sample on."""
-        self._anchor_m = math.nan
+        # In this order: a sample judged between the two (the supervisor calls from its own thread) sets neither.
         self._anchor_s = math.nan
+        self._anchor_m = math.nan
 
     def judge(self, records: list[Record]) -> list[Finding]:
         """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""

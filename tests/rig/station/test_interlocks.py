@@ -168,3 +168,26 @@ def test_clock_that_falls_back_restarts_the_proof_of_standstill() -> None:
     motion_of([0.0] * 100, judge)
     judge.judge([record(3, 0.0)])
     assert judge.still_s == 0.0
+
+
+class Interrupted(MotionJudge):
+    """A sample is judged by the reader's thread just after the first thing that the supervisor's thread forgets."""
+
+    between: Record | None = None
+
+    def __setattr__(self, name: str, value: object) -> None:
+        super().__setattr__(name, value)
+        sample, self.__dict__["between"] = self.between, None
+        if sample is not None:
+            self.judge([sample])
+
+
+@pytest.mark.parametrize("at_m", [0.02, 0.05])
+def test_a_sample_in_the_middle_of_a_restart_does_not_end_the_proof_of_standstill_for_good(at_m: float) -> None:
+    judge = Interrupted(0.88, rate_Hz=250.0)
+    motion_of([0.02] * 51, judge)
+    judge.__dict__["between"] = record(51, at_m)
+    judge.restart_still()
+    for i in range(52, 103):
+        judge.judge([record(i, at_m)])
+    assert judge.still_s == pytest.approx(0.2, abs=0.005)

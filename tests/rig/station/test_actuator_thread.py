@@ -1,0 +1,172 @@
+"""The actuator's thread against Modbus bytes: a stop gets through, and no answer is taken for more than it is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from modbus_device import ModbusDevice, framed
+from station_bench import Told, config_for
+
+from drivers.actuator import ModbusActuator
+from protocols.actuator import STATUS, Command, Input, State
+from rig.station.actuator_thread import ActuatorThread
+from rig.station.config import ActuatorConfig
+from rig.station.fault_table import Stop
+from rig.station.safe_stop import Action
+from rig.station.status_judge import ControllerJudge
+from rig.station.supervisor import Supervisor
+
+NEVER_NS = 1 << 60
+PATIENCE_S = 8.0
+
+
+class Coil:
+    """A coil that is always at 0 A."""
+
+    fresh_current_A = 0.0
+
+    def zero_now(self) -> None:
+        """Nothing to do."""
+
+
+class MovingRod:
+    """An LVDT that sees the rod move for ever."""
+
+    def still_s(self, now_ns: int) -> float:
+        del now_ns
+        return 0.0
+
+    def restart_still(self) -> None:
+        """It never stood still."""
+
+    def position_m(self, now_ns: int) -> None:
+        del now_ns
+
+
+class Controller:
+    """A running controller as a Modbus device, with the station's thread at it."""
+
+    def __init__(self, poll_s: float, frozen_after_ns: int) -> None:
+        self.device = ModbusDevice()
+        self.show(State.RUNNING)
+        self.told = Told()
+        self.supervisor = Supervisor(config_for(), self.told.append, lambda records: None, lambda now_ns: None)
+        self.thread = ActuatorThread(
+            ActuatorConfig(self.device.url, poll_s=poll_s),
+            ModbusActuator(self.device.url, timeout_s=0.1, owner_id=77),
+            ControllerJudge(77, frozen_after_ns=frozen_after_ns, disagreement_m=1.0, lag_s=0.0),
+            MovingRod(),
+            self.supervisor,
+            lambda records: None,
+        )
+        self.thread.open()
+        self.supervisor.attach(Coil(), self.thread, MovingRod(), ())
+        self.supervisor.arm()
+
+    def show(self, state: State) -> None:
+        inputs = Input.E_STOP_CLOSED | Input.HYDRAULICS_ON
+        values = {"state": int(state), "inputs": int(inputs), "owner": 77, "position": 0.01}
+        self.device.put(STATUS.address, STATUS.encode(values))
+
+    def written(self) -> list[int]:
+        """Commands that came over the wire, executed or not."""
+        return [words[0] for _, address, words in self.device.requests if address == 300]
+
+    def close(self) -> None:
+        self.supervisor.end()
+        self.thread.end()
+        self.thread.close()
+        self.device.close()
+
+
+Make = Callable[..., Controller]
+
+
+@pytest.fixture
+def controller() -> Iterator[Make]:
+    made: list[Controller] = []
+
+    def make(poll_s: float = 0.01, frozen_after_ns: int = NEVER_NS) -> Controller:
+        made.append(Controller(poll_s, frozen_after_ns))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def wait_for(wanted: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + PATIENCE_S
+    while not wanted() and time.monotonic() < deadline:
+        time.sleep(0.002)
+    return wanted()
+
+
+def refuse_halts(frame: bytes, right: bytes) -> list[bytes]:
+    function, address, command = frame[7], frame[8:10], frame[13:15]
+    if (function, address, command) == (16, (300).to_bytes(2, "big"), int(Command.HALT).to_bytes(2, "big")):
+        return [framed(frame, bytes([0x90, 4]))]
+    return [framed(frame, right)]
+
+
+def test_a_stop_whose_number_another_master_used_first_is_sent_again_and_the_other_master_named(
+    controller: Make,
+) -> None:
+    rig = controller(poll_s=5.0)
+    rig.thread.start()
+    assert wait_for(lambda: rig.thread.polls == 1)
+    sequence = rig.thread.call(lambda driver: driver.send(Command.START), PATIENCE_S)
+    assert wait_for(lambda: rig.thread.polls == 2), "its number is seen, the other's is not"
+    rig.device.command(Command.ACQUIRE, sequence + 1)
+    rig.supervisor.ask_stop(Stop.S2, "operator", "now")
+    assert wait_for(lambda: Command.FADE_STOP in rig.device.executed)
+    assert wait_for(lambda: rig.thread.stop_taken)
+    assert rig.told.slugs("also") == ["second-master"]
+
+
+def test_a_fade_out_that_is_not_acknowledged_does_not_take_the_place_of_a_halt_that_waits(controller: Make) -> None:
+    rig = controller()
+    rig.device.ignore_writes = True
+    rig.device.faults = [refuse_halts] * 100_000
+    rig.thread.start()
+    rig.supervisor.ask_stop(Stop.S2, "operator", "now")
+    rig.thread.act(Action.HALT)
+    assert wait_for(lambda: rig.written().count(Command.FADE_STOP) == 2)
+    rig.device.ignore_writes = False
+    rig.device.faults = []
+    assert wait_for(lambda: Command.HALT in rig.device.executed)
+    assert wait_for(lambda: rig.thread.stop_taken)
+    assert rig.device.executed[-1] == Command.HALT, "nothing weaker follows it"
+
+
+def test_of_stops_that_wait_together_the_strongest_is_sent(controller: Make) -> None:
+    rig = controller()
+    for action in (Action.HYDRAULICS_OFF, Action.FADE, Action.HALT):
+        rig.thread.act(action)
+    rig.thread.start()
+    assert wait_for(lambda: rig.thread.stop_taken)
+    assert rig.device.executed == [Command.HYDRAULICS_OFF]
+
+
+def test_a_job_that_was_given_up_before_it_began_never_runs(controller: Make) -> None:
+    rig = controller()
+    with pytest.raises(TimeoutError):
+        rig.thread.call(lambda driver: driver.send(Command.START), 0.05)
+    rig.thread.start()
+    rig.thread.call(lambda driver: driver.send(Command.ACQUIRE), PATIENCE_S)
+    assert rig.device.executed == [Command.ACQUIRE]
+
+
+def test_a_stop_that_waits_for_a_lost_controller_leaves_the_machine_to_the_others(controller: Make) -> None:
+    rig = controller()
+    rig.thread.start()
+    assert wait_for(lambda: rig.thread.polls > 0)
+    rig.device.close()
+    rig.thread.act(Action.FADE)
+    assert wait_for(lambda: rig.thread.failures > 2)
+    failures, used_s = rig.thread.failures, time.process_time()
+    time.sleep(0.5)
+    assert rig.thread.failures - failures <= 60, "one attempt in 10 ms"
+    assert time.process_time() - used_s < 0.25
