@@ -178,8 +178,8 @@ class ActuatorThread(DeviceThread):
             return self.judge.status
 
     def fresh_status(self, now_ns: int) -> ActuatorStatus | None:
-        """The last status, None when it is stale."""
-        return self.judge.status if now_ns - self._last_ns <= self._stale_ns else None
+        """The last status, None when it is stale: not answered, or answered by a controller whose heartbeat stands."""
+        return self.judge.status if now_ns - self._last_ns <= self._stale_ns and not self.judge.frozen else None
 
     def fill_view(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
         """Moving, clock (s), hydraulics low, hydraulics off; each None without a fresh status."""

@@ -51,6 +51,7 @@ class ControllerJudge:
 
     Attributes:
         leased: the lease is ours, so that its loss is a finding.
+        frozen: the heartbeat has stood for too long: what the status says is not the present.
     """
 
     def __init__(self, owner_id: int, *, frozen_after_ns: int, disagreement_m: float, lag_s: float) -> None:
@@ -60,6 +61,7 @@ class ControllerJudge:
         self.lag_s = lag_s
         self.status: ActuatorStatus | None = None
         self.leased = False
+        self.frozen = False
         self.clock_s = 0.0
         self._beat_ns = 0
         self._held_m = math.nan
@@ -102,6 +104,7 @@ class ControllerJudge:
     def restart(self) -> None:
         """Forget the past: after a reconnection nothing is compared with the status before it."""
         self.status = None
+        self.frozen = False
         self._held_m = self._anchor_m = math.nan
         self._apart = 0
 
@@ -128,8 +131,9 @@ class ControllerJudge:
             self.clock_s += forward_us * 1e-6
         if status.heartbeat != before.heartbeat:
             self._beat_ns = status.received_ns
-        elif status.received_ns - self._beat_ns > self.frozen_after_ns:
-            age_ms = (status.received_ns - self._beat_ns) / 1e6
+        age_ms = (status.received_ns - self._beat_ns) / 1e6
+        self.frozen = age_ms > self.frozen_after_ns / 1e6
+        if self.frozen:
             detail = f"controller heartbeat has stood at {status.heartbeat} for {age_ms:.0f} ms"
             findings.append(Finding("actuator-frozen", detail, status.received_ns, age_ms, self.frozen_after_ns / 1e6))
 

@@ -11,15 +11,19 @@ from station_bench import Told, config_for
 
 from drivers.actuator import ModbusActuator
 from protocols.actuator import STATUS, Command, Input, State
+from rig.clock import monotonic_ns
 from rig.station.actuator_thread import ActuatorThread
 from rig.station.config import ActuatorConfig
 from rig.station.fault_table import Stop
-from rig.station.safe_stop import Action
+from rig.station.safe_stop import Action, Step
 from rig.station.status_judge import ControllerJudge
 from rig.station.supervisor import Supervisor
 
+MS = 1_000_000
 NEVER_NS = 1 << 60
 PATIENCE_S = 8.0
+MOST_STOP_S = 4.0
+"""Wall seconds: 2.3 s until a controller that is lost counts as one that ignores the stop, 1 s for its hydraulics."""
 
 
 class Coil:
@@ -170,3 +174,18 @@ def test_a_stop_that_waits_for_a_lost_controller_leaves_the_machine_to_the_other
     time.sleep(0.5)
     assert rig.thread.failures - failures <= 60, "one attempt in 10 ms"
     assert time.process_time() - used_s < 0.25
+
+
+def test_a_status_that_stands_in_running_is_no_view_and_the_stop_ends_in_time_without_proof(controller: Make) -> None:
+    rig = controller(frozen_after_ns=150 * MS)
+    rig.thread.start()
+    rig.supervisor.start()
+    assert wait_for(lambda: rig.supervisor.trip is not None)
+    assert rig.supervisor.trip is not None
+    assert rig.supervisor.trip.slug == "actuator-frozen"
+    assert rig.thread.fill_view(monotonic_ns()) == (None, None, None, None)
+    began_s = time.monotonic()
+    assert wait_for(lambda: (stop := rig.supervisor.stop) is not None and stop.step is Step.UNKNOWN)
+    assert time.monotonic() - began_s < MOST_STOP_S
+    assert Command.HYDRAULICS_OFF in rig.device.executed
+    assert "stop-ignored" in rig.told.slugs("also")
