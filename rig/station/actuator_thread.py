@@ -182,13 +182,14 @@ class ActuatorThread(DeviceThread):
         return self.judge.status if now_ns - self._last_ns <= self._stale_ns and not self.judge.frozen else None
 
     def fill_view(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
-        """Moving, clock (s), hydraulics low, hydraulics off; each None without a fresh status."""
+        """Moving, clock (s), hydraulics low, hydraulics off; None without a fresh status, moving without a position."""
         status = self.fresh_status(now_ns)
         if status is None:
             return None, None, None, None
         off = status.state == State.OFF or not status.inputs & (Input.HYDRAULICS_LOW | Input.HYDRAULICS_ON)
         low = off or not status.inputs & Input.HYDRAULICS_ON
-        return self.judge.moving(STILL_S), self.judge.clock_s, low, off
+        moving = self.judge.moving(STILL_S) if math.isfinite(status.position_m) else None
+        return moving, self.judge.clock_s, low, off
 
     @property
     def stop_taken(self) -> bool:

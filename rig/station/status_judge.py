@@ -9,6 +9,8 @@ from protocols.actuator import ActuatorStatus, FaultBit, Input, State
 from protocols.ecu import CoilStatus, CoilTemperature, EcuFault
 from rig.station.interlocks import CONSECUTIVE, STILL_TOLERANCE_M, Finding
 
+MEASURED = ("position_m", "velocity_m_s", "force_N")
+"""What the controller measures; without a finite number of each, nothing it says about the rod is to be trusted."""
 MOVING_STATES = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
 FROZEN_TRAVEL_M = 0.002
 OVERRUN_S = 0.07
@@ -94,7 +96,11 @@ class ControllerJudge:
         self._follow_clock(status, findings)
         self._follow_bits(status, findings)
         self._follow_program(status, lvdt_speed_m_s, findings)
-        if lvdt_m is not None:
+        unknown = [name for name in MEASURED if not math.isfinite(getattr(status, name))]
+        if unknown:
+            detail = f"controller's {', '.join(unknown)} not a finite number"
+            findings.append(Finding("feedback-lost", detail, status.received_ns))
+        elif lvdt_m is not None:
             self._compare(status, lvdt_m, lvdt_speed_m_s, findings)
         if not abs(status.position_m - self._anchor_m) <= STILL_TOLERANCE_M:
             self._anchor_m, self._anchor_s = status.position_m, self.clock_s

@@ -176,6 +176,20 @@ def test_a_stop_that_waits_for_a_lost_controller_leaves_the_machine_to_the_other
     assert time.process_time() - used_s < 0.25
 
 
+def test_a_controller_without_a_position_leaves_the_proof_of_standstill_to_the_lvdt(controller: Make) -> None:
+    rig = controller()
+    rig.device.put(STATUS.address, STATUS.encode({"state": int(State.HOLD), "inputs": 1, "owner": 77}))
+    rig.device.put(106, [0x7FC0, 0])  # a quiet NaN
+    rig.thread.start()
+    assert wait_for(lambda: rig.supervisor.trip is not None)
+    assert rig.supervisor.trip is not None
+    assert (rig.supervisor.trip.slug, rig.supervisor.trip.stop) == ("feedback-lost", Stop.SO)
+    assert wait_for(lambda: Command.HALT in rig.device.executed)
+    moving, clock_s, _, _ = rig.thread.fill_view(monotonic_ns())
+    assert moving is None
+    assert clock_s is not None
+
+
 def test_a_status_that_stands_in_running_is_no_view_and_the_stop_ends_in_time_without_proof(controller: Make) -> None:
     rig = controller(frozen_after_ns=150 * MS)
     rig.thread.start()

@@ -54,6 +54,14 @@ def test_every_fault_bit_is_named(bits: int, slug: str) -> None:
     assert slugs(judge(), status(0, fault_bits=int(bits), state=State.TRIPPED)) == [slug]
 
 
+@pytest.mark.parametrize("name", ["position_m", "velocity_m_s", "force_N"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_controller_that_measures_no_finite_number_is_not_trusted(name: str, value: float) -> None:
+    made = judge()
+    assert slugs(made, status(0), 0.0) == []
+    assert [slugs(made, status(ms, **{name: value}), 0.1) for ms in (10, 20)] == [["feedback-lost"]] * 2
+
+
 def test_several_fault_bits_give_several_findings() -> None:
     both = int(FaultBit.WATCHDOG | FaultBit.FORCE_LIMIT)
     assert slugs(judge(), status(0, fault_bits=both, state=State.TRIPPED)) == ["host-silent", "force-limit"]
