@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,11 +56,17 @@ class Findings:
 
     Attributes:
         held: parameters left out of the fit, held at zero.
+        fixed: parameters left out of the fit, held at their start, each with those whose values are for this choice.
         reasons: for every parameter that cannot be identified, why, and what test would help.
     """
 
     held: set[str] = field(default_factory=set)
+    fixed: dict[str, tuple[str, ...]] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
+
+    def free(self, names: Iterable[str]) -> list[str]:
+        """Those of `names` that a fit determines: neither held nor fixed."""
+        return [name for name in names if name not in self.held and name not in self.fixed]
 
 
 def examine(model: DamperModel, measurements: Sequence[Measurement]) -> Findings:
@@ -88,13 +94,14 @@ def _scale(model: DamperModel, found: Findings) -> None:
     """A scales z, and alpha, beta, gamma with it; they are known for one choice of A only."""
     if "A" not in model.names:
         return
-    for name in model.names:
-        if name in {"A", "alpha", "alpha_a", "alpha_b", "beta", "gamma"}:
-            found.reasons[name] = (
-                f"{name} cannot be told alone: A only scales alpha, beta and gamma; the values given are for A = "
-                f"{model.parameter('A').start:g} "
-                "(normalized_bouc_wen has no such freedom)"
-            )
+    scaled = tuple(name for name in model.names if name in {"alpha", "alpha_a", "alpha_b", "beta", "gamma"})
+    found.fixed["A"] = scaled
+    for name in ("A", *scaled):
+        found.reasons[name] = (
+            f"{name} cannot be told alone: A only scales alpha, beta and gamma; the values given are for A = "
+            f"{model.parameter('A').start:g} "
+            "(normalized_bouc_wen has no such freedom)"
+        )
 
 
 def _current(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:

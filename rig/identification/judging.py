@@ -69,7 +69,7 @@ def judged(
     weighting = method.weighting(model)
     fits = describes(model, values, fitted, weighting)
     foretells = describes(model, values, held_out, weighting)
-    free = [name for name in model.names if name in values and name not in best.findings.held]
+    free = best.findings.free(name for name in model.names if name in values)
     known = information(model, values, free, fitted, weighting, declared)
     reasons = {**explain(model, known, values, fitted, weighting), **best.findings.reasons}
     warnings = [*warnings, *_of_tests((*fitted, *held_out))]
@@ -117,7 +117,11 @@ def _profiles(
     if unfinished := _unfinished(known, method, best.solution):
         raise IdentificationFailed(f"no profile likelihood: {unfinished[0]}")
     asked = [NONLINEAR] if wanted is True else list(wanted)
-    nonlinear = [name for name in known.names if not best.model.parameter(name).linear]
+    for_a_choice = {name: fixed for fixed, scaled in best.findings.fixed.items() for name in scaled}
+    for name in asked:
+        if name in for_a_choice:
+            raise IdentificationFailed(f"no profile of {name!r}: it is known only for the {for_a_choice[name]} chosen")
+    nonlinear = [name for name in known.names if not best.model.parameter(name).linear and name not in for_a_choice]
     names = list(dict.fromkeys(name for each in asked for name in (nonlinear if each == NONLINEAR else [each])))
     weighting, solution = method.weighting(best.model), best.solution
     return profiles(best.model, solution.values, known, fitted, weighting, names, solution.at_bound)

@@ -43,7 +43,8 @@ class Profile:
     Attributes:
         values: values of the parameter (SI), rising, shape (k,).
         deviance: D at each of them, shape (k,); 0 at the estimate, 3.84 at the ends of the interval.
-        low: lower end of the 95 % interval; None where the profile stays below the threshold.
+        low: lower end of the 95 % interval; None where the profile stays below the threshold as far as the model can be
+            evaluated, or a nonlinear parameter goes.
         high: upper end.
     """
 
@@ -101,6 +102,7 @@ class _Walker:
         self._model, self._best, self._known, self._free = model, values, known, free
         self._data = [(each, weighting.of(each, index)) for index, each in enumerate(measurements)]
         self._least = self._objective(values)
+        self._ranges = {each.name: (each.low, each.high) for each in model.parameters if not each.linear}
         self._positive = {each.name for each in model.parameters if not each.linear and each.low >= 0.0}
 
     def profile(self, name: str, floor: float) -> Profile:
@@ -112,35 +114,52 @@ class _Walker:
         else:
             error = self._known.standard_error(name)
             step, scale = STEP_ERRORS * error, float(self._known.curvature[index]) * error**2
-        below, low = self._side(name, -step, scale, floor)
-        above, high = self._side(name, step, scale, floor)
+        lowest, highest = self._ranges.get(name, (-math.inf, math.inf))
+        lowest = max(floor, lowest if lowest < self._best[name] else -math.inf)
+        highest = highest if highest > self._best[name] else math.inf
+        below, low = self._side(name, -step, scale, lowest)
+        above, high = self._side(name, step, scale, highest)
         points = sorted([*below, (self._best[name], 0.0), *above])
         if low is None and points[0][0] == floor:
             low = floor
         return Profile(tuple(x for x, _ in points), tuple(d for _, d in points), low, high)
 
-    def _side(
-        self, name: str, step: float, scale: float, floor: float
-    ) -> tuple[list[tuple[float, float]], float | None]:
-        """Points (value, deviance) of one side, and where it crosses the threshold."""
+    def _side(self, name: str, step: float, scale: float, end: float) -> tuple[list[tuple[float, float]], float | None]:
+        """Points (value, deviance) of one side up to `end`, and where it crosses the threshold, None if nowhere."""
         points: list[tuple[float, float]] = []
         last, values = (self._best[name], 0.0), dict(self._best)
         for number in range(MOST_POINTS):
-            at = max(last[0] + step * (GROWTH ** max(0, number - EVEN_POINTS)), floor)
+            at = last[0] + step * (GROWTH ** max(0, number - EVEN_POINTS))
+            at = max(at, end) if step < 0.0 else min(at, end)
             if at == last[0]:
                 break
-            ahead = _extrapolated(values, self._best, name, at) if number else {**values, name: at}
+            ahead = self._extrapolated(values, name, at) if number else {**values, name: at}
             values, found = self._fit(ahead, name, scale)
+            if not math.isfinite(found):
+                break
             point = (at, max(0.0, (found - self._least) / scale))
             points.append(point)
             if point[1] >= THRESHOLD > last[1]:
                 crossing = self._crossing(values, name, last, point, scale)
-                points.append((crossing, THRESHOLD))
+                if crossing is not None:
+                    points.append((crossing, THRESHOLD))
                 return points, crossing
             last = point
             if math.sqrt(point[1]) > FAR_ENOUGH:
                 break
         return points, None
+
+    def _extrapolated(self, values: Mapping[str, float], name: str, at: float) -> dict[str, float]:
+        """Where the line from the estimate through the neighbour leads; by logarithms where nonlinear."""
+        further = (at - self._best[name]) / (values[name] - self._best[name])
+        ahead = {}
+        for key, value in values.items():
+            best = self._best[key]
+            if key in self._ranges and value * best > 0.0:
+                ahead[key] = best * (value / best) ** further
+            else:
+                ahead[key] = best + further * (value - best)
+        return {**ahead, name: at}
 
     def _crossing(
         self,
@@ -149,14 +168,16 @@ class _Walker:
         inside: tuple[float, float],
         outside: tuple[float, float],
         scale: float,
-    ) -> float:
-        """Where the deviance is 3.84: regula falsi on its root, which is nearly straight; two fits."""
+    ) -> float | None:
+        """Where the deviance is 3.84: regula falsi on its root, nearly straight; two fits. None if not finite."""
         wanted = math.sqrt(THRESHOLD)
         at = inside[0]
         for _ in range(2):
             near, far = math.sqrt(inside[1]), math.sqrt(outside[1])
             at = inside[0] + (outside[0] - inside[0]) * (wanted - near) / (far - near)
             _, found = self._fit({**values, name: at}, name, scale)
+            if not math.isfinite(found):
+                return None
             here = (at, max(0.0, (found - self._least) / scale))
             if abs(here[1] - THRESHOLD) < 0.01 * THRESHOLD:
                 break
@@ -198,7 +219,10 @@ class _Walker:
     def _objective(self, values: Mapping[str, float]) -> float:
         total = 0.0
         for each, weight in self._tests(values):
-            residual = (each.force_N - modelled_force(self._model, values, each)) * weight
+            force = modelled_force(self._model, values, each)
+            if not np.all(np.isfinite(force)):
+                return math.inf
+            residual = (each.force_N - force) * weight
             total += float(residual @ residual)
         return total if math.isfinite(total) else math.inf
 
@@ -210,9 +234,3 @@ class _Walker:
             normal += slopes.T @ slopes
             gradient += slopes.T @ ((each.force_N - modelled_force(self._model, values, each)) * weight)
         return normal, gradient
-
-
-def _extrapolated(values: Mapping[str, float], best: Mapping[str, float], name: str, at: float) -> dict[str, float]:
-    """Where the line from the estimate through the neighbour's fit leads."""
-    further = (at - best[name]) / (values[name] - best[name])
-    return {key: at if key == name else best[key] + further * (value - best[key]) for key, value in values.items()}

@@ -78,7 +78,7 @@ def _score(
     else:
         unseen = None if alone else cross_validated_nrmse(model, fitted, method, values)
     samples = sum(test.samples for test in error.per_test)
-    free = len([name for name in values if name not in candidate.findings.held])
+    free = len(candidate.findings.free(values))
     bic = samples * math.log(max(error.rmse_N, 1e-300) ** 2) + free * math.log(samples)
     return ModelScore(model.name, unseen, bic, error.rmse_N, free, method.name)
 

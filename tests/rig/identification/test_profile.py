@@ -1,14 +1,18 @@
 """Profile likelihoods against direct minimisation, and against the linear intervals where those are exact."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pytest
 
 from rig.dampers import model, parameter_set
+from rig.dampers.algebraic import AsymmetricModel
 from rig.errors import IdentificationFailed
 from rig.identification import Fit, Measurement, Method, identify
+from rig.identification.profile import profiles
 from rig.identification.projection import AlgebraicForm, Projection
+from rig.identification.uncertainty import information
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
@@ -88,3 +92,52 @@ def test_a_parameter_at_its_bound_stays_there_while_others_are_profiled(make_syn
     assert np.count_nonzero(deviance == 0.0) == 1
     assert fit.profiles["m"].low == 0.0
     assert min(fit.profiles["m"].values) == 0.0
+
+
+@pytest.fixture(scope="module")
+def redundant(make_synthetic: Make) -> tuple[list[Measurement], Fit]:
+    """A Bouc-Wen damper, whose A only scales alpha, beta and gamma."""
+    true = dict(parameter_set("demo-bouc-wen").values)
+    tests = make_synthetic(true, (0.0, 1.0), (1.0,), name="bouc_wen", cycles=3)
+    return tests, identify(tests, model="bouc_wen", profile=True)
+
+
+def test_a_profile_does_not_depend_on_how_redundant_the_parameters_beside_it_are(
+    redundant: tuple[list[Measurement], Fit],
+) -> None:
+    tests, fit = redundant
+    same = identify(tests, model="normalized_bouc_wen", profile=["n"])
+    found, expected = fit.profiles["n"], same.profiles["n"]
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), rel=0.01)
+    json.dumps(fit.to_json(), allow_nan=False)
+
+
+def test_redundant_parameters_have_no_profile_and_do_not_count_as_fitted(
+    redundant: tuple[list[Measurement], Fit],
+) -> None:
+    tests, fit = redundant
+    assert set(fit.profiles) == {"x0", "n"}
+    assert fit.selection[0].parameters == 9  # of the ten, A is a choice
+    assert fit.values["A"] == 1.0
+    with pytest.raises(IdentificationFailed, match="no profile of 'gamma': it is known only for the A chosen"):
+        identify(tests, model="bouc_wen", profile=["gamma"])
+
+
+def test_a_side_on_which_the_force_is_not_finite_is_open(make_synthetic: Make) -> None:
+    tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0), cycles=2)
+    fit = identify(tests)
+    weighting = Method().weighting(model("asymmetric"))
+    names = [name for name in fit.values if name != "eta"]
+
+    class Ending(AsymmetricModel):
+        """A damper whose force is not finite beyond a preload."""
+
+        def force(self, parameters: Mapping[str, float], *motion: np.ndarray) -> np.ndarray:
+            force = super().force(parameters, *motion)  # type: ignore[arg-type] - the last one is the interval
+            return np.where(parameters["F0"] > fit.values["F0"] + 0.05, np.inf, force)
+
+    known = information(Ending(), fit.values, names, tests, weighting)
+    found = profiles(Ending(), fit.values, known, tests, weighting, ["F0"])["F0"]
+    assert found.high is None
+    assert found.low is not None
+    assert np.all(np.isfinite(found.deviance))
