@@ -231,7 +231,6 @@ class Hands:
             found = measured_signature(up.rest_force_N, down.rest_force_N)
         self.note("signature", found=str(found), expected=str(expected), first=str(crew.baseline.signature))
         temperature_degC = self.observer.value(Channel.COIL_TEMPERATURE)
-        self.ledger.found(temperature_degC)
         cause = judge_damper(found, expected, crew.baseline.signature)
         if cause is None and crew.matrix.temperature is None and self.ledger.began_ns is None:
             # With a window every point finds its own temperature; after a restart the session's own points have warmed.

@@ -36,7 +36,7 @@ class Ledger:
     waits: list[Wait] = field(default_factory=list)
 
     def found(self, temperature_degC: float) -> None:
-        """The coil's temperature at a slow move, NaN where unknown; the session's first one counts."""
+        """A reading of the coil's temperature, NaN where unknown; the session's first one counts."""
         if self.start_temperature_degC is None and math.isfinite(temperature_degC):
             self.start_temperature_degC = temperature_degC
 

@@ -114,7 +114,7 @@ class CampaignResult:
         refused: True when the rig refused before anything moved.
         wall_s: wall seconds from the first point's start to the last point's end (0 when none ran).
         motion_s: planned seconds of motion of the points that ran, on the rig's clock.
-        start_temperature_degC: the coil's at this session's first slow move; None where there was none.
+        start_temperature_degC: the coil's first reading of this session; None where there was none.
         waits: warming up and cooling down in this session, in order.
     """
 

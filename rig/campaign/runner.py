@@ -233,6 +233,9 @@ class Runner:
 
     def _observe(self, records: NDArray[Any]) -> ev.Event | None:
         """The awaited fact in new records; a load train that changed is a fault of its own."""
+        if self.ledger.start_temperature_degC is None:
+            for temperature_degC in records["value"][records["channel"] == Channel.COIL_TEMPERATURE].tolist():
+                self.ledger.found(temperature_degC)
         changed = self._load_train.watch(records)
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
         if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":
