@@ -11,6 +11,7 @@ import numpy as np
 from rig.dampers.algebraic import AlgebraicModel, BinghamModel, TanhModel
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.fixed_parameters import FixedParameters
 from rig.identification.identifiability import Findings
 from rig.identification.measurement import Measurement
 from rig.identification.problem import Problem
@@ -85,7 +86,7 @@ def solve(
         model: the damper model.
         measurements: the tests.
         method: how.
-        findings: parameters the tests cannot determine are held at zero.
+        findings: parameters the tests cannot determine are held, at zero or where the findings fix them.
         start: values of a fit to nearly the same tests; `separable` then needs no global search.
 
     Raises:
@@ -101,7 +102,7 @@ def solve(
         return solve_three_steps(model, measurements, method.weighting(model), frozenset(findings.held))
     if method.name not in known_methods():
         raise IdentificationFailed(f"unknown method {method.name!r}; known: {', '.join(known_methods())}")
-    return _search(model, measurements, method)
+    return _search(model, measurements, method, findings)
 
 
 def _separable(
@@ -162,8 +163,8 @@ def _huber_weights(
     return tuple(weights)
 
 
-def _search(model: DamperModel, measurements: Sequence[Measurement], method: Method) -> Solution:
-    """One of the papers' algorithms on equation (12), within the parameters' bounds.
+def _search(model: DamperModel, measurements: Sequence[Measurement], method: Method, findings: Findings) -> Solution:
+    """One of the papers' algorithms on equation (12), within the bounds of the parameters that are not held.
 
     Raises:
         IdentificationFailed: no candidate gave a finite force.
@@ -171,11 +172,13 @@ def _search(model: DamperModel, measurements: Sequence[Measurement], method: Met
     from rig.identification.algorithms import minimise
 
     problem = Problem(measurements, model, method.weighting(model).weight)
+    held = dict.fromkeys(findings.held, 0.0) | {name: model.parameter(name).start for name in findings.fixed}
+    objective = FixedParameters(problem, held)
     result = minimise(
-        problem,
+        objective,
         method=method.name,
-        start=problem.start,
-        bounds=problem.bounds,
+        start=objective.start,
+        bounds=objective.bounds,
         population=method.population,
         budget=method.budget,
         seed=method.seed,
@@ -187,4 +190,4 @@ def _search(model: DamperModel, measurements: Sequence[Measurement], method: Met
         raise IdentificationFailed(
             f"{method.name} found no candidate with a finite force within {method.budget} evaluations"
         )
-    return Solution(problem.values(result.best), float(result.value), result.evaluations)
+    return Solution(problem.values(objective.whole(result.best[None, :])[0]), float(result.value), result.evaluations)

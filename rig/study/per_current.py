@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from rig.dampers import model as damper_model
 from rig.errors import IdentificationFailed
 from rig.identification.algorithms import Result
 from rig.identification.algorithms.zhu_three_step import identify
+from rig.identification.fixed_parameters import FixedParameters
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
 from rig.identification.problem import Problem
@@ -27,55 +28,6 @@ CURRENT_FIXED: dict[str, dict[str, float]] = {
     "normalized_bouc_wen": {"kv_b": 0.0, "kw_b": 0.0},
 }
 """Held when one current is fitted: the affine terms, and A, which is redundant with alpha."""
-
-
-class FixedParameters:
-    """An objective with some of a problem's parameters held, so that one current's test has no affine terms to find.
-
-    Attributes:
-        names: Names of the free parameters, in the vector's order.
-    """
-
-    def __init__(self, problem: Problem, fixed: Mapping[str, float], scale: float = 1.0) -> None:
-        self.problem = problem
-        self.names = tuple(name for name in problem.names if name not in fixed)
-        self._free = [problem.names.index(name) for name in self.names]
-        self._whole = np.array([fixed.get(name, 0.0) for name in problem.names])
-        self._scale = scale
-
-    @property
-    def n_parameters(self) -> int:
-        """Number of free parameters p."""
-        return len(self.names)
-
-    @property
-    def bounds(self) -> Array:
-        """Range of each free parameter, shape (p, 2)."""
-        return np.asarray(self.problem.bounds[self._free])
-
-    def whole(self, population: Array) -> Array:
-        """Vectors of the problem.
-
-        Args:
-            population: Shape (N, p).
-
-        Returns:
-            Shape (N, all parameters).
-        """
-        vectors = np.tile(self._whole, (len(population), 1))
-        vectors[:, self._free] = population
-        return vectors
-
-    def batch(self, population: Array) -> Array:
-        """Values of candidates.
-
-        Args:
-            population: Shape (N, p).
-
-        Returns:
-            Shape (N,), in multiples of 1 / scale.
-        """
-        return np.asarray(self._scale * self.problem.batch(self.whole(population)))
 
 
 def current_objective(test: Measurement, wanted: CurrentStudy) -> FixedParameters:

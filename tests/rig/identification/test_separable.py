@@ -93,3 +93,19 @@ def test_a_published_algorithm_runs_by_name_and_does_no_better(make_synthetic: M
     assert search.weight == "v"
     assert search.evaluations <= 2000
     assert search.objective >= best.objective
+
+
+@pytest.mark.parametrize("name", ["de", "hybrid"])
+def test_a_published_algorithm_does_not_search_what_one_test_cannot_tell(name: str, make_synthetic: Make) -> None:
+    fit = identify(make_synthetic(DEMO, (1.0,), (1.0,)), method=Method(name, weight="1", budget=3000))
+    untold = {"m", "Fyb", "Cb_plus", "Cb_minus", "Kb"}
+    assert {key: fit.values[key] for key in untold} == dict.fromkeys(untold, 0.0)
+    assert all("taken as 0 here" in fit.parameters[key].reason for key in untold)
+    assert fit.values["Fya"] != 0.0
+    assert name != "hybrid" or fit.error.rmse_N == pytest.approx(5.0, rel=0.05)
+
+
+def test_a_published_algorithm_leaves_the_scale_of_bouc_wen_as_it_is(make_synthetic: Make) -> None:
+    true = dict(parameter_set("demo-bouc-wen").values)
+    tests = make_synthetic(true, (0.0, 1.0), (1.0,), name="bouc_wen", cycles=3)
+    assert identify(tests, model="bouc_wen", method=Method("de", budget=300)).values["A"] == 1.0
