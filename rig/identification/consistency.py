@@ -41,6 +41,26 @@ def refuse_seen(fitted: Sequence[RecordedPoint | Measurement], held_out: Sequenc
         )
 
 
+def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
+    """Refuse recordings that are given twice: noise that comes twice would count as half of it.
+
+    Raises:
+        IdentificationFailed: two tests hold the same recorded force; the message names them.
+    """
+    first: dict[bytes, str] = {}
+    twice = []
+    for each in fitted:
+        mark = _fingerprint(each)
+        if mark in first:
+            twice.append(f"{first[mark]} and {each.id}")
+        first.setdefault(mark, each.id)
+    if twice:
+        raise IdentificationFailed(
+            f"{len(twice)} recording(s) are given twice ({some(twice)} hold the same force, sample by sample): a "
+            "second copy would narrow every interval and tell nothing new; give each run once"
+        )
+
+
 def _fingerprint(each: RecordedPoint | Measurement) -> bytes:
     force = each.force_N if isinstance(each, Measurement) else each.force_samples.force_N
     return hashlib.sha256(np.ascontiguousarray(force).tobytes()).digest()

@@ -13,7 +13,14 @@ from rig.dampers.algebraic import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.coil import find_lag, needs_lag, with_lag
-from rig.identification.consistency import contradictions, refuse_reversed_signs, refuse_seen, runs_apart, some
+from rig.identification.consistency import (
+    contradictions,
+    refuse_reversed_signs,
+    refuse_seen,
+    refuse_twice,
+    runs_apart,
+    some,
+)
 from rig.identification.current_lag import CurrentLag, lag_of
 from rig.identification.fit import Estimate, Fit, SeriesSpring
 from rig.identification.identifiability import examine
@@ -169,13 +176,14 @@ def identify_run(
     left_out = [line for run in runs for line in run.left_out if not (suspect and ": suspect (" in line)]
     if not points:
         raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}; `--suspect` takes suspect points too")
-    specimens = {str(run.campaign.get("specimen")) for run in runs if run.campaign.get("specimen") is not None}
+    other = Run.open(Path(holdout)) if holdout is not None and Path(holdout).exists() else holdout
+    tested = [*runs, other] if isinstance(other, Run) else runs
+    specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}
     if len(specimens) > 1:
         raise IdentificationFailed(
             f"these runs tested different specimens ({', '.join(sorted(specimens))}); one fit describes one damper: "
             "identify them apart"
         )
-    other = Run.open(Path(holdout)) if holdout is not None and Path(holdout).exists() else holdout
     declared = declared_errors(points)
     fit = identify(
         points,
@@ -226,7 +234,7 @@ def _split(
     """Measurements to fit, measurements held out, warnings.
 
     Raises:
-        IdentificationFailed: the filter holds out nothing or everything, or a test is on both sides.
+        IdentificationFailed: nothing or everything is held out, or a test is there twice or on both sides.
     """
     given = list(tests.valid) if isinstance(tests, Run) else list(tests)
     points = [each for each in given if isinstance(each, RecordedPoint) and each.kind == "loop"]
@@ -247,8 +255,12 @@ def _split(
         others = list(holdout.valid) if isinstance(holdout, Run) else list(holdout)
         kept_out = [each for each in others if isinstance(each, RecordedPoint) and each.kind == "loop"]
         held_out = [each for each in others if isinstance(each, Measurement)]
-        if others and not kept_out and not held_out:
+        if not others:
+            where = f"the run {holdout.path} holds no valid point" if isinstance(holdout, Run) else "no test was given"
+            raise IdentificationFailed(f"nothing is held out: {where}; leave holdout out to fit without")
+        if not kept_out and not held_out:
             raise IdentificationFailed(f"none of the {len(others)} held-out points is a loop; only loops are scored")
+    refuse_twice([*points, *fitted])
     refuse_seen([*points, *fitted], [*kept_out, *held_out])
     warnings: list[str] = []
     if points or not fitted:

@@ -195,12 +195,15 @@ def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
     if not fitting:
         raise FileProblem("[data] select", [f"{data.select!r} fits none of the {sum(len(run.points) for run in runs)} "
                                             f"points of {', '.join(data.runs)}"])  # fmt: skip
+    loops = [point for point in fitting if point.kind == "loop"]
+    if not loops:
+        raise FileProblem("[data] runs", [f"none of the {len(fitting)} points is a loop: a study fits loops only"])
     left_out = [
         f"{point.id} left out: {point.verdict} ({'; '.join(point.reasons)})"
-        for point in fitting
+        for point in loops
         if point.verdict != "valid"
     ]
-    points = [point for point in fitting if point.verdict == "valid"]
+    points = [point for point in loops if point.verdict == "valid"]
     if not points:
         raise FileProblem("[data] runs", [f"none of the points is valid: {'; '.join(left_out)}"])
     tests, refused = prepare_all(points)

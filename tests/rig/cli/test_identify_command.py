@@ -83,9 +83,13 @@ def test_held_out_equal_to_training_or_to_nothing_is_refused(good: Path) -> None
 
 
 def test_two_dampers_are_refused_by_their_names_or_named_by_their_forces(good: Path, tmp_path: Path) -> None:
-    named = rig("identify", good, make_run(tmp_path / "b", values=OTHER, specimen="MR-2"))
+    other = make_run(tmp_path / "b", values=OTHER, specimen="MR-2")
+    named = rig("identify", good, other)
     assert named.returncode == 6
     assert "these runs tested different specimens (MR-2, imported)" in named.stderr
+    held_out = rig("identify", good, "--holdout", other)
+    assert held_out.returncode == 6
+    assert "these runs tested different specimens (MR-2, imported)" in held_out.stderr
     unnamed = rig("identify", good, make_run(tmp_path / "c", values=OTHER, seed=1), "--json")
     fit = json.loads(unnamed.stdout)
     assert not fit["adequate"]

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import pytest
 from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Fit, identify
-from rig.recording.run import RecordedPoint
+from rig.recording.run import RecordedPoint, Run
 
 Make = Callable[..., list[RecordedPoint]]
 DEMO = dict(parameter_set("demo").values)
@@ -110,6 +111,21 @@ def test_a_holdout_that_matches_nothing_or_everything_is_refused(demo_points: li
         identify(demo_points, holdout="waveform=triangle")
     with pytest.raises(IdentificationFailed, match="nothing is left to fit"):
         identify(demo_points, holdout="waveform=sine")
+
+
+def test_held_out_tests_that_are_none_are_refused_and_not_forgotten(demo_points: list[RecordedPoint]) -> None:
+    with pytest.raises(IdentificationFailed, match="nothing is held out: no test was given"):
+        identify(demo_points, holdout=[])
+    empty = Run(path=Path("other"), points=(replace(demo_points[0], verdict="invalid"),))
+    with pytest.raises(IdentificationFailed, match="nothing is held out: the run other holds no valid point"):
+        identify(demo_points, holdout=empty)
+
+
+def test_a_recording_given_twice_is_refused(demo_points: list[RecordedPoint]) -> None:
+    again = replace(demo_points[2], id="copy")
+    again.__dict__["force_samples"] = demo_points[2].force_samples
+    with pytest.raises(IdentificationFailed, match=r"1 recording\(s\) are given twice \(s003 and copy hold the same"):
+        identify([*demo_points, again])
 
 
 def test_unusable_points_are_left_out_with_a_warning(demo_points: list[RecordedPoint]) -> None:

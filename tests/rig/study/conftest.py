@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,9 @@ def small_study(tmp_path: Path) -> Path:
     return path
 
 
-def record(run: Path, name: str, frequency_Hz: float, current_A: float, verdict: str = "valid") -> None:
+def record(
+    run: Path, name: str, frequency_Hz: float, current_A: float, verdict: str = "valid", kind: str = "loop"
+) -> None:
     """A recorded point of the demo damper: sine of 20 mm, 250 Hz, 5 N of noise."""
     time_s = np.arange(0.0, 5.0 / frequency_Hz, 0.004)
     omega = 2.0 * np.pi * frequency_Hz
@@ -64,6 +67,7 @@ def record(run: Path, name: str, frequency_Hz: float, current_A: float, verdict:
         AlignedChannel("current", current, "A", "Current"),
     ]
     test = {"id": name, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": frequency_Hz, "current_A": current_A}
+    test["kind"] = kind
     quality = {"verdict": verdict, "reasons": () if verdict == "valid" else ("estop: held",)}
     point = PointFile(time_s, 250.0, channels, test={**test, "mid_stroke_m": 0.0}, quality=quality, provenance={})
     write_file(run / "points" / f"{name}.h5", point)
@@ -80,3 +84,13 @@ def run_folder(tmp_path: Path) -> Path:
     record(run, "p005", 1.0, 2.0, verdict="invalid")
     (run / "campaign.json").write_text(json.dumps({"specimen": "MR-001"}))
     return run
+
+
+@pytest.fixture
+def friction_point() -> Callable[[Path, str], None]:
+    """Adds a friction test, a valid point that is no loop, to a run."""
+
+    def add(run: Path, name: str) -> None:
+        record(run, name, 0.5, 0.0, kind="friction")
+
+    return add

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,16 @@ def test_the_valid_points_of_a_run_are_the_tests_and_the_others_are_named(run_fo
     bench = Workbench(load_study(study_of(run_folder)))
     assert [test.id for test in bench.tests] == ["p001", "p002", "p003", "p004"]
     assert bench.left_out == ["p005 left out: invalid (estop: held)"]
+
+
+def test_friction_tests_are_no_loops_and_enter_no_objective(
+    run_folder: Path, friction_point: Callable[[Path, str], None]
+) -> None:
+    friction_point(run_folder, "p006")
+    bench = Workbench(load_study(study_of(run_folder)))
+    assert [test.id for test in bench.tests] == ["p001", "p002", "p003", "p004"]
+    with pytest.raises(FileProblem, match="none of the 1 points is a loop: a study fits loops only"):
+        Workbench(load_study(study_of(run_folder, 'select = "frequency_Hz=0.5"')))
 
 
 def test_a_filter_chooses_the_points(run_folder: Path) -> None:
