@@ -122,6 +122,7 @@ class SensorOptions:
 
     `skew_s` is a delay of the measured quantity beyond the filter's, which neither the bench file nor the latched edges
     show; `clip` is where the amplifier saturates without saying so; without `latches_edges` there are no edge frames.
+    After `numbers_until_s` (simulated s) every value is NaN.
     """
 
     unit: str = "N"
@@ -136,6 +137,7 @@ class SensorOptions:
     bandwidth_Hz: float = 1000.0
     skew_s: float = 0.0
     clip: float = math.inf
+    numbers_until_s: float = math.inf
     latches_edges: bool = True
     jitter_s: float = 2e-6
     latency_s: float = 0.5e-3

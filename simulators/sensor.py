@@ -104,6 +104,7 @@ class Sensor:
         times_s = np.maximum.accumulate(nominal_s + jitter_s) if len(ticks) else nominal_s
         clean = condition(signal, dt_s, 2.0 * math.pi * self.options.bandwidth_Hz, self._filter, start_s, times_s)
         value, status = self._imperfect(clean, draws[:, 0])
+        value[nominal_s >= self.options.numbers_until_s] = math.nan
         frames, frame_s = self._encode(value, status, nominal_us, nominal_s, pulses_s)
         self._queue(frames, frame_s)
         return self._damage(self._released(end_s))

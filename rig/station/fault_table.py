@@ -93,7 +93,7 @@ _ROWS = (
     _matrix_row("actuator-frozen", 34, "controller heartbeat or position stands still while time or LVDT move"),
     FaultRow("position-disagreement", 35, Stop.SO, "controller position and LVDT apart"),
     _matrix_row("actuator-reboot", 36, "controller clock fell back, lease gone, boot count or configuration changed"),
-    _matrix_row("second-master", 37, "controller's lease is held by another"),
+    _matrix_row("second-master", 37, "controller's lease is held by another, or its command has our stop's number"),
     FaultRow("feedback-lost", 61, Stop.SO, "controller's sensor bit, or no finite position, velocity or force from it"),
     FaultRow("controller-trip", 38, Stop.S2, "controller tripped by itself, not at a limit above"),
     _matrix_row("host-silent", 39, "controller's watchdog tripped, or the interlock loop itself stood still"),

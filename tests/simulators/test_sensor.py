@@ -234,3 +234,11 @@ def test_an_amplifier_clips_without_saying_so() -> None:
 def test_a_sensor_may_latch_no_edges() -> None:
     readings, _ = decode(run(sensor(latches_edges=False), np.zeros(8_000), pulses_s=(0.3, 0.6))[0])
     assert not any(reading[3] & frame_format.STATUS_EDGE for reading in readings)
+
+
+def test_numbers_can_end_while_frames_go_on() -> None:
+    readings, _ = decode(run(sensor(numbers_until_s=0.5), np.full(8000, 7.0))[0])
+    values = [reading[2] for reading in readings]
+    assert len(values) == pytest.approx(250, abs=2)
+    assert values[:125] == [7.0] * 125
+    assert all(math.isnan(value) for value in values[125:])

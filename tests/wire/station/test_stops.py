@@ -210,6 +210,18 @@ def test_a_coil_whose_temperature_is_not_told_any_more_stops_the_rig(station_rig
     assert rig.event("safe")["current_zero"]
 
 
+def test_an_lvdt_that_sends_no_number_any_more_is_as_good_as_pulled(station_rig: Make) -> None:
+    rig = station_rig("--option", "lvdt.numbers_until_s=25", speed=2.0)
+    rig.prepare()
+    rig.run()
+    trip = rig.event("trip")
+    assert (trip["slug"], trip["stop"]) == ("lvdt-pulled", "S2")
+    assert rig.event("safe")["position_m"] is None, "standstill was proved by the controller"
+    truth = rig.truth()
+    assert truth.at_rest(0.05)
+    assert abs(truth.current_A[-1]) < 0.05
+
+
 def test_an_ecu_that_never_tells_the_coils_temperature_is_refused_at_connect(station_rig: Make) -> None:
     rig = station_rig("--option", "coil.temperatures_until_s=0")
     with pytest.raises(StationRefused, match="ecu: no temperature frames within 3 s"):
