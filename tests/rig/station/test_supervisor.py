@@ -44,6 +44,6 @@ def test_what_is_still_there_after_a_reset_trips_again(supervisor: Supervisor, t
     supervisor.arm()
     finding = Finding("position-disagreement", "controller at 0.1 m, LVDT at 0 m", 0)
     supervisor.report([finding])
-    supervisor.reset()
+    assert supervisor.reset(supervisor.stop)
     supervisor.report([finding])
     assert told.slugs("trip") == ["position-disagreement"] * 2
