@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers.ring import Channel
 from drivers.sample_stream import SampleStream
-from protocols.actuator import ProgramPhase
+from protocols.actuator import Input, ProgramPhase
 from protocols.frame_format import FrameDecoder
 from rig.recording.context import PointContext, SensorContext
 from rig.recording.conversion import build
@@ -26,12 +26,13 @@ from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s
 from simulators.options import RigOptions
 from simulators.plant.plant import Plant
-from simulators.plant.records import EVENT_PULSE, MODE_HOLD, MODE_PROGRAM
+from simulators.plant.records import EVENT_PULSE, MODE_MOVE, MODE_PROGRAM
 from simulators.sensor import Sensor
 
 BOOT_NS = 10**15
 SETTLING_S = 0.8
 POLL_S = 0.010
+MOVE_SPEED_M_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,18 @@ class RecordedRig:
 
     def run_point(self, point: dict[str, Any], folder: Path) -> tuple[RecordedPoint, Truth]:
         """Run one sine or triangle point, record, align, judge and write it; returns it read back, and the truth."""
+        records, truth = self.run_program(point)
+        content = JournalContent("", records, end={"stopped_by": None, "lost_records": 0})
+        file, _, _ = build(content, self._context(point))
+        path = folder / f"{point['id']}.h5"
+        write_file(path, file)
+        return RecordedPoint.open(path), truth
+
+    def run_program(self, point: dict[str, Any]) -> tuple[np.ndarray, Truth]:
+        """Move to a point's centre and run its program; returns the ring's records, by arrival, and the truth."""
         self.plant.order(
-            pressure=2, mode=MODE_HOLD, coil_A=point["current_A"], position_min_m=-1.0, position_max_m=1.0,
+            pressure=2, mode=MODE_MOVE, target_m=point["centre_m"], move_speed_m_s=MOVE_SPEED_M_S,
+            coil_A=point["current_A"], position_min_m=-1.0, position_max_m=1.0,
             speed_max_m_s=9.0, acceleration_max_m_s2=1e4, force_max_N=1e6, following_error_max_m=1.0,
         )
         self._advance(SETTLING_S)
@@ -97,19 +108,14 @@ class RecordedRig:
         whole = point["cycles"] + point["ramp_in_cycles"] + point["ramp_out_cycles"]
         self.plant.order(
             mode=MODE_PROGRAM, waveform=1 if point["waveform"] == "triangle" else 0, amplitude_m=point["amplitude_m"],
-            frequency_Hz=point["frequency_Hz"], centre_m=0.0, full_cycles=point["cycles"],
+            frequency_Hz=point["frequency_Hz"], centre_m=point["centre_m"], full_cycles=point["cycles"],
             ramp_in_cycles=point["ramp_in_cycles"], ramp_out_cycles=point["ramp_out_cycles"],
         )
         # The host's polls know nothing of the program's beginning: it lies anywhere between two of them.
         self._slice(int(self.random.integers(1, self._poll_steps + 1)), records, truth)
         self._advance(whole / point["frequency_Hz"] + 0.2, records, truth)
         found = np.array(records, RECORD_DTYPE)
-        found = found[np.argsort(found["host_ns"], kind="stable")]
-        content = JournalContent("", found, end={"stopped_by": None, "lost_records": 0})
-        file, _, _ = build(content, self._context(point))
-        path = folder / f"{point['id']}.h5"
-        write_file(path, file)
-        return RecordedPoint.open(path), Truth(*np.concatenate(truth).T)
+        return found[np.argsort(found["host_ns"], kind="stable")], Truth(*np.concatenate(truth).T)
 
     def _context(self, point: dict[str, Any]) -> PointContext:
         cell, lvdt = self.options.load_cell, self.options.lvdt
@@ -183,6 +189,10 @@ class RecordedRig:
             (host_ns, ecu_us, current_A, 0, Channel.COIL_CURRENT, 0),
             (host_ns, -1, self.plant.value("temperature_degC"), 0, Channel.COIL_TEMPERATURE, 0),
             (host_ns, device_us, float(self._phase()), 0, Channel.PHASE, 0),
+            (host_ns, device_us, self.plant.value("setpoint_m") - self.plant.value("position_m"), 0,
+             Channel.SERVO_ERROR, 0),
+            (host_ns, device_us, float(Input.VALVE_SATURATED) if self.plant.value("saturated") else 0.0, 0,
+             Channel.INPUTS, 0),
         ]
         if self.pulses:
             records.append((host_ns, math.floor(self.pulse_us), self.pulses % 65536, self.pulses, Channel.PULSE, 0))
