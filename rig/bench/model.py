@@ -109,7 +109,10 @@ class Sensor(Section):
     )
     rate_Hz: Annotated[float, Quantity("frequency", "1 Hz", "50 kHz")] = Field(alias="rate")
     stale_after_s: Timeout = Field(default=0.020, alias="stale_after")
-    delay_s: Annotated[float, Quantity("time", "0 s", "100 ms")] = Field(default=0.0, alias="delay")
+    delay_s: Annotated[float, Quantity("time", "0 s", "100 ms")] | None = Field(
+        default=None, alias="delay",
+        description="group delay of the conditioner's filter; not stated: taken as 0, and uncertain unless checked",
+    )
     calibration: Calibration
 
     @field_validator("format", mode="plain", json_schema_input_type=str | dict[str, LineValue])

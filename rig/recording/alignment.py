@@ -63,6 +63,8 @@ class Alignment:
         skew_s: by how much force lagged displacement beyond the declared delays, each on its device's own time base;
             taken out here. None where a clock could only be tied by signals or arrivals, which hide it.
         skew_std_s: one standard deviation of what remains.
+        skew_checked: whether both sensors' delays were compared with the controller's own record of what they measure;
+            else they are what the bench file declares, and `skew_std_s` what such a declaration is worth.
         skew_method: the clock models that were used.
         arrival_skew_s: by how much force would have lagged if paired by arrival, delays included. None where the device
             clocks do not run at wall speed, since arrivals then say nothing.
@@ -76,6 +78,7 @@ class Alignment:
     timed: Mapping[str, TimedChannel]
     skew_s: float | None
     skew_std_s: float
+    skew_checked: bool
     skew_method: str
     arrival_skew_s: float | None
     host: HostMap
@@ -104,6 +107,7 @@ def align(records: NDArray[Any] | Mapping[str, Records], context: PointContext) 
         time_s=mapped(base.time_s, lambda time_s: time_s - origin_s, np.float64), origin_s=origin_s, values=values,
         flags=flags, timed=timed, skew_s=_skew_s(force, base),
         skew_std_s=float(np.hypot(force.clock.std_s, base.clock.std_s)),
+        skew_checked=all(each.sensor is not None and each.sensor.checked for each in (force, base)),
         skew_method=f"force by {force.clock.method}, displacement by {base.clock.method}",
         arrival_skew_s=force.latency_s - base.latency_s if context.device_rate == 1.0 else None, host=host,
     )

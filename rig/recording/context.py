@@ -12,14 +12,15 @@ from typing import Any
 class SensorContext:
     """One sensor channel as the bench file declares it (SI units).
 
-    `delay_s` is the declared group delay of its conditioner; `range_SI` the full scale (None: unknown);
-    `sensitivity` is SI per unit on the wire, `offset` in SI; dates are ISO 8601 text. `uncertainty_percent` is the
-    standard uncertainty of the sensitivity (None: not stated); `overdue`: the calibration was past its due date.
+    `delay_s` is the declared group delay of its conditioner (None: not stated, taken as 0); `range_SI` the full scale
+    (None: unknown); `sensitivity` is SI per unit on the wire, `offset` in SI; dates are ISO 8601 text.
+    `uncertainty_percent` is the standard uncertainty of the sensitivity (None: not stated); `overdue`: the calibration
+    was past its due date.
     """
 
     sensor: str
     rate_Hz: float
-    delay_s: float = 0.0
+    delay_s: float | None = 0.0
     range_SI: float | None = None
     unit: str = ""
     long_name: str = ""
@@ -30,6 +31,11 @@ class SensorContext:
     due: str = ""
     uncertainty_percent: float | None = None
     overdue: bool = False
+
+    @property
+    def declared_s(self) -> float:
+        """The delay to take off, s."""
+        return 0.0 if self.delay_s is None else self.delay_s
 
 
 @dataclass(frozen=True)

@@ -143,7 +143,8 @@ def build(
     quality: dict[str, Attribute] = {
         "verdict": verdict.verdict, "reasons": verdict.reasons, "blamed": verdict.blamed,
         "lost_samples": _lost(alignment), "skew_s": alignment.skew_s, "skew_std_s": alignment.skew_std_s,
-        "skew_method": alignment.skew_method, "arrival_skew_s": alignment.arrival_skew_s, "recovered": recovered,
+        "skew_checked": alignment.skew_checked, "skew_method": alignment.skew_method,
+        "arrival_skew_s": alignment.arrival_skew_s, "recovered": recovered,
         "commanded_amplitude_m": None if motion is None else context.point.get("commanded_amplitude_m"),
         **motion_attributes(motion, light), **current_attributes(motion, light), **_clock_attributes(alignment),
         **_shape_attributes(shape),

@@ -139,6 +139,7 @@ def _say(entry: h5py.Group, point: RecordedPoint, skew: Skew, displacement_s: fl
     quality = entry["quality"].attrs
     quality["skew_s"] = skew.force.value_s - skew.displacement.value_s
     quality["skew_std_s"] = skew.std_s
+    quality["skew_checked"] = np.int8(skew.force.checked and skew.displacement.checked)
     judged = _judged(point, skew)
     for name in {"reasons", "blamed"} & quality.keys():
         del quality[name]  # no reason left is no attribute

@@ -61,18 +61,20 @@ class SensorClock:
     Attributes:
         time_s: (n,) s, delays taken off.
         clock: the model behind them; its `std_s` includes the delay's.
-        declared_s: delay the bench file declares (s); 0 where it was not needed.
+        declared_s: delay the bench file declares (s); 0 where it was not needed, None where it states none.
         undeclared_s: delay beyond the declared one, taken off too (s).
         tie_std_s: standard deviation of the clock's tie alone (s).
         match: the sensor's signal laid over the controller's; None where that was not possible.
+        checked: whether the delay was compared with the controller's own record, and not only declared.
     """
 
     time_s: Values
     clock: ClockModel
-    declared_s: float
+    declared_s: float | None
     undeclared_s: float
     tie_std_s: float
     match: Match | None
+    checked: bool
 
 
 def timed_sensor(
@@ -116,13 +118,15 @@ def _by_edges(
     clock: ClockModel, local_s: Values, channel: Records, sensor: SensorContext,
     reference: Reference | None,
 ) -> SensorClock:
-    time_s = _times(local_s, clock, sensor.delay_s)
+    time_s = _times(local_s, clock, sensor.declared_s)
     found = _match(reference, time_s, channel, sensor, DELAY_REACH_S, with_drift=False)
     measured = (None, 0.0) if found is None else (found.lag_s, found.lag_std_s)
-    delay = undeclared(tolerance_s(sensor.delay_s), *measured)
+    delay = undeclared(tolerance_s(sensor.delay_s), *measured, stated=sensor.delay_s is not None)
     sure = replace(clock, std_s=float(np.hypot(clock.std_s, delay.std_s)))
-    late_s = sensor.delay_s + delay.value_s
-    return SensorClock(_times(local_s, clock, late_s), sure, sensor.delay_s, delay.value_s, clock.std_s, found)
+    return SensorClock(
+        _times(local_s, clock, sensor.declared_s + delay.value_s), sure, sensor.delay_s, delay.value_s, clock.std_s,
+        found, delay.checked,
+    )
 
 
 def _by_signal(
@@ -133,11 +137,14 @@ def _by_signal(
     reach_s = ARRIVAL_REACH * max(clock.std_s, UNKNOWN_LATENCY_S * device_rate)
     found = _match(reference, _times(local_s, clock, 0.0), channel, sensor, reach_s, with_drift=True)
     if found is None or abs(found.drift) > LARGEST_DRIFT:
-        return SensorClock(_times(local_s, clock, sensor.delay_s), clock, sensor.delay_s, 0.0, clock.std_s, None)
+        unchecked = undeclared(tolerance_s(sensor.delay_s), None, 0.0, stated=sensor.delay_s is not None)
+        sure = replace(clock, std_s=float(np.hypot(clock.std_s, unchecked.std_s)))
+        time_s = _times(local_s, clock, sensor.declared_s)
+        return SensorClock(time_s, sure, sensor.delay_s, 0.0, clock.std_s, None, checked=False)
     spread_s = MOST_SPREAD * _span_s(local_s)
     std_s = float(np.hypot(found.lag_std_s, found.drift_std * spread_s))
     moved = clock.moved(found.lag_s, found.drift, found.middle_s, std_s, found.drift_std)
-    return SensorClock(_times(local_s, moved, 0.0), moved, 0.0, 0.0, std_s, found)
+    return SensorClock(_times(local_s, moved, 0.0), moved, 0.0, 0.0, std_s, found, checked=True)
 
 
 def _times(local_s: Values, clock: ClockModel, delay_s: float) -> Values:

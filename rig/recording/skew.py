@@ -4,7 +4,10 @@ A declared delay is nearly always right, within the tolerance of its filter, and
 altogether. So the delay beyond the declared one has several explanations, weighed against each other by Bayes' rule for
 what was measured: `N(0, tolerance^2)` with probability 0.96, `N(0, (0.5 ms)^2)` and `N(0, (5 ms)^2)` with 0.02 each. A
 measurement that agrees with the declaration leaves the declared value and its tolerance; one far off takes its place;
-between them the answer is a mixture, and its standard deviation says so.
+between them the answer is a mixture, and its standard deviation says so; a weak one leaves the doubt it leaves.
+
+What nobody could measure keeps the tolerance of a delay that was stated: who wrote it down vouches for it. A delay that
+the bench file does not state at all is vouched for by nobody, and as uncertain as the mixture.
 """
 
 from __future__ import annotations
@@ -18,38 +21,35 @@ DELAY_TOLERANCE = 0.05
 SMALLEST_TOLERANCE_S = 2e-6
 FORGOTTEN = ((0.02, 0.5e-3), (0.02, 5e-3))
 """Probability and scale (s) of delays that nobody declared: another filter setting, a digital filter, a gateway."""
-INFORMATIVE_S = 0.4e-3
-CONTRADICTION = 2.0
-"""A measurement less certain than `INFORMATIVE_S` has a say only when it contradicts by so many of its deviations."""
 
 
 @dataclass(frozen=True)
 class Delay:
-    """A delay beyond the declared one: mean and standard deviation (s); `checked`: a measurement had a say."""
+    """A delay beyond the declared one: mean and standard deviation (s); `checked`: it was measured, however well."""
 
     value_s: float
     std_s: float
     checked: bool
 
 
-def tolerance_s(declared_s: float) -> float:
-    """Standard deviation (s) of a declared delay (s)."""
-    return max(DELAY_TOLERANCE * declared_s, SMALLEST_TOLERANCE_S)
+def tolerance_s(declared_s: float | None) -> float:
+    """Standard deviation (s) of a declared delay (s); None is a delay of 0 that nobody declared."""
+    return max(DELAY_TOLERANCE * (0.0 if declared_s is None else declared_s), SMALLEST_TOLERANCE_S)
 
 
-def undeclared(tolerance: float, measured_s: float | None, measured_std_s: float) -> Delay:
+def undeclared(tolerance: float, measured_s: float | None, measured_std_s: float, *, stated: bool = True) -> Delay:
     """The delay beyond the declared one.
 
     Args:
         tolerance: standard deviation of the declaration (s), more than 0.
         measured_s: delay beyond the declared one by the signals (s); None when it could not be measured.
         measured_std_s: its standard deviation (s).
+        stated: whether the bench file states a delay, be it 0.
     """
-    if measured_s is None:
-        return Delay(0.0, tolerance, checked=False)
-    if measured_std_s > INFORMATIVE_S and abs(measured_s) < CONTRADICTION * measured_std_s:
-        return Delay(0.0, tolerance, checked=False)
     chances = ((1.0 - sum(share for share, _ in FORGOTTEN), tolerance), *FORGOTTEN)
+    if measured_s is None:
+        doubt_s = math.sqrt(sum(share * width**2 for share, width in chances))
+        return Delay(0.0, tolerance if stated else doubt_s, checked=False)
     logs, means, variances = [], [], []
     for share, width in chances:
         total = width**2 + measured_std_s**2

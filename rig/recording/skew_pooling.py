@@ -57,8 +57,9 @@ def _delay(name: str, group: Sequence[RecordedPoint]) -> Delay:
         if f"{name}_matched_lag_s" in point.quality
     ]
     measured = pooled(seen)
-    tolerance = tolerance_s(float(group[0].quality[f"{name}_declared_delay_s"]))
-    return undeclared(tolerance, *((None, 0.0) if measured is None else measured))
+    declared_s = group[0].quality.get(f"{name}_declared_delay_s")
+    measured_s, std_s = (None, 0.0) if measured is None else measured
+    return undeclared(tolerance_s(declared_s), measured_s, std_s, stated=declared_s is not None)
 
 
 def _skew(point: RecordedPoint, force: Delay, displacement: Delay) -> Skew:

@@ -23,7 +23,7 @@ def time_base(run: Run) -> str:
         return ""
     head = [
         "Point", "Time base", "Force clock ppm", "Displacement clock ppm", "Force lagged by ms", "left uncertain ms",
-        "Arrival lag ms",
+        "Delays checked", "Arrival lag ms",
     ]
     rows = []
     for point in points:
@@ -31,16 +31,36 @@ def time_base(run: Run) -> str:
         rows.append(("", [
             text(point.id), text(quality.get("skew_method", "")), _drift(quality, "force"),
             _drift(quality, "displacement"), number(_scaled(quality.get("skew_s"), 1e3), 3),
-            f"{PLUS_MINUS} {number(1e3 * CONFIDENCE * point.skew_std_s, 2)}",
+            f"{PLUS_MINUS} {number(1e3 * CONFIDENCE * point.skew_std_s, 2)}", _checked(quality),
             number(_scaled(quality.get("arrival_skew_s"), 1e3), 3),
         ]))
     note = (
         "Every sample is placed on the controller's clock. Force lagged by: its delay behind displacement beyond the "
-        "delays that the bench file declares; it is taken out. Arrival lag: what pairing by arrival would have given "
-        "(real time only). Intervals are 95 %."
+        "delays that the bench file declares; it is taken out. Delays checked: against the controller's own record of "
+        "force and position; else they are as declared. Arrival lag: what pairing by arrival would have given (real "
+        "time only). Intervals are 95 %."
     )
     heading = f'<h2>Time base and skew</h2><p class="lead">{note}</p>'
-    return heading + _pooled(points) + table(head, rows, (2, 3, 4, 5, 6))
+    return heading + _pooled(points) + _not_stated(points) + table(head, rows, (2, 3, 4, 5, 7))
+
+
+def _checked(quality: Mapping[str, Any]) -> str:
+    found = quality.get("skew_checked")
+    return NOTHING if found is None else "yes" if found else "no"
+
+
+def _not_stated(points: Sequence[RecordedPoint]) -> str:
+    """One sentence on sensors whose delay nobody vouches for."""
+    said = {
+        name for point in points if "skew_checked" in point.quality for name in ("force", "displacement")
+        if f"{name}_declared_delay_s" not in point.quality
+    }
+    if not said:
+        return ""
+    return (
+        f"<p>The bench file states no <code>delay</code> for {' and '.join(sorted(said))}: it is taken as 0 ms and, "
+        "where it could not be checked, as uncertain as a delay that nobody vouches for.</p>"
+    )
 
 
 def _drift(quality: Mapping[str, Any], name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from protocols.line_format import from_description
 from rig.bench.model import Bench
+from rig.campaign.crew import sensor_contexts
 from rig.errors import EXIT_USAGE, FileProblem
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -129,6 +131,15 @@ def test_a_missing_section_is_named(problems: Edit) -> None:
     start, end = TEXT.index("[ecu]"), TEXT.index("[load_cell]")
     (found,) = problems((TEXT[start:end], ""))
     assert found == "ecu: missing"
+
+
+@pytest.mark.parametrize(("line", "delay_s"), [('delay = "0 ms"\n', 0.0), ("", None)])
+def test_a_delay_of_zero_is_stated_and_none_is_not(tmp_path: Path, line: str, delay_s: float | None) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text(re.sub(r"^delay = .*\n", line, TEXT, count=1, flags=re.MULTILINE), encoding="utf-8")
+    bench = Bench.load(path)
+    assert bench.load_cell.delay_s == delay_s
+    assert sensor_contexts(bench)["force"].delay_s == delay_s
 
 
 LINE = (

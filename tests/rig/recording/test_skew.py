@@ -7,7 +7,9 @@ from synthetic_rig import SyntheticRig, with_controller_record
 from rig.recording.alignment import align
 from rig.recording.clock_model import by_order
 from rig.recording.context import SensorContext
+from rig.recording.conversion import build
 from rig.recording.cycle_match import Cycles, match_cycles
+from rig.recording.journal import JournalContent
 from rig.recording.signal_match import match
 from rig.recording.skew import pooled, tolerance_s, undeclared
 
@@ -125,7 +127,6 @@ def test_a_measurement_that_agrees_leaves_the_declaration_and_one_far_off_replac
     assert forgotten.std_s == pytest.approx(0.1e-3, rel=0.05)
     between = undeclared(tolerance, 0.35e-3, 0.1e-3)
     assert between.std_s > 0.1e-3
-    assert not undeclared(tolerance, 1e-3, 1e-3).checked
 
 
 def test_a_weak_measurement_that_contradicts_the_declaration_leaves_doubt_and_not_the_declarations_tolerance() -> None:
@@ -134,6 +135,57 @@ def test_a_weak_measurement_that_contradicts_the_declaration_leaves_doubt_and_no
     assert doubtful.checked
     assert doubtful.std_s > 20.0 * tolerance
     assert abs(doubtful.value_s - 2e-3) < 1.96 * doubtful.std_s
+
+
+def test_a_weak_measurement_leaves_the_doubt_it_leaves_and_no_gap_between_weak_and_not_weak() -> None:
+    tolerance = tolerance_s(0.0)
+    weak = undeclared(tolerance, 2.0e-3, 1.1e-3)
+    assert weak.checked
+    assert weak.std_s > 0.2e-3
+    last_s = 0.0
+    for measured_s in np.linspace(0.0, 4e-3, 200):
+        found = undeclared(tolerance, measured_s, 1.1e-3)
+        assert 0.0 <= found.value_s - last_s < 0.1e-3
+        last_s = found.value_s
+
+
+def test_stated_standard_deviations_of_weakly_measured_delays_are_their_errors_over_the_prior() -> None:
+    random, tolerance = np.random.default_rng(3), tolerance_s(0.3e-3)
+    errors_s, stated_s = [], []
+    for _ in range(20_000):
+        width_s = random.choice([tolerance, 0.5e-3, 5e-3], p=[0.96, 0.02, 0.02])
+        delay_s, std_s = width_s * random.standard_normal(), random.uniform(0.4e-3, 2e-3)
+        found = undeclared(tolerance, delay_s + std_s * random.standard_normal(), std_s)
+        errors_s.append(found.value_s - delay_s)
+        stated_s.append(found.std_s)
+    assert np.sqrt(np.mean(np.square(errors_s))) == pytest.approx(np.sqrt(np.mean(np.square(stated_s))), rel=0.1)
+
+
+def test_a_delay_nobody_could_measure_is_as_sure_as_its_statement_and_without_one_as_sure_as_any() -> None:
+    assert undeclared(tolerance_s(0.4e-3), None, 0.0).std_s == pytest.approx(20e-6)
+    assert undeclared(tolerance_s(0.0), None, 0.0).std_s < 10e-6, "0 ms that somebody wrote down"
+    nobody = undeclared(tolerance_s(None), None, 0.0, stated=False)
+    assert (nobody.value_s, nobody.checked) == (0.0, False)
+    assert nobody.std_s == pytest.approx(0.71e-3, rel=0.01)
+
+
+@pytest.mark.parametrize(("delay_s", "std_s"), [(0.0, 3e-6), (None, 1e-3)])
+def test_a_skew_that_was_not_checked_says_so_and_covers_what_was_not_stated(
+    delay_s: float | None, std_s: float
+) -> None:
+    rig = SyntheticRig(frequency_Hz=4.0, cycles=10)
+    sensors = {
+        "force": SensorContext("load_cell", 250.0, delay_s), "displacement": SensorContext("lvdt", 250.0, delay_s),
+    }
+    content = JournalContent("", with_controller_record(rig, 0.002), end={"stopped_by": None, "lost_records": 0})
+    blind, _, verdict = build(content, rig.context(controller_delay_s=None, sensors=sensors))
+    assert blind.quality["skew_checked"] is False
+    assert blind.quality["skew_std_s"] == pytest.approx(std_s, rel=0.5)
+    assert verdict.verdict == ("valid" if delay_s is not None else "suspect"), verdict.reasons
+    seeing, _, verdict = build(content, rig.context(controller_delay_s=0.0, sensors=sensors))
+    assert seeing.quality["skew_checked"] is True
+    assert abs(seeing.quality["skew_s"] - 0.002) < 1.96 * seeing.quality["skew_std_s"] < 0.4e-3
+    assert verdict.verdict == "valid"
 
 
 def test_points_of_one_sensor_are_taken_together() -> None:
