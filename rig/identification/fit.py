@@ -204,7 +204,7 @@ class Fit:
         warnings: everything the reader should know before using the numbers.
         evaluations: evaluations of equation (12).
         wall_s: wall time (s).
-        objective: equation (12) at the solution, with the fit's weight.
+        objective: equation (12) at the solution, with the fit's weight and those of its loss.
         condition: condition number of the scaled normal matrix.
         correlation: parameter names to names to correlation.
         notes: how the intervals were made.
@@ -214,6 +214,7 @@ class Fit:
         next_tests: tests worth running next.
         series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
         current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
+        loss: "squares" or "huber".
     """
 
     model: str
@@ -238,6 +239,7 @@ class Fit:
     next_tests: tuple[NextTest, ...] = ()
     series: SeriesSpring | None = None
     current: CurrentRelations | None = None
+    loss: str = "squares"
 
     @property
     def values(self) -> dict[str, float]:
@@ -271,6 +273,7 @@ class Fit:
             "method": self.method,
             "hysteresis": self.hysteresis,
             "weight": self.weight,
+            "loss": self.loss,
             "parameters": {name: _estimate(each) for name, each in self.parameters.items()},
             "error": error,
             "selection": scores,

@@ -284,7 +284,7 @@ def _found_lag(
     if told is not None:
         told("finding the coil's lag from the commanded current")
     model = next((each for each in models if each.states == 0), _model("asymmetric", "kwok"))
-    findings, quick = examine(model, fitted), Method(weight=method.weight, loss="squares")
+    findings, quick = examine(model, fitted), Method(weight=method.weight)
     near: dict[str, float] = {}
 
     def objective(tests: list[Measurement]) -> float:

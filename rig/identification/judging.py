@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,10 +19,11 @@ from rig.identification.identifiability import degenerate, explain
 from rig.identification.measurement import Measurement
 from rig.identification.profile import Profile, profiles
 from rig.identification.residuals import LEAST_WIDENING, correlated
+from rig.identification.robust import without_outliers
 from rig.identification.scoring import describes, score
 from rig.identification.selection import Candidate
 from rig.identification.separable import Solution
-from rig.identification.solving import SEPARABLE, Method
+from rig.identification.solving import SEPARABLE, SQUARES, Method
 from rig.identification.uncertainty import DeclaredErrors, Information, information, quantile
 
 NONLINEAR = "nonlinear"  # all nonlinear parameters, where parameters are named
@@ -66,12 +68,14 @@ def judged(
         Errors, intervals, what cannot be found and why, what the residual and the energy say, warnings.
     """
     model, values = best.model, best.solution.values
-    weighting = method.weighting(model)
-    fits = describes(model, values, fitted, weighting)
-    foretells = describes(model, values, held_out, weighting)
+    weighting, (looked_at, foretold) = method.weighting(model), (fitted, held_out)
+    if method.loss != SQUARES:
+        looked_at, foretold = (without_outliers(model, values, tests) for tests in (fitted, held_out))
+    fits = describes(model, values, looked_at, weighting)
+    foretells = describes(model, values, foretold, weighting)
     free = best.findings.free(name for name in model.names if name in values)
-    known = information(model, values, free, fitted, weighting, declared)
-    reasons = {**explain(model, known, values, fitted, weighting), **best.findings.reasons}
+    known = information(model, values, free, fitted, replace(weighting, extra=best.solution.extra), declared)
+    reasons = {**explain(model, known, values, looked_at, weighting), **best.findings.reasons}
     warnings = [*warnings, *_of_tests((*fitted, *held_out))]
     warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
     if fits is not False and foretells is False:
@@ -89,6 +93,7 @@ def judged(
         hysteresis=getattr(model, "hysteresis", "kwok"),
         method=method.name,
         weight=weighting.weight,
+        loss=method.loss,
         parameters=_estimates(model, values, known, reasons, best.solution),
         error=error,
         holdout=score(model, values, held_out) if held_out else None,
@@ -112,7 +117,7 @@ def _profiles(
 ) -> dict[str, Profile]:
     if wanted is False or not (wanted is True or len(wanted)):
         return {}
-    if method.loss != "squares":
+    if method.loss != SQUARES:
         raise IdentificationFailed(f"no profile likelihood with loss {method.loss!r}: it needs least squares")
     if unfinished := _unfinished(known, method, best.solution):
         raise IdentificationFailed(f"no profile likelihood: {unfinished[0]}")
@@ -165,7 +170,7 @@ def _unresolved(fitted: Sequence[Measurement]) -> list[str]:
 
 def _unfinished(known: Information, method: Method, solution: Solution) -> list[str]:
     """A warning when a search stopped before the least-squares solution, which is what the intervals are about."""
-    if method.name == SEPARABLE or method.loss != "squares" or solution.at_bound:
+    if method.name == SEPARABLE or method.loss != SQUARES or solution.at_bound:
         return []
     told = [k for k, name in enumerate(known.names) if name not in known.partners]
     away = [abs(float(known.step[k])) / known.standard_error(known.names[k]) for k in told]

@@ -189,6 +189,7 @@ def _joined(
         hysteresis=levels[0].fit.hysteresis,
         method=method.name,
         weight=levels[0].fit.weight,
+        loss=method.loss,
         parameters=_parameters(levels),
         error=score_forces(fitted, [force(each) for each in fitted]),
         holdout=score_forces(held_out, [force(each) for each in held_out]) if held_out else None,

@@ -42,12 +42,14 @@ class Solution:
         objective: equation (12) at the solution, over the samples that count.
         evaluations: passes over all samples; those over thinned data count by their share.
         at_bound: names of parameters held at a bound by a constraint.
+        extra: square roots of the weights that a robust loss ended with, one array (n,) a test; None without.
     """
 
     values: dict[str, float]
     objective: float
     evaluations: int
     at_bound: tuple[str, ...] = ()
+    extra: tuple[FloatArray, ...] | None = None
 
 
 def solve_separable(

@@ -21,7 +21,7 @@ from rig.identification.fit import SeriesSpring
 from rig.identification.identifiability import examine
 from rig.identification.measurement import Measurement
 from rig.identification.shortening import first_cycle
-from rig.identification.solving import Method, solve
+from rig.identification.solving import SQUARES, Method, solve
 from rig.identification.uncertainty import quantile
 from rig.recording.differentiation import harmonic
 
@@ -82,10 +82,13 @@ def find_spring(model: DamperModel, tests: Sequence[Measurement], method: Method
     the residual were white; see `SeriesSpring.widened`.
 
     Raises:
-        IdentificationFailed: the force of a test cannot be differentiated, or the model cannot be fitted.
+        IdentificationFailed: the force of a test cannot be differentiated, the model cannot be fitted, or the loss is
+            not that of least squares.
     """
     from scipy.optimize import minimize_scalar
 
+    if method.loss != SQUARES:
+        raise IdentificationFailed(f"a series spring is found by least squares, not with loss {method.loss!r}")
     softened, findings = Softened(tests), examine(model, tests)
     near: dict[str, float] = {}
 

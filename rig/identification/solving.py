@@ -16,16 +16,17 @@ from rig.identification.identifiability import Findings
 from rig.identification.measurement import Measurement
 from rig.identification.problem import Problem
 from rig.identification.projection import Weighting
+from rig.identification.robust import huber_weights
 from rig.identification.separable import Solution, solve_separable
 
 if TYPE_CHECKING:  # it loads logging and threads, which a fit does not need
     from concurrent.futures import Executor
 
 SEPARABLE = "separable"
+SQUARES = "squares"
 THREE_STEPS = "zhu_three_step"
 PARTLY_SEPARABLE = ("normalized_bouc_wen", "bouc_wen", "thinning_bouc_wen")
 GUARD_S = 1e-3
-HUBER = 1.345  # standard deviations beyond which Huber's loss grows linearly; 95 % efficient on normal noise
 ROBUST_ROUNDS = 8
 
 
@@ -36,7 +37,7 @@ class Method:
     Attributes:
         name: "separable", one of the papers' algorithms, or "zhu_three_step".
         weight: "1", "v", or None for the method's own (the papers' algorithms: v; the others: 1).
-        loss: "squares" or "huber" (separable only).
+        loss: "squares", or "huber" (separable fits of models without internal states only).
         budget: evaluations of equation (12) for the papers' algorithms.
         population: candidates a generation.
         seed: of every random draw.
@@ -47,7 +48,7 @@ class Method:
 
     name: str = SEPARABLE
     weight: str | None = None
-    loss: str = "squares"
+    loss: str = SQUARES
     budget: int = 16_000
     population: int = 50
     seed: int = 0
@@ -90,8 +91,13 @@ def solve(
         start: values of a fit to nearly the same tests; `separable` then needs no global search.
 
     Raises:
-        IdentificationFailed: the method is unknown, or found nothing.
+        IdentificationFailed: the method is unknown, has not this loss for this model, or found nothing.
     """
+    if method.loss != SQUARES and not (method.name == SEPARABLE and isinstance(model, AlgebraicModel)):
+        raise IdentificationFailed(
+            f"{model.name} by {method.name} has no loss {method.loss!r}, only {SQUARES!r}; separable fits of "
+            "models without internal states (asymmetric, symmetric, kwok, bingham) have it"
+        )
     if method.name == SEPARABLE:
         if isinstance(model, AlgebraicModel):
             return _separable(model, measurements, method, frozenset(findings.held), start)
@@ -115,11 +121,11 @@ def _separable(
     weighting = method.weighting(model)
     shape = None if near is None else np.array([near[name] for name in model.shape_names])
     solution = solve_separable(measurements, model, weighting, held=held, start=shape)
-    if method.loss != "huber":
+    if method.loss == SQUARES:
         return solution
     evaluations = solution.evaluations
     for _ in range(ROBUST_ROUNDS):
-        weighting = replace(weighting, extra=_huber_weights(model, measurements, solution))
+        weighting = replace(weighting, extra=huber_weights(model, solution.values, measurements))
         start = np.array([solution.values[name] for name in model.shape_names])
         previous, solution = solution, solve_separable(measurements, model, weighting, held=held, start=start)
         evaluations += solution.evaluations
@@ -129,7 +135,7 @@ def _separable(
         )
         if moved < 1e-6:
             break
-    return Solution(solution.values, solution.objective, evaluations, solution.at_bound)
+    return replace(solution, evaluations=evaluations, extra=weighting.extra)
 
 
 def _with_states(
@@ -147,20 +153,6 @@ def _with_states(
     from rig.identification.state_models import solve_states
 
     return solve_states(measurements, model, method.weighting(model), held, near)
-
-
-def _huber_weights(
-    model: AlgebraicModel, measurements: Sequence[Measurement], solution: Solution
-) -> tuple[np.ndarray[Any, np.dtype[np.float64]], ...]:
-    """Square roots of Huber's weights (1964), scaled by each test's median absolute residual."""
-    from rig.identification.model_slope import modelled_force
-
-    weights = []
-    for each in measurements:
-        residual = np.abs(each.force_N - modelled_force(model, solution.values, each))
-        limit = HUBER * float(np.median(residual[each.scored])) / 0.6744897501960817
-        weights.append(np.sqrt(np.minimum(1.0, limit / np.maximum(residual, 1e-300))))
-    return tuple(weights)
 
 
 def _search(model: DamperModel, measurements: Sequence[Measurement], method: Method, findings: Findings) -> Solution:

@@ -4,9 +4,10 @@ Covariance of the weighted least-squares estimate (sandwich form):
 C = A^-1 (sum_t q_t s_t^2 B_t + sum_k d_k d_k') A^-1, with A = sum J'W^2 J and B_t = J'W^4 J of test t, s_t its
 residual's root mean square, q_t >= 1 what correlation in time and misfit that repeats every cycle add to it
 (`residuals`), and d_k the effect J'W^2 dF/dk of each declared error k: the skew left in each test, the
-scale of force and displacement, the motion that the displacement's samples do not resolve
+scale of force and displacement, the position of mid-stroke, the motion that the displacement's samples do not resolve
 at sharp reversals. A skew is taken as shared by all tests, which is the larger of the two possible effects; unresolved
-motion, whose effects on the tests may cancel, counts test by test.
+motion, whose effects on the tests may cancel, counts test by test. With Huber's loss s_t is the root mean square of
+psi(r), the residual as the loss sees it, and A sums the samples whose psi' is 1 (Huber 1964).
 
 A combination of parameters without information is known only in so far as what each of them contributes cannot be many
 times the whole measured force: it has that standard deviation, `BEYOND_FORCE`. A parameter that this leaves less sure
@@ -17,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -115,19 +116,21 @@ def information(
     independent, force_power = 0.0, 0.0
     shared = np.zeros((3, size))
     for index, each in enumerate(measurements):
-        squared = weighting.of(each, index) ** 2
+        squared = replace(weighting, extra=None).of(each, index) ** 2
+        robust = np.ones_like(squared) if weighting.extra is None else weighting.extra[index] ** 2
         slopes = parameter_slopes(model, values, names, each)
         force = modelled_force(model, values, each)
-        weighted = slopes * squared[:, None]
+        full = slopes * squared[:, None]
+        weighted = full * (robust >= 1.0)[:, None]
         normal += slopes.T @ weighted
-        error, counting = each.force_N - force, squared > 0.0
-        gradient += weighted.T @ error
+        error, counting = robust * (each.force_N - force), squared > 0.0
+        gradient += full.T @ error
         residual = judge(error, counting, each.u_m, each.dt_s)
         residuals.append(residual)
         independent += np.count_nonzero(counting) / residual.widening
         force_power += float(squared @ np.where(counting, each.force_N, 0.0) ** 2)
         power = float(np.mean(error[counting] ** 2)) if np.any(counting) else 0.0
-        meat += residual.widening * power * (weighted.T @ weighted)
+        meat += residual.widening * power * (full.T @ full)
         if each.skew_std_s > 0.0:
             shared[0] += each.skew_std_s * (weighted.T @ time_slope(model, values, each))
         if declared.force_gain > 0.0:
