@@ -108,7 +108,7 @@ def _remarks(fit: Mapping[str, Any]) -> list[Text]:
     if holdout := error.get("holdout"):
         measures = f"RMSE {number(holdout['rmse_N'], 3)} N, {number(holdout['nrmse_percent_of_peak'], 3)} % of peak"
         lines.append(Text(f"error over held-out tests, which the fit has not seen: {measures}"))
-    if not fit.get("adequate", True):
+    if fit.get("adequate") is False:
         lines.append(Text("the model does not describe these data within their noise", style="red"))
     for name, entry in (fit.get("profiles") or {}).items():
         low, high = ("open" if end is None else f"{end:.5g}" for end in (entry["low"], entry["high"]))

@@ -58,7 +58,7 @@ def as_text(fit: Fit) -> str:
         lines.append(f"  {name:9s} {value:>12s} {each.unit:10s} {interval} {each.reason}".rstrip())
     if fit.holdout is not None:
         lines.append(f"held out: {fit.holdout.nrmse_percent_of_peak:.3g} % of peak, {fit.holdout.rmse_N:.3g} N")
-    if not fit.adequate:
+    if fit.adequate is False:
         lines.append("no model here describes these data within their noise")
     return "\n".join([*lines, *(f"warning: {text}" for text in fit.warnings)])
 

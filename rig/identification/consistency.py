@@ -146,7 +146,8 @@ def _alike(first: Measurement, second: Measurement) -> bool:
 
 def _loop(each: Measurement) -> FloatArray:
     """Mean force (N) at `PHASES` equal steps of the cycle, shape (PHASES,)."""
-    rising = np.flatnonzero((each.u_m[:-1] < 0.0) & (each.u_m[1:] >= 0.0))
+    about_mean = each.u_m - float(np.mean(each.u_m))
+    rising = np.flatnonzero((about_mean[:-1] < 0.0) & (about_mean[1:] >= 0.0))
     start = float(rising[0]) if rising.size else 0.0
     phase = ((np.arange(each.u_m.size) - start) / samples_a_cycle(each.u_m)) % 1.0
     scored = each.scored

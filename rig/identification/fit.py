@@ -200,7 +200,7 @@ class Fit:
         error: on the tests it was fitted to.
         holdout: on the tests it has not seen; None without any.
         selection: the models compared, best first.
-        adequate: whether the model describes the data down to their noise.
+        adequate: whether the model describes the data down to their noise; None where no test has two cycles to tell.
         warnings: everything the reader should know before using the numbers.
         evaluations: evaluations of equation (12).
         wall_s: wall time (s).
@@ -225,7 +225,7 @@ class Fit:
     error: ErrorSummary
     holdout: ErrorSummary | None
     selection: tuple[ModelScore, ...]
-    adequate: bool
+    adequate: bool | None
     warnings: tuple[str, ...]
     evaluations: int
     wall_s: float

@@ -111,7 +111,7 @@ def identify(
         values = {**best.solution.values, "eta": eta_1_s}
         best = replace(best, solution=replace(best.solution, values=values))
     fit = judged(best, fitted, held_out, ranking, settings, warnings, declared, profile, started)
-    if not fit.adequate:
+    if fit.adequate is False:
         apart = runs_apart(fitted, fit.error.rmse_N, _error_of(best, settings))
         fit = replace(fit, warnings=(*apart, *fit.warnings))
     if lag is not None and "eta" in fit.parameters:

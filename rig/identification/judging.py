@@ -20,7 +20,7 @@ from rig.identification.measurement import Measurement
 from rig.identification.profile import Profile, profiles
 from rig.identification.residuals import LEAST_WIDENING, correlated
 from rig.identification.robust import without_outliers
-from rig.identification.scoring import describes, score
+from rig.identification.scoring import describes, score, together
 from rig.identification.selection import Candidate
 from rig.identification.separable import Solution
 from rig.identification.solving import SEPARABLE, SQUARES, Method
@@ -98,7 +98,7 @@ def judged(
         error=error,
         holdout=score(model, values, held_out) if held_out else None,
         selection=ranking,
-        adequate=fits is not False and foretells is not False,
+        adequate=together((fits, foretells)),
         warnings=tuple(warnings),
         evaluations=best.solution.evaluations,
         wall_s=time.perf_counter() - started,

@@ -127,7 +127,7 @@ def next_tests(
         allowance: what may be tested; by default what was tested.
     """
     allowance = allowance or envelope_of(measurements)
-    found = list(_loop(model, fit, measurements, allowance)) if fit.adequate else []
+    found = list(_loop(model, fit, measurements, allowance)) if fit.adequate is not False else []
     if "eta" in fit.parameters and not fit.parameters["eta"].identifiable and allowance.feasible is not None:
         found.append(_steps(allowance))
     return tuple(found)

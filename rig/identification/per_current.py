@@ -21,7 +21,7 @@ from rig.identification.judging import judged
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
 from rig.identification.relation import Relation, relations
-from rig.identification.scoring import describes, score_forces
+from rig.identification.scoring import describes, score_forces, together
 from rig.identification.selection import Candidate
 from rig.identification.solving import Method, solve
 from rig.identification.uncertainty import DeclaredErrors
@@ -194,7 +194,7 @@ def _joined(
         error=score_forces(fitted, [force(each) for each in fitted]),
         holdout=score_forces(held_out, [force(each) for each in held_out]) if held_out else None,
         selection=(),
-        adequate=not any(fits(each) is False for each in (*fitted, *held_out)),
+        adequate=together(fits(each) for each in (*fitted, *held_out)),
         warnings=tuple(notes),
         evaluations=sum(level.fit.evaluations for level in levels),
         wall_s=time.perf_counter() - started,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from rig.identification.fit import ErrorSummary, TestError
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force, unseen_force
 from rig.identification.projection import Weighting
-from rig.identification.residuals import judge
+from rig.identification.residuals import judge, samples_a_cycle
 
 FloatArray = NDArray[np.float64]
 
@@ -22,6 +22,7 @@ MISFIT_OF_NOISE = 0.6  # misfit beyond the noise, as a share of it, that still c
 NEGLIGIBLE_OF_PEAK = 0.002  # misfit below this share of the peak force never matters
 REPEATING_OF_NOISE = 0.15  # what repeats every cycle stands out of the noise long before it is as large
 REPEATING_OF_PEAK = 0.003  # and below this share of the peak force never matters
+FEWEST_CYCLES = 1.99  # two whole cycles, cut to samples
 UNSEEN_WITHIN = 2.0  # motion that the samples do not resolve is foretold within this factor
 
 
@@ -73,26 +74,28 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Sequence[Float
 def describes(
     model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement], weighting: Weighting
 ) -> bool | None:
-    """Whether what the model leaves is the tests' own scatter from cycle to cycle; None when no test shows its scatter.
+    """Whether what the model leaves is the tests' own scatter from cycle to cycle; None when no test has two cycles.
 
     Two things must be small, both over the samples that count in the fit and less what motion explains that the
     displacement's samples do not resolve: the misfit, which is what the error has beyond the scatter, in squares; and
     what repeats with every cycle (`residuals`). The second sees far less than the noise, but no drifts; the first does.
+    A test whose scatter was not measured is held against what does not repeat of its own residual.
 
     Raises:
         KeyError: a parameter is missing.
     """
     samples, noise, beyond, repeating, peaks = 0, 0.0, 0.0, 0.0, []
     for index, each in enumerate(measurements):
-        if math.isnan(each.noise_N):
+        if math.isnan(each.noise_N) and each.u_m.size < FEWEST_CYCLES * samples_a_cycle(each.u_m):
             continue
         counting = weighting.of(each, index) > 0.0
         error = each.force_N - modelled_force(model, values, each)
         kept, found = error[counting], judge(error, counting, each.u_m, each.dt_s)
         unseen = UNSEEN_WITHIN**2 * float(np.sum(unseen_force(model, values, each)[counting] ** 2))
+        scatter_N = found.noise_N if math.isnan(each.noise_N) else each.noise_N
         samples += kept.size
-        noise += kept.size * each.noise_N**2
-        beyond += float(kept @ kept) - kept.size * each.noise_N**2 - unseen
+        noise += kept.size * scatter_N**2
+        beyond += float(kept @ kept) - kept.size * scatter_N**2 - unseen
         repeating += max(0.0, kept.size * found.repeating_N**2 - unseen)
         peaks.append(each.peak_force_N)
     if samples == 0:
@@ -102,3 +105,9 @@ def describes(
     return misfit_N <= max(MISFIT_OF_NOISE * noise_N, NEGLIGIBLE_OF_PEAK * peak_N) and repeating_N <= max(
         REPEATING_OF_NOISE * noise_N, REPEATING_OF_PEAK * peak_N
     )
+
+
+def together(verdicts: Iterable[bool | None]) -> bool | None:
+    """False when one of the verdicts is, None when nothing could be judged."""
+    told = [each for each in verdicts if each is not None]
+    return all(told) if told else None

@@ -4,11 +4,13 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Measurement, identify
+from rig.identification.consistency import contradictions
 from rig.recording.run import RecordedPoint
 
 Make = Callable[..., list[Measurement]]
@@ -47,3 +49,13 @@ def test_held_out_tests_that_are_fitted_are_refused(make_synthetic: Make, demo_p
         identify(tests, holdout=tests[:2])
     with pytest.raises(IdentificationFailed, match="9 held-out"):
         identify(demo_points, holdout=demo_points)
+
+
+def test_tests_beside_mid_stroke_that_start_elsewhere_in_their_cycle_are_not_accused(make_synthetic: Make) -> None:
+    one = make_synthetic(DEMO, (1.0,), (1.0,), noise_N=1.0)[0]
+    shifted = {name: np.roll(getattr(one, name), 60) for name in ("v_m_s", "a_m_s2", "force_N")}
+    tests = [
+        replace(one, u_m=one.u_m + 0.1),
+        replace(one, id="p002", u_m=np.roll(one.u_m, 60) + 0.1, **shifted),
+    ]  # the force of one damper, 0.1 m from its mid-stroke: no test crosses it
+    assert contradictions(tests) == []
