@@ -57,6 +57,9 @@ class Problem:
         weight: "v" as in the paper, or "1".
         lag: whether eta is one of the unknowns; the coil current then follows the commanded one by equation (9).
         names: names of the unknowns, in the vector's order (SI).
+
+    Raises:
+        ValueError: no measurements, an unknown weight, or eta is asked of a model that has none.
     """
 
     def __init__(
@@ -74,6 +77,8 @@ class Problem:
             raise ValueError(f"weight {weight!r}: expected 'v' or '1'")
         self.measurements = tuple(measurements)
         self.model = model if isinstance(model, DamperModel) else damper_model(model, hysteresis)
+        if lag and "eta" not in self.model.names:
+            raise ValueError(f"lag: {self.model.name} has no eta; asymmetric, symmetric and modified_bouc_wen have it")
         self.weight = weight
         self.lag = lag
         self.names = tuple(name for name in self.model.names if lag or name != "eta")
@@ -137,10 +142,10 @@ class Problem:
             raise ValueError(
                 f"population of shape {candidates.shape}, expected (N, {self.n_parameters}): {', '.join(self.names)}"
             )
-        if self._joined is None:
-            return self._hysteretic_batch(candidates)
         if self.lag:
             return np.array([self._lagged(candidate) for candidate in candidates])
+        if self._joined is None:
+            return self._hysteretic_batch(candidates, self.measurements)
         return self._algebraic_batch(self._general(candidates), *self._joined)
 
     def residuals(self, vector: FloatArray | Sequence[float]) -> FloatArray:
@@ -154,7 +159,7 @@ class Problem:
         values = self.values(vector)
         parts = []
         for each, squared in zip(self.measurements, self._weights, strict=True):
-            source = replace(each, current_A=coil_current(each, values["eta"])) if self.lag else each
+            source = _behind_coil(each, values["eta"]) if self.lag else each
             parts.append((each.force_N - modelled_force(self.model, values, source)) * np.sqrt(squared))
         joined = np.concatenate(parts)
         return np.where(np.isfinite(joined), joined, UNACCEPTABLE)
@@ -166,22 +171,24 @@ class Problem:
         return np.where(np.isfinite(total), total, np.inf)
 
     def _lagged(self, candidate: FloatArray) -> float:
-        eta = candidate[self.names.index("eta")]
+        eta_1_s = float(candidate[self.names.index("eta")])
+        sources = [_behind_coil(each, eta_1_s) for each in self.measurements]
+        if self._joined is None:
+            return float(self._hysteretic_batch(candidate[None, :], sources)[0])
         general = self._general(candidate[None, :])
         total = 0.0
-        for each, weight in zip(self.measurements, self._weights, strict=True):
-            current = coil_current(each, eta)
-            data = (each.u_m, each.v_m_s, each.a_m_s2, current, each.force_N, weight)
+        for each, weight in zip(sources, self._weights, strict=True):
+            data = (each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.force_N, weight)
             total += float(self._algebraic_batch(general, *data)[0])
         return total
 
-    def _hysteretic_batch(self, candidates: FloatArray) -> FloatArray:
+    def _hysteretic_batch(self, candidates: FloatArray, sources: Sequence[Measurement]) -> FloatArray:
         from rig.identification.objective_kernels import hysteretic_objective
 
         full = np.ones((candidates.shape[0], len(self.model.parameters)))
         full[:, [self.model.names.index(name) for name in self.names]] = candidates
         total = np.zeros(candidates.shape[0])
-        for each, weight in zip(self.measurements, self._weights, strict=True):
+        for each, weight in zip(sources, self._weights, strict=True):
             state = self.model.initial_state(float(each.u_m[0]))
             data = (each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.force_N, weight)
             total += hysteretic_objective(self.model.kind, full, state, *data, each.dt_s, each.samples_per_cycle)
@@ -209,3 +216,8 @@ class Problem:
         columns = ("u_m", "v_m_s", "a_m_s2", "current_A", "force_N")
         joined = [np.concatenate([getattr(each, name) for each in self.measurements]) for name in columns]
         return (*joined, np.concatenate([self._weight_squared(each) for each in self.measurements]))
+
+
+def _behind_coil(each: Measurement, eta_1_s: float) -> Measurement:
+    """The measurement with the coil current that follows its command, or what stands for it, at rate eta."""
+    return replace(each, current_A=coil_current(each, eta_1_s))

@@ -9,6 +9,8 @@ import pytest
 
 from rig.dampers import model, parameter_set
 from rig.identification import Measurement, Method, Problem, identify
+from rig.identification.coil import with_lag
+from rig.identification.model_slope import modelled_force
 
 Make = Callable[..., list[Measurement]]
 
@@ -71,6 +73,20 @@ def test_eta_is_found_where_the_current_steps(make_synthetic: Make) -> None:
     assert min(problem.objective(slower), problem.objective(faster)) > 1.0
 
 
+def test_eta_moves_the_objective_of_a_model_with_states_too(make_synthetic: Make) -> None:
+    values = dict(parameter_set("spencer-modified").values)
+    test = make_synthetic(dict(parameter_set("demo").values), (1.0,), (1.0,), cycles=3)[0]
+    commanded = np.where(np.arange(test.u_m.size) < 300, 0.2, 1.0)
+    stepped = replace(test, commanded_A=commanded, current_A=commanded)
+    damper = model("modified_bouc_wen")
+    stepped = replace(stepped, force_N=modelled_force(damper, values, with_lag(stepped, 25.0)))
+    problem = Problem([stepped], damper, "1", lag=True)
+    found = [problem.objective(problem.vector({**values, "eta": eta})) for eta in (20.0, 25.0, 30.0)]
+    assert found[1] < 1e-9 * min(found[0], found[2])
+    with pytest.raises(ValueError, match="lag: kwok has no eta; asymmetric, symmetric and modified_bouc_wen have it"):
+        Problem([test], "kwok", lag=True)
+
+
 def test_a_candidate_without_a_finite_force_scores_infinity(make_synthetic: Make) -> None:
     problem = Problem(make_synthetic(dict(parameter_set("demo").values), (1.0,), (1.0,)))
     broken = problem.start.copy()
@@ -108,7 +124,7 @@ def test_a_problem_travels_to_worker_processes(make_synthetic: Make) -> None:
 
 
 @pytest.mark.parametrize("lag", [False, True])
-@pytest.mark.parametrize("name", ["demo", "demo-kwok", "demo-normalized-bouc-wen"])
+@pytest.mark.parametrize("name", ["demo", "demo-kwok", "demo-normalized-bouc-wen", "spencer-modified"])
 def test_squared_residuals_sum_to_the_objective(name: str, lag: bool, make_synthetic: Make) -> None:
     chosen = parameter_set(name)
     tests = make_synthetic(dict(parameter_set("demo").values), (0.0, 1.0), (1.0,), cycles=3)
