@@ -14,6 +14,7 @@ import numpy as np
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.algorithms.zhu_three_step import NormalizedBoucWenFit, identify
+from rig.identification.identifiability import SAME_CURRENT_A
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
 from rig.identification.projection import Weighting
@@ -34,7 +35,8 @@ def solve_three_steps(
         held: parameters that the tests cannot determine, held at zero.
 
     Raises:
-        IdentificationFailed: another model, or no test on which the three steps work; the message says why for each.
+        IdentificationFailed: another model, or too few tests on which the three steps work: none, or all at one current
+            of several; the message says why for each.
     """
     if model.name != MODEL:
         raise IdentificationFailed(f"zhu_three_step identifies {MODEL} only, not {model.name}: add `--model {MODEL}`")
@@ -49,6 +51,11 @@ def solve_three_steps(
     if not found:
         raise IdentificationFailed("; ".join(refused))
     affine = "kw_b" not in held
+    if affine and max(currents_A) - min(currents_A) <= SAME_CURRENT_A:
+        raise IdentificationFailed(
+            f"zhu_three_step works at {currents_A[0]:.2f} A only, where kw and kw_b, kv and kv_b cannot be told apart "
+            f"({'; '.join(refused)}); hold the tests at other currents out, or use separable"
+        )
     values = {
         "kx": _mean(found, "kx"),
         **_line("kv", found, currents_A, affine=affine),
