@@ -57,7 +57,8 @@ class CurrentLag:
 def lag_of(points: Sequence[RecordedPoint]) -> tuple[CurrentLag | None, list[str]]:
     """The lag pooled over current-step points, and one line for each point that cannot be used.
 
-    None when there is no such point or none can be used.
+    None when there is no such point or none can be used. Where the points scatter more than their own standard errors
+    say, the pooled one is widened by that (Birge 1932).
     """
     found, refused = [], []
     for point in points:
@@ -74,10 +75,12 @@ def lag_of(points: Sequence[RecordedPoint]) -> tuple[CurrentLag | None, list[str
         return None, refused
     weights = np.array([1.0 / lag.std_1_s**2 for lag in found])
     values = np.array([lag.eta_1_s for lag in found])
+    mean_1_s = float(np.sum(weights * values) / np.sum(weights))
+    scatter = float(np.sum(weights * (values - mean_1_s) ** 2)) / max(1, len(found) - 1)
     delays = [lag.delay_s for lag in found if lag.delay_s is not None]
     return CurrentLag(
-        eta_1_s=float(np.sum(weights * values) / np.sum(weights)),
-        std_1_s=float(1.0 / math.sqrt(np.sum(weights))),
+        eta_1_s=mean_1_s,
+        std_1_s=math.sqrt(max(1.0, scatter) / float(np.sum(weights))),
         delay_s=float(np.median(delays)) if delays else None,
         rmse_A=math.sqrt(float(np.mean([lag.rmse_A**2 for lag in found]))),
         steps=sum(lag.steps for lag in found),

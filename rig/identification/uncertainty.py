@@ -1,13 +1,14 @@
 """What the data say about the parameters: covariance, intervals, correlation, and what they cannot say.
 
 Covariance of the weighted least-squares estimate (sandwich form):
-C = A^-1 (sum_t q_t s_t^2 B_t + sum_k d_k d_k') A^-1, with A = sum J'W^2 J and B_t = J'W^4 J of test t, s_t its
+C = A^-1 (n/(n-p) sum_t q_t s_t^2 B_t + sum_k d_k d_k') A^-1, with A = sum J'W^2 J and B_t = J'W^4 J of test t, s_t its
 residual's root mean square, q_t >= 1 what correlation in time and misfit that repeats every cycle add to it
-(`residuals`), and d_k the effect J'W^2 dF/dk of each declared error k: the skew left in each test, the
-scale of force and displacement, the position of mid-stroke, the motion that the displacement's samples do not resolve
-at sharp reversals. A skew is taken as shared by all tests, which is the larger of the two possible effects; unresolved
-motion, whose effects on the tests may cancel, counts test by test. With Huber's loss s_t is the root mean square of
-psi(r), the residual as the loss sees it, and A sums the samples whose psi' is 1 (Huber 1964).
+(`residuals`), n the samples of all tests, each test's divided by its q_t, p the parameters, and d_k the effect
+J'W^2 dF/dk of each declared error k: the skew left in each test, the scale of force and displacement, the motion that
+the displacement's samples do not resolve at sharp reversals. A skew is taken as shared by all tests, which is the
+larger of the two possible effects; unresolved motion, whose effects on the tests may cancel, counts test by test. With
+Huber's loss s_t is the root mean square of psi(r), the residual as the loss sees it, and A sums the samples whose psi'
+is 1 (Huber 1964).
 
 A combination of parameters without information is known only in so far as what each of them contributes cannot be many
 times the whole measured force: it has that standard deviation, `BEYOND_FORCE`. A parameter that this leaves less sure
@@ -111,10 +112,10 @@ def information(
     """
     declared = declared or DeclaredErrors()
     size = len(names)
-    normal, meat, gradient = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
+    normal, noise, gradient = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
     residuals: list[Residual] = []
     independent, force_power = 0.0, 0.0
-    shared = np.zeros((3, size))
+    shared, unseen = np.zeros((3, size)), np.zeros((size, size))
     for index, each in enumerate(measurements):
         squared = replace(weighting, extra=None).of(each, index) ** 2
         robust = np.ones_like(squared) if weighting.extra is None else weighting.extra[index] ** 2
@@ -130,7 +131,7 @@ def information(
         independent += np.count_nonzero(counting) / residual.widening
         force_power += float(squared @ np.where(counting, each.force_N, 0.0) ** 2)
         power = float(np.mean(error[counting] ** 2)) if np.any(counting) else 0.0
-        meat += residual.widening * power * (full.T @ full)
+        noise += residual.widening * power * (full.T @ full)
         if each.skew_std_s > 0.0:
             shared[0] += each.skew_std_s * (weighted.T @ time_slope(model, values, each))
         if declared.force_gain > 0.0:
@@ -139,9 +140,10 @@ def information(
             shared[2] += declared.displacement_gain * (weighted.T @ scale_slope(model, values, each))
         if each.unseen_v_m_s is not None:
             effect = weighted.T @ unseen_force(model, values, each)
-            meat += np.outer(effect, effect)
-    meat += shared.T @ shared
-    return _invert(tuple(names), normal, meat, gradient, tuple(residuals), independent, force_power)
+            unseen += np.outer(effect, effect)
+    freedom = max(LEAST_FREEDOM, independent - size)
+    meat = noise * max(1.0, independent / freedom) + shared.T @ shared + unseen
+    return _invert(tuple(names), normal, meat, gradient, tuple(residuals), freedom, force_power)
 
 
 def _invert(
@@ -150,7 +152,7 @@ def _invert(
     meat: FloatArray,
     gradient: FloatArray,
     residuals: tuple[Residual, ...],
-    independent: float,
+    freedom: float,
     force_power: float,
 ) -> Information:
     size = len(names)
@@ -179,7 +181,6 @@ def _invert(
     condition = float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0.0 else math.inf
     step = ((vectors * inverse) @ (vectors.T @ (gradient / safe))) / safe
     curvature = np.where(full > 0.0, safe**2 / np.where(full > 0.0, full, 1.0), 0.0)
-    freedom = max(LEAST_FREEDOM, independent - size)
     return Information(
         names, covariance, correlation, alone, condition, partners, curvature, np.asarray(step), residuals, freedom
     )

@@ -72,6 +72,14 @@ def test_points_are_pooled_and_what_cannot_be_used_is_named(tmp_path: Path) -> N
     assert "eta is not determined" in refused[0]
 
 
+def test_points_that_scatter_beyond_their_errors_are_pooled_with_their_scatter(tmp_path: Path) -> None:
+    points = [step_point(tmp_path, eta_1_s, seed) for seed, eta_1_s in enumerate((20.0, 25.0, 30.0))]
+    lag, _ = lag_of(points)
+    assert lag is not None
+    assert lag.std_1_s == pytest.approx(5.0 / 3.0**0.5, rel=0.2)  # of the mean of three, 5 1/s apart
+    assert max(fit_lag(point).std_1_s for point in points) < 0.5
+
+
 def test_a_step_that_is_cut_off_is_refused(tmp_path: Path) -> None:
     with pytest.raises(IdentificationFailed, match="hold longer"):
         fit_lag(step_point(tmp_path, 3.0))

@@ -18,6 +18,11 @@ NAMES = [name for name in model("asymmetric").names if name != "eta"]
 SHAPE = np.array([50.0, 1.0])
 
 
+def thinned(each: Measurement, every: int) -> Measurement:
+    sampled = {name: getattr(each, name)[::every] for name in ("u_m", "v_m_s", "a_m_s2", "force_N", "current_A")}
+    return replace(each, **sampled, dt_s=every * each.dt_s, samples_per_cycle=0)
+
+
 def known(tests: list[Measurement], weight: str = "1", declared: DeclaredErrors | None = None) -> Information:
     weighting = Weighting("v" if weight == "v" else "1")
     found = solve_separable(tests, model("asymmetric"), weighting, start=SHAPE)
@@ -37,6 +42,18 @@ def test_intervals_cover_the_truth_as_often_as_they_say(weight: str, make_synthe
         together += bool(np.all(np.abs(errors) < quantile(len(NAMES))))
     assert 0.91 < inside / (trials * len(NAMES)) < 0.985
     assert together >= 34  # of 40 with 95 %: fewer has a probability below 1 in 1,000
+
+
+def test_few_samples_pay_for_the_parameters_fitted_to_them(make_synthetic: Make) -> None:
+    inside = 0
+    for seed in range(60):
+        tests = make_synthetic(DEMO, (0.0, 2.0), (1.0, 2.0), seed=seed, cycles=1)
+        few = [thinned(each, 24) for each in tests]
+        assert sum(each.u_m.size for each in few) < 3 * len(NAMES)
+        told, found = known(few), solve_separable(few, model("asymmetric"), start=SHAPE).values
+        errors = np.array([(found[name] - DEMO[name]) / told.standard_error(name) for name in NAMES])
+        inside += int(np.sum(np.abs(errors) < quantile(1, told.freedom)))
+    assert inside / (60 * len(NAMES)) > 0.9
 
 
 def test_quantiles_are_those_of_the_tables() -> None:
