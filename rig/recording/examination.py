@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from protocols.quality import Quality
 from rig.recording.achieved import Achieved
@@ -22,6 +23,7 @@ from rig.recording.verdict import Findings, SensorCounts
 SATURATION_SHARE = 0.999
 MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
+TEMPERATURE_REACH_S = 0.5
 VERDICT_REMARKS = {"machine-cannot": "suspect"}
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
@@ -93,7 +95,7 @@ def examine(
         extra=[(VERDICT_REMARKS[event.code], f"{event.code}: {event.text}") for event in content.events
                if event.code in VERDICT_REMARKS],
         temperature_degC=_range(seen.temperature_degC[inside]),
-        temperature_share=float(np.mean(np.isfinite(seen.temperature_degC[inside]))) if np.any(inside) else 0.0,
+        temperature_share=_share_known(seen.time_s, seen.temperature_degC, inside),
         temperature_window_degC=_window(point),
         skew_std_s=0.0 if standing_rod else alignment.skew_std_s,
         scatter_N=None if shape is None else shape.scatter_N, change_N=None if shape is None else shape.change_N,
@@ -108,6 +110,17 @@ def examine(
 def _window(point: Any) -> tuple[float, float] | None:  # noqa: ANN401 - a journal's mapping
     low, high = point.get("temperature_low_degC"), point.get("temperature_high_degC")
     return None if low is None or high is None else (float(low), float(high))
+
+
+def _share_known(time_s: FloatArray, temperature_degC: FloatArray, inside: NDArray[np.bool_]) -> float:
+    """Share of the chosen samples (n,) with a known temperature near them: a coil does not warm in a moment."""
+    known_s = time_s[np.isfinite(temperature_degC)]
+    if len(known_s) == 0 or not np.any(inside):
+        return 0.0
+    after = np.searchsorted(known_s, time_s[inside])
+    bounds_s = np.concatenate(([-np.inf], known_s, [np.inf]))
+    apart_s = np.minimum(time_s[inside] - bounds_s[after], bounds_s[after + 1] - time_s[inside])
+    return float(np.mean(apart_s <= TEMPERATURE_REACH_S))
 
 
 def _range(values: FloatArray) -> tuple[float, float] | None:

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from rig.recording.layout import FloatArray
 
 QUARTERS = 4
-SETTLED = (0.65, 0.95)
-"""Share of a hold in which its current is settled and the next step has not begun."""
+SETTLING = (0.3, 0.5, 0.7, 0.9)
+"""Shares of a hold between which its current is looked at; behind the last the next step may have begun."""
+STILL_SETTLING = 0.7
+"""A change that shrinks at least so much from one stretch to the next is a current on its way to a level."""
 SHORTEST_HOLD = 0.25
 """Of the wanted one: a rig that outruns its host is given its steps unevenly."""
 
@@ -47,7 +49,8 @@ def steps_error_A(
 ) -> float | None:
     """The largest deviation of a hold's settled current from its own level (A).
 
-    Where the holds lie is told by the current itself: commands are dated by the host, which a fast rig outruns.
+    A hold that ended before the current had settled is judged by the level it was on its way to. Where the holds lie is
+    told by the current itself: commands are dated by the host, which a fast rig outruns.
 
     Args:
         time_s: (n,) s, increasing.
@@ -65,12 +68,24 @@ def steps_error_A(
         return None
     errors_A = []
     for level_A, (first, last) in zip(levels_A, pairwise(bounds), strict=True):
-        since = (time_s[first:last] - time_s[first]) / (time_s[last - 1] - time_s[first])
-        settled_A = current_A[first:last][(since >= SETTLED[0]) & (since < SETTLED[1])]
-        if len(settled_A) == 0:
+        settled_A = _settled_A(time_s[first:last], current_A[first:last])
+        if settled_A is None:
             return None
-        errors_A.append(abs(float(np.median(settled_A)) - level_A))
+        errors_A.append(abs(settled_A - level_A))
     return max(errors_A)
+
+
+def _settled_A(time_s: FloatArray, current_A: FloatArray) -> float | None:
+    """Where a hold's current (n,) is at its end, or would settle had it been held on (Aitken); None: not measured."""
+    shares = (time_s - time_s[0]) / (time_s[-1] - time_s[0])
+    cuts = np.searchsorted(shares, SETTLING)
+    levels_A = list(_medians(current_A[first:last] for first, last in pairwise(cuts)))
+    if len(levels_A) < len(SETTLING) - 1:
+        return None
+    before_A, change_A = levels_A[1] - levels_A[0], levels_A[2] - levels_A[1]
+    if not 0.0 < change_A * before_A < STILL_SETTLING * before_A**2:
+        return levels_A[2]
+    return levels_A[2] + change_A**2 / (before_A - change_A)
 
 
 def _holds(

@@ -79,6 +79,14 @@ def test_holds_of_uneven_length_are_told_apart_by_the_current_itself() -> None:
     assert steps_error_A(uneven_s, current_A, (0.0, 1.0, 0.4, 2.0), HOLD_S) == pytest.approx(0.1, abs=5e-3)
 
 
+def test_a_hold_cut_short_is_judged_by_the_level_its_current_was_on_its_way_to() -> None:
+    time_s, current_A = staircase((0.0, 1.0, 0.3, 2.0))
+    begun = time_s < 3.0 * HOLD_S + 0.1 * HOLD_S + 0.1
+    for right_A, low_A, high_A in ((2.0, 0.0, 0.02), (1.9, 0.08, 0.12)):
+        error_A = steps_error_A(time_s[begun], current_A[begun], (0.0, 1.0, 0.3, right_A), HOLD_S)
+        assert low_A <= error_A < high_A, "0.16 s of 0.6 s, settling with 20 ms"
+
+
 def test_a_hold_whose_current_was_not_measured_is_no_statement() -> None:
     time_s, current_A = staircase(LEVELS_A)
     assert steps_error_A(time_s, np.full(len(time_s), np.nan), LEVELS_A, HOLD_S) is None
