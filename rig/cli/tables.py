@@ -48,7 +48,7 @@ def plan_table(plan: Plan) -> list[Table | Text]:
             number(item.predicted_force_N),
             number(item.energy_J),
             duration(item.duration_s),
-            _verdict(item),
+            _verdict(item, item is plan.warm_up),
         )
     bad, total = sum(not item.feasible for item in plan.points), len(plan.points)
     said = f"all {total} points feasible" if bad == 0 else f"{bad} of {total} points infeasible"
@@ -64,10 +64,14 @@ def _rig_time(plan: Plan) -> str:
     return f"{duration(plan.recorded_s)} of motion; how long warming up and cooling down take is unknown"
 
 
-def _verdict(item: PlannedPoint) -> Text:
+def _verdict(item: PlannedPoint, warm_up: bool) -> Text:
+    """A point's verdict; a warm-up that does not warm enough needs more amplitude, not another that fits."""
     if item.feasible:
         return Text("feasible", style="green")
-    fit = "no amplitude would fit" if item.would_fit_m is None else f"{item.would_fit_m * 1e3:.2f} mm would fit"
+    fits_m = item.would_fit_m
+    if fits_m is None and warm_up:
+        return Text("; ".join(item.reasons), style="red")
+    fit = "no amplitude would fit" if fits_m is None else f"{fits_m * 1e3:.2f} mm would fit"
     return Text("; ".join((*item.reasons, fit)), style="red")
 
 
