@@ -222,9 +222,13 @@ def write_fit(fit: Fit, folder: Path) -> Path:
 
 
 def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
-    """The model, in the wanted form where it has one."""
-    printed = hysteresis == "printed" and name in {"asymmetric", "symmetric"}
-    return rig.dampers.model(name, "printed" if printed else "kwok")
+    """The model, in the wanted form where it has one.
+
+    Raises:
+        UnknownName: no such model, or no such form.
+    """
+    only_kwok = hysteresis == "printed" and name not in {"asymmetric", "symmetric"}
+    return rig.dampers.model(name, "kwok" if only_kwok else hysteresis)
 
 
 def _split(

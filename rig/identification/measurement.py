@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,6 +37,9 @@ class Measurement:
         unseen_a_m_s2: acceleration (m/s^2) that goes with it.
         noise_N: standard deviation of the force from cycle to cycle (N); nan when it cannot be told.
         warnings: what the preparation found.
+
+    Raises:
+        ValueError: an array has another shape than `u_m` or holds what is no number, or `dt_s` is not positive.
     """
 
     id: str
@@ -66,6 +70,18 @@ class Measurement:
             shape = getattr(self, name).shape
             if shape != (n,):
                 raise ValueError(f"{self.id}: {name} has shape {shape}, expected ({n},) as u_m")
+        if self.usable is not None and self.usable.shape != (n,):
+            raise ValueError(f"{self.id}: usable has shape {self.usable.shape}, expected ({n},) as u_m")
+        if not (math.isfinite(self.dt_s) and self.dt_s > 0.0):
+            raise ValueError(f"{self.id}: dt_s = {self.dt_s:g}, expected a positive time in seconds")
+        for name in ("u_m", "v_m_s", "a_m_s2", "force_N", "current_A"):
+            values = getattr(self, name)
+            broken = np.flatnonzero(~np.isfinite(values))
+            if broken.size:
+                raise ValueError(
+                    f"{self.id}: {name}[{broken[0]}] = {values[broken[0]]:g} ({broken.size} such samples), expected "
+                    "numbers; where the force is unknown give 0, and False in `usable`"
+                )
 
     @property
     def scored(self) -> NDArray[np.bool_]:

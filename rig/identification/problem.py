@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
@@ -160,6 +161,9 @@ class Problem:
         parts = []
         for each, squared in zip(self.measurements, self._weights, strict=True):
             source = _behind_coil(each, values["eta"]) if self.lag else each
+            if source is None:
+                parts.append(np.full(each.u_m.size, UNACCEPTABLE))
+                continue
             parts.append((each.force_N - modelled_force(self.model, values, source)) * np.sqrt(squared))
         joined = np.concatenate(parts)
         return np.where(np.isfinite(joined), joined, UNACCEPTABLE)
@@ -172,7 +176,10 @@ class Problem:
 
     def _lagged(self, candidate: FloatArray) -> float:
         eta_1_s = float(candidate[self.names.index("eta")])
-        sources = [_behind_coil(each, eta_1_s) for each in self.measurements]
+        found = [_behind_coil(each, eta_1_s) for each in self.measurements]
+        sources = [each for each in found if each is not None]
+        if len(sources) < len(found):
+            return math.inf
         if self._joined is None:
             return float(self._hysteretic_batch(candidate[None, :], sources)[0])
         general = self._general(candidate[None, :])
@@ -218,6 +225,7 @@ class Problem:
         return (*joined, np.concatenate([self._weight_squared(each) for each in self.measurements]))
 
 
-def _behind_coil(each: Measurement, eta_1_s: float) -> Measurement:
-    """The measurement with the coil current that follows its command, or what stands for it, at rate eta."""
-    return replace(each, current_A=coil_current(each, eta_1_s))
+def _behind_coil(each: Measurement, eta_1_s: float) -> Measurement | None:
+    """The measurement with the coil current that follows its command at rate eta; None where that is not finite."""
+    current_A = coil_current(each, eta_1_s)
+    return replace(each, current_A=current_A) if np.all(np.isfinite(current_A)) else None

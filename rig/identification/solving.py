@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # it loads logging and threads, which a fit does not need
 
 SEPARABLE = "separable"
 SQUARES = "squares"
+LOSSES = (SQUARES, "huber")
 THREE_STEPS = "zhu_three_step"
 PARTLY_SEPARABLE = ("normalized_bouc_wen", "bouc_wen", "thinning_bouc_wen")
 GUARD_S = 1e-3
@@ -44,6 +45,9 @@ class Method:
         callback: called with the progress after each generation.
         executor: evaluates parts of populations.
         chunks: parts a population is cut into for the executor; None: one for each processor of this machine.
+
+    Raises:
+        IdentificationFailed: an unknown weight or loss.
     """
 
     name: str = SEPARABLE
@@ -55,6 +59,11 @@ class Method:
     callback: Callable[[Any], bool | None] | None = None
     executor: Executor | None = None
     chunks: int | None = None
+
+    def __post_init__(self) -> None:
+        for setting, value, known in (("weight", self.weight, (None, "1", "v")), ("loss", self.loss, LOSSES)):
+            if value not in known:
+                raise IdentificationFailed(f"method: {setting} = {value!r}; known: {', '.join(map(repr, known))}")
 
     def weighting(self, model: DamperModel) -> Weighting:
         """Which samples count for a model, and how much; those at its jumps do not."""

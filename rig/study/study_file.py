@@ -18,6 +18,8 @@ Method = Literal[
     "ga_novel", "hybrid",
 ]  # fmt: skip
 CurrentMethod = Literal["ga_standard", "ga_kwok", "zhu_three_step", "ga_novel"]
+LED = ("c_foa", "hybrid")
+"""Algorithms that begin where `[comparison] start` says; the others draw their first population."""
 Population = Annotated[int, Field(ge=4, le=100_000)]
 Budget = Annotated[int, Field(ge=10, le=100_000_000)]
 Newton = Annotated[float, Quantity("force", "0 N", "10 kN")]
@@ -176,9 +178,34 @@ def load_study(path: Path) -> StudyFile:
         for name in names
         if name not in known
     ]
+    if not problems and study.comparison.start == "ones" and study.comparison.bounds == "model":
+        problems = [
+            problem_at(
+                source, ("comparison", "bounds"), f"{outside}, so that no search can start from all ones; choose "
+                'start = "none", or bounds = "none" or "wide"',
+            )
+            for outside in _ones_outside(study)
+        ]  # fmt: skip
     if problems:
         raise FileProblem(str(path), problems)
     return study
+
+
+def _ones_outside(study: StudyFile) -> list[str]:
+    """Parameters whose own range does not hold 1, of the models that are searched from all ones."""
+    from rig.dampers.catalogue import MODELS
+
+    def led(method: str) -> bool:
+        return SETTINGS.get(method, (method,))[0] in LED
+
+    models = list(study.comparison.models) if any(map(led, study.comparison.methods)) else []
+    models += study.parallel.models if study.parallel is not None and led(study.parallel.method) else ()
+    return [
+        f"{each.name} of {name} is from {each.low:g} to {each.high:g}"
+        for name in dict.fromkeys(models)
+        for each in MODELS[name].parameters
+        if not each.low <= 1.0 <= each.high
+    ]
 
 
 def _known_models() -> list[str]:

@@ -19,7 +19,7 @@ from rig.study.per_current import current_box, current_objective, three_steps
 from rig.study.recordings import content_hash, measurements, one_a_current, thinned
 from rig.study.result_line import force_errors, result_line
 from rig.study.search_cell import CURRENT, SearchCell
-from rig.study.study_file import StudyFile
+from rig.study.study_file import LED, StudyFile
 
 Array = npt.NDArray[np.float64]
 
@@ -124,7 +124,7 @@ class Workbench:
         Returns:
             Shape (size,), or None.
         """
-        led = cell.algorithm[0] in {"c_foa", "hybrid"}
+        led = cell.algorithm[0] in LED
         return np.ones(size) if led and self.study.comparison.start == "ones" else None
 
     def bounds(self, problem: Problem) -> Array | None:

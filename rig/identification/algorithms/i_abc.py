@@ -58,13 +58,12 @@ class ImprovedBeeColony:
         values = search.evaluate(sources)
         rows, size = sources.shape
         failures = np.zeros(rows, dtype=np.int64)
-        scale = float(np.max(fitness(values)))
+        scale = max(float(np.max(fitness(values))), float(np.finfo(np.float64).tiny))
         while True:
             for onlookers in (False, True):
-                share = fitness(values) / np.sum(fitness(values))
                 chosen: Indices = np.arange(rows)
                 if onlookers:
-                    chosen = np.asarray(rng.choice(rows, size=rows, p=share))
+                    chosen = np.asarray(rng.choice(rows, size=rows, p=shares(fitness(values))))
                 weight = inertia(fitness(values)[chosen], scale)
                 draws = Draws.draw(rng, chosen, rows, size)
                 best_pull = weight if onlookers else np.ones(rows)
@@ -123,6 +122,19 @@ def fitness(values: Array) -> Array:
         Shape (N,), larger is better.
     """
     return np.where(values >= 0.0, 1.0 / (1.0 + np.maximum(values, 0.0)), 1.0 - np.minimum(values, 0.0))
+
+
+def shares(fit: Array) -> Array:
+    """How often an onlooker chooses each source: by its share of the fitness; any, where no source has a finite value.
+
+    Args:
+        fit: Shape (N,): fitness of each source.
+
+    Returns:
+        Shape (N,), summing to 1.
+    """
+    total = float(np.sum(fit))
+    return fit / total if total > 0.0 else np.full(fit.size, 1.0 / fit.size)
 
 
 def inertia(fit: Array, scale: float) -> Array:

@@ -180,3 +180,18 @@ def test_i_abc_moves_one_component_as_its_equation_says() -> None:
 
 def test_i_abc_fitness_is_the_bees() -> None:
     assert i_abc.fitness(np.array([0.0, 3.0, -2.0, np.inf])).tolist() == [1.0, 0.25, 3.0, 0.0]
+
+
+def test_bees_go_on_where_no_source_has_a_finite_value_yet() -> None:
+    class Cliff:
+        """Infinite but in a corner that a first colony of eight may well miss."""
+
+        n_parameters = 2
+
+        def batch(self, population: np.ndarray) -> np.ndarray:
+            values = np.sum(population**2, axis=1)
+            return np.where(np.all(population > 0.8, axis=1), values, np.inf)
+
+    found = minimise(Cliff(), method="i_abc", bounds=[(-1.0, 1.0)] * 2, population=8, budget=4000, seed=2)
+    assert found.history[0, 1] == np.inf
+    assert found.value < 1.6

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from rig.dampers import model, parameter_set
+from rig.dampers.catalogue import UnknownName
+from rig.errors import IdentificationFailed
 from rig.identification import Measurement, Method, Problem, identify
 from rig.identification.coil import with_lag
 from rig.identification.model_slope import modelled_force
@@ -112,6 +114,39 @@ def test_wrong_shapes_and_weights_are_refused(make_synthetic: Make) -> None:
             current_A=np.zeros(3),
             dt_s=1.0,
         )
+
+
+@pytest.mark.parametrize("name", ["u_m", "v_m_s", "a_m_s2", "force_N", "current_A"])
+def test_a_sample_that_is_no_number_is_refused_with_its_place(name: str, make_synthetic: Make) -> None:
+    test = make_synthetic(dict(parameter_set("demo").values), (1.0,), (1.0,))[0]
+    broken = getattr(test, name).copy()
+    broken[[7, 9]] = np.nan
+    with pytest.raises(ValueError, match=rf"p001: {name}\[7\] = nan \(2 such samples\), expected numbers"):
+        replace(test, **{name: broken})
+    with pytest.raises(ValueError, match="p001: dt_s = 0, expected a positive time"):
+        replace(test, dt_s=0.0)
+    with pytest.raises(ValueError, match=r"usable has shape \(3,\), expected \(2000,\)"):
+        replace(test, usable=np.ones(3, dtype=bool))
+
+
+def test_an_eta_without_a_finite_current_scores_infinity(make_synthetic: Make) -> None:
+    test = make_synthetic(dict(parameter_set("demo").values), (1.0,), (1.0,), cycles=3)[0]
+    stepped = replace(test, commanded_A=np.where(np.arange(test.u_m.size) < 300, 0.0, 1.0))
+    problem = Problem([stepped], lag=True)
+    wild = problem.start
+    wild[-1] = -1e6
+    assert problem.objective(wild) == np.inf
+    assert np.all(np.isfinite(problem.residuals(wild)))
+
+
+def test_settings_that_do_not_exist_are_refused_with_those_that_do(make_synthetic: Make) -> None:
+    with pytest.raises(IdentificationFailed, match="weight = 'u'; known: None, '1', 'v'"):
+        Method(weight="u")
+    with pytest.raises(IdentificationFailed, match="loss = 'hubr'; known: 'squares', 'huber'"):
+        Method(loss="hubr")
+    tests = make_synthetic(dict(parameter_set("demo").values), (0.0, 1.0), (1.0, 2.0), cycles=2)
+    with pytest.raises(UnknownName, match="unknown hysteresis form 'kwock'; known: kwok, printed"):
+        identify(tests, hysteresis="kwock")  # type: ignore[arg-type] - a user's typing error
 
 
 def test_a_problem_travels_to_worker_processes(make_synthetic: Make) -> None:

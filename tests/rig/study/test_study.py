@@ -219,3 +219,13 @@ def test_a_wrong_study_file_is_refused_with_line_and_key(small_study: Path, old:
     with pytest.raises(FileProblem, match=message) as refusal:
         load_study(small_study)
     assert "line " in str(refusal.value)
+
+
+def test_a_box_that_does_not_hold_the_start_is_refused_when_the_file_is_read(small_study: Path) -> None:
+    more = '[comparison]\nmodels = ["viscoelastic_plastic"]\nbounds = "model"'
+    text = small_study.read_text().replace("[comparison]", more)
+    small_study.write_text(text)
+    with pytest.raises(FileProblem, match=r"comparison\.bounds = .*k2 of viscoelastic_plastic is from 100 to 1e\+09"):
+        load_study(small_study)
+    small_study.write_text(text.replace('bounds = "model"', 'bounds = "model"\nstart = "none"'))
+    assert load_study(small_study).comparison.bounds == "model"
