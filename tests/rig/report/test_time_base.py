@@ -1,0 +1,33 @@
+"""What the report says of delays that nobody checked, or that nobody stated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.recording.run import RecordedPoint, Run
+from rig.report.measurement import time_base
+
+
+def a_point(*, checked: bool, **quality: float) -> RecordedPoint:
+    time_s = np.arange(500) / 250.0
+    return RecordedPoint.from_arrays(
+        time_s=time_s, displacement_m=0.02 * np.sin(2 * np.pi * time_s), force_N=500.0 * np.cos(2 * np.pi * time_s),
+        id="p001", waveform="sine", amplitude_m=0.02, frequency_Hz=1.0, current_A=0.5, skew_std_s=1e-3,
+        quality={"force_clock_std_s": 1e-3, "skew_checked": int(checked), **quality},
+    )
+
+
+@pytest.mark.parametrize(("checked", "word"), [(True, "yes"), (False, "no")])
+def test_each_point_says_whether_its_delays_were_checked(tmp_path: Path, checked: bool, word: str) -> None:
+    page = time_base(Run(tmp_path, (a_point(checked=checked),)))
+    assert f">{word}</td>" in page
+
+
+def test_a_sensor_whose_delay_nobody_stated_is_named(tmp_path: Path) -> None:
+    page = time_base(Run(tmp_path, (a_point(checked=False, displacement_declared_delay_s=0.0),)))
+    assert "states no <code>delay</code> for force:" in page
+    stated = a_point(checked=False, displacement_declared_delay_s=0.0, force_declared_delay_s=0.0002)
+    assert "states no" not in time_base(Run(tmp_path, (stated,)))
