@@ -42,12 +42,12 @@ IDENTITY_EVERY = 50
 """Polls between two looks at boot count and configuration."""
 REOPEN_PAUSE_S = 0.01
 COMMANDS = {
-    Action.HYDRAULICS_OFF: Command.HYDRAULICS_OFF,
-    Action.HALT: Command.HALT,
-    Action.FADE: Command.FADE_STOP,
     Action.HYDRAULICS_LOW: Command.HYDRAULICS_LOW,
+    Action.FADE: Command.FADE_STOP,
+    Action.HALT: Command.HALT,
+    Action.HYDRAULICS_OFF: Command.HYDRAULICS_OFF,
 }
-"""Stop commands, the strongest first: one that was sent makes those behind it needless."""
+"""Stop commands, the weakest first: one that was sent makes those before it needless."""
 
 
 @dataclass
@@ -245,20 +245,19 @@ class ActuatorThread(DeviceThread):
             self._compare_settings(self._settings)
 
     def _carry_out(self) -> None:
-        """Send the strongest stop command that waits and is taken; those refused wait for the next round."""
+        """Send the stop commands that wait, the strongest last; one that is refused waits for the next round."""
         waiting = self._actions
-        strongest_first = [action for action in COMMANDS if action in waiting]
-        for place, action in enumerate(strongest_first):
+        weakest_first = [action for action in COMMANDS if action in waiting]
+        for place, action in enumerate(weakest_first):
             try:
                 sequence = self._driver.send(COMMANDS[action])
             except RequestRefused as error:
                 self._failed(error)
                 continue
             with self._wake:
-                self._actions -= {*strongest_first[place:]}
+                self._actions -= {*weakest_first[: place + 1]}
             self._sent = SentStop(action, sequence)
             self._supervisor.note_sent(action)
-            return
 
     def _compare_settings(self, expected: tuple[int, int]) -> None:
         """A controller that has booted, or whose limits somebody else changed, is not the one that was prepared."""

@@ -145,13 +145,13 @@ def test_a_fade_out_that_is_not_acknowledged_does_not_take_the_place_of_a_halt_t
     assert rig.device.executed[-1] == Command.HALT, "nothing weaker follows it"
 
 
-def test_of_stops_that_wait_together_the_strongest_is_sent(controller: Make) -> None:
+def test_of_stops_that_wait_together_the_strongest_has_the_last_word(controller: Make) -> None:
     rig = controller()
     for action in (Action.HYDRAULICS_OFF, Action.FADE, Action.HALT):
         rig.thread.act(action)
     rig.thread.start()
     assert wait_for(lambda: rig.thread.stop_taken)
-    assert rig.device.executed == [Command.HYDRAULICS_OFF]
+    assert rig.device.executed == [Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF]
 
 
 def test_a_job_that_was_given_up_before_it_began_never_runs(controller: Make) -> None:
