@@ -202,7 +202,7 @@ class Fit:
         selection: the models compared, best first.
         adequate: whether the model describes the data down to their noise; None where no test has two cycles to tell.
         warnings: everything the reader should know before using the numbers.
-        evaluations: evaluations of equation (12).
+        evaluations: evaluations of equation (12) that the solution took; comparing and judging are not counted.
         wall_s: wall time (s).
         objective: equation (12) at the solution, with the fit's weight and those of its loss.
         condition: condition number of the scaled normal matrix.

@@ -176,7 +176,8 @@ def content_hash(tests: Sequence[Measurement]) -> str:
     """
     checksum = 0
     for each in tests:
-        for channel in (each.u_m, each.v_m_s, each.force_N, each.current_A, each.scored):
+        sampling = np.array([each.dt_s, each.samples_per_cycle])
+        for channel in (each.u_m, each.v_m_s, each.a_m_s2, each.force_N, each.current_A, each.scored, sampling):
             checksum = zlib.crc32(np.ascontiguousarray(channel).tobytes(), checksum)
     return f"{checksum:08x}"
 

@@ -18,6 +18,8 @@ Method = Literal[
     "ga_novel", "hybrid",
 ]  # fmt: skip
 CurrentMethod = Literal["ga_standard", "ga_kwok", "zhu_three_step", "ga_novel"]
+REVISION = 2
+"""Of the searches: to be raised with every change of the software after which one returns other values."""
 LED = ("c_foa", "hybrid")
 """Algorithms that begin where `[comparison] start` says; the others draw their first population."""
 Population = Annotated[int, Field(ge=4, le=100_000)]
@@ -148,7 +150,13 @@ class StudyFile(Section):
     @property
     def fingerprint(self) -> str:
         """Hash of everything that decides what one search would return: results of other fingerprints are not mixed."""
+        from rig.dampers.catalogue import MODELS
+
+        ranges = [(name, each.name, each.low, each.high) for name, model in MODELS.items() for each in model.parameters]
         decisive = {
+            "revision": REVISION,
+            "ranges": ranges if self.comparison.bounds == "model" else None,
+            "boxes": None if self.current is None else self.current.boxes,
             "seed": self.seed,
             "data": self.data.model_dump(),
             "problem": self.comparison.model_dump(include={"start", "bounds", "weight", "hysteresis"}),

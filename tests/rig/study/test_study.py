@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from rig.dampers import parameter_set
+from rig.dampers import model, parameter_set
 from rig.errors import FileProblem
 from rig.study.comparison import run_study
-from rig.study.recordings import BOUC_WEN_TRUTH, bouc_wen, table1
+from rig.study.recordings import BOUC_WEN_TRUTH, bouc_wen, content_hash, table1
 from rig.study.result_line import shorter_lines
 from rig.study.results_file import ResultsFile
 from rig.study.runner import StudyProgress
 from rig.study.search_cell import SearchCell, all_cells, searches
-from rig.study.study_file import load_study
+from rig.study.study_file import CURRENT_BOXES, load_study
 from rig.study.workbench import Workbench
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "paper-tables.toml"
@@ -141,6 +143,17 @@ def test_results_of_other_recordings_are_not_mixed_in(small_study: Path, tmp_pat
         ResultsFile(tmp_path / "results.jsonl", Workbench(load_study(small_study)).fingerprint)
 
 
+@pytest.mark.parametrize(
+    "changed", [{"a_m_s2": np.zeros(2084)}, {"dt_s": 0.003}, {"samples_per_cycle": 3}, {"usable": np.arange(2084) > 0}]
+)
+def test_whatever_the_objective_sees_is_in_the_hash_of_the_recordings(changed: dict[str, Any]) -> None:
+    tests = table1("demo", 5.0, seed=1)
+    number = next(k for k, each in enumerate(tests) if each.u_m.size >= 2084)
+    shortened = {name: values[:2084] for name, values in vars(tests[number]).items() if isinstance(values, np.ndarray)}
+    one = replace(tests[number], **shortened)
+    assert content_hash([one]) != content_hash([replace(one, **changed)])
+
+
 def test_raising_the_repeats_keeps_what_is_there(small_study: Path) -> None:
     before = load_study(small_study)
     small_study.write_text(small_study.read_text().replace("repeats = 2", "repeats = 5"))
@@ -219,6 +232,22 @@ def test_a_wrong_study_file_is_refused_with_line_and_key(small_study: Path, old:
     with pytest.raises(FileProblem, match=message) as refusal:
         load_study(small_study)
     assert "line " in str(refusal.value)
+
+
+def test_results_from_other_boxes_or_ranges_are_not_mixed_in(
+    small_study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small_study.write_text(small_study.read_text().replace("[comparison]", '[comparison]\nbounds = "model"'))
+    study = load_study(small_study)
+    before = study.fingerprint
+    wider = {**CURRENT_BOXES, "bouc_wen": {**CURRENT_BOXES["bouc_wen"], "n": (1.0, 9.0)}}
+    with monkeypatch.context() as built_in:
+        built_in.setattr("rig.study.study_file.CURRENT_BOXES", wider)
+        assert study.fingerprint != before
+    with monkeypatch.context() as built_in:
+        built_in.setattr("rig.dampers.catalogue.MODELS", {"kwok": model("kwok")})
+        assert study.fingerprint != before
+    assert load_study(small_study).fingerprint == before
 
 
 def test_a_box_that_does_not_hold_the_start_is_refused_when_the_file_is_read(small_study: Path) -> None:
