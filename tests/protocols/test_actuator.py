@@ -27,6 +27,14 @@ def test_golden_status_words_decode() -> None:
     assert status.age_ns(5_300_000) == 300_000
 
 
+def test_a_status_acknowledges_a_command_by_its_number_and_its_kind() -> None:
+    status = decode_status(words(GOLDEN["status_words"]), received_ns=0)
+    command, sequence = status.acked_command, status.acked_sequence
+    assert status.acknowledges(command, sequence)
+    assert not status.acknowledges(command + 1, sequence), "another master's command under the same number"
+    assert not status.acknowledges(command, sequence + 1)
+
+
 def test_identity_words_decode() -> None:
     text = "0102 0304 449A 5000 0001 0000 0000 0003 CAFE F00D"
     text += " 4D52 2D52 4947 0000 0000 0000 0000 0000" + " 0000" * 8  # "MR-RIG", no model
