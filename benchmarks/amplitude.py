@@ -40,7 +40,7 @@ from rig.campaign.adaptation import (
     wants_trial,
 )
 from rig.campaign.conditions import conditions_of
-from rig.campaign.motion_seen import MotionWanted, seen_motion
+from rig.campaign.motion_seen import MotionSight, MotionWanted
 from rig.clock import utc_now
 from rig.matrix.model import Matrix
 from rig.matrix.plan import plan
@@ -93,7 +93,9 @@ class Machine:
             "centre_m": self.gain * program.centre_m + self.offset_m,
         }
         records, truth = self.rig.run_program(ordered)
-        seen = seen_motion(records, MotionWanted(program.waveform, program.frequency_Hz, self.rate_Hz))
+        sight = MotionSight(MotionWanted(program.waveform, program.frequency_Hz, self.rate_Hz))
+        sight.add(records)
+        seen = sight.motion()
         if seen is None:
             raise RuntimeError(f"no full cycle of {program}")
         return seen, truth

@@ -1,7 +1,7 @@
 """Load cell, LVDT and an auxiliary channel at 10 kHz each: samples lost on the way to the finished file.
 
     python benchmarks/ten_kilohertz.py              one point of 60 s
-    python benchmarks/ten_kilohertz.py --seconds 600
+    python benchmarks/ten_kilohertz.py --seconds 600 --no-real-time
 
 One point at speed 1 on the simulated rig, whose ports hold 4 KiB and drop and count what is not read. Beside the
 recorder a second reader follows the ring at 25 Hz. Counted: what the ports dropped, what the sequence numbers miss,
@@ -73,7 +73,10 @@ def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--seconds", type=float, default=60.0)
     arguments.add_argument("--identify", action="store_true", help="identify at the end too")
+    arguments.add_argument("--no-real-time", action="store_true",
+                           help="wider time limits, for a machine whose host takes it away for more than 20 ms")
     given = arguments.parse_args()
+    options = ["--rate", "10000", "--auxiliary", "1", *(["--no-real-time"] if given.no_real_time else [])]
     with tempfile.TemporaryDirectory() as folder:
         follower = Follower(Path(folder) / "out")
         matrix = Path(folder) / "matrix.toml"
@@ -81,7 +84,7 @@ def main() -> int:
         identify = "true" if given.identify else "false"
         matrix.write_text(MATRIX.format(frequency=FREQUENCY_Hz, cycles=cycles, identify=identify))
         follower.start()
-        answer = run(matrix, Path(folder) / "out", "--rate", "10000", "--auxiliary", "1")
+        answer = run(matrix, Path(folder) / "out", *options)
         follower.ended.set()
         follower.join()
         if answer.exit_code not in {0, 5} or not answer.json.get("points"):

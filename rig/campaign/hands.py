@@ -34,6 +34,7 @@ PATIENCE = 10.0
 """A rig's clock that runs this much slower than expected, or stands still, does not hold a deadline up any longer."""
 RETIMING_TIMEOUT_S = 120.0
 FILES_TIMEOUT_S = 120.0
+"""Beside the recorded time itself: a file of ten minutes at 10 kHz takes minutes to make."""
 
 
 class Hands:
@@ -141,7 +142,8 @@ class Hands:
 
     def collect_files(self) -> None:
         """Wait for the files of the points that were recorded; the rig is at rest by now."""
-        deadline_ns = monotonic_ns() + int(FILES_TIMEOUT_S * 1e9)
+        recorded_s = sum(point.motion_s for point in self._handed_in.values())
+        deadline_ns = monotonic_ns() + int(1e9 * (FILES_TIMEOUT_S + recorded_s))
         for name, point in tuple(self._handed_in.items()):
             try:
                 finished = self._finaliser.wait(name, max(0.0, (deadline_ns - monotonic_ns()) * 1e-9))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from protocols.actuator import State as ControllerState
 from rig.campaign import event as ev
-from rig.campaign.motion_seen import MOTION_CHANNELS, MotionWanted, seen_motion
+from rig.campaign.motion_seen import MotionSight, MotionWanted
 from rig.campaign.preflight import AtRest, RestLimits, judge_rest
 from rig.campaign.proof_move import DamperJudge, ProofWatch
 from rig.station.interlocks import BAD
@@ -112,21 +112,20 @@ class Observer:
         """
         pulses, held_ns = self.value(Channel.PULSE, 0.0), 0
         self._program_seen = False
-        parts: list[NDArray[Any]] = []
+        sight = None if wanted is None else MotionSight(wanted)
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
             nonlocal held_ns
             states = records["value"][(records["channel"] == Channel.STATE) & (records["host_ns"] > since_ns)]
             seen = bool(np.any(states == ControllerState.RUNNING)) or self.value(Channel.PULSE, 0.0) != pulses
             self._program_seen = self._program_seen or seen
-            if wanted is not None:
-                parts.append(records[np.isin(records["channel"], MOTION_CHANNELS)])
+            if sight is not None:
+                sight.add(records)
             holds = self._program_seen and self._holds(since_ns)
             if holds and held_ns == 0:
                 held_ns = self._last_host_ns[Channel.STATE]
             if holds and self._read_since(held_ns):
-                motion = None if wanted is None else seen_motion(np.concatenate(parts), wanted)
-                return ev.ProgramEnded(self._near(centre_m), motion)
+                return ev.ProgramEnded(self._near(centre_m), None if sight is None else sight.motion())
             return None
 
         self._wait = wait
