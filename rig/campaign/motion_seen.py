@@ -19,8 +19,8 @@ from rig.recording.sensor_clock import unwrapped
 
 ENOUGH_SAMPLES_A_CYCLE = 500
 """More are thinned: the loop that watches the rig has no time to waste."""
-MOST_SAMPLES = 100_000
-"""Of a longer program the last ones are measured."""
+MOST_SAMPLES = 10_000
+"""Of a longer program the last ones are measured, twenty cycles or more: a cycle of 500 samples takes 10 ms."""
 
 
 @dataclass(frozen=True)

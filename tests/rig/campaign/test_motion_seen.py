@@ -47,7 +47,7 @@ def test_it_does_not_matter_in_which_batches_the_samples_arrive(rate_Hz: float) 
 
 
 def test_of_a_very_long_program_the_last_cycles_are_measured() -> None:
-    early, late = np.full(MOST_SAMPLES, 0.03), np.full(MOST_SAMPLES + 5000, 0.02)
+    early, late = np.full(MOST_SAMPLES, 0.03), np.full(MOST_SAMPLES + 1000, 0.02)
     sight = MotionSight(WANTED)
     for batch in np.array_split(lvdt(np.concatenate((early, late)), 250.0, 2.0), 400):
         sight.add(batch)
