@@ -104,7 +104,7 @@ class RegisterBank:
         """Values of the status block, as of the plant's present time."""
         plant, actuator = self.actuator.plant, self.actuator
         device_us = actuator.clock.unwrapped_us(plant.time_s)
-        position_m = plant.value("position_m") + self._servo.position_noise_m * self._random.standard_normal()
+        position_m = plant.position_input.read(self._random)
         if self.actuator.faults.position_frozen:
             position_m = self._frozen_m
         self._frozen_m = position_m
@@ -130,8 +130,8 @@ class RegisterBank:
             "supply_pressure": supplies_Pa[int(plant.command["pressure"][0])],
             "accumulator_pressure": plant.value("accumulator_Pa"),
             "program_id": actuator.program_id if actuator.motion_state in {State.RUNNING, State.FADING} else 0,
-            "servo_error": plant.value("setpoint_m") - plant.value("position_m"),
-            "force": plant.value("cell_force_N") + self._servo.force_noise_N * self._random.standard_normal(),
+            "servo_error": plant.value("setpoint_m") - actuator.seen_m,
+            "force": plant.force_input.read(self._random),
         }
 
     def _phase(self) -> ProgramPhase:

@@ -27,6 +27,7 @@ from simulators.modbus_server import ModbusServer
 from simulators.named_port import NamedPort
 from simulators.options import RigOptions, SensorOptions
 from simulators.pace import Backpressure, Pace
+from simulators.plant import step as plant_step
 from simulators.plant.plant import MAXIMUM_STEPS, Plant
 from simulators.plant.records import EVENT_PULSE, EVENT_TRIP
 from simulators.registers import RegisterBank
@@ -43,8 +44,6 @@ NO_CURRENT_A = 0.05
 REAL_TIME_PRIORITY = 20
 LATE_SHARE = 1.5
 """A late answer comes after this many of the host's time-outs."""
-POSITION_COLUMN = 0
-FORCE_COLUMN = 2
 
 
 @dataclass(frozen=True)
@@ -128,10 +127,10 @@ class SimulatedRig:
         await self.modbus.open()
         await self.bus.open()
         kind, options = self.run_options.ports, self.options
-        self._add("load_cell", options.load_cell, FORCE_COLUMN, kind)
-        self._add("lvdt", options.lvdt, POSITION_COLUMN, kind)
+        self._add("load_cell", options.load_cell, plant_step.FORCE, kind)
+        self._add("lvdt", options.lvdt, plant_step.DISPLACEMENT, kind)
         for number in range(1, self.run_options.auxiliary + 1):
-            self._add(f"auxiliary_{number}", options.auxiliary, POSITION_COLUMN, kind)
+            self._add(f"auxiliary_{number}", options.auxiliary, plant_step.DISPLACEMENT, kind)
         self._backpressure = Backpressure([channel.port for channel in self.channels])
         self._inject_due()
         urls = [channel.port.url for channel in self.channels]
@@ -220,8 +219,10 @@ class SimulatedRig:
             elif kind == EVENT_TRIP:
                 self.note("TRIP", f"limit bit {int(value)}", time_s)
         for channel in self.channels:
-            signal_si = self.plant.out[:, channel.column]
-            data = channel.sensor.sample(signal_si, start_s, self.plant.dt_s, pulses_s)
+            out = self.plant.out
+            data = channel.sensor.sample(
+                out[:, channel.column], start_s, self.plant.dt_s, pulses_s, out[:, plant_step.CURRENT]
+            )
             if data:
                 channel.port.write(data, channel.sensor.frame_size)
         self.bus.send(self.ecu.frames())
