@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import difflib
 import json
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
 
+from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import ValidationError
 
 from rig import units
-from rig.bench.quantity import Quantity, Section, quantity_of
+from rig.bench.quantity import Quantity, Section, Wording, constraints, quantity_of
 from rig.bench.toml_source import Place, TomlSource, read_toml
 from rig.errors import FileProblem
 
@@ -21,33 +22,80 @@ if TYPE_CHECKING:
 
 M = TypeVar("M", bound=Section)
 
+MOST_SHOWN = 40
+"""Wrong entries shown of one file; who has more has one cause for most of them."""
+
 _KINDS = {
     "string_type": "a text in quotes",
     "int_type": "a whole number",
+    "int_from_float": "a whole number",
     "float_type": "a number",
+    "finite_number": "a finite number",
     "bool_type": "true or false",
     "date_type": "a date such as 2030-01-01",
+    "date_from_datetime_inexact": "a date such as 2030-01-01",
+    "date_from_datetime_parsing": "a date such as 2030-01-01",
     "tuple_type": "a list in [ ]",
     "model_type": "a table",
     "dict_type": "a table",
 }
+_BEYOND = {
+    "greater_than": "too small", "greater_than_equal": "too small",
+    "less_than": "too large", "less_than_equal": "too large",
+}  # fmt: skip
+_TEXTS = ("string_pattern_mismatch", "string_too_short", "string_too_long")
+
+TABLES = {
+    "bench": frozenset({"limits", "actuator", "ecu", "load_cell", "lvdt", "auxiliary", "fixture", "clock", "station"}),
+    "matrix": frozenset(
+        {"specimen", "matrix", "point", "friction", "current_step", "temperature", "identify", "campaign"}
+    ),
+    "study": frozenset({"data", "comparison", "symmetry", "sensitivity", "parallel", "per_current"}),
+}
+"""Tables by which a file is recognised for what it is; a test compares them with the models."""
+_PLACES = {
+    "bench": "rig plan MATRIX --bench {path}",
+    "matrix": "rig plan {path} --bench BENCH",
+    "study": "rig study {path}",
+}
 
 
-def load_section(path: Path, model: type[M]) -> tuple[M, TomlSource]:
+class WrongKind(FileProblem):
+    """Another of the user's files than the one that is wanted; `kind` is what it is: `bench`, `matrix`, `study`."""
+
+    def __init__(self, path: Path, kind: str, wanted: str) -> None:
+        self.kind = kind
+        place = _PLACES[kind].format(path=path)
+        super().__init__(str(path), [f"this is a {kind} file, where a {wanted} file is wanted; give it as {place}"])
+
+
+def load_section(path: Path, model: type[M], kind: str = "") -> tuple[M, TomlSource]:
     """Read and validate a user's file.
+
+    Args:
+        path: the file.
+        model: what it holds.
+        kind: a key of `TABLES`: a file of another kind is called so, in one line.
 
     Returns:
         The validated model and its source.
 
     Raises:
-        FileProblem: with every wrong entry of the file at once.
+        WrongKind: it is another of the user's files.
+        FileProblem: with every wrong entry of the file at once (the first `MOST_SHOWN` of them).
     """
     source = read_toml(path)
+    if kind and not source.data.keys() & TABLES[kind]:
+        for other, tables in TABLES.items():
+            if source.data.keys() & tables:
+                raise WrongKind(path, other, kind)
     try:
         return model.model_validate(source.data), source
     except ValidationError as error:
         details = _without_echoes(error.errors(include_url=False))
-        lines = [line for item in details for line in _lines(item, model, source)]
+        lines = [line for item in details[:MOST_SHOWN] for line in _lines(item, model, source)]
+        if len(details) > MOST_SHOWN:
+            lines.append(f"{len(details) - MOST_SHOWN} more wrong entries are not shown; mend these first")
         raise FileProblem(str(path), lines, "config-absurd") from error
 
 
@@ -63,7 +111,7 @@ def dotted(place: Place) -> str:
     """`("point", 1, "current")` as a user knows it: "point[2].current" (lists count from 1)."""
     text = ""
     for part in place:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{_printable(part)}" if text else _printable(part)
     return text
 
 
@@ -75,7 +123,13 @@ def shown(value: object) -> str:
         text = "[" + ", ".join(shown(item) for item in value[:6]) + (", ..." if len(value) > 6 else "") + "]"
     else:
         text = str(value)
-    return text if len(text) <= 70 else text[:66] + " ..."
+    return _printable(text, 70)
+
+
+def _printable(text: str, longest: int = 40) -> str:
+    """Text from a file as it may be shown on a terminal: in short, and nothing in it commands the terminal."""
+    short = text if len(text) <= longest else text[: longest - 4] + " ..."
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in short)
 
 
 def close_match(name: str, known: list[str]) -> str | None:
@@ -86,12 +140,8 @@ def close_match(name: str, known: list[str]) -> str | None:
 
 def _without_echoes(details: list[ErrorDetails]) -> list[ErrorDetails]:
     """Leave out "too short" of lists whose items were refused: the items are what is wrong."""
-    return [
-        item
-        for item in details
-        if item["type"] != "too_short"
-        or not any(other["loc"][:-1] == item["loc"] and other is not item for other in details)
-    ]
+    lists = {item["loc"][:-1] for item in details}
+    return [item for item in details if item["type"] != "too_short" or item["loc"] not in lists]
 
 
 def _lines(detail: ErrorDetails, model: type[Section], source: TomlSource) -> list[str]:
@@ -100,36 +150,84 @@ def _lines(detail: ErrorDetails, model: type[Section], source: TomlSource) -> li
         return [problem_at(source, (*detail["loc"], *place), message) for place, message in context["problems"]]
     place = tuple(part for part in detail["loc"] if isinstance(part, int) or "[" not in part)
     section, field = _field_at(model, place)
-    written, quantity = place, quantity_of(field) if field else None
-    if quantity is not None:
+    written = place
+    if field is not None and quantity_of(field) is not None:
         written = _as_written(place, section, source)
-    return [problem_at(source, written, _message(detail, section, quantity, str(place[-1]) if place else ""))]
+    return [problem_at(source, written, _message(detail, section, field, str(place[-1]) if place else ""))]
 
 
-def _message(detail: ErrorDetails, section: type[Section], quantity: Quantity | None, key: str) -> str:
+def _message(detail: ErrorDetails, section: type[Section], field: FieldInfo | None, key: str) -> str:
     kind, context = detail["type"], detail.get("ctx") or {}
+    limits = [] if field is None else list(constraints(field))
     if kind == "extra_forbidden":
         known = [section.key_of(name) for name in section.model_fields]
         match = close_match(key, [*known, *section.suffixed_keys()])
         return f"unknown key; did you mean {match}?" if match else f"unknown key; known here: {', '.join(known)}"
     if kind == "missing":
-        example = f'; write for example {key} = "{units.DIMENSIONS[quantity.dimension].example}"' if quantity else ""
-        return f"missing{example}"
+        example = _example(field, limits)
+        return "missing" + (f"; write for example {key} = {example}" if example else "")
     if kind in _KINDS:
-        return f"must be {_KINDS[kind]}"
+        return f"must be {_KINDS[kind]}{_allowed(limits)}"
+    if kind in _BEYOND:
+        return f"{_BEYOND[kind]}{_allowed(limits)}"
+    if kind in _TEXTS:
+        return _text_message(kind, limits)
     if kind == "literal_error":
         value = str(detail["input"])
         match = close_match(value, [item.strip("'") for item in str(context["expected"]).split(", ")])
         return f"must be {context['expected']}" + (f"; did you mean {match}?" if match else "")
     if kind == "too_short":
-        return "must not be empty"
+        return f"at least {context['min_length']} entries are needed" if context["min_length"] > 1 else "is empty"
     if kind == "too_long":
         return f"at most {context['max_length']} entries are allowed"
     if kind == "value_error":
-        allowed = f" ({quantity.allowed})" if quantity and quantity.allowed else ""
-        return f"{context['error']}{allowed}"
+        return str(context["error"])
     text = detail["msg"]
     return (text[0].lower() + text[1:]).replace("input should", "must")
+
+
+def _text_message(kind: str, limits: list[object]) -> str:
+    """What is wrong with a text: its shape in words, never as a pattern."""
+    for item in limits:
+        if isinstance(item, Wording):
+            return f'must be {item.words}, for example "{item.example}"'
+    if kind == "string_too_short":
+        return "must not be empty"
+    most = next((item.max_length for item in limits if isinstance(item, MaxLen)), 0)
+    return f"must have at most {most} characters" if most else "cannot stand here"
+
+
+def _allowed(limits: list[object]) -> str:
+    """The range of a quantity or a plain number in parentheses; empty where there is none."""
+    low = high = ""
+    for item in limits:
+        if isinstance(item, Quantity):
+            return f" ({item.allowed})" if item.allowed else ""
+        if isinstance(item, Ge | Gt):
+            low = f"{item.ge}" if isinstance(item, Ge) else f"more than {item.gt}"
+        if isinstance(item, Le | Lt):
+            high = f"{item.le}" if isinstance(item, Le) else f"less than {item.lt}"
+    if low and high:
+        return f" (allowed: {low} to {high})"
+    if low:
+        return f" (allowed: {low if low.startswith('more') else f'at least {low}'})"
+    return f" (allowed: at most {high})" if high else ""
+
+
+def _example(field: FieldInfo | None, limits: list[object]) -> str:
+    """How a missing key could be written, as TOML; empty where nobody can know."""
+    if field is None:
+        return ""
+    if field.examples:
+        return shown(field.examples[0])
+    wording = next((item for item in limits if isinstance(item, Wording)), None)
+    if wording is not None:
+        return shown(wording.example)
+    quantity = quantity_of(field)
+    if quantity is not None:
+        text = shown(units.DIMENSIONS[quantity.dimension].example)
+        return f"[{text}, ...]" if get_origin(field.annotation) is tuple else text
+    return "1" if get_args(field.annotation) == (1,) else ""
 
 
 def _field_at(model: type[Section], place: Place) -> tuple[type[Section], FieldInfo | None]:
@@ -152,10 +250,7 @@ def _field_at(model: type[Section], place: Place) -> tuple[type[Section], FieldI
 def _section_in(annotation: object) -> type[Section] | None:
     if isinstance(annotation, type) and issubclass(annotation, Section):
         return annotation
-    for part in get_args(annotation):
-        if (found := _section_in(part)) is not None:
-            return found
-    return None
+    return next(filter(None, map(_section_in, get_args(annotation))), None)
 
 
 def _as_written(place: Place, section: type[Section], source: TomlSource) -> Place:

@@ -208,7 +208,7 @@ def _sensor(name: str, given: Sensor, span: float, spike_jump: float) -> SensorC
         stale_after_s=given.stale_after_s,
         baudrate=given.baudrate,
         format=given.format,
-        sensitivity=given.calibration.sensitivity,
+        sensitivity=given.sensitivity,
         offset=given.offset,
         spike_jump=spike_jump,
     )

@@ -14,8 +14,8 @@ class SensorContext:
 
     `delay_s` is the declared group delay of its conditioner (None: not stated, taken as 0); `range_SI` the full scale
     (None: unknown); `sensitivity` is SI per unit on the wire, `offset` in SI; dates are ISO 8601 text.
-    `uncertainty_percent` is the standard uncertainty of the sensitivity (None: not stated); `overdue`: the calibration
-    was past its due date.
+    `bandwidth_Hz` is what its conditioner passes (-3 dB; None: not stated). `uncertainty_percent` is the standard
+    uncertainty of the sensitivity (None: not stated); `overdue`: the calibration was past its due date.
     """
 
     sensor: str
@@ -31,6 +31,7 @@ class SensorContext:
     due: str = ""
     uncertainty_percent: float | None = None
     overdue: bool = False
+    bandwidth_Hz: float | None = None
 
     @property
     def declared_s(self) -> float:

@@ -133,7 +133,7 @@ def build(
     verdict = judge(findings)
     light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
     quality: dict[str, Attribute] = {
-        "verdict": verdict.verdict, "reasons": verdict.reasons, "blamed": verdict.blamed,
+        **verdict.attributes,
         "lost_samples": _lost(alignment), "skew_s": alignment.skew_s, "skew_std_s": alignment.skew_std_s,
         "skew_checked": alignment.skew_checked, "skew_method": alignment.skew_method,
         "arrival_skew_s": alignment.arrival_skew_s, "recovered": recovered,

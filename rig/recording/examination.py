@@ -16,7 +16,8 @@ from rig.recording.column import Values
 from rig.recording.context import PointContext, SensorContext
 from rig.recording.journal import JournalContent
 from rig.recording.layout import FloatArray, parts
-from rig.recording.loop_shape import LoopShape, loop_shape, standing
+from rig.recording.loop_shape import LoopShape, Standing, loop_shape, standing
+from rig.recording.reason import Kind, Reason
 from rig.recording.tracking import loop_error_A, steps_error_A
 from rig.recording.verdict import Findings, SensorCounts
 
@@ -24,7 +25,7 @@ SATURATION_SHARE = 0.999
 MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
 TEMPERATURE_REACH_S = 0.5
-VERDICT_REMARKS = {"machine-cannot": "suspect"}
+VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT}
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
 
@@ -92,7 +93,7 @@ def examine(
         current_error_A=_steps_error_A(seen, point) if standing_rod
         else loop_error_A(seen.time_s, seen.current_A, float(point["current_A"]), starts),
         amplitude_tolerance=point.get("amplitude_tolerance") if loop else None,
-        extra=[(VERDICT_REMARKS[event.code], f"{event.code}: {event.text}") for event in content.events
+        extra=[Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
                if event.code in VERDICT_REMARKS],
         temperature_degC=_range(seen.temperature_degC[inside]),
         temperature_share=_share_known(seen.time_s, seen.temperature_degC, inside),
@@ -136,7 +137,8 @@ def _steps_error_A(seen: Overview, point: Mapping[str, Any]) -> float | None:
 def _counts(
     channel: TimedChannel, sensor: SensorContext, alignment: Alignment, motion: Achieved | None,
 ) -> SensorCounts:
-    missing = saturated = overloaded = faulty = spikes = longest = at_extreme = 0
+    missing = saturated = overloaded = faulty = spikes = 0
+    stood: list[Standing] = []
     bounds = None if motion is None else (alignment.origin_s + motion.start_s, alignment.origin_s + motion.end_s)
     for rows in parts(len(channel.records)):
         records = channel.records[rows]
@@ -149,10 +151,14 @@ def _counts(
             saturated += int(np.count_nonzero(np.abs(values) >= SATURATION_SHARE * sensor.range_SI))
         if bounds is not None:
             time_s = np.asarray(channel.time_s[rows])
-            found = standing(values[(time_s >= bounds[0]) & (time_s < bounds[1])])
-            longest, at_extreme = max(longest, found.longest), max(at_extreme, found.at_extreme)
+            stood.append(standing(values[(time_s >= bounds[0]) & (time_s < bounds[1])]))
     return SensorCounts(
-        len(channel.records), channel.lost, missing, max(saturated, overloaded), faulty, spikes, longest, at_extreme,
+        len(channel.records), channel.lost, missing, max(saturated, overloaded), faulty, spikes,
+        standing=max((part.longest for part in stood), default=0),
+        flat=max((part.at_extreme for part in stood), default=0),
+        coarse=any(part.coarse for part in stood),
+        step=min((part.step for part in stood if part.step > 0.0), default=0.0),
+        span=max((part.span for part in stood), default=0.0), rate_Hz=sensor.rate_Hz, bandwidth_Hz=sensor.bandwidth_Hz,
     )
 
 

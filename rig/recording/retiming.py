@@ -67,7 +67,7 @@ def _certainly_wrong(skew: Skew) -> bool:
 
 
 def _judged(point: RecordedPoint, skew: Skew) -> Verdict:
-    return with_skew(Verdict(point.verdict, tuple(point.reasons)), skew.std_s, point.frequency_Hz)
+    return with_skew(Verdict.stored(point.quality), skew.std_s, point.frequency_Hz)
 
 
 def _finished(point: RecordedPoint) -> FinishedPoint:
@@ -145,11 +145,9 @@ def _say(entry: h5py.Group, point: RecordedPoint, skew: Skew, displacement_s: fl
     quality["skew_std_s"] = skew.std_s
     quality["skew_checked"] = np.int8(skew.force.checked and skew.displacement.checked)
     judged = _judged(point, skew)
-    for name in {"reasons", "blamed"} & quality.keys():
+    for name in judged.attributes.keys() & quality.keys():
         del quality[name]  # no reason left is no attribute
-    set_attributes(entry["quality"], {
-        "verdict": judged.verdict, "reasons": judged.reasons, "blamed": judged.blamed,
-    })
+    set_attributes(entry["quality"], judged.attributes)
     for name, delay in (("force", skew.force), ("displacement", skew.displacement)):
         quality[f"{name}_undeclared_delay_s"] = delay.value_s
         std_s = math.hypot(float(point.quality[f"{name}_tie_std_s"]), delay.std_s)

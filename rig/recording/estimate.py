@@ -1,0 +1,63 @@
+"""A measured value with its standard deviation: pooling, comparing, and writing it with as many digits as it has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value and its standard deviation."""
+
+    value: float
+    std: float
+
+    @property
+    def known(self) -> bool:
+        """Whether it says anything."""
+        return math.isfinite(self.value) and math.isfinite(self.std) and self.std >= 0.0
+
+    @property
+    def signed(self) -> str:
+        """`+5.00 +- 0.08`."""
+        places = self._places
+        return f"{self.value:+.{places}f} +- {self.std:.{places}f}"
+
+    @property
+    def plain(self) -> str:
+        """`2.00 +- 0.08`, a minus where there is one."""
+        places = self._places
+        return f"{self.value:.{places}f} +- {self.std:.{places}f}"
+
+    @property
+    def _places(self) -> int:
+        """Decimal places that show the deviation to two digits."""
+        if not math.isfinite(self.std) or self.std <= 0.0:
+            return 2
+        return min(6, max(0, 1 - math.floor(math.log10(self.std))))
+
+    def times(self, factor: float) -> Estimate:
+        """The same in another unit, or over a span."""
+        return Estimate(self.value * factor, abs(factor) * self.std if math.isfinite(self.std) else math.inf)
+
+    def widened(self, floor: float) -> Estimate:
+        """The same with at least so much doubt."""
+        return Estimate(self.value, math.hypot(self.std, floor))
+
+    def beyond(self, nominal: float, tolerance: float, k: float) -> bool:
+        """Whether it is certainly more than a tolerance away from the nominal value."""
+        return self.known and abs(self.value - nominal) > tolerance + k * self.std
+
+
+def pooled(estimates: Iterable[Estimate]) -> Estimate | None:
+    """Weighted mean, its deviation widened when the estimates scatter more than they say; None without any."""
+    known = [each for each in estimates if each.known and each.std > 0.0]
+    if not known:
+        return None
+    weights = [each.std**-2 for each in known]
+    mean = math.fsum(w * each.value for w, each in zip(weights, known, strict=True)) / math.fsum(weights)
+    chi = math.fsum(w * (each.value - mean) ** 2 for w, each in zip(weights, known, strict=True))
+    widening = max(1.0, chi / (len(known) - 1)) if len(known) > 1 else 1.0
+    return Estimate(mean, math.sqrt(widening / math.fsum(weights)))
