@@ -26,7 +26,7 @@ from rig.recording.finaliser import Finaliser
 from rig.recording.recorder import PointRecorder, RecorderFailed
 
 if TYPE_CHECKING:
-    from rig.recording.conversion import FinishedPoint
+    from rig.recording.finished_point import FinishedPoint
 
 DEADLINE_WALL_NS = 2_000_000_000
 """A deadline on the rig's clock also leaves this much wall time: requests take wall time at any speed."""
