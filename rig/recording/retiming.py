@@ -23,10 +23,11 @@ from rig.recording.alignment import BAD_VALUE
 from rig.recording.clock_model import ARRIVAL
 from rig.recording.conversion import ReadBackDiffers
 from rig.recording.durable import replace_durably
-from rig.recording.interpolation import cubic_at, status_at
 from rig.recording.finished_point import FinishedPoint
 from rig.recording.hdf5_image import set_attributes
+from rig.recording.interpolation import cubic_at, status_at
 from rig.recording.layout import FloatArray, check_of, parts
+from rig.recording.rejudging import finished, judge_together
 from rig.recording.run import RecordedPoint
 from rig.recording.skew_pooling import Skew, pooled_skews
 from rig.recording.verdict import Verdict, with_skew
@@ -59,7 +60,8 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
             continue
         if _certainly_wrong(skew) or _judged(point, skew).verdict != point.verdict:
             _write_again(point.path, RecordedPoint.open(point.path), skew)
-            yield _finished(RecordedPoint.open(point.path))
+            yield finished(RecordedPoint.open(point.path))
+    yield from judge_together(points_folder)
 
 
 def _certainly_wrong(skew: Skew) -> bool:
@@ -68,14 +70,6 @@ def _certainly_wrong(skew: Skew) -> bool:
 
 def _judged(point: RecordedPoint, skew: Skew) -> Verdict:
     return with_skew(Verdict.stored(point.quality), skew.std_s, point.frequency_Hz)
-
-
-def _finished(point: RecordedPoint) -> FinishedPoint:
-    numbers = {key: float(value) for key, value in point.quality.items() if isinstance(value, (int, float))}
-    return FinishedPoint(
-        point.id, str(Path(str(point.path)).resolve()), point.verdict, point.reasons, point.lost_samples,
-        point.quality.get("skew_s"), point.skew_std_s, quality=numbers,
-    )
 
 
 def _write_again(path: Path, point: RecordedPoint, skew: Skew) -> None:
