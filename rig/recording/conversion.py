@@ -36,8 +36,8 @@ from rig.recording.layout import (
     write_file,
 )
 from rig.recording.loop_shape import LoopShape
-from rig.recording.point_names import FILE, OLD_JOURNAL, free_attempt_file, journal_name
 from rig.recording.plausibility import check_records, checked_context
+from rig.recording.point_names import FILE, OLD_JOURNAL, free_attempt_file, journal_name
 from rig.recording.sorting import Sorter
 from rig.recording.velocity import HALF_WIDTH, METHOD, velocity_of
 from rig.recording.verdict import Verdict, judge
@@ -133,7 +133,8 @@ def build(
     findings, shape = examine(content, context, alignment, seen, motion)
     light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
     quality: dict[str, Attribute] = {
-        "lost_samples": _lost(alignment), "skew_s": alignment.skew_s, "skew_std_s": alignment.skew_std_s,
+        "lost_samples": _lost(alignment), "loss_counted_by": _loss_counted_by(alignment, context),
+        "skew_s": alignment.skew_s, "skew_std_s": alignment.skew_std_s,
         "skew_checked": alignment.skew_checked, "skew_method": alignment.skew_method,
         "arrival_skew_s": alignment.arrival_skew_s, "recovered": recovered,
         "commanded_amplitude_m": None if motion is None else context.point.get("commanded_amplitude_m"),
@@ -167,6 +168,18 @@ def build(
 
 def _lost(alignment: Alignment) -> int:
     return sum(channel.lost for channel in alignment.timed.values())
+
+
+def _loss_counted_by(alignment: Alignment, context: PointContext) -> str:
+    """How a lost sample of load cell or LVDT would have been seen: `sequence`, `rate`, or `nothing`.
+
+    A format without a sequence is counted against its rate, which only says something where clocks run at wall speed.
+    """
+    numbered = all(
+        len(alignment.timed[name].records) == 0 or int(alignment.timed[name].records["device_us"][0]) >= 0
+        for name in ("force", "displacement")
+    )
+    return "sequence" if numbered else "rate" if context.device_rate == 1.0 else "nothing"
 
 
 def _clock_attributes(alignment: Alignment) -> dict[str, Attribute]:
