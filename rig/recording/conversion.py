@@ -17,6 +17,7 @@ from rig.errors import FileProblem
 from rig.recording.achieved import achieved_motion
 from rig.recording.achievement import current_attributes, motion_attributes
 from rig.recording.alignment import Alignment, TimedChannel, align
+from rig.recording.calibration_check import point_reasons
 from rig.recording.channel import RING_CHANNELS, Description
 from rig.recording.column import Column, Records, Values, mapped
 from rig.recording.context import PointContext, SensorContext
@@ -130,20 +131,27 @@ def build(
     standing = context.point.get("kind") == "current_step"
     motion = None if standing else achieved_motion(seen.time_s, seen.displacement_m, waveform)
     findings, shape = examine(content, context, alignment, seen, motion)
-    verdict = judge(findings)
     light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
     quality: dict[str, Attribute] = {
-        **verdict.attributes,
         "lost_samples": _lost(alignment), "skew_s": alignment.skew_s, "skew_std_s": alignment.skew_std_s,
         "skew_checked": alignment.skew_checked, "skew_method": alignment.skew_method,
         "arrival_skew_s": alignment.arrival_skew_s, "recovered": recovered,
         "commanded_amplitude_m": None if motion is None else context.point.get("commanded_amplitude_m"),
         **motion_attributes(motion, light), **current_attributes(motion, light), **_clock_attributes(alignment),
-        **_shape_attributes(shape),
+        **_shape_attributes(shape), **context.calibration,
     }
     if findings.temperature_degC is not None:
         low, high = findings.temperature_degC
         quality |= {"coil_temperature_low_degC": low, "coil_temperature_high_degC": high}
+    test: dict[str, Attribute] = {
+        **context.point, "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
+        "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
+        "device_rate": context.device_rate, "controller_clock_at_zero_s": alignment.origin_s,
+        **{f"{name}_uncertainty_percent": context.sensors[name].uncertainty_percent
+           for name in ("force", "displacement")},
+    }
+    doubts = point_reasons(str(context.point.get("id", "")), test, quality)
+    verdict = judge(replace(findings, extra=(*findings.extra, *doubts)))
     provenance: dict[str, Attribute] = {
         "software": f"mr-damper-rig {rig.__version__}", **context.provenance, "journal_check": journal_check,
     }
@@ -151,12 +159,7 @@ def build(
         time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,
         channels=_aligned_channels(alignment, context), flags=alignment.flags,
         raw=[_raw_channel(channel, alignment.origin_s) for channel in alignment.timed.values()],
-        events=_events(content, alignment), quality=quality, provenance=provenance,
-        test={**context.point, "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
-              "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
-              "device_rate": context.device_rate, "controller_clock_at_zero_s": alignment.origin_s,
-              **{f"{name}_uncertainty_percent": context.sensors[name].uncertainty_percent
-                 for name in ("force", "displacement")}},
+        events=_events(content, alignment), quality={**verdict.attributes, **quality}, provenance=provenance, test=test,
         title=f"Test point {context.point.get('id', '')}",
     )
     return file, alignment, verdict
