@@ -43,6 +43,8 @@ LARGEST_STEP = 0.02
 PHASE_BINS = 40
 STRETCHES_A_CYCLE = 10
 OUTLIER = 6.0
+LARGEST_CHANGE = 0.03
+"""Relative: beyond it what the samples show of the period is not the program's."""
 VAGUE_COMPLIANCE = 1e-5
 """m/N: of no load train; keeps compliance and lag apart where force and speed are proportional."""
 
@@ -88,9 +90,28 @@ def cycle_series(time_s: FloatArray, values: FloatArray, cycles: Cycles) -> Seri
     return found
 
 
+def refined(cycles: Cycles, time_s: FloatArray, values: FloatArray) -> Cycles:
+    """The same stretch with the period that a sensor's samples (n,) show: the program's, on a slightly different clock."""
+    inside = np.isfinite(values) & (time_s >= cycles.start_s) & (time_s < cycles.end_s)
+    t, y = time_s[inside] - 0.5 * (cycles.start_s + cycles.end_s), values[inside]
+    if len(t) < FEWEST_SAMPLES:
+        return cycles
+    omega = math.tau / cycles.period_s
+    for _ in range(2):
+        design = np.column_stack((np.ones(len(t)), np.cos(omega * t), np.sin(omega * t)))
+        (_, cosine, sine), *_ = np.linalg.lstsq(design, y, rcond=None)
+        slope = t * (sine * design[:, 1] - cosine * design[:, 2])
+        full = np.column_stack((design, slope))
+        omega += float(np.linalg.lstsq(full, y, rcond=None)[0][3])
+    period_s = math.tau / omega
+    if not abs(period_s / cycles.period_s - 1.0) < LARGEST_CHANGE:
+        return cycles
+    return Cycles(cycles.start_s, cycles.end_s, period_s)
+
+
 def match_cycles(
     reference_s: FloatArray, reference: FloatArray, series: Series, cycles: Cycles, *, reach_s: float,
-    force: Series | None = None, start: Match | None = None,
+    force: Series | None = None, with_drift: bool = False,
 ) -> Match | None:
     """Lay a sensor's series over the controller's record of the same quantity.
 
@@ -101,7 +122,7 @@ def match_cycles(
         cycles: where the motion repeats.
         reach_s: the lag is searched within plus and minus this (s); less than a fifth of a cycle is.
         force: the force's series, where the sensor may move against the reference in proportion to it.
-        start: a match to begin with, whose drift is fitted again; None: there is no drift.
+        with_drift: the sensor's clock may still drift against the controller's.
 
     Returns:
         None when nothing is known of the lag: too few values, or no harmonic stands out of the noise.
@@ -112,11 +133,9 @@ def match_cycles(
     at_s, wanted = reference_s[inside], reference[inside]
     if len(at_s) < FEWEST_REFERENCES or len(series.orders) == 0 or series.orders[0] != 1 or np.ptp(wanted) == 0.0:
         return None
-    lag_s = 0.0 if start is None else start.lag_s
     reach_s = min(reach_s, 0.2 * cycles.period_s)
-    series, lag_s, spread_s = _searched(at_s, wanted, series, lag_s, reach_s)
-    laid = _Laid(at_s, wanted, series, cycles, force, with_drift=start is not None)
-    found = laid.fit(lag_s, 0.0 if start is None else start.drift)
+    series, lag_s, spread_s = _searched(at_s, wanted, series, reach_s)
+    found = _Laid(at_s, wanted, series, cycles, force, with_drift=with_drift).fit(lag_s)
     if found is None:
         return None
     if spread_s > found.lag_std_s and found.lag_std_s < reach_s:
@@ -125,11 +144,11 @@ def match_cycles(
 
 
 def _searched(
-    at_s: FloatArray, wanted: FloatArray, series: Series, start_s: float, reach_s: float,
+    at_s: FloatArray, wanted: FloatArray, series: Series, reach_s: float,
 ) -> tuple[Series, float, float]:
     """The harmonics that explain the reference, the best lag, and how far the likelihood spreads over the reach (s)."""
     thin = slice(None, None, -(-len(at_s) // MOST_FOR_SEARCH))
-    lags_s = start_s + np.linspace(-reach_s, reach_s, LAGS)
+    lags_s = np.linspace(-reach_s, reach_s, LAGS)
     best, best_rest = series.up_to(1), _rests(at_s[thin], wanted[thin], series.up_to(1), lags_s)
     highest, last = 1, int(series.orders[-1])
     count = len(wanted[thin])
@@ -173,8 +192,9 @@ class _Laid:
         self.middle_s = float(np.mean(at_s))
         self.keep = np.ones(len(at_s), bool)
 
-    def fit(self, lag_s: float, drift: float) -> Match | None:
-        """Gauss-Newton from a lag (s) and drift; None where the columns cannot be told apart."""
+    def fit(self, lag_s: float) -> Match | None:
+        """Gauss-Newton from a lag (s); None where the columns cannot be told apart."""
+        drift = 0.0
         longest_s = LARGEST_STEP * self.cycles.period_s
         step = None
         for number in range(ROUNDS):

@@ -6,7 +6,7 @@ force input`, the displacement by `displacement - shared - position input`; the 
 the five is either as declared, within the tolerance of a filter, or forgotten: then it is longer by anything between
 0.2 and 26 ms (a ladder of normal distributions, even over the logarithm), or shorter by part of what was declared, but
 never less than nothing at all. That no delay is negative is what tells a late input from a late sensor. At most two of
-the five are forgotten. Bayes' rule weighs these hypotheses for what was measured.
+the five are forgotten, and not two that hide each other. Bayes' rule weighs these hypotheses for what was measured.
 
 The *estimate* is theirs, and it trusts: one declared sensor delay in a thousand is wrong, so a weak loop never moves it.
 The *stated* standard deviation trusts nobody: it is the root mean square distance of the estimate from what the signals
@@ -44,7 +44,8 @@ COMPLIANCE_STD_m_N = 1e-7
 """Of a load train about which nothing is known: 10 kN/mm."""
 UNVOUCHED_S = 0.7e-3
 """Standard deviation of a delay that nobody declared and nothing can be compared with."""
-MOST_FORGOTTEN = 2
+PAIRS = ((0, 1), (0, 4), (1, 3), (2, 3), (2, 4), (3, 4))
+"""Which two of the delays may be forgotten at once: not two that hide each other, which nobody could tell."""
 CONFIDENT = 1.959964
 """Standard deviations of a 95 % interval."""
 
@@ -108,6 +109,28 @@ def tolerance_s(declared_s: float | None) -> float:
     return max(DELAY_TOLERANCE * (0.0 if declared_s is None else declared_s), SMALLEST_TOLERANCE_S)
 
 
+def weighed_alone_s(declared_s: float | None) -> float:
+    """Standard deviation (s) of a sensor's declared delay that nothing can be compared with."""
+    return tolerance_s(declared_s) if declared_s is not None else UNVOUCHED_S
+
+
+def at_likely_compliance(
+    lag_s: float, lag_std_s: float, compliance: float | None, compliance_std: float, coupling: float,
+) -> tuple[float, float]:
+    """A lag and its standard deviation (s), once the load train is known to be as stiff as load trains are.
+
+    Args:
+        lag_s: found together with the compliance, s; `lag_std_s` its standard deviation.
+        compliance: m/N; None where it was not fitted. `compliance_std` its standard deviation.
+        coupling: covariance of the two, s m/N.
+    """
+    if compliance is None:
+        return lag_s, lag_std_s
+    variance = compliance_std**2 + COMPLIANCE_STD_m_N**2
+    left = max(lag_std_s**2 - coupling**2 / variance, 0.0)
+    return lag_s - coupling * compliance / variance, math.sqrt(left)
+
+
 def weighed(force: Seen, displacement: Seen, input_s: float | None) -> Skew:
     """The delays of both sensors by everything that is known.
 
@@ -146,7 +169,7 @@ def weighed(force: Seen, displacement: Seen, input_s: float | None) -> Skew:
 def _stated(value_s: float, seen: Seen, input_std_s: float) -> float:
     """Root mean square distance (s) of a sensor's delay from what its signal leaves open."""
     if not seen.input:
-        return tolerance_s(seen.declared_s) if seen.declared_s is not None else UNVOUCHED_S
+        return weighed_alone_s(seen.declared_s)
     if seen.lag_s is None:
         return NOTHING_KNOWN_S
     return min(math.hypot(seen.lag_s - value_s, seen.lag_std_s, input_std_s), NOTHING_KNOWN_S)
@@ -212,16 +235,15 @@ def _hypotheses(force_s: float | None, displacement_s: float | None, input_s: fl
     declared = (force_s, displacement_s, input_s, input_s, input_s)
     rungs = [_rungs(delay_s) for delay_s in declared]
     means, variances, forgotten, shares = [], [], [], []
-    for count in range(MOST_FORGOTTEN + 1):
-        for which in itertools.combinations(range(5), count):
-            for chosen in itertools.product(*(rungs[at] for at in which)):
-                parts = list(bases)
-                for at, rung in zip(which, chosen, strict=True):
-                    parts[at] = rung
-                means.append([mean for mean, _ in parts])
-                variances.append([std**2 for _, std in parts])
-                forgotten.append([float(at in which) for at in range(5)])
-                shares.append(-sum(math.log(len(rungs[at])) for at in which))
+    for which in ((), *((at,) for at in range(5)), *PAIRS):
+        for chosen in itertools.product(*(rungs[at] for at in which)):
+            parts = list(bases)
+            for at, rung in zip(which, chosen, strict=True):
+                parts[at] = rung
+            means.append([mean for mean, _ in parts])
+            variances.append([std**2 for _, std in parts])
+            forgotten.append([float(at in which) for at in range(5)])
+            shares.append(-sum(math.log(len(rungs[at])) for at in which))
     return _Space(np.array(means), np.array(variances), np.array(forgotten), np.array(shares))
 
 
