@@ -30,6 +30,7 @@ from rig.recording.reason import Reason
 from rig.recording.reference_judgement import SLUGS
 from rig.recording.run import RecordedPoint
 from rig.recording.verdict import Verdict
+from simulators.bench import poll_ms
 from simulators.options import RigOptions
 
 SPEEDS = (1.0, 5.0, 20.0, 50.0)
@@ -94,7 +95,8 @@ def matrix(random: np.random.Generator, family: str) -> list[dict[str, Any]]:
 def campaign(seed: int, options: RigOptions, family: str, folder: Path) -> Told:
     """Record one campaign and judge it."""
     random = np.random.default_rng((seed, 41))
-    rig = RecordedRig(options, speed=float(random.choice(SPEEDS)), seed=seed)
+    speed = float(random.choice(SPEEDS))
+    rig = RecordedRig(options, speed=speed, seed=seed, poll_s=1e-3 * poll_ms(rtu=False, speed=speed))
     points: list[RecordedPoint] = [rig.run_point(point, folder)[0] for point in matrix(random, family)]
     together = campaign_verdicts(points)
     return Told(len(points), tuple(together.get(point.id, Verdict.stored(point.quality)) for point in points))

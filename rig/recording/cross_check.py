@@ -17,6 +17,7 @@ from rig.recording.reference_judgement import (
     Instruments,
     deviations,
     judge,
+    trusted,
     zero_change,
 )
 
@@ -54,6 +55,7 @@ def cross_checks(points: Sequence[Checked], auxiliaries: Sequence[str] = ()) -> 
     if not points:
         return ()
     doubted = {reason.slug for reasons in judge(points).values() for reason in reasons}
+    points = trusted(points)
     return (
         *_against_input(FORCE, points, doubted), *_zero_over_campaign(points, doubted),
         *_against_input(DISPLACEMENT, points, doubted), *_ecu(points, doubted),

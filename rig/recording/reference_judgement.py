@@ -13,11 +13,11 @@ alarm in a whole campaign, whatever its size, at `FALSE_ALARM`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import Literal
 
-from rig.recording.estimate import Estimate, pooled
+from rig.recording.estimate import Estimate, outlying, pooled
 from rig.recording.reason import Kind, Reason
 from rig.recording.tolerances import Tolerances
 from rig.recording.zero_change import ZeroChange, ZeroSeen, zero_changes
@@ -128,6 +128,7 @@ def judge(points: Sequence[Checked]) -> dict[str, tuple[Reason, ...]]:
     Args:
         points: points measured with one set of instruments; one alone is judged by itself.
     """
+    points = trusted(points)
     k = deviations(len(points))
     found: dict[str, list[Reason]] = {point.id: [] for point in points}
     for instruments in (FORCE, DISPLACEMENT):
@@ -142,6 +143,31 @@ def judge(points: Sequence[Checked]) -> dict[str, tuple[Reason, ...]]:
     return {point_id: tuple(reasons) for point_id, reasons in found.items()}
 
 
+def trusted(points: Sequence[Checked]) -> list[Checked]:
+    """The points without the comparisons that certainly failed.
+
+    Gain and lag belong to the instruments: where one of them is another one's than at most points, the comparison of
+    that point failed as a whole.
+    """
+    force, displacement = (_failed([(point.id, each.of(point)) for point in points]) for each in (FORCE, DISPLACEMENT))
+    return [
+        replace(
+            point,
+            force=Agreement(declared_s=point.force.declared_s) if point.id in force else point.force,
+            displacement=(
+                Agreement(declared_s=point.displacement.declared_s) if point.id in displacement else point.displacement
+            ),
+        )
+        for point in points
+    ]
+
+
+def _failed(agreements: Sequence[tuple[str, Agreement]]) -> frozenset[str]:
+    gains = {name: each.gain.widened(GAIN_FLOOR) for name, each in agreements if each.gain is not None}
+    lags = {name: each.lag.widened(LAG_FLOOR_S) for name, each in agreements if each.lag is not None}
+    return outlying(gains) | outlying(lags)
+
+
 def deviations(points: int) -> float:
     """Standard deviations that no difference of a clean campaign of so many points reaches, but for one in 1,000."""
     comparisons = 8 * max(points, 1) + 8
@@ -150,12 +176,18 @@ def deviations(points: int) -> float:
 
 def _doubts(
     points: Sequence[Checked], estimates: Mapping[str, Estimate], nominal: float, tolerance: float, k: float,
-    told: Callable[[Estimate, str], Reason],
+    told: Callable[[Estimate, str], Reason], *, jumps: bool = False,
 ) -> dict[str, Reason]:
-    """The reason for each doubted point, by its id; every point of the campaign where all together are certain."""
+    """The reason for each doubted point, by its id; every point of the campaign where all together are certain.
+
+    One point alone is doubted by itself, and among others only in what `jumps`, a zero; gain and lag do not jump.
+    """
     together = pooled(estimates.values())
-    if together is not None and len(estimates) > 1 and together.beyond(nominal, tolerance, k):
-        return dict.fromkeys((point.id for point in points), told(together, f"{len(estimates)} points together"))
+    if together is not None and len(estimates) > 1:
+        if together.beyond(nominal, tolerance, k):
+            return dict.fromkeys((point.id for point in points), told(together, f"{len(estimates)} points together"))
+        if not jumps:
+            return {}
     return {
         name: told(each, "this point alone") for name, each in estimates.items() if each.beyond(nominal, tolerance, k)
     }
@@ -197,7 +229,7 @@ def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
     agreements = {point.id: instruments.of(point).offset for point in points}
     floor = OFFSET_FLOOR * tolerance
     estimates = {name: offset.widened(floor) for name, offset in agreements.items() if offset is not None}
-    return _doubts(points, estimates, 0.0, tolerance, k, told)
+    return _doubts(points, estimates, 0.0, tolerance, k, told, jumps=True)
 
 
 def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict[str, Reason]:

@@ -13,7 +13,7 @@ from rig.identification.measurement import Measurement
 from rig.recording.calibration_check import checked, instruments_of
 from rig.recording.loop_shape import noise_of
 from rig.recording.reading import channel_attributes
-from rig.recording.reference_judgement import deviations, zero_change
+from rig.recording.reference_judgement import deviations, trusted, zero_change
 from rig.recording.run import RecordedPoint
 from rig.report.fragment import NOTHING, number, table, text
 from rig.report.view import PointView
@@ -92,7 +92,7 @@ def _drift_N(points: Sequence[RecordedPoint]) -> float:
     group = max(instruments_of(points).values(), key=len, default=[])
     if not group:
         return NOT_STATED
-    change = zero_change([checked(each.id, each.test, each.quality) for each in group], deviations(len(group)))
+    change = zero_change(trusted([checked(each.id, each.test, each.quality) for each in group]), deviations(len(group)))
     if change is None or not change.over_time_N.known:
         return NOT_STATED
     return UNIFORM * math.hypot(change.over_time_N.value, change.over_time_N.std)

@@ -102,6 +102,21 @@ def test_one_point_whose_zero_jumped_is_doubted_alone() -> None:
     assert doubted == {"p005"}
 
 
+def test_a_comparison_that_failed_at_one_point_says_nothing_of_the_instruments() -> None:
+    points = campaign(12)
+    wrong = Agreement(Estimate(0.98, 0.004), Estimate(-161.0, 3.0), Estimate(0.0108, 0.0004), 2.25e-4)
+    points[2] = replace(points[2], force=wrong)
+    assert slugs(judge(points)) == set()
+    assert slugs(judge([*points[:2], points[2]])) == set()
+
+
+def test_gain_and_lag_of_one_point_alone_are_judged_until_there_are_others() -> None:
+    points = campaign(13, 6)
+    odd = replace(points[1], force=Agreement(Estimate(1.1, 0.002), None, Estimate(-2e-3, 1e-4), 2.25e-4))
+    assert slugs(judge([odd])) == {"load-cell-gain", "force-input-lag"}
+    assert slugs(judge([*points[:1], odd, *points[2:]])) == set()
+
+
 def test_a_point_that_could_not_be_compared_shares_the_campaigns_doubt() -> None:
     points = [*campaign(5, 8, gain=1.05), Checked("step", 100.0, 1.0)]
     assert [reason.slug for reason in judge(points)["step"]] == ["load-cell-gain"]
