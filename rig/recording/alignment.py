@@ -7,6 +7,7 @@ are computed a part at a time (`rig.recording.column`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -131,13 +132,13 @@ def align(
     values, flags = _on_base(timed, context)
     origin_s = float(base.time_s[0])
     tied = {base.clock.method, force.clock.method} == {"edges"}
-    ties_s = [0.0 if channel.sensor is None else channel.sensor.tie_std_s for channel in (force, base)]
+    tie_s = math.hypot(*(0.0 if channel.sensor is None else channel.sensor.tie_std_s for channel in (force, base)))
     apart_s = float(np.hypot(force.clock.std_s, base.clock.std_s))
     return Alignment(
         time_s=mapped(base.time_s, lambda time_s: time_s - origin_s, np.float64), origin_s=origin_s, values=values,
         flags=flags, timed=timed, skew_s=delays.value_s if tied else None,
-        skew_std_s=float(np.hypot(delays.std_s, np.hypot(*ties_s))) if tied else apart_s,
-        skew_trusted_s=float(np.hypot(delays.trusted_std_s, np.hypot(*ties_s))) if tied else apart_s,
+        skew_std_s=math.hypot(delays.std_s, tie_s) if tied else apart_s,
+        skew_trusted_s=math.hypot(delays.trusted_std_s, tie_s) if tied else apart_s,
         delays=delays,
         skew_checked=all(channel.sensor is not None and channel.sensor.checked for channel in (force, base)),
         skew_method=f"force by {force.clock.method}, displacement by {base.clock.method}",

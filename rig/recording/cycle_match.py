@@ -19,7 +19,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.recording.fourier import GRID, Series, series_of
 from rig.recording.layout import FloatArray
@@ -91,7 +90,7 @@ def cycle_series(time_s: FloatArray, values: FloatArray, cycles: Cycles) -> Seri
 
 
 def refined(cycles: Cycles, time_s: FloatArray, values: FloatArray) -> Cycles:
-    """The same stretch with the period that a sensor's samples (n,) show: the program's, on a slightly different clock."""
+    """The same stretch with the period that a sensor's samples (n,) show: the program's, on another clock."""
     inside = np.isfinite(values) & (time_s >= cycles.start_s) & (time_s < cycles.end_s)
     t, y = time_s[inside] - 0.5 * (cycles.start_s + cycles.end_s), values[inside]
     if len(t) < FEWEST_SAMPLES:
@@ -260,7 +259,7 @@ class _Laid:
         self, influence: FloatArray, rest: FloatArray, variance: float, inverse: FloatArray, at_s: FloatArray,
         phase: FloatArray,
     ) -> FloatArray:
-        """Covariance by the reference's residual: white, or shared by phase or by stretch where that is certainly more."""
+        """Covariance by the reference's residual: white, or shared by phase or stretch where that is certainly more."""
         white = inverse * variance
         errors = influence * rest
         bins = np.floor(PHASE_BINS * phase).astype(np.int64)

@@ -78,7 +78,7 @@ class Series:
         return np.real(waves.sum(axis=1)), np.real(waves @ (-1j * self.orders * self.omega_rad_s))
 
     def table(self) -> FloatArray:
-        """Values about the mean over one period on `GRID` equal steps from the origin, the first one repeated at the end."""
+        """Values about the mean over one period from the origin, on `GRID` equal steps and once more the first."""
         spectrum = np.zeros(GRID // 2 + 1, np.complex128)
         spectrum[self.orders] = np.conj(self.coefficients)
         values = np.fft.irfft(spectrum, GRID) * (GRID / 2.0)

@@ -126,8 +126,8 @@ def timed_sensors(
     matches = _matches({name: tie for name, tie in ties.items() if tie.by_edges and tie.reference is not None})
     skew = given
     if skew is None:
-        seen = [_seen(ties.get(name), matches.get(name), context) for name in ("force", "displacement")]
-        skew = weighed(*seen, context.controller_delay_s)
+        force, displacement = (_seen(ties.get(name), matches.get(name)) for name in ("force", "displacement"))
+        skew = weighed(force, displacement, context.controller_delay_s)
     for name, tie in ties.items():
         if not tie.by_edges:
             continue
@@ -141,7 +141,7 @@ def timed_sensors(
     return found, skew
 
 
-def _seen(tie: _Tie | None, match_: Match | None, context: PointContext) -> Seen:
+def _seen(tie: _Tie | None, match_: Match | None) -> Seen:
     if tie is None or not tie.by_edges or tie.reference is None:
         return Seen(None if tie is None else tie.sensor.delay_s, input=False)
     if match_ is None:
@@ -284,7 +284,7 @@ def _span_s(local_s: Values) -> float:
 
 
 def _reference(name: str, by_name: Mapping[str, Records], context: PointContext) -> Reference | None:
-    """The controller's own record, its declared delay taken off; None where there is none."""
+    """The controller's own record, its declared delay taken off; None where there is none, or it never changes."""
     record = by_name.get(REFERENCES.get(name, ""))
     if record is None:
         return None
@@ -292,7 +292,7 @@ def _reference(name: str, by_name: Mapping[str, Records], context: PointContext)
     records = records[records["device_us"] >= 0]
     time_s = records["device_us"] * 1e-6 - (context.controller_delay_s or 0.0)
     fresh = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0)) if len(time_s) else np.zeros(0, bool)
-    if np.count_nonzero(fresh) == 0:
+    if np.count_nonzero(fresh) < 2 or np.ptp(records["value"][fresh]) == 0.0:
         return None
     return Reference(time_s[fresh], records["value"][fresh], _full_cycles(by_name.get("phase"), context))
 

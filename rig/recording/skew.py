@@ -8,9 +8,9 @@ the five is either as declared, within the tolerance of a filter, or forgotten: 
 never less than nothing at all. That no delay is negative is what tells a late input from a late sensor. At most two of
 the five are forgotten, and not two that hide each other. Bayes' rule weighs these hypotheses for what was measured.
 
-The *estimate* is theirs, and it trusts: one declared sensor delay in a thousand is wrong, so a weak loop never moves it.
-The *stated* standard deviation trusts nobody: it is the root mean square distance of the estimate from what the signals
-alone leave open (at most `NOTHING_KNOWN_S`). Where they cannot tell it is milliseconds, and says so.
+The *estimate* is theirs, and it trusts: one declared sensor delay in a thousand is wrong, so a weak loop never moves
+it. The *stated* standard deviation trusts nobody: it is the root mean square distance of the estimate from what the
+signals alone leave open (at most `NOTHING_KNOWN_S`). Where they cannot tell it is milliseconds, and says so.
 """
 
 from __future__ import annotations
@@ -120,8 +120,10 @@ def at_likely_compliance(
     """A lag and its standard deviation (s), once the load train is known to be as stiff as load trains are.
 
     Args:
-        lag_s: found together with the compliance, s; `lag_std_s` its standard deviation.
-        compliance: m/N; None where it was not fitted. `compliance_std` its standard deviation.
+        lag_s: found together with the compliance, s.
+        lag_std_s: its standard deviation, s.
+        compliance: m/N; None where it was not fitted.
+        compliance_std: its standard deviation, m/N.
         coupling: covariance of the two, s m/N.
     """
     if compliance is None:
