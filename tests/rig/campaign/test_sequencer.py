@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -61,6 +61,8 @@ EVENTS: tuple[ev.Event, ...] = (
     ev.CurrentSettled(),
     ev.ProgramEnded(at_centre=True),
     ev.ProgramEnded(at_centre=False),
+    ev.ProgramEnded(at_centre=True, cut_short="the controller was FADING"),
+    ev.ZerosReturned(),
     ev.RestOver(),
     ev.Standstill(),
     *(ev.Judged(point.id, valid) for point in POINTS for valid in (True, False)),
@@ -138,17 +140,28 @@ CASES = {
 }
 
 
+FULL = Cause("disk-full", "no space left")
+
+
 def explore(case: Case) -> list[Edge]:
+    """Every reachable state with every event of the case, and with the failure of every action that led to it."""
     events = case.events
     first = start_state(case.points, case.retries, case.conditions)
     seen, waiting, edges = {first}, deque([first]), []
+    failures: defaultdict[State, dict[ev.Event, None]] = defaultdict(dict)
+    queued = {first}
     while waiting:
         state = waiting.popleft()
-        for event in events:
+        queued.discard(state)
+        for event in (*events, *failures[state]):
             after, actions = step(state, event)
             edges.append(Edge(state, event, after, actions))
-            if after not in seen:
+            failing = {ev.ActionFailed(action, after.phase, FULL): None for action in actions}
+            fresh = [failure for failure in failing if failure not in failures[after]]
+            failures[after] |= dict.fromkeys(fresh)
+            if after not in seen or (fresh and after not in queued):
                 seen.add(after)
+                queued.add(after)
                 waiting.append(after)
     return edges
 
@@ -174,7 +187,8 @@ def test_exploration_reaches_every_phase(name: str, capsys: pytest.CaptureFixtur
     case = CASES[name]
     edges = explore(case)
     states = {edge.before for edge in edges}
-    explored = f"{len(states)} states x {len(case.events)} events = {len(edges)} transitions"
+    failed = sum(isinstance(edge.event, ev.ActionFailed) for edge in edges)
+    explored = f"{len(states)} states x {len(case.events)} events + {failed} failing actions = {len(edges)} transitions"
     with capsys.disabled():
         sys.stdout.write(f"\nsequencer, {name}: {explored}\n")
     rests = {Phase.RESTING} if any(point.rest_s for point in case.points) else set()
