@@ -46,5 +46,5 @@ def may_restart(stop: StopKind, cause: Cause) -> bool:
 def stop_note(stop: StopKind, cause: Cause) -> tuple[str, str]:
     """Level and text of the line that says why the rig stops."""
     if cause.slug in OPERATOR:
-        return "warning", f"stopped by operator ({cause.detail}): current to 0 A, motion fades out"
+        return "info", f"stopped by operator ({cause.detail}): current to 0 A, motion fades out"
     return "error", f"{cause.slug}: {cause.detail}; stop {stop}: current to 0 A, motion ends"

@@ -15,7 +15,7 @@ from rig.campaign import resume
 from rig.campaign.baseline import Baseline
 from rig.campaign.calibration import check_calibrations
 from rig.campaign.clocks import check_clocks
-from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class
+from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class, resume_command
 from rig.campaign.crew import Crew
 from rig.campaign.guarded_display import GuardedDisplay
 from rig.campaign.hands import disk_slug
@@ -270,10 +270,15 @@ def _refusals_in(log: CampaignLog) -> Iterator[None]:
         except OSError as error:
             text = f"the campaign cannot be begun: {error}; nothing was connected"
             raise Refused(disk_slug(error), text) from error
-    except (Refused, Stopped) as refusal:
+    except Refused as refusal:
         with contextlib.suppress(OSError):
             log.write("refused", slug=refusal.slug, text=str(refusal))
         raise
+    except Stopped as stop:
+        text = f"{stop}: nothing moved. Continue with: {resume_command(log.path.parent)}"
+        with contextlib.suppress(OSError):
+            log.write("refused", slug=stop.slug, text=text)
+        raise Stopped(stop.slug, text) from stop
 
 
 @contextmanager

@@ -7,6 +7,7 @@ are kept in the journal, so that what was confirmed once need not be confirmed a
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -123,3 +124,9 @@ def confirm(stops: Iterable[EarlierStop], requalified: str) -> None:
             f"the campaign was stopped by something after which the specimen must be requalified:\n{named}\n"
             'Nothing was connected. Check it, then say what was checked or replaced: --requalified "TEXT"',
         )
+
+
+def resume_command(folder: Path, resume: str = CONFIRM) -> str:
+    """What to type to go on with a campaign after a stop of this class."""
+    command = f"rig run --resume {shlex.quote(str(folder))}"
+    return f'{command} --requalified "WHAT WAS CHECKED"' if resume == REQUALIFY else command

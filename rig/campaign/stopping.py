@@ -146,7 +146,9 @@ def reset_declined(state: State, cause: Cause) -> Step:
 def give_up_restart(state: State, event: ev.Fault | ev.Abort | ev.Tripped) -> Step:
     """Something else came up during a stop: it goes on, a reset under way too, and then the campaign ends."""
     state = without_restart(state)
-    return finish(state) if state.phase is Phase.COOLING_DOWN else (state, ())
+    if state.phase is not Phase.COOLING_DOWN:
+        return state, ()
+    return disarm(state) if state.armed else end(state)
 
 
 def not_proved_safe(state: State, event: ev.Unknown) -> Step:
