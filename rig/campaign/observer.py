@@ -41,6 +41,11 @@ LIVE = {
 Wait = Callable[[NDArray[Any]], ev.Event | None]
 
 
+AT_REST = (
+    Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE, Channel.COIL_CURRENT,
+)
+
+
 class Observer:
     """Turns records into at most one awaited fact at a time."""
 
@@ -216,13 +221,18 @@ class Observer:
             if not self.device_s >= until_s:
                 return None
             window = np.concatenate(parts)
-            seen = AtRest(*(
-                window["value"][window["channel"] == channel].astype(np.float64)
-                for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE)
-            ), *(
+            values = {
+                channel: window["value"][window["channel"] == channel].astype(np.float64) for channel in AT_REST
+            }
+            flagged = (
                 int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(BAD)))
                 for channel in (Channel.FORCE, Channel.DISPLACEMENT)
-            ))
+            )
+            force, displacement = flagged
+            seen = AtRest(
+                values[Channel.FORCE], values[Channel.DISPLACEMENT], values[Channel.POSITION],
+                values[Channel.CONTROLLER_FORCE], force, displacement, values[Channel.COIL_CURRENT],
+            )
             return judge(seen)
 
         self._wait = wait
