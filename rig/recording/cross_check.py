@@ -82,7 +82,7 @@ def _against_input(
     return [
         _row(sensor, "sensitivity", reference, percent, "%", f"{100.0 * allowed_gain:g} %",
              instruments.gain_slug in doubted),
-        _row(sensor, "zero", reference, zero, unit, f"{scale * allowed_zero:g} {unit}",
+        _row(sensor, "zero", reference, zero, unit, f"{scale * allowed_zero:.3g} {unit}",
              instruments.zero_slug in doubted),
         _row(sensor, "time, beyond both declared delays", reference, late, "ms",
              f"input later by {1e3 * (tolerances.time_s + max(each.declared_s for each in agreements)):.2g} ms",
@@ -101,7 +101,7 @@ def _row(
 
 
 def _zero_over_campaign(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:
-    allowed = f"{points[0].tolerances.force_zero_change_N:g} N over the campaign"
+    allowed = f"{points[0].tolerances.force_zero_change_N:.3g} N over the campaign"
     change = zero_change(points, deviations(len(points)))
     if change is None:
         return [CrossCheck("load cell", "drift and crosstalk of its zero", "fewer than two points tell its zero")]

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+PROBABLE = 2.0
+"""Standard deviations."""
 OUTLYING = 6.0
 """Standard deviations."""
 MOST_OUTLYING = 1.0 / 3.0
@@ -51,8 +53,16 @@ class Estimate:
         return Estimate(self.value, math.hypot(self.std, floor))
 
     def beyond(self, nominal: float, tolerance: float, k: float) -> bool:
-        """Whether it is certainly more than a tolerance away from the nominal value."""
-        return self.known and abs(self.value - nominal) > tolerance + k * self.std
+        """Whether it certainly differs from the nominal value, and very probably by more than a tolerance.
+
+        Args:
+            nominal: what it should be.
+            tolerance: what it may differ by.
+            k: standard deviations that make a difference certain.
+        """
+        apart = abs(self.value - nominal)
+        return self.known and apart > tolerance + PROBABLE * self.std and apart > k * self.std
+
 
 
 def pooled(estimates: Iterable[Estimate]) -> Estimate | None:

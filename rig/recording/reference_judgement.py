@@ -6,8 +6,8 @@ both are named and the bench is to blame. A single weak point proves little: all
 pooled, and what only all together prove is said of each of them. A zero that changes between the points is laid
 over time (drift) and over the coil's current (crosstalk).
 
-A difference counts when it is beyond its tolerance by `k` standard deviations; `k` keeps the chance of one false
-alarm in a whole campaign, whatever its size, at `FALSE_ALARM`.
+A difference counts when it is more than `k` standard deviations, and more than its tolerance and two of them; `k` keeps
+the chance of one false alarm in a whole campaign, whatever its size, at `FALSE_ALARM`.
 """
 
 from __future__ import annotations
@@ -182,12 +182,13 @@ def _doubts(
 
     One point alone is doubted by itself, and among others only in what `jumps`, a zero; gain and lag do not jump.
     """
-    together = pooled(estimates.values())
-    if together is not None and len(estimates) > 1:
-        if together.beyond(nominal, tolerance, k):
-            return dict.fromkeys((point.id for point in points), told(together, f"{len(estimates)} points together"))
-        if not jumps:
-            return {}
+    together, count = pooled(estimates.values()), len(estimates)
+    if together is not None and together.beyond(nominal, tolerance, k) and (count > 1 or not jumps):
+        alone = "this point alone" if len(points) == 1 else "by the one point that tells"
+        by = f"{count} points together" if count > 1 else alone
+        return dict.fromkeys((point.id for point in points), told(together, by))
+    if not jumps:
+        return {}
     return {
         name: told(each, "this point alone") for name, each in estimates.items() if each.beyond(nominal, tolerance, k)
     }
@@ -222,7 +223,7 @@ def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
         return Reason(
             instruments.zero_slug, _kind(offset.value, tolerance),
             f"{instruments.sensor} reads {offset.times(scale).signed} {unit} where the {instruments.reference} reads 0 "
-            f"(allowed {scale * tolerance:g} {unit}; {by}): {instruments.either}",
+            f"(allowed {scale * tolerance:.3g} {unit}; {by}): {instruments.either}",
             {"offset": offset.value, "offset_std": offset.std, "tolerance": tolerance},
         )
 
@@ -289,7 +290,7 @@ def _changes(points: Sequence[Checked], k: float) -> list[Reason]:
     return [
         Reason(
             slug, Kind.INVALID if abs(over_N.value) > gross_N else Kind.SUSPECT,
-            f"the load cell's zero moves against the {FORCE.reference}: {text} (allowed {tolerance_N:g} N): "
+            f"the load cell's zero moves against the {FORCE.reference}: {text} (allowed {tolerance_N:.3g} N): "
             f"{FORCE.either}", numbers,
         )
         for slug, text, over_N in ways
