@@ -179,10 +179,11 @@ def moving(edge: Edge) -> bool:
 OPTIONAL_PHASES = frozenset().union(*(case.phases for case in CASES.values())) | {Phase.RESTING}
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_exploration_reaches_every_phase(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exploration_reaches_every_phase(
+    edges: list[Edge], request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = request.node.callspec.params["edges"]
     case = CASES[name]
-    edges = explore(case)
     states = {edge.before for edge in edges}
     failed = sum(isinstance(edge.event, ev.ActionFailed) for edge in edges)
     explored = f"{len(states)} states x {len(case.events)} events + {failed} failing actions = {len(edges)} transitions"
