@@ -29,8 +29,9 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
     elif result.stopped_by is not None:
         lines.append(("red", f"Stopped by {result.stopped_by}: {result.detail}"))
     elif result.valid < result.total:
-        text = f"{result.total - result.valid} points are not valid. Run them again with: "
-        lines.append(("yellow", text + resume_command(result.campaign)))
+        missing = result.total - result.valid
+        what = "1 point is not valid. Run it" if missing == 1 else f"{missing} points are not valid. Run them"
+        lines.append(("yellow", f"{what} again with: {resume_command(result.campaign)}"))
     lines += [("yellow", f"{finding.slug}: {finding.text}") for finding in result.findings]
     return lines
 

@@ -70,6 +70,7 @@ def command(
     _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate)
     words = _requalified(requalified, resume)
     from rig.campaign.options import CampaignOptions
+    from rig.cli.analysis_check import check_analysis
     from rig.cli.ending import ending
     from rig.cli.job import run_job
     from rig.matrix.files import load_files
@@ -78,6 +79,8 @@ def command(
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
     identify = tests.identify
+    if not no_identify:
+        check_analysis(path, tests)
     options = CampaignOptions(
         matrix_path=path,
         out=out,
