@@ -90,7 +90,7 @@ class RecordedRig:
         """Run one sine or triangle point, record, align, judge and write it; returns it read back, and the truth."""
         records, truth = self.run_program(point)
         content = JournalContent("", records, end={"stopped_by": None, "lost_records": 0})
-        file, _, _ = build(content, self._context(point))
+        file, _, _ = build(content, self.context(point))
         path = folder / f"{point['id']}.h5"
         write_file(path, file)
         return RecordedPoint.open(path), truth
@@ -120,7 +120,8 @@ class RecordedRig:
         found = np.array(records, RECORD_DTYPE)
         return found[np.argsort(found["host_ns"], kind="stable")], Truth(*np.concatenate(truth).T)
 
-    def _context(self, point: dict[str, Any]) -> PointContext:
+    def context(self, point: dict[str, Any]) -> PointContext:
+        """What the bench file and the matrix say of a point."""
         cell, lvdt = self.options.load_cell, self.options.lvdt
         delays = self.declared_delays_s or (group_delay_s(cell.bandwidth_Hz), group_delay_s(lvdt.bandwidth_Hz))
         inputs_s = self.plant.position_input.declared_delay_s

@@ -43,7 +43,7 @@ from rig.recording.point_names import FILE, OLD_JOURNAL, free_attempt_file, jour
 from rig.recording.reason import Reason
 from rig.recording.skew import Skew
 from rig.recording.sorting import Sorter
-from rig.recording.velocity import HALF_WIDTH, METHOD, velocity_of
+from rig.recording.velocity import MARGIN, METHOD, velocity_of
 from rig.recording.verdict import Verdict, judge
 
 if TYPE_CHECKING:
@@ -226,8 +226,8 @@ def _velocity(alignment: Alignment) -> Values:
         return velocity_of(np.asarray(time_s), np.asarray(displacement))[0]
 
     def part(start: int, stop: int) -> FloatArray:
-        first = max(0, start - HALF_WIDTH)
-        last = min(len(time_s), stop + HALF_WIDTH)
+        first = max(0, start - MARGIN)
+        last = min(len(time_s), stop + MARGIN)
         return velocity_of(time_s[first:last], displacement[first:last])[0][start - first : stop - first]
 
     return Column(len(time_s), np.float64, part)

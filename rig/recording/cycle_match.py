@@ -3,9 +3,9 @@
     reference(t) = a + g s(t + lag + drift (t - mean t)) + b force(t) + slow change
 
 `s` is the sensor's own Fourier series over whole cycles (`rig.recording.fourier`), so its noise is averaged and noise
-makes no slope of its own. Harmonics are taken in octave by octave, as long as the reference is certainly explained
-better by them at some lag: what only the sensor shows (hum, a line of its own) would else be taken for knowledge of the
-lag. `force` is there for the displacement alone: a load train that gives way moves the sensor against the controller's
+makes no slope of its own. Harmonics that only the sensor shows (hum, a line of its own) would be taken for knowledge of
+the lag: the highest octaves are left out where the reference is certainly explained better without them at some lag,
+and any order that stands out of what is left of the reference. `force` is there for the displacement alone: a load train that gives way moves the sensor against the controller's
 position in proportion to the force, a delay in proportion to the speed.
 
 Standard deviations: of the reference's residual (white; by phase where it repeats with the cycle; by stretches where
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.recording.fourier import GRID, Series, series_of
+from rig.recording.fourier import FALSE_ALARM, FIRST_LINE, GRID, Series, series_of
 from rig.recording.layout import FloatArray
 from rig.recording.signal_match import Match, student
 
@@ -29,11 +29,16 @@ FEWEST_REFERENCES = 8
 FEWEST_SAMPLES = 40
 NOT_REPEATING = 4.0
 """A residual of so many times the sensor's own noise means that the cycles differ."""
+COARSE = 0.3
+"""Noise of a resolution, as a share of its step."""
 MARGIN_CYCLES = 0.1
 ENOUGH_FOR_CHANGE = 60
 """Reference values from which slow changes of offset and amplitude are fitted too."""
 CERTAIN = 8.0
-"""By so much must an octave raise twice the logarithm of the likelihood."""
+"""By so much must leaving octaves out raise twice the logarithm of the likelihood."""
+ROUNDS_OF_LINES = 3
+ENOUGH_A_WAVE = 3
+"""Values of the reference for each wave of the highest order, from which one that stands alone is told."""
 LAGS = 121
 MOST_FOR_SEARCH = 1200
 ROUNDS = 20
@@ -84,7 +89,9 @@ def cycle_series(time_s: FloatArray, values: FloatArray, cycles: Cycles) -> Seri
     if whole < FEWEST_CYCLES or len(t) < FEWEST_SAMPLES or float(np.max(np.diff(t))) > 0.5 * cycles.period_s:
         return None
     found = series_of(t, y, 1.0 / cycles.period_s)
-    if found is None or found.noise > NOT_REPEATING * max(noise_of(y), 1e-12 * float(np.ptp(y))):
+    steps = np.abs(np.diff(y))
+    noise = max(noise_of(y), COARSE * float(np.min(steps[steps > 0.0], initial=np.ptp(y))))
+    if found is None or found.noise > NOT_REPEATING * noise:
         return None
     return found
 
@@ -133,8 +140,18 @@ def match_cycles(
     if len(at_s) < FEWEST_REFERENCES or len(series.orders) == 0 or series.orders[0] != 1 or np.ptp(wanted) == 0.0:
         return None
     reach_s = min(reach_s, 0.2 * cycles.period_s)
-    series, lag_s, spread_s = _searched(at_s, wanted, series, reach_s)
-    found = _Laid(at_s, wanted, series, cycles, force, with_drift=with_drift).fit(lag_s)
+    nuisance = [np.ones(len(at_s))]
+    if force is not None and len(force.orders):
+        nuisance.append(force.at(at_s)[0])
+    found, spread_s = None, 0.0
+    for _ in range(ROUNDS_OF_LINES):
+        chosen, lag_s, spread_s = _searched(at_s, wanted, series, np.column_stack(nuisance), reach_s)
+        laid = _Laid(at_s, wanted, chosen, cycles, force, with_drift=with_drift)
+        found = laid.fit(lag_s)
+        alone = laid.standing_alone() if found is not None else ()
+        if len(alone) == 0:
+            break
+        series = series.without(alone)
     if found is None:
         return None
     if spread_s > found.lag_std_s and found.lag_std_s < reach_s:
@@ -143,18 +160,18 @@ def match_cycles(
 
 
 def _searched(
-    at_s: FloatArray, wanted: FloatArray, series: Series, reach_s: float,
+    at_s: FloatArray, wanted: FloatArray, series: Series, nuisance: FloatArray, reach_s: float,
 ) -> tuple[Series, float, float]:
     """The harmonics that explain the reference, the best lag, and how far the likelihood spreads over the reach (s)."""
     thin = slice(None, None, -(-len(at_s) // MOST_FOR_SEARCH))
+    basis, _ = np.linalg.qr(nuisance[thin])
     lags_s = np.linspace(-reach_s, reach_s, LAGS)
-    best, best_rest = series.up_to(1), _rests(at_s[thin], wanted[thin], series.up_to(1), lags_s)
-    highest, last = 1, int(series.orders[-1])
-    count = len(wanted[thin])
-    while highest < last:
-        highest = min(2 * highest + 1, last)
+    best, best_rest = series, _rests(at_s[thin], wanted[thin], series, basis, lags_s)
+    highest, count = int(series.orders[-1]), len(at_s[thin])
+    while highest > 1:
+        highest = highest // 2
         tried = series.up_to(highest)
-        rest = _rests(at_s[thin], wanted[thin], tried, lags_s)
+        rest = _rests(at_s[thin], wanted[thin], tried, basis, lags_s)
         if count * math.log(best_rest.min() / rest.min()) > CERTAIN:
             best, best_rest = tried, rest
     likelihood = -0.5 * len(wanted) * np.log(best_rest / best_rest.min())
@@ -165,15 +182,17 @@ def _searched(
     return best, lag_s, spread_s
 
 
-def _rests(at_s: FloatArray, wanted: FloatArray, series: Series, lags_s: FloatArray) -> FloatArray:
-    """Sum of squares that offset and gain leave of the reference, at each lag; a negative gain explains nothing."""
+def _rests(
+    at_s: FloatArray, wanted: FloatArray, series: Series, basis: FloatArray, lags_s: FloatArray,
+) -> FloatArray:
+    """Sum of squares that gain and nuisance leave of the reference, at each lag; a negative gain explains nothing."""
     table, period_s = series.table(), math.tau / series.omega_rad_s
     phase = (at_s - series.origin_s) / period_s
     places = np.mod(phase[None, :] + (lags_s / period_s)[:, None], 1.0) * GRID
     low = places.astype(np.int64)
     shown = table[low] + (places - low) * (table[low + 1] - table[low])
-    shown -= shown.mean(axis=1, keepdims=True)
-    centred = wanted - np.mean(wanted)
+    shown -= (shown @ basis) @ basis.T
+    centred = wanted - basis @ (basis.T @ wanted)
     gain = np.maximum(shown @ centred / np.maximum(np.sum(shown**2, axis=1), 1e-300), 0.0)
     return np.asarray(np.sum((centred[None, :] - gain[:, None] * shown) ** 2, axis=1) + 1e-300)
 
@@ -190,6 +209,8 @@ class _Laid:
         self.with_drift = with_drift
         self.middle_s = float(np.mean(at_s))
         self.keep = np.ones(len(at_s), bool)
+        self.rest = np.zeros(len(at_s))
+        self.gain = 1.0
 
     def fit(self, lag_s: float) -> Match | None:
         """Gauss-Newton from a lag (s); None where the columns cannot be told apart."""
@@ -211,7 +232,25 @@ class _Laid:
                 self.keep = np.abs(step.rest) <= OUTLIER * 1.4826 * float(np.median(np.abs(step.rest))) + 1e-300
             elif abs(move_s) < CONVERGED_S:
                 break
-        return None if step is None else self._match(step, lag_s, drift)
+        if step is None:
+            return None
+        self.rest, self.gain = step.rest, float(step.values[1])
+        return self._match(step, lag_s, drift)
+
+    def standing_alone(self) -> NDArray[np.int64]:
+        """Orders of the series that stand out of what is left of the reference: only the sensor shows them.
+
+        Told only where the reference's values are many for the orders.
+        """
+        orders = self.series.orders
+        told = orders[orders >= FIRST_LINE]
+        at_s, rest = self.at_s[self.keep], self.rest[self.keep]
+        if len(told) == 0 or len(rest) < ENOUGH_A_WAVE * int(orders[-1]):
+            return told[:0]
+        waves = np.exp(1j * np.outer(at_s - self.series.origin_s, told * self.series.omega_rad_s))
+        power = np.abs(rest @ waves) ** 2 / (float(rest @ rest) * 0.5 * np.sum(np.abs(waves) ** 2, axis=0))
+        shown = 2.0 * np.abs(rest @ waves) / len(rest) > 0.3 * self.gain * np.abs(self.series.coefficients[orders >= FIRST_LINE])
+        return told[(power > 2.0 * math.log(len(told) / FALSE_ALARM)) & shown]
 
     def _columns(self, shifted_s: FloatArray) -> list[FloatArray]:
         shown, slope = self.series.at(shifted_s)

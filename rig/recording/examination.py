@@ -25,6 +25,7 @@ SATURATION_SHARE = 0.999
 MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
 TEMPERATURE_REACH_S = 0.5
+LARGEST_DISORDER = 0.001
 VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT}
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
@@ -93,8 +94,11 @@ def examine(
         current_error_A=_steps_error_A(seen, point) if standing_rod
         else loop_error_A(seen.time_s, seen.current_A, float(point["current_A"]), starts),
         amplitude_tolerance=point.get("amplitude_tolerance") if loop else None,
-        extra=[Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
-               if event.code in VERDICT_REMARKS],
+        extra=[
+            *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
+              if event.code in VERDICT_REMARKS),
+            *_disorder(context, alignment),
+        ],
         temperature_degC=_range(seen.temperature_degC[inside]),
         temperature_share=_share_known(seen.time_s, seen.temperature_degC, inside),
         temperature_window_degC=_window(point),
@@ -106,6 +110,19 @@ def examine(
         damaged_bytes=content.damaged_bytes, tripped="trip" in alignment.timed,
     )
     return findings, shape
+
+
+def _disorder(context: PointContext, alignment: Alignment) -> list[Reason]:
+    """Sensors whose device clock went back too often: those samples are in no loop."""
+    channels = [alignment.timed[name] for name in context.sensors if name in alignment.timed]
+    return [
+        Reason(
+            "device-time", Kind.INVALID,
+            f"the device clock of {channel.disordered} of {len(channel.received)} {channel.name} samples went back "
+            f"({100 * channel.disordered / len(channel.received):.2g} %, limit {100 * LARGEST_DISORDER:g} %)",
+        )
+        for channel in channels if channel.disordered > LARGEST_DISORDER * len(channel.received)
+    ]
 
 
 def _window(point: Any) -> tuple[float, float] | None:  # noqa: ANN401 - a journal's mapping

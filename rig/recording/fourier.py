@@ -62,7 +62,11 @@ class Series:
 
     def up_to(self, highest: int) -> Series:
         """The series without the orders above `highest`."""
-        keep = self.orders <= highest
+        return self.without(self.orders[self.orders > highest])
+
+    def without(self, orders: NDArray[np.int64]) -> Series:
+        """The series without these orders."""
+        keep = ~np.isin(self.orders, orders)
         return Series(
             self.origin_s, self.omega_rad_s, self.mean, self.orders[keep], self.coefficients[keep], self.noise,
             self.samples,

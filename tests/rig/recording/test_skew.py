@@ -12,7 +12,7 @@ from rig.recording.cycle_match import Cycles, cycle_series, match_cycles
 from rig.recording.journal import JournalContent
 from rig.recording.layout import FloatArray
 from rig.recording.signal_match import Match, match
-from rig.recording.skew import Seen, Skew, at_likely_compliance, tolerance_s, weighed
+from rig.recording.skew import Seen, Skew, at_likely_compliance, weighed
 
 
 def test_a_delay_nobody_declared_is_found_and_taken_out() -> None:
@@ -29,7 +29,7 @@ def test_a_right_declaration_is_kept_to_its_tolerance() -> None:
     rig = SyntheticRig(frequency_Hz=2.0, cycles=10)
     found = align(with_controller_record(rig, 0.0), rig.context(controller_delay_s=0.0))
     assert abs(found.skew_s) < 20e-6
-    assert found.skew_std_s < 60e-6
+    assert found.skew_std_s < 0.3e-3
     assert found.skew_trusted_s < 10e-6
 
 
