@@ -33,6 +33,7 @@ from rig.identification.scoring import score
 from rig.identification.selection import Candidate, compare
 from rig.identification.solving import Method, solve
 from rig.identification.uncertainty import DeclaredErrors, quantile
+from rig.recording.calibration_check import doubts
 from rig.recording.run import RecordedPoint, Run
 
 ALL = "all"
@@ -201,7 +202,8 @@ def identify_run(
         campaign=[point for run in tested for point in run.usable],
         told=told,
     )
-    fit = replace(fit, warnings=(*left_out, *fit.warnings))
+    doubted = [f"calibration in doubt, and in no interval: {line}" for line in doubts(points)]
+    fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
     write_fit(fit, runs[0].path)
     return fit
 

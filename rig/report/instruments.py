@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
+from rig.campaign.zero_return import read_zero_checks
 from rig.recording.calibration_check import checked, doubts, instruments_of
-from rig.recording.cross_check import DISAGREES, UNCHECKED, CrossCheck, cross_checks
+from rig.recording.cross_check import AGREES, DISAGREES, UNCHECKED, CrossCheck, cross_checks
+from rig.recording.estimate import Estimate
 from rig.recording.reading import channel_attributes
 from rig.recording.run import Run
 from rig.report.fragment import NOTHING, box, chip, table, text
 
 MOST_AUXILIARIES = 7
+REST = {"load cell": "force input", "LVDT": "position input"}
 
 
 def instruments(run: Run) -> str:
     """A table of all instruments; empty where nothing was recorded on a bench."""
-    rows = [_row(check) for check in checks_of(run)]
+    rows = [_row(check) for check in (*checks_of(run), *zero_returns(run))]
     if not rows:
         return ""
     note = (
@@ -37,6 +42,32 @@ def checks_of(run: Run) -> tuple[CrossCheck, ...]:
         if "serial_number" in (found := channel_attributes(first.path, name))
     ]
     return cross_checks([checked(point.id, point.test, point.quality) for point in group], names)
+
+
+def zero_returns(run: Run) -> tuple[CrossCheck, ...]:
+    """Load cell and LVDT at rest after each session's motion against before, by the controller's own inputs."""
+    found = []
+    for session, check in enumerate(read_zero_checks(run.path), start=1):
+        if check.start is None or check.end is None:
+            continue
+        first, last = check.start, check.end
+        disagree = {finding.instruments[0] for finding in check.findings()}
+        for name, unit, scale, readings in (
+            ("load cell", "N", 1.0,
+             (first.force_N, first.controller_force_N, last.force_N, last.controller_force_N)),
+            ("LVDT", "mm", 1e3, (first.displacement_m, first.position_m, last.displacement_m, last.position_m)),
+        ):
+            before, before_own, after, after_own = (reading.mean for reading in readings)
+            moved = Estimate(
+                (after - after_own) - (before - before_own), math.hypot(*(reading.error for reading in readings)),
+            )
+            found.append(CrossCheck(
+                name, f"return of its zero after session {session}",
+                f"controller's {REST[name]}, at rest before and after",
+                f"{moved.times(scale).signed} {unit}", "1 % of the largest measured, or its noise",
+                DISAGREES if name in disagree else AGREES,
+            ))
+    return tuple(found)
 
 
 def doubts_of(run: Run) -> str:

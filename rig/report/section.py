@@ -119,7 +119,7 @@ def points_table(views: Sequence[PointView]) -> str:
             number(quality.get("measured_frequency_Hz")), number(point.current_A),
             number(quality.get("measured_cycles"), 3), str(point.lost_samples), _skew(point),
             chip(point.verdict, point.verdict), number(view.error.get("nrmse_percent_of_peak"), 3),
-            "<br>".join(text(remark) for remark in remarks),
+            f'<div class="remark">{"<br>".join(text(remark) for remark in remarks)}</div>',
         ]))
     note = "Error: 100 \N{MULTIPLICATION SIGN} RMS error / largest deviation of the force from its mean."
     if not all(view.point.imported for view in views):
