@@ -24,6 +24,15 @@ class NamedPort:
         self._dropped_before = self._sent_before = 0
 
     @property
+    def waits(self) -> bool:
+        """Nothing is dropped: the rig's clock stands until the host has read."""
+        return self._port.waits
+
+    @waits.setter
+    def waits(self, waits: bool) -> None:
+        self._port.waits = waits
+
+    @property
     def dropped_frames(self) -> int:
         """Whole frames dropped because the host had not read."""
         return self._dropped_before + self._port.dropped_frames
