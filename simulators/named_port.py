@@ -38,6 +38,11 @@ class NamedPort:
         return self._dropped_before + self._port.dropped_frames
 
     @property
+    def unheard_frames(self) -> int:
+        """Whole frames dropped before any host read from the present port."""
+        return self._port.unheard_frames
+
+    @property
     def sent_bytes(self) -> int:
         """Bytes accepted so far."""
         return self._sent_before + self._port.sent_bytes

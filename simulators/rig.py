@@ -340,7 +340,9 @@ class SimulatedRig:
         drops: dict[str, Attribute] = {
             f"dropped_{channel.name}": channel.port.dropped_frames for channel in self.channels
         }
-        return drops | {"dropped_can": self.bus.dropped_frames, "waited_s": round(self._waited_s, 3)}
+        unheard = sum(channel.port.unheard_frames for channel in self.channels)
+        drops |= {"unheard_frames": unheard, "dropped_can": self.bus.dropped_frames}
+        return drops | {"waited_s": round(self._waited_s, 3)}
 
     def _provenance(self) -> dict[str, Attribute]:
         clocks: dict[str, Attribute] = {}

@@ -15,11 +15,14 @@ import termios
 import tty
 from typing import Protocol
 
+from rig.clock import monotonic_ns
 from simulators.peer_queue import PeerQueue
 
 CAPACITY = 4096
 _PTY_CAPACITY = 4095
 """The line discipline keeps one byte of its 4 KiB to itself."""
+ARRIVED_NS = 5_000_000
+"""The line discipline takes bytes over on a thread of its own; so long at most, but on a very busy machine."""
 _READ_SIZE = 4096
 _SMALLEST_SEND_BUFFER = 1
 
@@ -40,6 +43,10 @@ class SensorPort(Protocol):
     @property
     def dropped_frames(self) -> int:
         """Whole frames dropped because the host had not read."""
+
+    @property
+    def unheard_frames(self) -> int:
+        """Whole frames dropped before any host read from the port."""
 
     @property
     def sent_bytes(self) -> int:
@@ -71,10 +78,11 @@ class PtyPort:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.url = os.ttyname(self._slave)
-        self.dropped_frames = 0
+        self.dropped_frames = self.unheard_frames = 0
         self.sent_bytes = 0
         self.waits = False
         self._held = bytearray()
+        self._complete_ns = monotonic_ns()
         self._read_once = False
         self._closed = False
 
@@ -86,7 +94,9 @@ class PtyPort:
         take = data if len(data) <= room else data[: room // frame_size * frame_size]
         self._held += take
         self.sent_bytes += len(take)
-        self.dropped_frames += -(-(len(data) - len(take)) // frame_size)
+        dropped = -(-(len(data) - len(take)) // frame_size)
+        self.dropped_frames += dropped if self._read_once else 0
+        self.unheard_frames += 0 if self._read_once else dropped
         self._pass_on()
         self._discard_input()
 
@@ -96,8 +106,16 @@ class PtyPort:
             return 0
         self._pass_on()
         count = self._on_the_line() + len(self._held)
-        self._read_once = self._read_once or count < self.sent_bytes
+        if not self._read_once:
+            self._look_for_a_reader(count < self.sent_bytes)
         return count
+
+    def _look_for_a_reader(self, missing: bool) -> None:
+        """Somebody reads where bytes are missing that had time to arrive on the line."""
+        now_ns = monotonic_ns()
+        if not missing:
+            self._complete_ns = now_ns
+        self._read_once = now_ns - self._complete_ns > ARRIVED_NS
 
     def _on_the_line(self) -> int:
         """Bytes that the host could read now."""
@@ -144,7 +162,7 @@ class SocketPort:
         self._listener.listen(1)
         self._listener.setblocking(False)
         self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
-        self.dropped_frames = 0
+        self.dropped_frames = self.unheard_frames = 0
         self.sent_bytes = 0
         self.waits = False
         self._held = bytearray()
@@ -162,7 +180,9 @@ class SocketPort:
         take = data if len(data) <= room else data[: room // frame_size * frame_size]
         self._held += take
         self.sent_bytes += len(take)
-        self.dropped_frames += -(-(len(data) - len(take)) // frame_size)
+        dropped = -(-(len(data) - len(take)) // frame_size)
+        self.dropped_frames += dropped if self._read_once else 0
+        self.unheard_frames += 0 if self._read_once else dropped
         self._pass_on()
 
     def unread(self) -> int:
