@@ -38,7 +38,7 @@ Problem = tuple[tuple[str | int, ...], str]
 class Limits(Section):
     """What the machine may do; plan, station and controller hold every motion inside them."""
 
-    position_m: tuple[Position, Position] = Field(alias="position")
+    position_m: tuple[Position, Position] = Field(alias="position", examples=[["-85 mm", "85 mm"]])
     speed_m_s: Speed = Field(alias="speed")
     acceleration_m_s2: Acceleration = Field(alias="acceleration")
     force_N: Force = Field(alias="force")
@@ -109,7 +109,7 @@ class Calibration(Section):
         default="normal", description="reversed: the sensor counts jounce, or compression, as positive"
     )
     offset: str | None = Field(default=None, description="what the sensor shows at zero, with its unit")
-    serial_number: Name
+    serial_number: Name = Field(examples=["LC-1234"])
     certificate: str = Field(default="", max_length=128)
     uncertainty_percent: float | None = Field(
         default=None, ge=0.0, le=20.0, description="standard uncertainty of the sensitivity, % of the reading"

@@ -6,7 +6,6 @@ anything in it is believed.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from rig.errors import FileProblem
 from rig.recording.layout import FloatArray
 from rig.recording.selection import Selection
+from rig.text_file import read_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,23 +118,29 @@ class RecordedPoint:
         """A point from a table as `to_pandas` gives it: the inverse of that.
 
         Args:
-            table: one row a sample, indexed by time (s); columns `displacement` (m), `force` (N) and, where there are,
-                `current` (A, measured), `commanded_current` (A) and any other channel.
+            table: one row a sample; columns `displacement` (m), `force` (N) and, where there are, `current` (A,
+                measured), `commanded_current` (A) and any other channel. The time is the index, or a column `time_s`
+                (`rig.recording.table_time`); row numbers are not taken for it.
             id: the point's id.
             current_A: the wanted coil current (A).
             waveform: `sine` or `triangle`.
             **description: other attributes; amplitude and frequency are measured where they are not given.
 
         Raises:
-            FileProblem: a column is missing, the time does not increase, or there is no motion to measure.
+            FileProblem: a column is missing or not numbers, there is no time or it does not increase, or there is no
+                motion to measure.
         """
         missing = [name for name in ("displacement", "force") if name not in table]
         if missing:
             raise FileProblem(id, [f"the table has no column {name!r}; it has {list(table)}" for name in missing])
-        time_s = table.index.to_numpy(np.float64)
-        if not np.all(np.diff(time_s) > 0.0):
-            raise FileProblem(id, ["the table's index must be the time in s, increasing"])
-        arrays = {"time": time_s, **{str(name): table[name].to_numpy(np.float64) for name in table}}
+        from rig.recording.table_time import table_time
+
+        time_s, time_column = table_time(table, id)
+        try:
+            channels = {str(name): table[name].to_numpy(np.float64) for name in table if name != time_column}
+        except (ValueError, TypeError) as error:
+            raise FileProblem(id, [f"the table's columns must hold numbers: {error}"]) from error
+        arrays = {**channels, "time": time_s}
         if "current" not in arrays:
             unknown = np.nan if "commanded_current" in arrays else current_A
             arrays["current"] = np.full(len(time_s), unknown)
@@ -327,13 +333,7 @@ def read_campaign(folder: Path) -> dict[str, Any]:
     file = folder / "campaign.json"
     if not file.is_file():
         return {}
-    try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise FileProblem(str(file), [f"not JSON: {error}"]) from error
-    if not isinstance(found, dict):
-        raise FileProblem(str(file), [f"expected a JSON object, got {type(found).__name__}"])
-    return found
+    return read_json(file)
 
 
 def _why_no_run(place: Path) -> str:
