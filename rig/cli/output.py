@@ -69,7 +69,8 @@ def console(*, as_json: bool = False) -> Console:
     if not shown.is_terminal:
         return Console(stderr=as_json, highlight=False, width=PLAIN_WIDTH)
     if shown.is_dumb_terminal:  # rich takes these for 80 columns wide, whatever they are
-        return Console(stderr=as_json, highlight=False, width=shutil.get_terminal_size().columns)
+        columns, lines = shutil.get_terminal_size()
+        return Console(stderr=as_json, highlight=False, width=columns, height=lines)
     return shown
 
 

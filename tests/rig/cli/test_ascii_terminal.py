@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import re
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import pytest
@@ -81,3 +84,28 @@ def test_json_stays_json(files: dict[str, str]) -> None:
 def test_what_is_no_error_of_encoding_is_raised_again() -> None:
     with pytest.raises(UnicodeDecodeError):
         replaced(UnicodeDecodeError("ascii", b"\xff", 0, 1, "ordinal not in range"))
+
+
+@pytest.mark.parametrize("columns", [40, 80, 121])
+@pytest.mark.parametrize("terminal", ["dumb", "xterm-256color"])
+def test_a_plan_fits_the_terminal_it_is_shown_on(columns: int, terminal: str) -> None:
+    main, side = os.openpty()
+    termios.tcsetwinsize(side, (25, columns))
+    inherited = {name: value for name, value in os.environ.items() if name not in {"COLUMNS", "LINES", "NO_COLOR"}}
+    files = (str(EXAMPLES / "quick.toml"), "--bench", str(EXAMPLES / "paper-bench.toml"))
+    with subprocess.Popen(
+        [sys.executable, "-m", "rig.cli.main", "plan", *files], stdin=side, stdout=side, stderr=side,
+        cwd=ROOT, env={**inherited, "TERM": terminal, **ASCII},
+    ) as process:  # fmt: skip
+        os.close(side)
+        shown = b""
+        with contextlib.suppress(OSError):  # the terminal ends with the process
+            while part := os.read(main, 4096):
+                shown += part
+    os.close(main)
+    assert process.returncode == 3
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", shown.decode("ascii"))
+    assert max(map(len, plain.splitlines())) <= columns
+    assert plain.startswith("2 of 2 points infeasible")
+    assert ("\x1b[31m" in shown.decode("ascii")) is (terminal != "dumb")
+    assert " ".join(plain.split()).count("m/s is above the bench's 0.15 m/s; 11.93 mm would fit") == 2
