@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import secrets
 import time
 from dataclasses import asdict, astuple
 
@@ -49,7 +49,7 @@ class ModbusActuator:
         register_map: where the controller keeps its values.
         device_id: Modbus unit number.
         timeout_s: longest wait for one answer, s.
-        owner_id: identifies this host in the controller's lease, 1..65535; from the process id when not given.
+        owner_id: identifies this host in the controller's lease, 1..65535; drawn at random when not given.
         baudrate: Bd of a serial line.
         parity: "N", "E" or "O", of a serial line.
 
@@ -68,7 +68,7 @@ class ModbusActuator:
         baudrate: int = 115_200,
         parity: str = "N",
     ) -> None:
-        self.owner_id = os.getpid() % (SEQUENCE_MODULUS - 1) + 1 if owner_id is None else owner_id
+        self.owner_id = draw_owner_id() if owner_id is None else owner_id
         self._link = ModbusLink(url, device_id, timeout_s, baudrate=baudrate, parity=parity)
         self._identity = register_map.block("identity")
         self._status = register_map.block("status")
@@ -331,6 +331,11 @@ class ModbusActuator:
         except RemoteProtocolError as error:
             raise WrongAnswer("actuator", self.url, f"status block: {error}") from error
         return self._seen
+
+
+def draw_owner_id() -> int:
+    """A number for this host in a controller's lease, 1..65535, at random: containers and reboots repeat process ids."""
+    return secrets.randbelow(SEQUENCE_MODULUS - 1) + 1
 
 
 def _following(sequence: int) -> int:

@@ -103,7 +103,7 @@ class StationConfig:
     """Everything the station needs.
 
     `device_rate` is how fast the devices' clocks run against the wall (1 on hardware, the simulated rig's speed there).
-    `owner_id` is the lease at the controller, 1..65535; 0 has the station make one from its process id.
+    `owner_id` is the lease at the controller, 1..65535; 0 has the station draw one at random.
     """
 
     actuator: ActuatorConfig

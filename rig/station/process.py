@@ -14,6 +14,7 @@ import threading
 import traceback
 from pathlib import Path
 
+from drivers.actuator import draw_owner_id
 from drivers.ring import RingWriter
 from rig.errors import EXIT_DONE, EXIT_UNKNOWN_STATE, EXIT_USAGE
 from rig.station.config import StationConfig, from_json
@@ -26,7 +27,6 @@ from rig.station.supervisor import Supervisor
 
 REAL_TIME_PRIORITY = 20
 END_TIMEOUT_S = 120.0
-OWNER_MODULUS = (1 << 16) - 1
 MUTATION_VARIABLE = "RIG_STATION_MUTATION"
 AT_ONCE = frozenset({"stop", "status"})
 """Requests that are taken while another one is under way."""
@@ -38,7 +38,7 @@ class Station:
     def __init__(self, config: StationConfig, link: Link) -> None:
         self.config = config
         self.link = link
-        owner_id = config.owner_id or os.getpid() % OWNER_MODULUS + 1
+        owner_id = config.owner_id or draw_owner_id()
         self.ring = RingWriter(Path(config.ring_path), config.ring_capacity)
         self.supervisor = Supervisor(config, link.emit, self.ring.append, self.ring.beat)
         self.supervisor.vigil.unread_share = lambda: self.ring.unread_share
