@@ -334,7 +334,7 @@ class ModbusActuator:
 
 
 def draw_owner_id() -> int:
-    """A number for this host in a controller's lease, 1..65535, at random: containers and reboots repeat process ids."""
+    """A number for this host in a controller's lease, 1..65535, at random: containers repeat process ids."""
     return secrets.randbelow(SEQUENCE_MODULUS - 1) + 1
 
 

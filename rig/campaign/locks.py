@@ -18,6 +18,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from rig.bench.model import Bench
@@ -27,7 +28,7 @@ from rig.errors import Refused
 STATION_STOPS_S = 90.0
 """How long the station of a killed campaign may need to bring its rig to rest and give the devices back."""
 LOOK_AGAIN_S = 0.1
-LOCK_FOLDERS = (Path("/run/lock"), Path("/tmp"))  # noqa: S108 - the point: one directory for all, opened with care
+LOCK_FOLDERS = (Path("/run/lock"), Path("/tmp"))
 """The first that everybody may write to is taken."""
 SHARED = stat.S_ISVTX | stat.S_IWOTH
 SERIAL_PREFIXES = ("modbus-rtu:", "spy://")
@@ -62,7 +63,7 @@ def device_names(address: str) -> tuple[str, ...]:
     """What a bench file's address leads to: the same names for the same device, however it is written.
 
     Args:
-        address: a serial port, `modbus-tcp://host:port`, `socket://host:port`, `modbus-rtu:PORT` or `interface:channel`.
+        address: serial port, `modbus-tcp://host:port`, `socket://host:port`, `modbus-rtu:PORT`, `interface:channel`.
 
     Returns:
         One name; for a host with several network addresses one for each of them.
@@ -85,22 +86,23 @@ def _places(host: str) -> set[str]:
         answers = socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM)
     except OSError:
         return {host.lower()}
-    return {THIS_MACHINE if _is_here(answer) else _plain(str(answer[4][0])) for answer in answers}
+    return {
+        THIS_MACHINE if _is_here(family, place) else _plain(str(place[0])) for family, _, _, _, place in answers
+    }
 
 
 def _plain(address: str) -> str:
-    given = ipaddress.ip_address(address)
+    given = ipaddress.ip_address(address.partition("%")[0])
     mapped = given.ipv4_mapped if isinstance(given, ipaddress.IPv6Address) else None
     return str(mapped or given)
 
 
-def _is_here(answer: tuple[int, int, int, str, tuple[str, int] | tuple[str, int, int, int] | tuple[int, bytes]]) -> bool:
+def _is_here(family: int, place: tuple[Any, ...]) -> bool:
     """An address that can be bound to is one of this machine's own."""
-    family, kind, _, _, place = answer
-    if ipaddress.ip_address(str(place[0])).is_loopback:
+    if ipaddress.ip_address(_plain(place[0])).is_loopback:
         return True
     try:
-        with socket.socket(family, kind) as probe:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
             probe.bind((place[0], 0, *place[2:]))
     except OSError:
         return False

@@ -291,6 +291,7 @@ class ActuatorThread(DeviceThread):
         else:
             status = self._driver.read_status()
         self.polls += 1
+        self._supervisor.host.heard(status.received_ns)
         self._supervisor.report(self._troubles.answered(status.received_ns))
         self._follow_stop(status)
         self._last_ns = status.received_ns
@@ -342,6 +343,7 @@ class ActuatorThread(DeviceThread):
     def _failed(self, error: DriverError) -> None:
         self.failures += 1
         now_ns = monotonic_ns()
+        self._supervisor.host.awake(now_ns)
         self._linked = self._driver.is_open
         finding = self._troubles.failed(error, now_ns)
         if finding.slug != "modbus-wrong-tid":

@@ -11,7 +11,6 @@ import os
 import signal
 import sys
 import threading
-import traceback
 from pathlib import Path
 
 from drivers.actuator import draw_owner_id
@@ -23,6 +22,7 @@ from rig.station.errors import ConfigProblem, StationRefused
 from rig.station.fault_table import TABLE, Stop
 from rig.station.link import Link
 from rig.station.requests import Requests
+from rig.station.said import say_error
 from rig.station.supervisor import Supervisor
 
 REAL_TIME_PRIORITY = 20
@@ -88,10 +88,10 @@ class Station:
         except StationRefused as error:
             answer = {"refused": error.slug, "message": error.message}
         except Exception as error:  # noqa: BLE001 - a request's defect must answer and stop the rig, not vanish
-            traceback.print_exc(file=sys.stderr)
             answer = {"refused": "task-dies", "message": f"{do}: {type(error).__name__}: {error}"}
             if self.supervisor.armed:
                 self.supervisor.ask_stop(TABLE["task-dies"].stop, "task-dies", f"request {do} failed: {error}")
+            say_error()
         finally:
             if waits:
                 self._busy.release()

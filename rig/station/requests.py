@@ -296,8 +296,9 @@ class Requests:
             "trip": None if trip is None else {"slug": trip.slug, "stop": str(trip.stop), "detail": trip.detail},
             "later": dict(supervisor.later),
             "settled": supervisor.settled,
-            "late_loops": supervisor.late.count,
-            "late_worst_s": supervisor.late.worst_s,
+            "late_loops": supervisor.host.count,
+            "late_worst_s": supervisor.host.worst_ns / 1e9,
+            "late_total_s": supervisor.host.total_ns / 1e9,
             "connected": self._connected,
         }
         if self._connected:
