@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 import time
+from collections import deque
 from dataclasses import asdict, astuple
 
 from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer, WrongLayout
@@ -29,6 +30,7 @@ from protocols.register_map import RegisterMap, Value
 SEQUENCE_MODULUS = 1 << 16
 CLEAR_OF_OTHERS = SEQUENCE_MODULUS // 2
 """How far from another master's sequence numbers ours go on; it counts up, too."""
+SENT_KEPT = 64
 SEND_ATTEMPTS = 3
 REOPEN_TIMEOUT_S = 0.2
 CONFIRM_PAUSE_S = 0.001
@@ -55,6 +57,7 @@ class ModbusActuator:
 
     Attributes:
         owner_id: as above.
+        sent: sequence and command of the last commands written, oldest first.
     """
 
     def __init__(
@@ -68,7 +71,7 @@ class ModbusActuator:
         baudrate: int = 115_200,
         parity: str = "N",
     ) -> None:
-        self.owner_id = draw_owner_id() if owner_id is None else owner_id
+        self.owner_id = draw_number() if owner_id is None else owner_id
         self._link = ModbusLink(url, device_id, timeout_s, baudrate=baudrate, parity=parity)
         self._identity = register_map.block("identity")
         self._status = register_map.block("status")
@@ -76,6 +79,7 @@ class ModbusActuator:
         self._command = register_map.block("command")
         self._table = register_map.block("table")
         self._watchdog = register_map.block("watchdog")
+        self.sent: deque[tuple[int, int]] = deque(maxlen=SENT_KEPT)
         self._sequence: int | None = None
         self._sent = Command.NONE
         self._seen: ActuatorStatus | None = None
@@ -245,6 +249,8 @@ class ModbusActuator:
                         break
                     sequence = self._next_sequence() if self._swallowed else sequence
                 self._sequence, self._sent = sequence, command
+                if (sequence, int(command)) not in self.sent:
+                    self.sent.append((sequence, int(command)))
                 self._link.write(self._command.address, self._command.encode({
                     "command": int(command), "sequence": sequence, "owner_id": self.owner_id, **values,
                 }))
@@ -333,8 +339,8 @@ class ModbusActuator:
         return self._seen
 
 
-def draw_owner_id() -> int:
-    """A number for this host in a controller's lease, 1..65535, at random: containers repeat process ids."""
+def draw_number() -> int:
+    """A number 1..65535 at random, to tell this host from others: containers repeat process ids."""
     return secrets.randbelow(SEQUENCE_MODULUS - 1) + 1
 
 

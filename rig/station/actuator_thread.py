@@ -299,7 +299,8 @@ class ActuatorThread(DeviceThread):
         device_us, records = self._records.of(status, self.polls)
         self.clock.take(status.received_ns, device_us)
         self._append(records)
-        findings = self.judge.judge(status, self._travel.position_m(status.received_ns), self.speed_source())
+        lvdt_m = self._travel.position_m(status.received_ns)
+        findings = self.judge.judge(status, lvdt_m, self.speed_source(), self._driver.sent)
         if findings:
             self._supervisor.report(findings)
         with self.status_changed:

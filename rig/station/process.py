@@ -13,7 +13,7 @@ import sys
 import threading
 from pathlib import Path
 
-from drivers.actuator import draw_owner_id
+from drivers.actuator import draw_number
 from drivers.ring import RingWriter
 from rig.errors import EXIT_DONE, EXIT_UNKNOWN_STATE, EXIT_USAGE
 from rig.station.config import StationConfig, from_json
@@ -38,7 +38,7 @@ class Station:
     def __init__(self, config: StationConfig, link: Link) -> None:
         self.config = config
         self.link = link
-        owner_id = config.owner_id or draw_owner_id()
+        owner_id = config.owner_id or draw_number()
         self.ring = RingWriter(Path(config.ring_path), config.ring_capacity)
         self.supervisor = Supervisor(config, link.emit, self.ring.append, self.ring.beat)
         self.supervisor.vigil.unread_share = lambda: self.ring.unread_share

@@ -29,7 +29,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return place
 
 
-def bench(*, actuator: str = "modbus-tcp://127.0.0.1:1502", load_cell: str = "/dev/one", lvdt: str = "/dev/two") -> Bench:
+HERE = "modbus-tcp://127.0.0.1:1502"
+
+
+def bench(*, actuator: str = HERE, load_cell: str = "/dev/one", lvdt: str = "/dev/two") -> Bench:
     given = Bench.load(BENCH)
     return given.model_copy(
         update={
