@@ -216,7 +216,7 @@ class SensorThread(DeviceThread):
     def _patience_s(self) -> float:
         """How long to wait for a sample: until the last value is stale, then for short looks."""
         left_s = (self._last_ns + self._stale_ns - monotonic_ns()) * 1e-9 + STALE_FOR_SURE_S
-        return min(left_s, self._timeout_s) if left_s > 0.0 else min(LOOK_AGAIN_S, self._timeout_s)
+        return min(left_s, READ_TIMEOUT_S) if left_s > 0.0 else LOOK_AGAIN_S
 
     def _take(self, samples: list[Record]) -> None:
         records, findings = self.judge.judge(samples)
