@@ -28,16 +28,17 @@ SILENT_HOST = "host-silent"
 WINDOW_NS = 1_000_000_000
 BLIND_SHARE = 0.5
 """Of the last second; a host that is blind for longer in all does not watch the rig, however short each time is."""
+MATTERS_SHARE = 0.25
+"""Of the limit: shorter times do not count towards that sum."""
 MOST_KEPT = 256
 
 
 @dataclass(frozen=True)
 class BlindTime:
-    """From `begin_ns` to `end_ns` (host monotonic) nothing was watched; `recent_ns` is the sum over the last second."""
+    """From `begin_ns` to `end_ns` (host monotonic) nothing was watched."""
 
     begin_ns: int
     end_ns: int
-    recent_ns: int
 
     @property
     def length_ns(self) -> int:
@@ -173,13 +174,20 @@ class HostWatch:
             length_ms = blind.length_ns / 1e6
             detail = f"the station did not watch the rig for {length_ms:.0f} ms, allowed {1e3 * limit_s:.0f} ms"
             return Finding(slug, detail, blind.end_ns, blind.length_ns / 1e9, limit_s)
-        if blind.recent_ns > BLIND_SHARE * WINDOW_NS:
+        recent_ns = self._recent_ns(blind.end_ns)
+        if recent_ns > BLIND_SHARE * WINDOW_NS:
             detail = (
-                f"the station did not watch the rig for {blind.recent_ns / 1e6:.0f} ms of the last second, allowed "
+                f"the station did not watch the rig for {recent_ns / 1e6:.0f} ms of the last second, allowed "
                 f"{BLIND_SHARE * WINDOW_NS / 1e6:.0f} ms"
             )
-            return Finding(LATE, detail, blind.end_ns, blind.recent_ns / 1e9, BLIND_SHARE * WINDOW_NS / 1e9)
+            return Finding(LATE, detail, blind.end_ns, recent_ns / 1e9, BLIND_SHARE * WINDOW_NS / 1e9)
         return None
+
+    def _recent_ns(self, end_ns: int) -> int:
+        """Sum of the times that matter in the second before `end_ns`."""
+        with self._lock:
+            matter = [each for each in self._kept if each.length_ns > MATTERS_SHARE * self.limit_ns]
+        return sum(max(0, each.end_ns - max(each.begin_ns, end_ns - WINDOW_NS)) for each in matter)
 
     def _look(self, begin_ns: int, end_ns: int) -> None:
         """Keep a blind time that begins at `begin_ns`, or earlier where no thread ran; called with the lock held."""
@@ -191,14 +199,11 @@ class HostWatch:
         length_ns = end_ns - begin_ns
         if length_ns <= SHORTEST_NS or not self.watching:
             return
-        recent_ns = length_ns + sum(
-            max(0, each.end_ns - max(each.begin_ns, end_ns - WINDOW_NS)) for each in self._kept
-        )
         self.woke_ns = end_ns
         self.count += 1
         self.total_ns += length_ns
         self.worst_ns = max(self.worst_ns, length_ns)
-        blind = BlindTime(begin_ns, end_ns, recent_ns)
+        blind = BlindTime(begin_ns, end_ns)
         self._kept.append(blind)
         self._untold.append(blind)
 
