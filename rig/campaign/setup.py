@@ -149,6 +149,7 @@ def station_config(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConf
         ring_path=str(ring_path),
         device_rate=bench.clock.device_rate,
         heartbeat_timeout_s=bench.station.heartbeat_timeout_s,
+        late_limit_s=bench.station.late_limit_s,
         real_time=bench.station.real_time,
     )
 
