@@ -41,7 +41,11 @@ def ring_path_for(campaign: str, place: Path | None = None) -> Iterator[Path]:
 
 
 def _written(ring: Path) -> bool:
-    """Whether the station that made the ring still lives: it holds the file's lock. True where that cannot be told."""
+    """Whether the station that made the ring still lives: it holds the file's lock. True where that cannot be told.
+
+    Raises:
+        FileNotFoundError: the ring is gone.
+    """
     try:
         handle = os.open(ring, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
     except FileNotFoundError:

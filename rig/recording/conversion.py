@@ -35,11 +35,12 @@ from rig.recording.layout import (
     write_file,
 )
 from rig.recording.loop_shape import LoopShape
-from rig.recording.point_names import FILE, OLD_JOURNAL, free_attempt_file, journal_name
 from rig.recording.plausibility import check_records, checked_context
+from rig.recording.point_names import FILE, OLD_JOURNAL, free_attempt_file, journal_name
 from rig.recording.sorting import Sorter
 from rig.recording.velocity import HALF_WIDTH, METHOD, velocity_of
 from rig.recording.verdict import Verdict, judge
+from rig.recording.wire_values import resampling, wire_attributes
 
 if TYPE_CHECKING:
     import h5py
@@ -150,7 +151,8 @@ def build(
     file = PointFile(
         time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,
         channels=_aligned_channels(alignment, context), flags=alignment.flags,
-        raw=[_raw_channel(channel, alignment.origin_s) for channel in alignment.timed.values()],
+        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name))
+             for name, channel in alignment.timed.items()],
         events=_events(content, alignment), quality=quality, provenance=provenance,
         test={**context.point, "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
               "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
@@ -204,6 +206,7 @@ def _aligned_channels(alignment: Alignment, context: PointContext) -> list[Align
         sensor = context.sensors.get("displacement" if name == "velocity" else name)
         described = _described(name, sensor)
         attributes: dict[str, Attribute] = {"method": METHOD} if name == "velocity" else _calibration(sensor)
+        attributes.setdefault("method", resampling(name))
         source = sensor.sensor if sensor is not None else "ecu"
         channels.append(AlignedChannel(
             name, values, described.unit, described.long_name, source, attributes,
@@ -242,7 +245,7 @@ def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
     return {key: value for key, value in kept.items() if value not in {"", None}}
 
 
-def _raw_channel(channel: TimedChannel, origin_s: float) -> RawChannel:
+def _raw_channel(channel: TimedChannel, origin_s: float, sensor: SensorContext | None) -> RawChannel:
     described = DESCRIPTIONS.get(channel.name, Description(channel.name, "1", channel.name))
     attributes: dict[str, Attribute] = {
         "clock_method": channel.clock.method, "clock_std_s": channel.clock.std_s, "lost_samples": channel.lost,
@@ -250,6 +253,7 @@ def _raw_channel(channel: TimedChannel, origin_s: float) -> RawChannel:
     return RawChannel(
         channel.name, channel.records, described.unit, described.long_name,
         mapped(channel.time_s, lambda time_s: time_s - origin_s, np.float64), attributes,
+        wire_attributes(channel.name, sensor),
     )
 
 

@@ -23,9 +23,9 @@ from rig.recording.alignment import BAD_VALUE
 from rig.recording.clock_model import ARRIVAL
 from rig.recording.conversion import ReadBackDiffers
 from rig.recording.durable import replace_durably
-from rig.recording.interpolation import cubic_at, status_at
 from rig.recording.finished_point import FinishedPoint
 from rig.recording.hdf5_image import set_attributes
+from rig.recording.interpolation import cubic_at, status_at
 from rig.recording.layout import FloatArray, check_of, parts
 from rig.recording.run import RecordedPoint
 from rig.recording.skew_pooling import Skew, pooled_skews
