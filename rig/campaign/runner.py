@@ -140,7 +140,7 @@ class Runner:
     def _is_last_attempt(self, name: str, point_id: str) -> bool:
         """Whether a verdict is on the point's last attempt; a late one on an earlier attempt decides nothing."""
         attempts = self.state.attempts.count(point_id)
-        return name == (point_id if attempts <= 1 else f"{point_id}-attempt{attempts}")
+        return name == self._crew.attempt_name(point_id, max(1, attempts))
 
     def _take(self, event: ev.Event) -> None:
         before = self.state.phase
