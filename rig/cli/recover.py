@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from rig.cli.output import Command, json_option, write_json
+from rig.cli.stream import say
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 
 
@@ -25,8 +26,8 @@ def command(run: Path, as_json: bool) -> int:
     if as_json:
         write_json({"campaign": run.resolve(), "points": [asdict(item) for item in finished]})
     elif not finished:
-        click.echo("nothing to recover")
+        say("nothing to recover")
     else:
         for item in finished:
-            click.echo("  ".join(filter(None, (item.id, item.verdict, *item.reasons, item.error, item.file))))
+            say("  ".join(filter(None, (item.id, item.verdict, *item.reasons, item.error, item.file))))
     return EXIT_DONE if all(item.verdict == "valid" for item in finished) else EXIT_NOT_ALL_VALID

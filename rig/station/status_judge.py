@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from protocols.actuator import ActuatorStatus, FaultBit, Input, State
 from protocols.ecu import CoilStatus, CoilTemperature, EcuFault
+from rig.station.command_watch import CommandWatch, Sent
 from rig.station.interlocks import CONSECUTIVE, STILL_TOLERANCE_M, Finding
 
 MEASURED = ("position_m", "velocity_m_s", "force_N")
@@ -80,19 +81,24 @@ class ControllerJudge:
         self._program_s = math.inf
         self._program_began_s = math.nan
         self._restless = 0
+        self._commands = CommandWatch()
 
-    def expect_program(self, duration_s: float) -> None:
-        """The program about to start lasts this long (device s), ramps included."""
+    def expect_program(self, duration_s: float, cycles: float) -> None:
+        """The program about to start lasts this long (device s) and has so many cycles, ramps included."""
+        self._commands.expect_program(cycles)
         self._program_s = duration_s
         self._program_began_s = math.nan
 
-    def judge(self, status: ActuatorStatus, lvdt_m: float | None, lvdt_speed_m_s: float) -> list[Finding]:
+    def judge(
+        self, status: ActuatorStatus, lvdt_m: float | None, lvdt_speed_m_s: float, sent: Sent
+    ) -> list[Finding]:
         """Take one status answer.
 
         Args:
             status: the answer.
             lvdt_m: the latest fresh LVDT value, None without one.
             lvdt_speed_m_s: the LVDT's speed (m/s), NaN while unknown.
+            sent: sequence and command of what was written to the controller, oldest first.
 
         Returns:
             What was found; the caller decides whether it matters now.
@@ -100,6 +106,8 @@ class ControllerJudge:
         findings: list[Finding] = []
         self._follow_clock(status, findings)
         self._follow_bits(status, findings)
+        if self.leased and status.owner == self.owner_id:
+            findings += self._commands.judge(status, sent)
         self._follow_program(status, lvdt_speed_m_s, findings)
         unknown = [name for name in MEASURED if not math.isfinite(getattr(status, name))]
         if unknown:
@@ -118,6 +126,7 @@ class ControllerJudge:
         self.frozen = False
         self._held_m = self._anchor_m = math.nan
         self._apart = 0
+        self._commands.restart()
 
     @property
     def still_s(self) -> float:
