@@ -98,8 +98,8 @@ class Ecu(Section):
 class Calibration(Section):
     """How the value on the wire becomes SI: `sensitivity * wire - offset`, times -1 where polarity is reversed.
 
-    Who says so stands beside it. The sign is applied in `Sensor.sensitivity` and `Sensor.offset` and nowhere else: all
-    others compute `sensitivity * wire - offset` with those two.
+    The sign is applied in `Sensor.sensitivity` and `Sensor.offset` and nowhere else: all others compute
+    `sensitivity * wire - offset` with those two.
     """
 
     sensitivity: float = Field(
