@@ -53,6 +53,9 @@ DIMENSIONS = {
         Dimension("heat capacity", "a", "J/K", "1.5 kJ/K"),
         Dimension("heat loss", "a", "W/K", "5 W/K"),
         Dimension("ratio", "a", "1", "1 %"),
+        Dimension("stiffness", "a", "N/m", "20 kN/mm"),
+        Dimension("force rate", "a", "N/s", "2 N/s"),
+        Dimension("force per current", "a", "N/A", "30 N/A"),
     )
 }
 
@@ -73,6 +76,9 @@ UNITS = {
     "kg": Unit("mass", 1.0), "g": Unit("mass", 1e-3),
     "J/K": Unit("heat capacity", 1.0), "kJ/K": Unit("heat capacity", 1e3), "W/K": Unit("heat loss", 1.0),
     "%": Unit("ratio", 1e-2),
+    "N/m": Unit("stiffness", 1.0), "N/mm": Unit("stiffness", 1e3), "kN/mm": Unit("stiffness", 1e6),
+    "kN/m": Unit("stiffness", 1e3), "N/um": Unit("stiffness", 1e6),
+    "N/s": Unit("force rate", 1.0), "N/A": Unit("force per current", 1.0),
 }  # fmt: skip
 
 # Other spellings of the same units.

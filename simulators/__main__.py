@@ -16,6 +16,7 @@ import click
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.fault_matrix import MATRIX
 from simulators.schedule import WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
+from simulators.settings import setting_options
 
 EPILOG = """\b
 Example:
@@ -114,6 +115,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
 
     from simulators.options import RigOptions, load_options, with_option
     from simulators.rig import RunOptions
+    from simulators.settings import with_settings
 
     options = load_options(values["config"]) if values["config"] else RigOptions()
     assignments = [*values["option"], *(f"specimen.{text}" for text in values["specimen"])]
@@ -123,6 +125,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         assignments.append(f'damper.set="{values["parameter_set"]}"')
     for assignment in assignments:
         options = with_option(options, assignment)
+    options = with_settings(options, values)
     if values["rate"] is not None:
         for table in ("load_cell", "lvdt", "auxiliary"):
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
@@ -138,6 +141,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
+        drop_unread=values["drop_unread"],
         faults=(*written, *drawn(values, wiring)),
     )
     asked = {"bench": values["bench"], "json": values["as_json"], "real_time": values["real_time"]}
@@ -199,6 +203,10 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--real-time/--no-real-time", default=True, show_default=True,
               help="Take real-time priority at speed 1 where that is allowed; without it the bench file's time limits "
                    "are widened, as on a busy machine.")
+@click.option("--drop-unread", is_flag=True,
+              help="Ports drop and count what is not read in time, as real ones do; without it the rig's clock waits "
+                   "for its readers (0.45 s at most).")
+@setting_options
 @click.option("--fault", metavar="SLUG[@T[+D]]", multiple=True,
               help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")
 @click.option("--fault-seed", type=click.IntRange(0), metavar="N",

@@ -19,20 +19,32 @@ from numpy.typing import NDArray
 from protocols.actuator import State
 from rig.clock import monotonic_ns
 from simulators.actuator import MODE_STATES
+from simulators.plant import step
 from simulators.plant.plant import Plant
 
 ROW = np.dtype(
     [("time", "<f8"), ("displacement", "<f4"), ("velocity", "<f4"), ("force", "<f4"), ("current", "<f4"),
-     ("coil_temperature", "<f4"), ("controller_state", "<i2")]
+     ("coil_temperature", "<f4"), ("piston_position", "<f4"), ("damper_force", "<f4"), ("damper_displacement", "<f4"),
+     ("accumulator_pressure", "<f4"), ("body_temperature", "<f4"), ("controller_state", "<i2")]
 )
 CHANNELS = (
-    ("displacement", "m", "True extension of the actuator"),
-    ("velocity", "m/s", "True velocity"),
+    ("displacement", "m", "True extension where the LVDT sits"),
+    ("velocity", "m/s", "True velocity there"),
     ("force", "N", "True force at the load cell"),
     ("current", "A", "True coil current"),
-    ("coil_temperature", "degC", "True damper and coil temperature"),
+    ("coil_temperature", "degC", "True coil temperature"),
+    ("piston_position", "m", "True position of the actuator's piston, before the load train"),
+    ("damper_force", "N", "Force of the damper itself, without moving mass"),
+    ("damper_displacement", "m", "The damper's own extension about its mid-stroke"),
+    ("accumulator_pressure", "Pa", "Pressure at the servo valve"),
+    ("body_temperature", "degC", "True temperature of the damper's body"),
     ("controller_state", "1", "Controller state: " + ", ".join(f"{state.value} {state.name}" for state in State)),
 )
+COLUMNS = (
+    step.DISPLACEMENT, step.VELOCITY, step.FORCE, step.CURRENT, step.COIL_TEMPERATURE, step.PISTON, step.DAMPER_FORCE,
+    step.DAMPER_DISPLACEMENT, step.ACCUMULATOR, step.BODY_TEMPERATURE,
+)
+"""Where the plant's output holds the channels, controller_state apart."""
 BLOCK_ROWS = 64
 _TRIPPED = 16
 STATE_OF_MODE = np.array([int(MODE_STATES[mode]) for mode in sorted(MODE_STATES)], np.int16)
@@ -85,9 +97,9 @@ class Truth:
         out = plant.out[first :: self._every]
         rows = np.empty(len(out), ROW)
         rows["time"] = (plant.first_step + 1 + first + self._every * np.arange(len(out))) * plant.dt_s
-        for column, (name, _, _) in enumerate(CHANNELS[:-1]):
+        for column, (name, _, _) in zip(COLUMNS, CHANNELS[:-1], strict=True):
             rows[name] = out[:, column]
-        rows["controller_state"] = _states(out[:, 5], int(plant.command["pressure"][0]))
+        rows["controller_state"] = _states(out[:, step.MODE], int(plant.command["pressure"][0]))
         self._pending.append(rows)
         self._pending_rows += len(rows)
         if self._pending_rows >= BLOCK_ROWS:

@@ -281,6 +281,10 @@ class Station(Section):
     heartbeat_timeout_s: Annotated[float, Quantity("time", "100 ms", "10 s")] = Field(
         default=0.500, alias="heartbeat_timeout"
     )
+    late_limit_s: Annotated[float, Quantity("time", "20 ms", "1 s")] = Field(
+        default=0.050, alias="late_limit",
+        description="so long the station may be kept from running; beyond it the rig stops as host-late",
+    )
     real_time: bool = True
 
 

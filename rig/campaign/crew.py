@@ -9,7 +9,6 @@ from typing import Any
 from rig import __version__
 from rig.bench.model import Bench, Sensor
 from rig.campaign.baseline import Baseline
-from rig.campaign.ledger import attempt_name
 from rig.campaign.options import Display
 from rig.campaign.preflight import RestLimits
 from rig.campaign.resume import Stock
@@ -20,6 +19,7 @@ from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
 from rig.recording.campaign_log import CampaignLog
 from rig.recording.context import PointContext, SensorContext
+from rig.recording.point_names import attempt_name
 from rig.station.client import StationClient
 from rig.station.config import StationConfig
 
@@ -80,10 +80,19 @@ class Crew:
             displacement_offset_m=self.bench.lvdt.offset,
         )
 
+    @property
+    def point_ids(self) -> tuple[str, ...]:
+        """Ids of all the matrix's points."""
+        return tuple(item.point.id for item in self.plan.points)
+
+    def attempt_name(self, point_id: str, attempt: int) -> str:
+        """Name of the files of a point's attempt, counted from 1; never another point's."""
+        return attempt_name(point_id, attempt, self.point_ids)
+
     def context(self, point: TestPoint, attempt: int, commanded: TestPoint) -> PointContext:
         """The header of a point's journal; `commanded` is the program that makes its motion."""
         return PointContext(
-            point={**vars(point), "id": attempt_name(point, attempt), **self._conditions(point, commanded)},
+            point={**vars(point), "id": self.attempt_name(point.id, attempt), **self._conditions(point, commanded)},
             sensors=sensor_contexts(self.bench),
             device_rate=self.bench.clock.device_rate,
             controller_delay_s=self.bench.actuator.input_delay_s,
@@ -152,6 +161,7 @@ def _sensor(name: str, sensor: Sensor, range_SI: float, unit: str, long_name: st
         due="" if calibration.due is None else calibration.due.isoformat(),
         uncertainty_percent=calibration.uncertainty_percent,
         overdue=calibration.due is not None and calibration.due < utc_now().date(),
+        format=sensor.format if isinstance(sensor.format, str) else "a line described in the bench file",
     )
 
 

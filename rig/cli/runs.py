@@ -59,17 +59,18 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
 
 def _summary(place: Path) -> dict[str, Any]:
     """One run in a few numbers; what cannot be read is said in `remark`, so that one bad run hides no others."""
+    from rig.recording.point_names import unfinished
     from rig.recording.run import Run, read_campaign
 
-    unfinished = len(list((place / "points").glob("*.journal")))
     summary: dict[str, Any] = {
         "id": place.name, "path": str(place.resolve()), "specimen": "", "points": 0, "valid": 0,
-        "unfinished": unfinished, "nrmse_percent_of_peak": None, "remark": "",
+        "unfinished": len(unfinished(place / "points")), "apart": 0, "nrmse_percent_of_peak": None, "remark": "",
     }  # fmt: skip
     try:
         summary["specimen"] = str(read_campaign(place).get("specimen", ""))
         run = Run.open(place)
         summary |= {"points": len(run.points), "valid": sum(point.verdict == "valid" for point in run.points)}
+        summary["apart"] = len(run.apart)
         summary["nrmse_percent_of_peak"] = _fit_error(place / "fit.json")
     except FileProblem as error:
         name = f"{Path(error.file).name}: " if error.file.endswith(".json") else ""

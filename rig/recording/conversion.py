@@ -6,22 +6,24 @@ import mmap
 import zlib
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 import rig
+from rig.errors import FileProblem
 from rig.recording.achieved import achieved_motion
 from rig.recording.achievement import current_attributes, motion_attributes
-from rig.recording.alignment import Alignment, NothingRecorded, TimedChannel, align
+from rig.recording.alignment import Alignment, TimedChannel, align
 from rig.recording.channel import RING_CHANNELS, Description
 from rig.recording.column import Column, Records, Values, mapped
 from rig.recording.context import PointContext, SensorContext
-from rig.recording.durable import flush_directory, replace_durably
+from rig.recording.durable import flush_directory
 from rig.recording.examination import examine, overview
-from rig.recording.journal import JournalContent, JournalProblem, scan_journal
+from rig.recording.finished_point import FinishedPoint
+from rig.recording.journal import JournalContent, scan_journal
 from rig.recording.layout import (
     AlignedChannel,
     Attribute,
@@ -30,12 +32,15 @@ from rig.recording.layout import (
     PointFile,
     RawChannel,
     parts,
-    write_partial,
+    write_file,
 )
 from rig.recording.loop_shape import LoopShape
+from rig.recording.plausibility import check_records, checked_context
+from rig.recording.point_names import FILE, OLD_JOURNAL, free_attempt_file, journal_name
 from rig.recording.sorting import Sorter
 from rig.recording.velocity import HALF_WIDTH, METHOD, velocity_of
 from rig.recording.verdict import Verdict, judge
+from rig.recording.wire_values import resampling, wire_attributes
 
 if TYPE_CHECKING:
     import h5py
@@ -44,56 +49,44 @@ CHECKED_BYTES = 1 << 22
 DESCRIPTIONS = {description.name: description for description in RING_CHANNELS.values()}
 
 
-@dataclass(frozen=True)
-class FinishedPoint:
-    """What became of a point: its file, or why there is none (`error`; the journal is then kept).
-
-    `quality` holds the numbers among the attributes of `/entry/quality`, by name.
-    """
-
-    id: str
-    file: str = ""
-    verdict: str = "invalid"
-    reasons: tuple[str, ...] = ()
-    lost_samples: int = 0
-    skew_s: float | None = None
-    skew_std_s: float = 0.0
-    error: str = ""
-    quality: Mapping[str, float] = field(default_factory=dict)
-
-
 class ReadBackDiffers(OSError):
     """The finished file does not hold what was written: the disk or the library failed; the journal is kept."""
 
 
 def finish_point(journal: Path, *, recovered: bool = False) -> FinishedPoint:
-    """Make `<id>.h5` beside a journal, prove it, delete the journal.
+    """Make a journal's `<name>.h5` beside it, prove it, delete the journal.
 
-    A file of that name from an earlier attempt is kept under another name. A journal whose file is already complete
-    (the power failed between the two) is only deleted.
+    A file of that name from an earlier attempt is kept under another name; a journal that had been set aside does not
+    take the place of what was recorded since. A journal whose file is already complete (the power failed between the
+    two) is only deleted.
 
     Args:
         journal: the point's journal.
         recovered: True when the campaign did not end by itself; recorded in the file.
+
+    Raises:
+        JournalProblem: it cannot be read, or holds what no rig records.
+        NothingRecorded: it holds no displacement or no force.
+        OSError: the disk refused.
+        ValueError: something in it fits nothing; so may any other error a library has for values that cannot be.
     """
-    name = journal.stem
-    try:
-        with ExitStack() as held:
-            sorter = held.enter_context(Sorter(journal.parent))
-            data = _mapped(journal, held)
-            content = scan_journal(data, str(journal), sorter.take)
-            context = PointContext.from_json(content.context_json)
-            final = journal.with_suffix(".h5")
-            check = f"{_check_of(data):08x}-{len(data)}"
-            point, alignment, verdict = build(
-                content, context, sorter.channels(), recovered=recovered, journal_check=check
-            )
-            if not (final.exists() and _made_from(final, check)):
-                _write_proved(final, point)
-        journal.unlink()
-        flush_directory(journal.parent)
-    except (JournalProblem, NothingRecorded, OSError, ValueError) as error:
-        return FinishedPoint(name, error=f"{type(error).__name__}: {error}")
+    name = journal_name(journal)
+    with ExitStack() as held:
+        sorter = held.enter_context(Sorter(journal.parent))
+        data = _mapped(journal, held)
+        content = scan_journal(data, str(journal), sorter.take)
+        context = checked_context(PointContext.from_json(content.context_json), name)
+        check = f"{_check_of(data):08x}-{len(data)}"
+        records = sorter.channels()
+        check_records(records)
+        point, alignment, verdict = build(content, context, records, recovered=recovered, journal_check=check)
+        final = journal.with_name(name + FILE)
+        if journal.name.endswith(OLD_JOURNAL) and final.exists() and not _made_from(final, check):
+            final = free_attempt_file(journal.parent, name)
+        if not (final.exists() and _made_from(final, check)):
+            _write_proved(final, point)
+    journal.unlink()
+    flush_directory(journal.parent)
     numbers = {key: float(value) for key, value in point.quality.items() if isinstance(value, (int, float))}
     return FinishedPoint(
         name, str(final.resolve()), verdict.verdict, verdict.reasons, _lost(alignment), alignment.skew_s,
@@ -158,7 +151,8 @@ def build(
     file = PointFile(
         time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,
         channels=_aligned_channels(alignment, context), flags=alignment.flags,
-        raw=[_raw_channel(channel, alignment.origin_s) for channel in alignment.timed.values()],
+        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name))
+             for name, channel in alignment.timed.items()],
         events=_events(content, alignment), quality=quality, provenance=provenance,
         test={**context.point, "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
               "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
@@ -212,6 +206,7 @@ def _aligned_channels(alignment: Alignment, context: PointContext) -> list[Align
         sensor = context.sensors.get("displacement" if name == "velocity" else name)
         described = _described(name, sensor)
         attributes: dict[str, Attribute] = {"method": METHOD} if name == "velocity" else _calibration(sensor)
+        attributes.setdefault("method", resampling(name))
         source = sensor.sensor if sensor is not None else "ecu"
         channels.append(AlignedChannel(
             name, values, described.unit, described.long_name, source, attributes,
@@ -250,7 +245,7 @@ def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
     return {key: value for key, value in kept.items() if value not in {"", None}}
 
 
-def _raw_channel(channel: TimedChannel, origin_s: float) -> RawChannel:
+def _raw_channel(channel: TimedChannel, origin_s: float, sensor: SensorContext | None) -> RawChannel:
     described = DESCRIPTIONS.get(channel.name, Description(channel.name, "1", channel.name))
     attributes: dict[str, Attribute] = {
         "clock_method": channel.clock.method, "clock_std_s": channel.clock.std_s, "lost_samples": channel.lost,
@@ -258,6 +253,7 @@ def _raw_channel(channel: TimedChannel, origin_s: float) -> RawChannel:
     return RawChannel(
         channel.name, channel.records, described.unit, described.long_name,
         mapped(channel.time_s, lambda time_s: time_s - origin_s, np.float64), attributes,
+        wire_attributes(channel.name, sensor),
     )
 
 
@@ -274,12 +270,13 @@ def _events(content: JournalContent, alignment: Alignment) -> list[Event]:
 
 def _write_proved(final: Path, point: PointFile) -> None:
     """Write under a temporary name, read back, compare, only then give it its name."""
-    partial = final.with_name(final.name + ".tmp")
-    write_partial(partial, point)
-    prove(partial, point)
-    if final.exists():
-        _keep_attempt(final)
-    replace_durably(partial, final)
+
+    def proved(partial: Path) -> None:
+        prove(partial, point)
+        if final.exists():
+            keep_attempt(final)
+
+    write_file(final, point, before_naming=proved)
 
 
 def prove(path: Path, point: PointFile) -> None:
@@ -309,15 +306,15 @@ def _same(path: Path, group: h5py.Group, name: str, wanted: Values) -> None:
 
 
 def _made_from(final: Path, journal_check: str) -> bool:
+    """Whether a file is whole and was made of the journal with this check; a damaged one was not."""
     from rig.recording.run import RecordedPoint
 
-    return RecordedPoint.open(final).provenance.get("journal_check") == journal_check
+    try:
+        return RecordedPoint.open(final).provenance.get("journal_check") == journal_check
+    except FileProblem:
+        return False
 
 
-def _keep_attempt(final: Path) -> None:
+def keep_attempt(final: Path) -> None:
     """Give an earlier attempt's file another name, which no run lists."""
-    attempt = 1
-    while (kept := final.with_name(f"{final.stem}-attempt{attempt}.h5.old")).exists():
-        attempt += 1
-    final.rename(kept)
-
+    final.rename(free_attempt_file(final.parent, final.name.removesuffix(FILE)))

@@ -17,6 +17,7 @@ from rig.recording.context import PointContext, SensorContext
 from rig.recording.journal import JournalContent
 from rig.recording.layout import FloatArray, parts
 from rig.recording.loop_shape import LoopShape, loop_shape, standing
+from rig.recording.point_names import OUT_OF_TOLERANCE
 from rig.recording.tracking import loop_error_A, steps_error_A
 from rig.recording.verdict import Findings, SensorCounts
 
@@ -24,7 +25,7 @@ SATURATION_SHARE = 0.999
 MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
 TEMPERATURE_REACH_S = 0.5
-VERDICT_REMARKS = {"machine-cannot": "suspect"}
+VERDICT_REMARKS = {"machine-cannot": "suspect", OUT_OF_TOLERANCE: "invalid"}
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
 

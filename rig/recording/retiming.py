@@ -21,10 +21,12 @@ from numpy.typing import NDArray
 from protocols.quality import Quality
 from rig.recording.alignment import BAD_VALUE
 from rig.recording.clock_model import ARRIVAL
-from rig.recording.conversion import FinishedPoint, ReadBackDiffers
+from rig.recording.conversion import ReadBackDiffers
 from rig.recording.durable import replace_durably
+from rig.recording.finished_point import FinishedPoint
+from rig.recording.hdf5_image import set_attributes
 from rig.recording.interpolation import cubic_at, status_at
-from rig.recording.layout import FloatArray, check_of, parts, set_attributes
+from rig.recording.layout import FloatArray, check_of, parts
 from rig.recording.run import RecordedPoint
 from rig.recording.skew_pooling import Skew, pooled_skews
 from rig.recording.verdict import Verdict, with_skew
@@ -95,10 +97,12 @@ def _move(entry: h5py.Group, point: RecordedPoint, skew: Skew) -> None:
     """Move every channel's samples on the displacement's time base, and all that is said about it."""
     displacement_s = skew.displacement.value_s - float(point.quality["displacement_undeclared_delay_s"])
     raw, data = entry["raw"], entry["data"]
-    for name, channel in raw.items():
-        shift_s = skew.shift_s if name == "force" else displacement_s
-        if name != "displacement" and "time" in channel and shift_s != 0.0:
-            _replace(channel["time"], channel["time"][:] + shift_s)
+    shifted = {  # read before any is written: channels of one message may share their times
+        name: channel["time"][:] + (skew.shift_s if name == "force" else displacement_s)
+        for name, channel in raw.items() if name != "displacement" and "time" in channel
+    }
+    for name, times_s in shifted.items():
+        _replace(raw[name]["time"], times_s)
     moved = {"force": "force"}
     if displacement_s != 0.0:
         moved |= {name: STATUS.get(name, name) for name in data if name in STATUS or name in raw}

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rig.errors import FileProblem
 from rig.recording.layout import FloatArray
+from rig.recording.point_names import OUT_OF_TOLERANCE, unfinished
 from rig.recording.selection import Selection
 from rig.text_file import read_json
 
@@ -174,6 +175,11 @@ class RecordedPoint:
         return str(self.test.get("kind", "loop"))
 
     @property
+    def kept_apart(self) -> bool:
+        """A motion that was not the wanted one, recorded before its point was run again: shown, never used."""
+        return any(reason.partition(":")[0] == OUT_OF_TOLERANCE for reason in self.reasons)
+
+    @property
     def _file(self) -> Path:
         if self.path is None:
             raise FileProblem(self.id, ["this point was made in memory without a file and without this data"])
@@ -257,11 +263,15 @@ class RecordedPoint:
 
 @dataclass(frozen=True)
 class Run:
-    """A campaign's directory and its points in the order of their names."""
+    """A campaign's directory and its points in the order of their names.
+
+    `apart` are records of motions out of tolerance, after which the point was run again: originals that no fit uses.
+    """
 
     path: Path
     points: tuple[RecordedPoint, ...]
     campaign: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    apart: tuple[RecordedPoint, ...] = ()
 
     @classmethod
     def open(cls, path: Path | str) -> Run:
@@ -284,7 +294,8 @@ class Run:
                 problems += [f"points/{file.name}: {problem}" for problem in error.problems]
         if problems:
             raise FileProblem(str(place), problems)
-        return cls(place, tuple(points), read_campaign(place))
+        counted = tuple(point for point in points if not point.kept_apart)
+        return cls(place, counted, read_campaign(place), tuple(point for point in points if point.kept_apart))
 
     @property
     def valid(self) -> tuple[RecordedPoint, ...]:
@@ -314,14 +325,14 @@ class Run:
         return tuple(point for point in self.points if wanted.holds(point))
 
     def to_pandas(self) -> pd.DataFrame:
-        """One row a point: wanted values, verdict, reasons, losses and skew."""
+        """One row a point, those kept apart last: wanted values, verdict, reasons, losses and skew."""
         import pandas as pd
 
         fields = (
             "id", "waveform", "amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "verdict", "reasons",
             "lost_samples", "skew_s", "skew_std_s", "path",
         )
-        return pd.DataFrame([{name: getattr(point, name) for name in fields} for point in self.points])
+        return pd.DataFrame([{name: getattr(point, name) for name in fields} for point in (*self.points, *self.apart)])
 
 
 def read_campaign(folder: Path) -> dict[str, Any]:
@@ -339,7 +350,7 @@ def read_campaign(folder: Path) -> dict[str, Any]:
 def _why_no_run(place: Path) -> str:
     if not place.exists():
         return "no such directory; give the directory of a campaign, as printed by `rig run` or listed by `rig runs`"
-    leftovers = sorted((place / "points").glob("*.journal"))
+    leftovers = unfinished(place / "points") if (place / "points").is_dir() else []
     if leftovers:
         return f"holds no finished point, but {len(leftovers)} journal(s): run `rig recover` on it first"
     inside = sorted(place.glob("*/points"))
