@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import os
+import secrets
 import time
+from collections import deque
 from dataclasses import asdict, astuple
 
 from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer, WrongLayout
@@ -29,6 +30,7 @@ from protocols.register_map import RegisterMap, Value
 SEQUENCE_MODULUS = 1 << 16
 CLEAR_OF_OTHERS = SEQUENCE_MODULUS // 2
 """How far from another master's sequence numbers ours go on; it counts up, too."""
+SENT_KEPT = 64
 SEND_ATTEMPTS = 3
 REOPEN_TIMEOUT_S = 0.2
 CONFIRM_PAUSE_S = 0.001
@@ -49,12 +51,13 @@ class ModbusActuator:
         register_map: where the controller keeps its values.
         device_id: Modbus unit number.
         timeout_s: longest wait for one answer, s.
-        owner_id: identifies this host in the controller's lease, 1..65535; from the process id when not given.
+        owner_id: identifies this host in the controller's lease, 1..65535; drawn at random when not given.
         baudrate: Bd of a serial line.
         parity: "N", "E" or "O", of a serial line.
 
     Attributes:
         owner_id: as above.
+        sent: sequence and command of the last commands written, oldest first.
     """
 
     def __init__(
@@ -68,7 +71,7 @@ class ModbusActuator:
         baudrate: int = 115_200,
         parity: str = "N",
     ) -> None:
-        self.owner_id = os.getpid() % (SEQUENCE_MODULUS - 1) + 1 if owner_id is None else owner_id
+        self.owner_id = draw_number() if owner_id is None else owner_id
         self._link = ModbusLink(url, device_id, timeout_s, baudrate=baudrate, parity=parity)
         self._identity = register_map.block("identity")
         self._status = register_map.block("status")
@@ -76,6 +79,7 @@ class ModbusActuator:
         self._command = register_map.block("command")
         self._table = register_map.block("table")
         self._watchdog = register_map.block("watchdog")
+        self.sent: deque[tuple[int, int]] = deque(maxlen=SENT_KEPT)
         self._sequence: int | None = None
         self._sent = Command.NONE
         self._seen: ActuatorStatus | None = None
@@ -245,6 +249,8 @@ class ModbusActuator:
                         break
                     sequence = self._next_sequence() if self._swallowed else sequence
                 self._sequence, self._sent = sequence, command
+                if (sequence, int(command)) not in self.sent:
+                    self.sent.append((sequence, int(command)))
                 self._link.write(self._command.address, self._command.encode({
                     "command": int(command), "sequence": sequence, "owner_id": self.owner_id, **values,
                 }))
@@ -331,6 +337,11 @@ class ModbusActuator:
         except RemoteProtocolError as error:
             raise WrongAnswer("actuator", self.url, f"status block: {error}") from error
         return self._seen
+
+
+def draw_number() -> int:
+    """A number 1..65535 at random, to tell this host from others: containers repeat process ids."""
+    return secrets.randbelow(SEQUENCE_MODULUS - 1) + 1
 
 
 def _following(sequence: int) -> int:

@@ -114,17 +114,17 @@ class TcpWire:
         if connection is None:
             raise LinkLost(self.device, self.url, "not connected")
         self._transaction = (self._transaction + 1) % TRANSACTIONS
-        deadline = time.monotonic() + timeout_s
+        deadline, silence = time.monotonic() + timeout_s, f"no answer within {timeout_s * 1e3:g} ms"
         try:
             connection.settimeout(timeout_s)
             connection.sendall(modbus.encode_tcp(self._transaction, self._unit, pdu))
-            while True:
-                answer = self._next_answer()
-                if answer is not None:
-                    return answer
+            # A host that did not run must not call its device silent: what waits at the deadline is still looked at.
+            in_time = True
+            while (answer := self._next_answer()) is None and in_time:
+                in_time = time.monotonic() < deadline
                 self._read_until(connection, deadline)
         except TimeoutError as error:
-            raise NoAnswer(self.device, self.url, f"no answer within {timeout_s * 1e3:g} ms") from error
+            raise NoAnswer(self.device, self.url, silence) from error
         except OSError as error:
             self.close()
             raise LinkLost(self.device, self.url, f"connection broke: {error}") from error
@@ -132,6 +132,9 @@ class TcpWire:
             # Where the next frame begins is not known any more.
             self.close()
             raise WrongAnswer(self.device, self.url, str(error)) from error
+        if answer is None:
+            raise NoAnswer(self.device, self.url, silence)
+        return answer
 
     def drain(self) -> int:
         """Throw away what has arrived."""
@@ -176,7 +179,7 @@ class TcpWire:
             OSError: the other end is gone.
         """
         left_s = deadline - time.monotonic()
-        if left_s <= 0 or not select.select([connection], [], [], left_s)[0]:
+        if not select.select([connection], [], [], max(0.0, left_s))[0]:
             raise TimeoutError
         data = connection.recv(READ_SIZE)
         if not data:

@@ -1,4 +1,4 @@
-"""The fault matrix as data: sixty rows, each with where it is injected, what must follow, and the test that proves it.
+"""The fault matrix as data: each row with where it is injected, what must follow, and the test that proves it.
 
 One source: `python -m simulators --list-faults` prints it, the station takes its reactions from it, the campaign its
 retries, and the fault suite (`tests/faults`) its expectations. A row without a test fails the suite.
@@ -304,6 +304,11 @@ _ROWS = (
         "host-stalled", "GC/CPU starvation (SIGSTOP)", "process", "signal", "no kick; loop lag",
         "500ms", "as 46", "S2", "K", "c",
         "test_signals.py::test_an_application_that_stands_still_is_stopped_by_the_station_and_finds_it_so",
+    ),
+    FaultRow(
+        "host-late", "Station kept from running", "process", "starvation",
+        "its threads' own waits, no device heard at all", "50ms", "W→S2", "S2", "J", "a",
+        "test_host_late.py::test_a_station_that_is_held_up_for_too_long_stops_the_rig_and_blames_nobody_else",
     ),
     FaultRow(
         "host-suspend", "Laptop suspend", "process", "clock", "BOOTTIME–MONOTONIC jump",

@@ -106,6 +106,8 @@ def parse(text: object, dimension: str) -> float:
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise UnitProblem(f"{fit}, not {_kind(text)}")
     if not isinstance(text, str):
+        if isinstance(text, float) and not math.isfinite(text):
+            raise UnitProblem(f"not a finite number; {fit}")
         bare = f"{text:.10g} " if isinstance(text, float) or abs(text) < 1 << 64 else ""
         raise UnitProblem(f"the number {bare}has no unit; {fit}")
     if len(text) > LONGEST_TEXT:
@@ -170,7 +172,7 @@ def show(value: float, unit: str, digits: int = 4) -> str:
 
 def _unknown_unit(name: str, dimension: str, fit: str) -> str:
     folded = {unit.casefold(): unit for unit in units_of(dimension)}
-    likely = folded.get(name.casefold())
+    likely = folded.get("".join(name.split()).casefold())
     hint = f'did you mean "{likely}"?' if likely else f"known units: {', '.join(units_of(dimension))}"
     return f'unknown unit "{name}" ({hint}); {fit}'
 

@@ -141,6 +141,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
+        drop_unread=values["drop_unread"],
         faults=(*written, *drawn(values, wiring)),
     )
     asked = {"bench": values["bench"], "json": values["as_json"], "real_time": values["real_time"]}
@@ -202,6 +203,9 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--real-time/--no-real-time", default=True, show_default=True,
               help="Take real-time priority at speed 1 where that is allowed; without it the bench file's time limits "
                    "are widened, as on a busy machine.")
+@click.option("--drop-unread", is_flag=True,
+              help="Ports drop and count what is not read in time, as real ones do; without it the rig's clock waits "
+                   "for its readers (0.45 s at most).")
 @setting_options
 @click.option("--fault", metavar="SLUG[@T[+D]]", multiple=True,
               help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")

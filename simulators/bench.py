@@ -81,7 +81,8 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         "[clock]",
         f"device_rate = {speed:.6g}" if speed != int(speed) else f"device_rate = {int(speed)}.0",
         "[station]",
-        f'heartbeat_timeout = "{2000 if relaxed else 500} ms"',
+        f'heartbeat_timeout = "{4000 if relaxed else 500} ms"',
+        f'late_limit = "{500 if relaxed else 50} ms"',
         f"real_time = {'false' if relaxed else 'true'}",
     ]
     return "\n".join(lines) + "\n"

@@ -25,12 +25,14 @@ class RegisterBank:
     Attributes:
         word_order_swapped: a fault: numbers of two registers come low word first.
         writes_lost: a fault: writes are acknowledged and forgotten.
+        polled_s: served time (s) at which the status block was last read; NaN before.
     """
 
     def __init__(self, actuator: Actuator, servo: ServoOptions, random: np.random.Generator) -> None:
         self.actuator = actuator
         self.word_order_swapped = False
         self.writes_lost = False
+        self.polled_s = math.nan
         self._servo = servo
         self._random = random
         self._frozen_m = 0.0
@@ -70,6 +72,7 @@ class RegisterBank:
 
     def _block_words(self, block: Block) -> list[int]:
         if block is wire.STATUS:
+            self.polled_s = self.actuator.served_s
             return self._ordered(block, self.status())
         if block is wire.IDENTITY:
             return self._ordered(block, self.identity())

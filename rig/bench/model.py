@@ -14,6 +14,7 @@ from rig import units
 from rig.bench import address
 from rig.bench.checks import Checks
 from rig.bench.field import (
+    RESERVED_NAMES,
     Acceleration,
     CanInterface,
     ChannelName,
@@ -31,15 +32,13 @@ from rig.bench.field import (
 from rig.bench.problems import load_section
 from rig.bench.quantity import Quantity, Section
 
-RESERVED_NAMES = frozenset({"time", "force", "displacement", "velocity", "current", "coil_temperature"})
-
 Problem = tuple[tuple[str | int, ...], str]
 
 
 class Limits(Section):
     """What the machine may do; plan, station and controller hold every motion inside them."""
 
-    position_m: tuple[Position, Position] = Field(alias="position")
+    position_m: tuple[Position, Position] = Field(alias="position", examples=[["-85 mm", "85 mm"]])
     speed_m_s: Speed = Field(alias="speed")
     acceleration_m_s2: Acceleration = Field(alias="acceleration")
     force_N: Force = Field(alias="force")
@@ -99,8 +98,8 @@ class Ecu(Section):
 class Calibration(Section):
     """How the value on the wire becomes SI: `sensitivity * wire - offset`, times -1 where polarity is reversed.
 
-    Who says so stands beside it. The sign is applied in `Sensor.sensitivity` and `Sensor.offset` and nowhere else: all
-    others compute `sensitivity * wire - offset` with those two.
+    The sign is applied in `Sensor.sensitivity` and `Sensor.offset` and nowhere else: all others compute
+    `sensitivity * wire - offset` with those two.
     """
 
     sensitivity: float = Field(
@@ -110,7 +109,7 @@ class Calibration(Section):
         default="normal", description="reversed: the sensor counts jounce, or compression, as positive"
     )
     offset: str | None = Field(default=None, description="what the sensor shows at zero, with its unit")
-    serial_number: Name
+    serial_number: Name = Field(examples=["LC-1234"])
     certificate: str = Field(default="", max_length=128)
     uncertainty_percent: float | None = Field(
         default=None, ge=0.0, le=20.0, description="standard uncertainty of the sensitivity, % of the reading"
@@ -188,9 +187,8 @@ class Sensor(Section):
     @property
     def not_physics(self) -> dict[str, Any]:
         """What does not count for `Bench.digest`; a polarity that is as ever does not either."""
-        calibration = {"polarity"} if self.calibration.polarity == "normal" else set[str]()
         link = dict.fromkeys(("url", "baudrate", "stale_after_s", "bandwidth_Hz"), True)
-        return {**link, "calibration": calibration}
+        return {**link, "calibration": {"polarity"} if self.calibration.polarity == "normal" else set()}
 
     @model_validator(mode="after")
     def _offset_fits(self) -> Self:
@@ -281,6 +279,10 @@ class Station(Section):
 
     heartbeat_timeout_s: Annotated[float, Quantity("time", "100 ms", "10 s")] = Field(
         default=0.500, alias="heartbeat_timeout"
+    )
+    late_limit_s: Annotated[float, Quantity("time", "20 ms", "1 s")] = Field(
+        default=0.050, alias="late_limit",
+        description="so long the station may be kept from running; beyond it the rig stops as host-late",
     )
     real_time: bool = True
 

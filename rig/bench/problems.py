@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import difflib
 import json
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
+import re
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import ValidationError
+from pydantic.fields import FieldInfo
 
 from rig import units
 from rig.bench.quantity import Quantity, Section, Wording, constraints, quantity_of
-from rig.bench.toml_source import Place, TomlSource, read_toml
+from rig.bench.toml_source import Place, TomlSource, printable, read_toml
 from rig.errors import FileProblem
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
-    from pydantic.fields import FieldInfo
     from pydantic_core import ErrorDetails
 
 M = TypeVar("M", bound=Section)
@@ -85,6 +87,9 @@ def load_section(path: Path, model: type[M], kind: str = "") -> tuple[M, TomlSou
         FileProblem: with every wrong entry of the file at once (the first `MOST_SHOWN` of them).
     """
     source = read_toml(path)
+    if not source.data:
+        way = f"; `rig schema {kind}` prints every key" if kind in {"bench", "matrix"} else ""
+        raise FileProblem(str(path), [f"there is no entry in this file; docs/files.md describes it{way}"])
     if kind and not source.data.keys() & TABLES[kind]:
         for other, tables in TABLES.items():
             if source.data.keys() & tables:
@@ -92,7 +97,7 @@ def load_section(path: Path, model: type[M], kind: str = "") -> tuple[M, TomlSou
     try:
         return model.model_validate(source.data), source
     except ValidationError as error:
-        details = _without_echoes(error.errors(include_url=False))
+        details = _without_echoes(error.errors(include_url=False), model)
         lines = [line for item in details[:MOST_SHOWN] for line in _lines(item, model, source)]
         if len(details) > MOST_SHOWN:
             lines.append(f"{len(details) - MOST_SHOWN} more wrong entries are not shown; mend these first")
@@ -111,7 +116,7 @@ def dotted(place: Place) -> str:
     """`("point", 1, "current")` as a user knows it: "point[2].current" (lists count from 1)."""
     text = ""
     for part in place:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{_printable(part)}" if text else _printable(part)
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{printable(part)}" if text else printable(part)
     return text
 
 
@@ -123,13 +128,7 @@ def shown(value: object) -> str:
         text = "[" + ", ".join(shown(item) for item in value[:6]) + (", ..." if len(value) > 6 else "") + "]"
     else:
         text = str(value)
-    return _printable(text, 70)
-
-
-def _printable(text: str, longest: int = 40) -> str:
-    """Text from a file as it may be shown on a terminal: in short, and nothing in it commands the terminal."""
-    short = text if len(text) <= longest else text[: longest - 4] + " ..."
-    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in short)
+    return printable(text, 70)
 
 
 def close_match(name: str, known: list[str]) -> str | None:
@@ -138,34 +137,84 @@ def close_match(name: str, known: list[str]) -> str | None:
     return matches[0] if matches else None
 
 
-def _without_echoes(details: list[ErrorDetails]) -> list[ErrorDetails]:
-    """Leave out "too short" of lists whose items were refused: the items are what is wrong."""
+def _without_echoes(details: list[ErrorDetails], model: type[Section]) -> list[ErrorDetails]:
+    """Leave out what follows: "too short" where the list's items were refused, "missing" where the key is misspelt."""
     lists = {item["loc"][:-1] for item in details}
-    return [item for item in details if item["type"] != "too_short" or item["loc"] not in lists]
+    missing = {item["loc"] for item in details if item["type"] == "missing"}
+    misspelt = set[tuple[str | int, ...]]()
+    for item in details[:MOST_SHOWN]:
+        if item["type"] == "extra_forbidden":
+            section, _ = _field_at(model, item["loc"])
+            suffixed = section.suffixed_keys()
+            meant = close_match(str(item["loc"][-1]), [*_keys(section), *suffixed])
+            misspelt.add((*item["loc"][:-1], suffixed.get(meant or "", (meant or "",))[0]))
+    gone = {"too_short": lists, "missing": missing & misspelt}
+    return [item for item in details if item["loc"] not in gone.get(item["type"], ())]
 
 
 def _lines(detail: ErrorDetails, model: type[Section], source: TomlSource) -> list[str]:
     context: dict[str, Any] = detail.get("ctx") or {}
     if "problems" in context:
         return [problem_at(source, (*detail["loc"], *place), message) for place, message in context["problems"]]
-    place = tuple(part for part in detail["loc"] if isinstance(part, int) or "[" not in part)
+    place: Place = ()
+    for part in detail["loc"]:
+        if isinstance(part, int) or "[" not in part or _value_at(source.data, (*place, part)) is not None:
+            place = (*place, part)
     section, field = _field_at(model, place)
     written = place
     if field is not None and quantity_of(field) is not None:
         written = _as_written(place, section, source)
-    return [problem_at(source, written, _message(detail, section, field, str(place[-1]) if place else ""))]
+    if detail["type"] == "extra_forbidden":
+        message = _unknown_key(model, section, str(place[-1]))
+    elif detail["type"] == "missing":
+        message = _missing(field, place[-1])
+    else:
+        message = _message(detail, field)
+    return [problem_at(source, written, message)]
 
 
-def _message(detail: ErrorDetails, section: type[Section], field: FieldInfo | None, key: str) -> str:
+def _unknown_key(model: type[Section], section: type[Section], key: str) -> str:
+    """Where an unknown key belongs, else which key was meant, else which there are."""
+    homes = [f"[{name}]" for name, table in _tables(model) if table is not section and key in _keys(table)]
+    if homes:
+        return f"unknown key here; it belongs under {' or '.join(homes)}"
+    known = _keys(section)
+    match = close_match(key, [*known, *section.suffixed_keys()])
+    return f"unknown key; did you mean {match}?" if match else f"unknown key; known here: {', '.join(known)}"
+
+
+def _tables(model: type[Section]) -> Iterator[tuple[str, type[Section]]]:
+    """Name and section of every table that a file may have."""
+    for name, field in model.model_fields.items():
+        table = _section_in(field.annotation)
+        if table is not None:
+            yield model.key_of(name), table
+            yield from ((f"{model.key_of(name)}.{inner}", below) for inner, below in _tables(table))
+
+
+def _keys(section: type[Section]) -> list[str]:
+    return [section.key_of(name) for name in section.model_fields]
+
+
+def _missing(field: FieldInfo | None, key: str | int) -> str:
+    """What to write where something is missing."""
+    if field is None:
+        return "missing"
+    if isinstance(key, int):
+        return f"missing; the list needs {len(get_args(field.annotation))} entries"
+    table = _section_in(field.annotation)
+    if table is not None:
+        needed = [table.key_of(name) for name, inner in table.model_fields.items() if inner.is_required()]
+        return f"missing; write a table [{key}] with {', '.join(needed)}"
+    example = _example(field)
+    return "missing" + (f"; write for example {key} = {example}" if example else "")
+
+
+def _message(detail: ErrorDetails, field: FieldInfo | None) -> str:
     kind, context = detail["type"], detail.get("ctx") or {}
     limits = [] if field is None else list(constraints(field))
-    if kind == "extra_forbidden":
-        known = [section.key_of(name) for name in section.model_fields]
-        match = close_match(key, [*known, *section.suffixed_keys()])
-        return f"unknown key; did you mean {match}?" if match else f"unknown key; known here: {', '.join(known)}"
-    if kind == "missing":
-        example = _example(field, limits)
-        return "missing" + (f"; write for example {key} = {example}" if example else "")
+    if kind == "tuple_type" and field is not None and _section_in(field.annotation) is not None:
+        return f"each has a heading of its own in two brackets: [[{detail['loc'][-1]}]]"
     if kind in _KINDS:
         return f"must be {_KINDS[kind]}{_allowed(limits)}"
     if kind in _BEYOND:
@@ -173,9 +222,7 @@ def _message(detail: ErrorDetails, section: type[Section], field: FieldInfo | No
     if kind in _TEXTS:
         return _text_message(kind, limits)
     if kind == "literal_error":
-        value = str(detail["input"])
-        match = close_match(value, [item.strip("'") for item in str(context["expected"]).split(", ")])
-        return f"must be {context['expected']}" + (f"; did you mean {match}?" if match else "")
+        return _not_among(str(context["expected"]), detail["input"])
     if kind == "too_short":
         return f"at least {context['min_length']} entries are needed" if context["min_length"] > 1 else "is empty"
     if kind == "too_long":
@@ -184,6 +231,13 @@ def _message(detail: ErrorDetails, section: type[Section], field: FieldInfo | No
         return str(context["error"])
     text = detail["msg"]
     return (text[0].lower() + text[1:]).replace("input should", "must")
+
+
+def _not_among(expected: str, value: object) -> str:
+    if "'" not in expected:
+        return f"must be {expected}" + (", a number without quotes" if isinstance(value, str) else "")
+    match = close_match(str(value), re.findall(r"'([^']*)'", expected))
+    return f"must be {expected}" + (f"; did you mean {match}?" if match else "")
 
 
 def _text_message(kind: str, limits: list[object]) -> str:
@@ -214,19 +268,17 @@ def _allowed(limits: list[object]) -> str:
     return f" (allowed: at most {high})" if high else ""
 
 
-def _example(field: FieldInfo | None, limits: list[object]) -> str:
+def _example(field: FieldInfo) -> str:
     """How a missing key could be written, as TOML; empty where nobody can know."""
-    if field is None:
-        return ""
     if field.examples:
         return shown(field.examples[0])
-    wording = next((item for item in limits if isinstance(item, Wording)), None)
-    if wording is not None:
-        return shown(wording.example)
-    quantity = quantity_of(field)
-    if quantity is not None:
-        text = shown(units.DIMENSIONS[quantity.dimension].example)
-        return f"[{text}, ...]" if get_origin(field.annotation) is tuple else text
+    for item in constraints(field):
+        if isinstance(item, FieldInfo) and item.examples:
+            return shown(item.examples[0])
+        if isinstance(item, Wording):
+            return shown(item.example)
+        if isinstance(item, Quantity):
+            return shown(units.DIMENSIONS[item.dimension].example)
     return "1" if get_args(field.annotation) == (1,) else ""
 
 

@@ -18,7 +18,7 @@ MOST_ENTRIES = 30_000
 
 _STRUCTURE = re.compile(r"""["'#\[\]{}=.,\n]""")
 _AT = re.compile(r"\(at line (\d+), column \d+\)")
-_QUOTES = 'texts and quantities stand in quotes, as in speed = "0.8 m/s"'
+_QUOTES = 'texts and quantities stand in quotes, as in speed = "0.8 m/s"; dates are like 2030-01-31'
 _HINTS = (
     ("Cannot overwrite a value", "this key is given twice; keep one"),
     ("Cannot declare", "this table is given twice; put all its keys under one heading"),
@@ -26,6 +26,12 @@ _HINTS = (
     ("Invalid value", f"this is no value; {_QUOTES}; true and false in lower case"),
     ("Unclosed array", "a list is not closed by ]"),
     ("Illegal character '\\n'", "a quote is missing at the end"),
+    ("Found invalid character '\\n'", "a quote is missing at the end"),
+    ("Found invalid character '\\r'", "lines end with CR alone; save the file with LF or CR LF"),
+    ("Found invalid character", "there is a control character; delete it"),
+    ("Illegal character", "there is a control character; delete it"),
+    ("Unescaped", "a backslash in double quotes is written twice; or use single quotes"),
+    ("Invalid statement", "neither key = value nor [table] nor # comment"),
     ("Unterminated string", "a quote is missing at the end"),
     ("Expected '=' after a key", "a key and its value are written key = value, a heading [name]"),
 )
@@ -101,6 +107,12 @@ def structure_problem(text: str) -> str | None:
     return None
 
 
+def printable(text: str, longest: int = 40) -> str:
+    """Text from a file as it may be shown on a terminal: in short, and nothing in it commands the terminal."""
+    short = text if len(text) <= longest else text[: longest - 4] + " ..."
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in short)
+
+
 def _not_toml(told: str, text: str) -> str:
     """The parser's complaint with its line first, the line itself, and what would be right."""
     hint = next((words for start, words in _HINTS if told.startswith(start)), "")
@@ -109,8 +121,8 @@ def _not_toml(told: str, text: str) -> str:
         return f"not valid TOML: {told}{hint and f'; {hint}'}"
     number = int(place[1])
     line = text.split("\n")[number - 1].strip()
-    shown = line if len(line) <= 60 else line[:56] + " ..."
-    return f"line {number}: not valid TOML: {shown or 'empty line'}: {hint or told[: place.start()].strip()}"
+    why = hint or told[: place.start()].strip()
+    return f"line {number}: not valid TOML: {printable(line, 60) or 'empty line'}: {why}"
 
 
 def _frozen(value: object) -> object:

@@ -143,9 +143,13 @@ class EndRecording:
 
 @dataclass(frozen=True)
 class DropRecording:
-    """Close the point's journal and forget it: the motion was not the wanted one, and the point is run again."""
+    """Close the point's journal and keep it apart: the motion was not the wanted one, and the point is run again.
+
+    `reason` is what it reached and what follows, in words.
+    """
 
     point: TestPoint
+    reason: str = ""
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,7 @@ def _campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         rig = ends.enter_context(_rig(folder, options, matrix.specimen, display, signals))
         bench = Bench.load(rig.bench_path)
         start = _Start(folder, matrix, bench, _accepted(matrix, bench), options, stock)
-        check_room(folder, start.plan, bench)
+        check_room(folder, start.plan, bench, matrix)
         _describe(start, rig.bench_path)
         display.planned(start.plan)
         for warning in check_calibrations(bench, utc_now().date()):

@@ -10,7 +10,6 @@ from rig import __version__
 from rig.bench.checks import CHANGE_OF_ZERO
 from rig.bench.model import Bench, Sensor
 from rig.campaign.baseline import Baseline
-from rig.campaign.ledger import attempt_name
 from rig.campaign.options import Display
 from rig.campaign.preflight import RestLimits
 from rig.campaign.resume import Stock
@@ -21,6 +20,7 @@ from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
 from rig.recording.campaign_log import CampaignLog
 from rig.recording.context import PointContext, SensorContext
+from rig.recording.point_names import attempt_name
 from rig.recording.tolerances import Tolerances
 from rig.station.client import StationClient
 from rig.station.config import StationConfig
@@ -98,10 +98,19 @@ class Crew:
             time_s=checks.time_s, current_zero_A=checks.current_zero_A,
         )
 
+    @property
+    def point_ids(self) -> tuple[str, ...]:
+        """Ids of all the matrix's points."""
+        return tuple(item.point.id for item in self.plan.points)
+
+    def attempt_name(self, point_id: str, attempt: int) -> str:
+        """Name of the files of a point's attempt, counted from 1; never another point's."""
+        return attempt_name(point_id, attempt, self.point_ids)
+
     def context(self, point: TestPoint, attempt: int, commanded: TestPoint) -> PointContext:
         """The header of a point's journal; `commanded` is the program that makes its motion."""
         return PointContext(
-            point={**vars(point), "id": attempt_name(point, attempt), **self._conditions(point, commanded)},
+            point={**vars(point), "id": self.attempt_name(point.id, attempt), **self._conditions(point, commanded)},
             sensors=sensor_contexts(self.bench),
             device_rate=self.bench.clock.device_rate,
             controller_delay_s=self.bench.actuator.input_delay_s,
@@ -172,6 +181,7 @@ def _sensor(name: str, sensor: Sensor, range_SI: float, unit: str, long_name: st
         uncertainty_percent=calibration.uncertainty_percent,
         overdue=calibration.due is not None and calibration.due < utc_now().date(),
         bandwidth_Hz=sensor.bandwidth_Hz,
+        format=sensor.format if isinstance(sensor.format, str) else "a line described in the bench file",
     )
 
 

@@ -16,19 +16,20 @@ from rig.campaign.action import Request
 from rig.campaign.asker import Asker
 from rig.campaign.cause import Cause
 from rig.campaign.crew import Crew
-from rig.campaign.ledger import Ledger, attempt_name
+from rig.campaign.ledger import Ledger
 from rig.campaign.motion_seen import MotionWanted
 from rig.campaign.observer import Observer
 from rig.campaign.options import PointResult
 from rig.campaign.preflight import AtRest, judge_rest
 from rig.campaign.proof_move import PROOF_M, PROOF_SPEED_M_S, Leg, proof_targets
-from rig.campaign.resume import set_aside
 from rig.campaign.signature import Signature, expected_signature, judge_damper, measured_signature
 from rig.campaign.zero_return import ZeroReturn, at_rest
 from rig.clock import monotonic_ns
 from rig.matrix.point import TestPoint
+from rig.recording.earlier_attempts import set_aside
 from rig.recording.finaliser import Finaliser
-from rig.recording.recorder import PointRecorder, RecorderFailed
+from rig.recording.point_names import OUT_OF_TOLERANCE
+from rig.recording.recorder import PointRecorder, RecorderFailed, kept_apart
 
 if TYPE_CHECKING:
     from rig.recording.finished_point import FinishedPoint
@@ -131,6 +132,8 @@ class Hands:
         """Enter what the finaliser says about a point; None when it was not handed in here."""
         point = self._handed_in.pop(finished.id, None)
         if point is None:
+            if finished.error:
+                self.note("warning", slug=finished.error_slug, text=f"{finished.id}: {finished.error}")
             return None
         if finished.error or not finished.file:
             return self._give_up(point, Cause("not-written", finished.error))
@@ -306,7 +309,7 @@ class Hands:
         try:
             if action.attempt == 1:
                 # What an earlier session left of the point makes room for this one's.
-                set_aside(self.crew.folder, point.id)
+                set_aside(self.crew.folder / "points", point.id, self.crew.point_ids)
             expected_s = point.motion_s / self.crew.bench.clock.device_rate
             context = self.crew.context(point, action.attempt, action.commanded)
             self._recorder.begin(context, expected_s=expected_s)
@@ -325,14 +328,20 @@ class Hands:
         except Exception as error:
             self._give_up(action.point, cause_of(error))
             raise
-        self._handed_in[attempt_name(action.point, action.attempt)] = action.point
+        self._handed_in[journal.id] = action.point
         self._finaliser.submit(journal)
 
     def _drop_recording(self, action: act.DropRecording) -> None:
         if self._recorder is None:
             raise RecorderFailed("there is no recorder before the station is connected")
-        self._recorder.end().path.unlink(missing_ok=True)
-        self.note("dropped", point=action.point.id, text="the motion was not the wanted one; the point is run again")
+        self._recorder.note(OUT_OF_TOLERANCE, action.reason, monotonic_ns())
+        try:
+            kept = kept_apart(self._recorder.end(), self.crew.point_ids)
+        except OSError as error:
+            raise RecorderFailed(f"{self.crew.folder / 'points'}: {error}") from error
+        self._finaliser.submit(kept)
+        text = f"the motion was not the wanted one; its record is kept as {kept.id}, the point is run again"
+        self.note("dropped", point=action.point.id, kept=kept.id, text=text)
 
     def _remark(self, action: act.Remark) -> None:
         if self._recorder is not None:

@@ -210,28 +210,6 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
     )
 
 
-def set_aside(folder: Path, point_id: str) -> None:
-    """Give the files of a point's earlier attempts names that no run lists, before it is run anew.
-
-    Raises:
-        OSError: one cannot be renamed.
-    """
-    for file in sorted((folder / "points").glob(f"{point_id}*.h5")):
-        rest = file.stem.removeprefix(point_id)
-        if rest and not rest.startswith("-attempt"):
-            continue
-        file.rename(_free_name(folder / "points", point_id))
-    for damaged in sorted((folder / "points").glob(f"{point_id}*.journal")):
-        damaged.rename(damaged.with_name(f"{damaged.stem}-unreadable-{utc_now():%Y%m%dT%H%M%S%f}.journal.old"))
-
-
-def _free_name(points: Path, point_id: str) -> Path:
-    number = 1
-    while (name := points / f"{point_id}-attempt{number}.h5.old").exists():
-        number += 1
-    return name
-
-
 def note_session(folder: Path, options: CampaignOptions, confirmed: Iterable[EarlierStop]) -> int:
     """Enter a further session in `campaign.json`; returns its number, the first one is 1.
 

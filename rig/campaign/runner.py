@@ -79,7 +79,7 @@ class Runner:
         """The station's last proof of standstill proved 0 A, too."""
         self.stop_causes: set[str] = set()
         """Slugs of everything that stopped the rig in this session, first causes and later ones."""
-        self._beat_ns = self._progress_ns = 0
+        self._turn_ns = self._beat_ns = self._progress_ns = 0
         self._recorder_well = True
         self._wall_clock = WallClockWatch()
         self._load_train = LoadTrainWatch()
@@ -205,7 +205,7 @@ class Runner:
     def _is_last_attempt(self, name: str, point_id: str) -> bool:
         """Whether a verdict is on the point's last attempt; a late one on an earlier attempt decides nothing."""
         attempts = self.state.attempts.count(point_id)
-        return name == (point_id if attempts <= 1 else f"{point_id}-attempt{attempts}")
+        return name == self._crew.attempt_name(point_id, max(1, attempts))
 
     def _take(self, event: ev.Event) -> None:
         before = self.state.phase
@@ -261,6 +261,10 @@ class Runner:
             return [ev.Safe()]
         if name == "unknown":
             return [ev.Unknown(str(message.get("reason", "")))]
+        if name == "late":
+            late_ms, count = 1e3 * float(message["late_s"]), message.get("count")
+            text = f"the station did not watch the rig for {late_ms:.0f} ms (number {count}); what waited is flagged"
+            self._hands.carry_out(act.Remark("host-late", text))
         if name == "warning" and message.get("slug") in SPOIL:
             return [ev.Spoiled(Cause(str(message["slug"]), detail))]
         return []
@@ -299,11 +303,18 @@ class Runner:
             self._fault_once(hands.trouble)
         newest_ns = hands.observer.last_host_ns(Channel.STATE)
         stale_s = STALE_HEARTBEATS * self._crew.config.heartbeat_timeout_s
-        if self.state.armed and newest_ns is not None and monotonic_ns() - newest_ns > stale_s * 1e9:
-            self._fault_once(Cause("data-stale", f"no status of the controller for {stale_s:g} s"))
+        # By the time before the ring was read: what this process itself slept through since is nobody's silence.
+        if self.state.armed and newest_ns is not None and self._turn_ns - newest_ns > stale_s * 1e9:
+            self._fault_once(self._stale_cause(stale_s))
         if self._ring is not None and self._ring.lost > 0 and "lapped" not in self._said:
             self._said.add("lapped")
             self._waiting.append(ev.Spoiled(Cause("slow-consumer", f"{self._ring.lost} records overwritten unread")))
+
+    def _stale_cause(self, stale_s: float) -> Cause:
+        """Why no status comes: the station's own beat in the ring tells whether it runs at all."""
+        if self._ring is not None and self._turn_ns - self._ring.writer_heartbeat_ns > 0.5e9 * stale_s:
+            return Cause("host-silent", f"the station has not run for {stale_s / 2:g} s or longer")
+        return Cause("data-stale", f"no status of the controller for {stale_s:g} s")
 
     def _observe(self, records: NDArray[Any]) -> ev.Event | None:
         """The awaited fact in new records; a load train that changed is a fault of its own."""
@@ -332,7 +343,7 @@ class Runner:
             self._waiting.append(ev.Fault(stop, cause))
 
     def _beat(self) -> None:
-        now_ns = monotonic_ns()
+        self._turn_ns = now_ns = monotonic_ns()
         if now_ns - self._beat_ns < BEAT_NS or "gone" in self._said:
             return
         self._beat_ns = now_ns

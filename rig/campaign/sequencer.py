@@ -232,7 +232,7 @@ def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
     point = state.point
     state = replace(state, recording=False, attempts=_without_last(state.attempts, point.id), held_at_m=held_at_m)
     state, actions = _onwards(state)
-    return state, (act.DropRecording(point), note, *actions)
+    return state, (act.DropRecording(point, note.text), note, *actions)
 
 
 def _without_last(attempts: tuple[str, ...], point_id: str) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ ALLOWED: dict[str, str] = {
     "--actuator": "tcp|rtu",
     "--real-time": FLAG,
     "--no-real-time": FLAG,
+    "--drop-unread": FLAG,
     **{
         f"--{name}": QUANTITY
         for name in (

@@ -63,7 +63,7 @@ class Analyst:
     """The application's end of `rig.cli.analyst`; started early so that its imports happen during the motion."""
 
     def __init__(self) -> None:
-        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115 - lives as long as the process that writes it
+        self._log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - lives as long as the process that writes it
         self._process = subprocess.Popen(
             [sys.executable, "-m", "rig.cli.analyst"],
             stdin=subprocess.PIPE,

@@ -12,18 +12,19 @@ import click
 from rig import __version__
 from rig.cli.output import write_examples, write_json
 from rig.cli.packages import foreign_packages
+from rig.cli.stream import say, take_every_character
 from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, Refused, RigError, Stopped
 
 # Command -> module that holds it as `command`, and its line in the help (so that the help loads no module).
 COMMANDS = {
-    "demo": ("rig.cli.demo", "The whole story in under a minute on the simulated rig."),
+    "demo": ("rig.cli.demo", "Complete example on the simulated rig, in under a minute."),
     "plan": ("rig.cli.plan", "Judge every point of a matrix before anything moves."),
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
-    "import": ("rig.cli.importing", "Bring foreign test files into the run format."),
+    "import": ("rig.cli.importing", "Convert CSV test files to a run."),
     "report": ("rig.cli.report", "Write the report of a run."),
     "runs": ("rig.cli.runs", "List recorded runs."),
-    "recover": ("rig.cli.recover", "Finish what a broken campaign left behind."),
+    "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     "study": ("rig.cli.study", "Compare the papers' algorithms over recordings; tables and figures."),
     "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
@@ -87,16 +88,17 @@ def main(arguments: Sequence[str]) -> int:
 
     Errors a user can mend are one clear message on standard error; with `--json` also one object on standard output.
     """
+    take_every_character()
     as_json = "--json" in (arguments[: arguments.index("--")] if "--" in arguments else arguments)
     try:
         return int(cli.main(args=list(arguments), prog_name="rig", standalone_mode=False) or EXIT_DONE)
     except click.ClickException as error:
-        error.show()
+        error.show(sys.stderr)
         if as_json:
             write_json({"error": error.format_message(), "exit_code": EXIT_USAGE})
         return EXIT_USAGE
     except RigError as error:
-        click.echo(f"rig: {error}" if not isinstance(error, FileProblem) else str(error), err=True)
+        say(f"rig: {error}" if not isinstance(error, FileProblem) else error, err=True)
         if as_json:
             write_json(_described(error))
         return error.exit_code
@@ -105,12 +107,12 @@ def main(arguments: Sequence[str]) -> int:
         return EXIT_DONE
     except OSError as error:
         text = f"{error.filename or 'input or output'}: {error.strerror or error}"
-        click.echo(f"rig: {text}", err=True)
+        say(f"rig: {text}", err=True)
         if as_json:
             write_json({"error": text, "exit_code": EXIT_USAGE})
         return EXIT_USAGE
     except (click.Abort, KeyboardInterrupt):
-        click.echo("rig: stopped by the operator", err=True)
+        say("rig: stopped by the operator", err=True)
         if as_json:
             write_json({"error": "stopped by the operator", "exit_code": EXIT_STOPPED})
         return EXIT_STOPPED
@@ -128,7 +130,8 @@ def _described(error: RigError) -> dict[str, object]:
 def run() -> None:
     """Console entry: `rig ...`."""
     if problem := foreign_packages():
-        click.echo(f"rig: {problem}", err=True)
+        take_every_character()
+        say(f"rig: {problem}", err=True)
         sys.exit(EXIT_USAGE)
     code = main(sys.argv[1:])
     _let_go_of_the_terminal()

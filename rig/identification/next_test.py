@@ -88,8 +88,9 @@ def bench_of(folder: Path) -> Allowance | None:
     if not (folder / "bench.toml").is_file() or not (folder / "matrix.toml").is_file():
         return None
     from rig.bench.model import Bench
+    from rig.matrix.feasibility import HEADROOM_M
     from rig.matrix.model import ExtraPoint, Matrix, load_matrix
-    from rig.matrix.plan import HEADROOM_M, plan
+    from rig.matrix.plan import plan
 
     bench, matrix = Bench.load(folder / "bench.toml"), load_matrix(folder / "matrix.toml")
 

@@ -146,7 +146,7 @@ class WarmUp(Section):
 class Temperature(Section):
     """Between which coil temperatures a point may be measured, and how the damper warms and cools."""
 
-    window_degC: tuple[CoilTemperature, CoilTemperature] = Field(alias="window")
+    window_degC: tuple[CoilTemperature, CoilTemperature] = Field(alias="window", examples=[["25 degC", "45 degC"]])
     ambient_degC: CoilTemperature = Field(default=23.0, alias="ambient")
     heat_capacity_J_K: Annotated[float, Quantity("heat capacity", "1 J/K", "1000 kJ/K")] = Field(
         default=1500.0, alias="heat_capacity"

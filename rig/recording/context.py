@@ -15,7 +15,8 @@ class SensorContext:
     `delay_s` is the declared group delay of its conditioner (None: not stated, taken as 0); `range_SI` the full scale
     (None: unknown); `sensitivity` is SI per unit on the wire, `offset` in SI; dates are ISO 8601 text.
     `bandwidth_Hz` is what its conditioner passes (-3 dB; None: not stated). `uncertainty_percent` is the standard
-    uncertainty of the sensitivity (None: not stated); `overdue`: the calibration was past its due date.
+    uncertainty of the sensitivity (None: not stated); `overdue`: the calibration was past its due date. `format` names
+    what it sends: a preset of `protocols.line_format`, or `frame16`.
     """
 
     sensor: str
@@ -32,6 +33,7 @@ class SensorContext:
     uncertainty_percent: float | None = None
     overdue: bool = False
     bandwidth_Hz: float | None = None
+    format: str = ""
 
     @property
     def declared_s(self) -> float:
@@ -85,6 +87,9 @@ class PointContext:
         try:
             raw = json.loads(text)
             sensors = {name: SensorContext(**entry) for name, entry in raw.pop("sensors").items()}
-            return cls(sensors=sensors, **raw)
-        except (AttributeError, KeyError, TypeError) as error:
+            context = cls(sensors=sensors, **raw)
+        except (AttributeError, KeyError, RecursionError, TypeError) as error:
             raise ValueError(f"journal header is not a point's context: {error}") from error
+        if not isinstance(context.point, dict) or not isinstance(context.provenance, dict):
+            raise ValueError("journal header is not a point's context: point and provenance are not both objects")
+        return context

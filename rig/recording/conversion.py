@@ -45,6 +45,7 @@ from rig.recording.skew import Skew
 from rig.recording.sorting import Sorter
 from rig.recording.velocity import MARGIN, METHOD, velocity_of
 from rig.recording.verdict import Verdict, judge
+from rig.recording.wire_values import wire_attributes
 
 if TYPE_CHECKING:
     import h5py
@@ -174,7 +175,8 @@ def build(
     file = PointFile(
         time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,
         channels=_aligned_channels(alignment, context), flags=alignment.flags,
-        raw=[_raw_channel(channel, alignment.origin_s) for channel in alignment.timed.values()],
+        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name))
+             for name, channel in alignment.timed.items()],
         events=_events(content, alignment), quality={**verdict.attributes, **quality}, provenance=provenance, test=test,
         title=f"Test point {context.point.get('id', '')}",
     )
@@ -251,7 +253,7 @@ def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
     return {key: value for key, value in kept.items() if value not in {"", None}}
 
 
-def _raw_channel(channel: TimedChannel, origin_s: float) -> RawChannel:
+def _raw_channel(channel: TimedChannel, origin_s: float, sensor: SensorContext | None) -> RawChannel:
     described = DESCRIPTIONS.get(channel.name, Description(channel.name, "1", channel.name))
     attributes: dict[str, Attribute] = {
         "clock_method": channel.clock.method, "clock_std_s": channel.clock.std_s, "lost_samples": channel.lost,
@@ -260,6 +262,7 @@ def _raw_channel(channel: TimedChannel, origin_s: float) -> RawChannel:
     return RawChannel(
         channel.name, channel.received, described.unit, described.long_name,
         mapped(channel.received_s, lambda time_s: time_s - origin_s, np.float64), attributes,
+        wire_attributes(channel.name, sensor),
     )
 
 

@@ -2,9 +2,9 @@
 
     python -m rig.recording.converter
 
-reads one JSON object a line, `{"journal": path, "recovered": bool}` or `{"retime": points folder}`, answers with lines of
-the fields of `FinishedPoint`, and with `{"done": error or ""}` when a request is done. `Converter` is the other end: it
-starts the process, names what happened to it (a crash of a library, no memory, no end in time) and starts another one.
+reads one JSON object a line, `{"journal": path, "recovered": bool}` or `{"retime": points folder}`, answers with lines
+of the fields of `FinishedPoint`, and with `{"done": error or ""}` when a request is done. `Converter` is the other end:
+it starts the process, names what happened to it (a crash of a library, no end in time) and starts another one.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ from rig.recording.context import PointContext, SensorContext
 from rig.recording.journal import JournalContent
 from rig.recording.layout import FloatArray, parts
 from rig.recording.loop_shape import LoopShape, Standing, loop_shape, standing
+from rig.recording.point_names import OUT_OF_TOLERANCE
 from rig.recording.reason import Kind, Reason
 from rig.recording.tracking import loop_error_A, steps_error_A
 from rig.recording.verdict import Findings, SensorCounts
@@ -26,7 +27,7 @@ MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
 TEMPERATURE_REACH_S = 0.5
 LARGEST_DISORDER = 0.001
-VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT}
+VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT, OUT_OF_TOLERANCE: Kind.INVALID}
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
 

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}
 UNFILTERED_BYTES = 256
 """A dataset up to this size is stored as it is: an index of chunks would be longer than what it saves."""
-STAMPS = ("sequence", "device_us", "host_ns", "flags", "time")
-"""Columns that channels of one message have in common; `value` is each channel's own."""
 MOST_ATTRIBUTES = 1000
 """Attributes that stay in their object's header, where they take least room."""
 LONGEST_TEXT_BYTES = 32_000
@@ -82,7 +80,7 @@ class _Image:
     def __init__(self, file: h5py.File, check: Callable[[], None]) -> None:
         self._file = file
         self._check = check
-        self._stored: dict[tuple[str, str, int, int], h5py.Dataset] = {}
+        self._stored: dict[tuple[str, int, int], h5py.Dataset] = {}
 
     def fill(self, content: PointFile) -> None:
         self._file.attrs["format_version"] = FORMAT_VERSION
@@ -134,9 +132,12 @@ class _Image:
         if channel.time_s is not None:
             units["time"], columns["time"] = "s", (channel.time_s, np.float64)
         for name, (values, kind) in columns.items():
-            about = channel.value_attributes if name == "value" else {}
-            dataset = self._dataset(group, name, values, kind)
-            if "units" not in dataset.attrs:
+            if name == "value":
+                dataset, new = self._dataset(group, name, values, kind), True
+            else:
+                dataset, new = self._stamps(group, name, values, kind)
+            if new:
+                about = channel.value_attributes if name == "value" else {}
                 set_attributes(dataset, {"units": units[name], **about})
 
     def _fill_events(self, events: Sequence[Event]) -> None:
@@ -152,40 +153,37 @@ class _Image:
             set_attributes(group.create_dataset(name, data=texts), {"encoding": "utf-8"})
         self._check()
 
-    def _dataset(self, group: h5py.Group, name: str, values: Values, kind: DTypeLike) -> h5py.Dataset:
-        """A dataset of type `kind`, written a part at a time, with the check of its values.
+    def _stamps(self, group: h5py.Group, name: str, values: Values, kind: DTypeLike) -> tuple[h5py.Dataset, bool]:
+        """A column that channels of one message have in common, and whether it was new: the same one is linked only."""
+        if not isinstance(values, np.ndarray) or len(values) == 0:
+            return self._dataset(group, name, values, kind), True
+        column = np.ascontiguousarray(values.astype(kind))
+        key = (name, len(column), zlib.crc32(column.tobytes()))
+        known = self._stored.get(key)
+        if known is not None and known[...].tobytes() == column.tobytes():
+            group[name] = known
+            return known, False
+        self._stored[key] = self._dataset(group, name, column, kind)
+        return self._stored[key], True
 
-        A column of stamps that is there already, the same to the last bit, is only linked.
-        """
+    def _dataset(self, group: h5py.Group, name: str, values: Values, kind: DTypeLike) -> h5py.Dataset:
+        """A dataset of type `kind`, written a part at a time, with the check of its values."""
         import h5py
 
         wanted = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         wanted.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
-        stamps = name in STAMPS and len(values) > 0 and isinstance(values, np.ndarray)
-        whole = np.ascontiguousarray(values.astype(kind)) if stamps else values
-        if stamps:
-            known = self._stored.get(_key(name, whole))
-            if known is not None and np.array_equal(known[...].view(np.uint8), whole.view(np.uint8)):
-                group[name] = known
-                return known
         size = len(values) * np.dtype(kind).itemsize
         filters = {"chunks": (min(len(values), CHUNK_SAMPLES),), **FILTERS} if size > UNFILTERED_BYTES else {}
         dataset = group.create_dataset(name, (len(values),), kind, dcpl=wanted, **filters)
         check = 0
         for rows in parts(len(values)) if len(values) else ():
-            part = np.ascontiguousarray(np.asarray(whole[rows]).astype(kind))
+            part = np.ascontiguousarray(np.asarray(values[rows]).astype(kind))
             dataset[rows] = part
             check = zlib.crc32(part.tobytes(), check)
             self._check()
         if len(values):
             dataset.attrs["crc32"] = np.uint32(check)
-        if stamps and group.name.startswith("/entry/raw/"):
-            self._stored[_key(name, whole)] = dataset
         return dataset
-
-
-def _key(name: str, values: NDArray[Any]) -> tuple[str, str, int, int]:
-    return name, values.dtype.str, len(values), zlib.crc32(values.tobytes())
 
 
 def set_attributes(place: h5py.Group | h5py.Dataset, attributes: Mapping[str, Attribute]) -> None:

@@ -195,6 +195,20 @@ def read_journal(path: Path) -> JournalContent:
     return parse_journal(path.read_bytes(), str(path))
 
 
+def read_header(path: Path) -> str:
+    """A journal's header alone.
+
+    Raises:
+        JournalProblem: it is no journal or its header is damaged.
+        OSError: the file cannot be read.
+    """
+    with path.open("rb") as file:
+        start = file.read(HEADER.size)
+        if len(start) == HEADER.size:
+            start += file.read(min(HEADER.unpack(start)[1], LARGEST_BLOCK_BYTES))
+    return _header(start, str(path))[0]
+
+
 def parse_journal(data: bytes, name: str = "journal") -> JournalContent:
     """The same for bytes already read.
 

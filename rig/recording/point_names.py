@@ -8,8 +8,8 @@
     ID-attempt1.h5.old                  the file of an attempt that an earlier session made
     NAME-unreadable-TIME.journal.old    a journal of which no file could be made when the point was run again
 
-An id may itself end like one of these, or be the beginning of another: names are compared whole, never by pattern. Where
-the name of an attempt is the id of another point, a dot, which no id has, takes the place of its dash.
+An id may itself end like one of these, or be the beginning of another: names are compared whole, never by pattern.
+Where the name of an attempt is the id of another point, a dot, which no id has, takes the place of its dash.
 """
 
 from __future__ import annotations

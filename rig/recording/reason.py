@@ -28,6 +28,7 @@ BLAMED: dict[str, str] = {
     "sigterm": "test",
     "wrong-damper": "specimen",
     "load-train": "bench",
+    "host-late": "test",
     "ecu-overtemp": "test",
 }
 """Slug of a reason -> who is at fault; every other slug is the bench's."""

@@ -22,6 +22,7 @@ from rig.report.fragment import box, text
 from rig.report.instruments import doubts_of, instruments
 from rig.report.style import STYLE_SHEET
 from rig.report.view import PointView, view_of
+from rig.text_file import read_json
 
 
 def write_report(run_dir: Path) -> Path:
@@ -78,11 +79,8 @@ def read_fit(folder: Path) -> dict[str, Any] | None:
     file = folder / "fit.json"
     if not file.is_file():
         return None
-    try:
-        fit = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise FileProblem(str(file), [f"not JSON: {error}"]) from error
-    if not isinstance(fit, dict) or not isinstance(fit.get("parameters"), dict):
+    fit = read_json(file)
+    if not isinstance(fit.get("parameters"), dict):
         raise FileProblem(str(file), ["not a fit: expected a JSON object with `model` and `parameters`"])
     return fit
 

@@ -59,7 +59,7 @@ def zero_returns(run: Run) -> tuple[CrossCheck, ...]:
         ):
             before, before_own, after, after_own = (reading.mean for reading in readings)
             moved = Estimate(
-                (after - after_own) - (before - before_own), math.hypot(*(reading.error for reading in readings)),
+                (after - after_own) - (before - before_own), math.hypot(*(reading.std / math.sqrt(max(reading.count, 1)) for reading in readings)),
             )
             found.append(CrossCheck(
                 name, f"return of its zero after session {session}",

@@ -291,6 +291,7 @@ class ActuatorThread(DeviceThread):
         else:
             status = self._driver.read_status()
         self.polls += 1
+        self._supervisor.host.heard(status.received_ns)
         self._supervisor.report(self._troubles.answered(status.received_ns))
         self._follow_stop(status)
         self._last_ns = status.received_ns
@@ -298,7 +299,8 @@ class ActuatorThread(DeviceThread):
         device_us, records = self._records.of(status, self.polls)
         self.clock.take(status.received_ns, device_us)
         self._append(records)
-        findings = self.judge.judge(status, self._travel.position_m(status.received_ns), self.speed_source())
+        lvdt_m = self._travel.position_m(status.received_ns)
+        findings = self.judge.judge(status, lvdt_m, self.speed_source(), self._driver.sent)
         if findings:
             self._supervisor.report(findings)
         with self.status_changed:
@@ -342,6 +344,7 @@ class ActuatorThread(DeviceThread):
     def _failed(self, error: DriverError) -> None:
         self.failures += 1
         now_ns = monotonic_ns()
+        self._supervisor.host.awake(now_ns)
         self._linked = self._driver.is_open
         finding = self._troubles.failed(error, now_ns)
         if finding.slug != "modbus-wrong-tid":

@@ -6,7 +6,6 @@ current is taken until `begin` prepares the coil anew.
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Callable
 
@@ -14,12 +13,15 @@ from drivers.ecu import CanEcu, EcuBatch
 from drivers.errors import DriverError
 from drivers.ring import Record
 from protocols.ecu import EcuFault, EcuIdentity, EcuState
+from protocols.quality import Quality
 from rig.clock import monotonic_ns
 from rig.station.coil_judge import BusJudge, CurrentJudge
 from rig.station.config import EcuConfig
 from rig.station.device_thread import DeviceThread
 from rig.station.errors import StationRefused
+from rig.station.host_watch import Listener
 from rig.station.interlocks import Finding
+from rig.station.said import say
 from rig.station.status_judge import EcuJudge
 from rig.station.supervisor import Supervisor
 
@@ -48,6 +50,9 @@ class CoilThread(DeviceThread):
         self._stale_ns = int(config.stale_after_s * 1e9)
         self._timeout_s = min(0.05, config.stale_after_s)
         self._last_ns = monotonic_ns()
+        self._listener = Listener(supervisor.host, self._last_ns)
+        self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
+        self._zero_error: DriverError | None = None
         self._bus_judge = BusJudge(config.bitrate)
         self._current_judge = CurrentJudge(self._stale_ns)
         self._set_points = 0
@@ -80,6 +85,7 @@ class CoilThread(DeviceThread):
         if self.port_lost is not None or self._driver.send_error is not None:
             self._driver.close()
             self._driver.send_error = None
+            self._zero_error = None
             self._driver.open()
             self.port_lost = None
             self._again.set()
@@ -129,8 +135,9 @@ class CoilThread(DeviceThread):
             try:
                 self._driver.send_now()
             except DriverError as error:
-                # The bus is gone: the ECU goes to 0 A by its own time-out; the loss itself is reported by the reader.
-                sys.stderr.write(f"0 A could not be sent: {error}\n")
+                # The ECU goes to 0 A by its own time-out, if the repeated command frames do not reach it before.
+                self._zero_error = error
+                say(f"0 A could not be sent: {error}")
 
     def _command(self, current_A: float, *, enable: bool, clear_faults: bool = False) -> None:
         """Change what is sent; a set-point that lasts for less than a status period is counted all the same."""
@@ -207,18 +214,22 @@ class CoilThread(DeviceThread):
                 self._again.wait()
 
     def _read(self) -> None:
+        self._listener.restart(monotonic_ns())
         while not self._ending.is_set():
+            asked_s = self._patience_s()
             try:
-                batch = self._driver.read_batch(self._patience_s())
+                batch = self._driver.read_batch(asked_s)
             except DriverError as error:
                 self.port_lost = str(error)
                 self._supervisor.report([Finding("can-lost", self.port_lost, monotonic_ns())])
                 return
-            findings = self._judge(batch)
+            blind_ns = self._listener.returned(asked_s, batch.arrival_ns, heard=bool(batch.statuses))
+            late = blind_ns > self._late_after_ns
+            findings = self._judge(batch, late=late)
             if findings:
                 self._supervisor.report(findings)
             if batch.records:
-                self._append(batch.records)
+                self._append(_stale(batch.records) if late else batch.records)
             if batch.statuses:
                 with self._progress:
                     self._progress.notify_all()
@@ -228,14 +239,17 @@ class CoilThread(DeviceThread):
         left_s = (self._last_ns + self._stale_ns - monotonic_ns()) * 1e-9 + STALE_FOR_SURE_S
         return min(left_s, self._timeout_s) if left_s > 0.0 else self._timeout_s
 
-    def _judge(self, batch: EcuBatch) -> list[Finding]:
+    def _judge(self, batch: EcuBatch, *, late: bool = False) -> list[Finding]:
+        """Judge what one read gave; `late`: it may have waited while the station did not run."""
         now_ns = batch.arrival_ns
         findings: list[Finding] = []
         commanded_A = self._driver.commanded_A
         for status in batch.statuses:
             self._last_ns = now_ns
             findings += self.judge.judge_status(status, now_ns)
-            findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
+            if not late:
+                # What waited may be from before the set-point.
+                findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
         if batch.statuses:
             # Errors that came with the last status frame may be the beginning of what silences the bus.
             self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
@@ -245,13 +259,18 @@ class CoilThread(DeviceThread):
         findings += self._bus_judge.judge(self._driver.counters, now_ns)
         if self._driver.send_error is not None:
             findings.append(Finding("can-lost", f"command frames ended: {self._driver.send_error}", now_ns))
-        age_ns = now_ns - self._last_ns
-        if age_ns > self._stale_ns:
-            detail = f"ecu: no status for {age_ns / 1e6:.0f} ms, allowed {self._stale_ns / 1e6:.0f} ms"
-            slug = "can-busoff" if self._driver.bus_errors > self._bus_errors else "ecu-silent"
-            findings.append(Finding(slug, detail, now_ns, age_ns / 1e9, self._stale_ns / 1e9))
-        return findings
+        elif self._zero_error is not None:
+            findings.append(Finding("can-lost", f"0 A could not be sent at once: {self._zero_error}", now_ns))
+        slug = "can-busoff" if self._driver.bus_errors > self._bus_errors else "ecu-silent"
+        silence = self._supervisor.host.missed(self.name, slug, self._last_ns, self._stale_ns, now_ns)
+        return findings if silence is None else [*findings, silence]
 
     def _is_clear(self) -> bool:
         status = self._driver.status
         return status is not None and status.faults == 0
+
+
+def _stale(records: list[Record]) -> list[Record]:
+    """The records, flagged: they waited while the station did not run."""
+    stale = int(Quality.STALE)
+    return [(*record[:5], record[5] | stale) for record in records]

@@ -103,7 +103,8 @@ class StationConfig:
     """Everything the station needs.
 
     `device_rate` is how fast the devices' clocks run against the wall (1 on hardware, the simulated rig's speed there).
-    `owner_id` is the lease at the controller, 1..65535; 0 has the station make one from its process id.
+    A time for which the station itself did not watch is recorded from `late_after_s` on and stops the rig beyond
+    `late_limit_s`. `owner_id` is the lease at the controller, 1..65535; 0 has the station draw one at random.
     """
 
     actuator: ActuatorConfig
@@ -118,6 +119,7 @@ class StationConfig:
     device_rate: float = 1.0
     heartbeat_timeout_s: float = 0.500
     late_after_s: float = 0.020
+    late_limit_s: float = 0.050
     disagreement_m: float = 0.005
     real_time: bool = True
     owner_id: int = 0
@@ -199,6 +201,8 @@ def _check_ranges(config: StationConfig) -> None:
         "ecu.stale_after_s": config.ecu.stale_after_s,
         "device_rate": config.device_rate,
         "heartbeat_timeout_s": config.heartbeat_timeout_s,
+        "late_after_s": config.late_after_s,
+        "late_limit_s": config.late_limit_s,
         "ring_capacity": config.ring_capacity,
     }
     for sensor in (config.load_cell, config.lvdt, *config.auxiliary):

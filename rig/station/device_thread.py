@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 import threading
-import traceback
 from abc import ABC, abstractmethod
+
+from rig.station.said import say_error
 
 
 class DeviceThread(ABC):
@@ -49,4 +49,4 @@ class DeviceThread(ABC):
             self.work()
         except Exception as error:  # noqa: BLE001 - whatever ends a thread must become a trip, not a silent death
             self.failure = f"{type(error).__name__}: {error}"
-            traceback.print_exc(file=sys.stderr)
+            say_error()

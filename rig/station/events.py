@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from rig.station.fault_table import Stop
+from rig.station.host_watch import BlindTime, HostWatch
 from rig.station.interlocks import Finding
-from rig.station.safe_stop import SafeStop, View
+from rig.station.safe_stop import SafeStop, Step, View
+
+Event = dict[str, object]
 
 
-def trip_event(finding: Finding, kind: Stop, first: bool, now_ns: int) -> dict[str, object]:
+@dataclass(frozen=True)
+class Trip:
+    """The latched first cause."""
+
+    slug: str
+    stop: Stop
+    detail: str
+    t_ns: int
+    value: float
+    limit: float
+
+
+def trip_event(finding: Finding, kind: Stop, first: bool, now_ns: int) -> Event:
     """The event of a latched first cause (`trip`) or of a later one (`also`)."""
     return {
         "event": "trip" if first else "also",
@@ -21,6 +37,36 @@ def trip_event(finding: Finding, kind: Stop, first: bool, now_ns: int) -> dict[s
         "value": None if math.isnan(finding.value) else finding.value,
         "limit": None if math.isnan(finding.limit) else finding.limit,
     }
+
+
+def late_event(blind: BlindTime, host: HostWatch) -> Event:
+    """The event of a time for which the station did not watch: how long (s), allowed, how often and long in all."""
+    return {
+        "event": "late",
+        "late_s": blind.length_ns / 1e9,
+        "limit_s": host.limit_ns / 1e9,
+        "count": host.count,
+        "total_s": host.total_ns / 1e9,
+        "t_ns": blind.end_ns,
+    }
+
+
+def step_event(stop: SafeStop, view: View, evidence: Event, now_ns: int) -> Event:
+    """The event of a stop's new step; of the last one with what is proved and what is not."""
+    if stop.step is Step.SAFE:
+        event: Event = {
+            "event": "safe",
+            "stop": str(stop.kind),
+            "standstill": stop.standstill,
+            "current_zero": stop.current_zero,
+            **evidence,
+            "stopped_s": (view.now_ns - stop.started_ns) / 1e9,
+        }
+    elif stop.step is Step.UNKNOWN:
+        event = {"event": "unknown", "reason": unknown_reason(stop, view), **evidence}
+    else:
+        event = {"event": "stop", "step": stop.step.name.lower()}
+    return {**event, "t_ns": now_ns}
 
 
 def unknown_reason(stop: SafeStop, view: View) -> str:

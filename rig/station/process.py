@@ -11,9 +11,9 @@ import os
 import signal
 import sys
 import threading
-import traceback
 from pathlib import Path
 
+from drivers.actuator import draw_number
 from drivers.ring import RingWriter
 from rig.errors import EXIT_DONE, EXIT_UNKNOWN_STATE, EXIT_USAGE
 from rig.station.config import StationConfig, from_json
@@ -22,11 +22,11 @@ from rig.station.errors import ConfigProblem, StationRefused
 from rig.station.fault_table import TABLE, Stop
 from rig.station.link import Link
 from rig.station.requests import Requests
+from rig.station.said import say_error
 from rig.station.supervisor import Supervisor
 
 REAL_TIME_PRIORITY = 20
 END_TIMEOUT_S = 120.0
-OWNER_MODULUS = (1 << 16) - 1
 MUTATION_VARIABLE = "RIG_STATION_MUTATION"
 AT_ONCE = frozenset({"stop", "status"})
 """Requests that are taken while another one is under way."""
@@ -38,7 +38,7 @@ class Station:
     def __init__(self, config: StationConfig, link: Link) -> None:
         self.config = config
         self.link = link
-        owner_id = config.owner_id or os.getpid() % OWNER_MODULUS + 1
+        owner_id = config.owner_id or draw_number()
         self.ring = RingWriter(Path(config.ring_path), config.ring_capacity)
         self.supervisor = Supervisor(config, link.emit, self.ring.append, self.ring.beat)
         self.supervisor.vigil.unread_share = lambda: self.ring.unread_share
@@ -88,10 +88,10 @@ class Station:
         except StationRefused as error:
             answer = {"refused": error.slug, "message": error.message}
         except Exception as error:  # noqa: BLE001 - a request's defect must answer and stop the rig, not vanish
-            traceback.print_exc(file=sys.stderr)
             answer = {"refused": "task-dies", "message": f"{do}: {type(error).__name__}: {error}"}
             if self.supervisor.armed:
                 self.supervisor.ask_stop(TABLE["task-dies"].stop, "task-dies", f"request {do} failed: {error}")
+            say_error()
         finally:
             if waits:
                 self._busy.release()
@@ -115,7 +115,7 @@ class Station:
         self.devices.close()
         self.supervisor.end()
         self.link.end()
-        self.ring.close()
+        self.ring.remove()  # also where the application, which would do it, was killed
         return code
 
     def _wait_safe(self) -> bool:

@@ -210,7 +210,7 @@ class Requests:
         period_s = 1.0 / frequency_Hz
         self._supervisor.movement = Movement(self._config.actuator.fade_out_cycles * period_s, period_s)
         cycles = sum(float(values[name]) for name in ("cycles", "ramp_in_cycles", "ramp_out_cycles"))
-        self._devices.actuator.judge.expect_program(cycles * period_s)
+        self._devices.actuator.judge.expect_program(cycles * period_s, cycles)
         status = self._commander.command(Command.START, **values)
         return {"program_id": status.program_id, "state": State(status.state).name}
 
@@ -296,8 +296,9 @@ class Requests:
             "trip": None if trip is None else {"slug": trip.slug, "stop": str(trip.stop), "detail": trip.detail},
             "later": dict(supervisor.later),
             "settled": supervisor.settled,
-            "late_loops": supervisor.late.count,
-            "late_worst_s": supervisor.late.worst_s,
+            "late_loops": supervisor.host.count,
+            "late_worst_s": supervisor.host.worst_ns / 1e9,
+            "late_total_s": supervisor.host.total_ns / 1e9,
             "connected": self._connected,
         }
         if self._connected:

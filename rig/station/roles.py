@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from protocols.actuator import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command
@@ -83,6 +84,10 @@ class ActuatorDriver(Protocol):
     @property
     def busy(self) -> int:
         """"Busy" answers that were asked again."""
+
+    @property
+    def sent(self) -> Sequence[tuple[int, int]]:
+        """Sequence and command of the last commands written, oldest first."""
 
     def open(self) -> None:
         """Open the connection."""

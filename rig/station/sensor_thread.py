@@ -10,14 +10,18 @@ from typing import Protocol
 from drivers.errors import DriverError
 from drivers.ring import Channel, Record
 from drivers.sample_stream import Batch
+from protocols.quality import Quality
 from rig.clock import monotonic_ns
 from rig.station.config import SensorConfig
 from rig.station.device_thread import DeviceThread
+from rig.station.host_watch import Listener
 from rig.station.interlocks import ChannelJudge, Finding, MotionJudge
 from rig.station.line_judge import ClockWatch, LineJudge, drift
 from rig.station.supervisor import Supervisor
 
 READ_TIMEOUT_S = 0.05
+LOOK_AGAIN_S = 0.01
+STALE_FOR_SURE_S = 0.0002
 BACKSTOP_NS = 250_000_000
 COUNTED = 1000
 STUCK_S = 0.08
@@ -56,7 +60,8 @@ class SensorThread(DeviceThread):
     """Owns a sensor's port from the first read on.
 
     Silence is judged here, right after a read that brought no value, so that a station that was kept from running does
-    not mistake data waiting in its port for silence. The supervisor's own check of the age is only a backstop.
+    not mistake data waiting in its port for silence. The supervisor's own check of the age is only a backstop. Samples
+    that waited while the station did not run are judged one by one like any others, and flagged as stale.
     """
 
     def __init__(
@@ -97,6 +102,11 @@ class SensorThread(DeviceThread):
         self._stale_ns = int(config.stale_after_s * 1e9)
         self._last_ns = monotonic_ns()
         self._timeout_s = min(READ_TIMEOUT_S, config.stale_after_s)
+        self._listener = Listener(supervisor.host, self._last_ns)
+        self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
+        self._waiting_rate_Hz = config.rate_Hz * device_rate
+        self._waited = 0
+        self.late_samples = 0
 
     def open(self) -> None:
         """Open the port; before the thread starts.
@@ -153,6 +163,7 @@ class SensorThread(DeviceThread):
             "age_s": (now_ns - self._last_ns) / 1e9,
             "samples": self.samples,
             "lost": self.lost,
+            "late": self.late_samples,
             "bad_frames": self._driver.bad_frames,
             "port_lost": self.port_lost,
         }
@@ -178,12 +189,17 @@ class SensorThread(DeviceThread):
                     # While nobody read, the port may have overflowed; that is no loss of a test.
                     self._driver.discard_input()
                     fresh = True
-                batch = self._driver.read_batch(self._timeout_s)
+                    self._listener.restart(monotonic_ns())
+                asked_s = self._patience_s()
+                batch = self._driver.read_batch(asked_s)
             except DriverError as error:
                 self.port_lost = str(error)
                 slug = "usb-renumber" if self._driver.moved else self.slug
                 self._supervisor.report([Finding(slug, self.port_lost, monotonic_ns())])
                 return
+            blind_ns = self._listener.returned(asked_s, batch.arrival_ns, heard=bool(batch.records))
+            if blind_ns > self._late_after_ns:
+                self._waited = math.ceil(1e-9 * blind_ns * self._waiting_rate_Hz)
             samples = [record for record in batch.records if record[4] == self._channel]
             self._judge_line(len(samples), batch.arrival_ns)
             if samples:
@@ -192,13 +208,20 @@ class SensorThread(DeviceThread):
                 self._last_ns = batch.arrival_ns
             else:
                 # A sample without a value leaves the channel as old as it was.
-                self._judge_silence()
+                self._judge_silence(batch.arrival_ns)
             if len(samples) != len(batch.records):
                 self._append([record for record in batch.records if record[4] != self._channel])
             self.lost += batch.lost
 
+    def _patience_s(self) -> float:
+        """How long to wait for a sample: until the last value is stale, then for short looks."""
+        left_s = (self._last_ns + self._stale_ns - monotonic_ns()) * 1e-9 + STALE_FOR_SURE_S
+        return min(left_s, READ_TIMEOUT_S) if left_s > 0.0 else LOOK_AGAIN_S
+
     def _take(self, samples: list[Record]) -> None:
         records, findings = self.judge.judge(samples)
+        if self._waited:
+            records = self._flagged(records)
         if self.motion is not None:
             findings += self.motion.judge(records)
         if self.judge.repeats >= self._stuck_samples and self.in_motion():
@@ -212,6 +235,13 @@ class SensorThread(DeviceThread):
         self.samples += len(records)
         if self._recent_count < COUNTED:
             self._count(records)
+
+    def _flagged(self, records: list[Record]) -> list[Record]:
+        """The samples that waited while the station did not run, flagged; the value is as good as any other."""
+        late, self._waited = records[: self._waited], max(0, self._waited - len(records))
+        self.late_samples += len(late)
+        stale = int(Quality.STALE)
+        return [(*record[:5], record[5] | stale) for record in late] + records[len(late) :]
 
     def _standing(self, t_ns: int) -> Finding:
         """A value that repeats in motion: stuck, or at an amplifier's end if nothing greater (or less) was ever shown.
@@ -239,14 +269,12 @@ class SensorThread(DeviceThread):
             self._recent_count += len(records)
             self._progress.notify_all()
 
-    def _judge_silence(self) -> None:
-        now_ns = monotonic_ns()
-        age_ns = now_ns - self._last_ns
-        if age_ns > self._stale_ns:
-            detail = f"{self.name}: no value for {age_ns / 1e6:.0f} ms, allowed {self._stale_ns / 1e6:.0f} ms"
-            garbage = self._driver.bad_frames + self._driver.skipped_bytes > self._garbage
-            slug = "serial-baud" if garbage else self.slug
-            self._supervisor.report([Finding(slug, detail, now_ns, age_ns / 1e9, self._stale_ns / 1e9)])
+    def _judge_silence(self, now_ns: int) -> None:
+        garbage = self._driver.bad_frames + self._driver.skipped_bytes > self._garbage
+        slug = "serial-baud" if garbage else self.slug
+        finding = self._supervisor.host.missed(self.name, slug, self._last_ns, self._stale_ns, now_ns)
+        if finding is not None:
+            self._supervisor.report([finding])
 
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
         """Age of the last value, and the age at which the supervisor itself calls it stale (ns)."""

@@ -7,12 +7,17 @@ from collections.abc import Callable
 
 from protocols.actuator import ActuatorStatus, FaultBit, Input, State
 from protocols.ecu import CoilStatus, CoilTemperature, EcuFault
+from rig.station.command_watch import CommandWatch, Sent
 from rig.station.interlocks import CONSECUTIVE, STILL_TOLERANCE_M, Finding
 
 MEASURED = ("position_m", "velocity_m_s", "force_N")
 """What the controller measures; without a finite number of each, nothing it says about the rod is to be trusted."""
 MOVING_STATES = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
 FROZEN_TRAVEL_M = 0.002
+FROZEN_POLLS = 2
+"""So often, at later times of its clock, the controller repeats a position that is frozen: two equal readings of a
+quantised register are none yet, nor two of the same instant.
+"""
 OVERRUN_S = 0.07
 """Device time by which a program may outlast its own length."""
 AT_REST_STATES = frozenset({State.HOLD, State.LOW, State.OFF})
@@ -67,6 +72,7 @@ class ControllerJudge:
         self.clock_s = 0.0
         self._beat_ns = 0
         self._held_m = math.nan
+        self._repeats = 0
         self._lvdt_low_m = math.inf
         self._lvdt_high_m = -math.inf
         self._apart = 0
@@ -75,19 +81,24 @@ class ControllerJudge:
         self._program_s = math.inf
         self._program_began_s = math.nan
         self._restless = 0
+        self._commands = CommandWatch()
 
-    def expect_program(self, duration_s: float) -> None:
-        """The program about to start lasts this long (device s), ramps included."""
+    def expect_program(self, duration_s: float, cycles: float) -> None:
+        """The program about to start lasts this long (device s) and has so many cycles, ramps included."""
+        self._commands.expect_program(cycles)
         self._program_s = duration_s
         self._program_began_s = math.nan
 
-    def judge(self, status: ActuatorStatus, lvdt_m: float | None, lvdt_speed_m_s: float) -> list[Finding]:
+    def judge(
+        self, status: ActuatorStatus, lvdt_m: float | None, lvdt_speed_m_s: float, sent: Sent
+    ) -> list[Finding]:
         """Take one status answer.
 
         Args:
             status: the answer.
             lvdt_m: the latest fresh LVDT value, None without one.
             lvdt_speed_m_s: the LVDT's speed (m/s), NaN while unknown.
+            sent: sequence and command of what was written to the controller, oldest first.
 
         Returns:
             What was found; the caller decides whether it matters now.
@@ -95,6 +106,8 @@ class ControllerJudge:
         findings: list[Finding] = []
         self._follow_clock(status, findings)
         self._follow_bits(status, findings)
+        if self.leased and status.owner == self.owner_id:
+            findings += self._commands.judge(status, sent)
         self._follow_program(status, lvdt_speed_m_s, findings)
         unknown = [name for name in MEASURED if not math.isfinite(getattr(status, name))]
         if unknown:
@@ -113,6 +126,7 @@ class ControllerJudge:
         self.frozen = False
         self._held_m = self._anchor_m = math.nan
         self._apart = 0
+        self._commands.restart()
 
     @property
     def still_s(self) -> float:
@@ -183,15 +197,17 @@ class ControllerJudge:
     def _compare(self, status: ActuatorStatus, lvdt_m: float, speed_m_s: float, findings: list[Finding]) -> None:
         t_ns = status.received_ns
         if status.position_m == self._held_m:
+            self._repeats += self.status is not None and status.clock_us != self.status.clock_us
             self._lvdt_low_m = min(self._lvdt_low_m, lvdt_m)
             self._lvdt_high_m = max(self._lvdt_high_m, lvdt_m)
             travel_m = self._lvdt_high_m - self._lvdt_low_m
-            if travel_m > FROZEN_TRAVEL_M:
+            if travel_m > FROZEN_TRAVEL_M and self._repeats >= FROZEN_POLLS:
                 detail = (
                     f"controller position stands at {status.position_m:.6g} m while the LVDT moved {travel_m:.4g} m"
                 )
                 findings.append(Finding("actuator-frozen", detail, t_ns, travel_m, FROZEN_TRAVEL_M))
         else:
+            self._repeats = 0
             self._held_m, self._lvdt_low_m, self._lvdt_high_m = status.position_m, lvdt_m, lvdt_m
         speeds = [abs(status.velocity_m_s), 0.0 if math.isnan(speed_m_s) else abs(speed_m_s)]
         allowed_m = self.disagreement_m + max(speeds) * self.lag_s

@@ -8,42 +8,37 @@ application's beat, the stop machine, its own lateness.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from rig.clock import monotonic_ns
 from rig.station import safe_stop
 from rig.station.config import StationConfig
-from rig.station.events import trip_event, unknown_reason
+from rig.station.events import Trip, late_event, step_event, trip_event
 from rig.station.fault_table import TABLE, FaultRow, Stop
+from rig.station.host_watch import HostWatch, Listener, quiet_s
 from rig.station.interlocks import Finding
 from rig.station.roles import Coil, Motion, Travel, Watched
 from rig.station.safe_stop import Action, SafeStop, Step, View
+from rig.station.said import say_error
 from rig.station.vigil import Vigil
 
 TICK_S = 0.005
 WARNING_EVERY_NS = 1_000_000_000
 STALLED_NS = 500_000_000
+ECU_STATUS_S = 0.010
 UNTAKEN_NS = 200_000_000
 """So long a stop command may go unacknowledged before the controller's watchdog is starved."""
 EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip"})
 
 NO_TROUBLE = Finding("", "", 0)
+_SLOWEST_LAST = (*(action for action in Action if action is not Action.ZERO_CURRENT), Action.ZERO_CURRENT)
 
 Emit = Callable[[dict[str, object]], None]
-
-
-@dataclass(frozen=True)
-class Trip:
-    """The latched first cause."""
-
-    slug: str
-    stop: Stop
-    detail: str
-    t_ns: int
-    value: float
-    limit: float
+Append = Callable[[list[Record]], None]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -54,30 +49,24 @@ class Movement:
     period_s: float = 0.0
 
 
-@dataclass
-class Late:
-    """How late the interlock loop has been."""
-
-    count: int = 0
-    worst_s: float = 0.0
-
-
 class Supervisor:
     """One per station; every method may be called from any thread."""
 
     def __init__(
-        self, config: StationConfig, emit: Emit, append: Callable[[list[Record]], None], beat: Callable[[int], None]
+        self, config: StationConfig, emit: Emit, append: Append, beat: Callable[[int], None]
     ) -> None:
         self.config = config
-        self.late = Late()
         self.tick_ns = monotonic_ns()
+        quiet = quiet_s(_periods_s(config))
+        self.host = HostWatch(config.late_limit_s, config.actuator.watchdog_s, quiet, self.tick_ns)
         self.movement = Movement()
         self.trip: Trip | None = None
         self.stop: SafeStop | None = None
         self.later: dict[str, str] = {}
+        self.defects = 0
         self.trouble = NO_TROUBLE
         self.changed = threading.Condition()
-        self.vigil = Vigil(config.heartbeat_timeout_s)
+        self.vigil = Vigil(config.heartbeat_timeout_s, self.host)
         self._emit = emit
         self._append = append
         self._ring_beat = beat
@@ -87,7 +76,6 @@ class Supervisor:
         self._armed = False
         self._starving = False
         self._proving = False
-        self._was_late = False
         self._application_gone = False
         self._warned: dict[str, tuple[int, int]] = {}
         self._lock = threading.RLock()
@@ -98,10 +86,12 @@ class Supervisor:
         """Give the supervisor its devices; before that nothing can be armed."""
         self._coil, self._motion, self._travel = coil, motion, travel
         self.vigil.watched = tuple(watched)
+        self.host.listen(monotonic_ns(), listening=True)
 
     def start(self) -> None:
         """Start the ticking thread; readers of the ring see the writer's beat from now on."""
         self._ring_beat(monotonic_ns())
+        self.host.watch(monotonic_ns())
         self._thread.start()
 
     def end(self) -> None:
@@ -181,7 +171,7 @@ class Supervisor:
         if self.trip is not None:
             stop, taken = self.stop, self._motion is None or self._motion.stop_taken
             if stop is not None and stop.step is Step.STOPPING and not taken:
-                return now_ns - stop.step_ns < UNTAKEN_NS
+                return self.host.clock_ns(now_ns) - stop.step_ns < UNTAKEN_NS
             return stop is None or stop.step is not Step.UNKNOWN
         return self.vigil.beat_age_s(now_ns) < 2.0 * self.config.heartbeat_timeout_s
 
@@ -195,7 +185,30 @@ class Supervisor:
         self.report([Finding("sigkill", "the application's link has ended", monotonic_ns())])
 
     def report(self, findings: Iterable[Finding]) -> None:
-        """Act on what a detector found: trip, or warn where the row or the state says so."""
+        """Act on what a detector found: trip, or warn where the row or the state says so.
+
+        What the station itself slept through comes first: it is the cause of what is found after it.
+        """
+        if self.host.untold:
+            self._own_lateness()
+        self._finish(self._act(findings))
+
+    def _own_lateness(self) -> None:
+        """Tell of blind times that ended; one that is too long stops the rig."""
+        actions: list[Action] = []
+        with self._lock:
+            while (blind := self.host.take()) is not None:
+                finding, length_s = self.host.finding(blind), blind.length_ns / 1e9
+                if finding is not None or length_s > self.config.late_after_s:
+                    record: Record = (blind.end_ns, NO_DEVICE_TIME, length_s, self.host.count, Channel.LOOP_LATE, 0)
+                    self._try(self._append, [record])
+                    self._try(self._emit, late_event(blind, self.host))
+                actions += [] if finding is None else self._act([finding])
+        self._finish(actions)
+
+    def _act(self, findings: Iterable[Finding]) -> list[Action]:
+        """Latch or warn; what a stop has to do is returned."""
+        actions: list[Action] = []
         for finding in findings:
             row = TABLE[finding.slug]
             if finding.slug in self.config.disabled_detectors:
@@ -206,12 +219,14 @@ class Supervisor:
                 self._warn(finding)
             else:
                 self.trouble = finding
-                self._trip(finding, row, row.stop)
+                actions += self._latch(finding, row, row.stop)
+        return actions
 
     def ask_stop(self, kind: Stop, slug: str, detail: str) -> None:
         """Stop because the application asks for it, whatever is armed."""
         now_ns = monotonic_ns()
-        self._trip(Finding(slug, detail, now_ns), TABLE.get(slug, TABLE["operator"]), kind, asked=True)
+        row = TABLE.get(slug, TABLE["operator"])
+        self._finish(self._latch(Finding(slug, detail, now_ns), row, kind, asked=True))
 
     def note_sent(self, action: Action) -> None:
         """A stop action has been taken by the controller's link; tells the application when."""
@@ -246,8 +261,14 @@ class Supervisor:
             warning: dict[str, object] = {"event": "warning", "slug": finding.slug, "detail": finding.detail}
             self._emit({**warning, "count": count + 1, "t_ns": now_ns})
 
-    def _trip(self, finding: Finding, row: FaultRow, kind: Stop, *, asked: bool = False) -> None:
+    def _latch(self, finding: Finding, row: FaultRow, kind: Stop, *, asked: bool = False) -> tuple[Action, ...]:
+        """Latch and tell, both under one lock: what the application hears first is what came first.
+
+        Returns:
+            What the stop has to do now.
+        """
         now_ns = monotonic_ns()
+        awake_ns = self.host.clock_ns(now_ns)
         # A stop asked for is never a halt: only a detector's row knows of a hard limit.
         halt = row.halt and not asked
         with self._lock:
@@ -259,73 +280,77 @@ class Supervisor:
                 if self._travel is not None:
                     self._travel.restart_still()
                 self.stop, actions = safe_stop.begin(
-                    kind, now_ns, halt=halt, fade_s=self.movement.fade_s, device_rate=self.config.device_rate,
+                    kind, awake_ns, halt=halt, fade_s=self.movement.fade_s, device_rate=self.config.device_rate,
                     watchdog_s=self.config.actuator.watchdog_s,
                 )
             else:
-                self.stop, actions = safe_stop.escalate(self.stop, kind, now_ns, halt=halt)
+                self.stop, actions = safe_stop.escalate(self.stop, kind, awake_ns, halt=halt)
             if not first and not known:
                 self.later[finding.slug] = finding.detail
-        self._perform(actions)
-        if first or not known:
-            self._append([(now_ns, NO_DEVICE_TIME, float(row.code), 0, Channel.TRIP, 0)])
-            self._emit(trip_event(finding, kind, first, now_ns))
+            if first or not known:
+                self._try(self._emit, trip_event(finding, kind, first, now_ns))
+                record: Record = (now_ns, NO_DEVICE_TIME, float(row.code), 0, Channel.TRIP, 0)
+                self._try(self._append, [record])
+        return actions
+
+    def _finish(self, actions: Collection[Action]) -> None:
+        """Carry a stop's actions out, each by itself: one that fails, or waits for its wire, holds up no other.
+
+        Motion first: it is only queued, for the actuator's thread; the 0 A frame is sent by this one.
+        """
+        if not actions:
+            return
+        for action in sorted(actions, key=_SLOWEST_LAST.index):
+            self._try(self._carry_out, action)
         with self.changed:
             self.changed.notify_all()
 
-    def _perform(self, actions: Iterable[Action]) -> None:
-        for action in actions:
-            if action is Action.ZERO_CURRENT:
-                if self._coil is not None:
-                    self._coil.zero_now()
-            elif action is Action.STOP_IGNORED:
-                self._internal("stop-ignored", "no standstill within the stop's deadline: hydraulics off")
-            elif action is Action.CURRENT_STUCK:
-                self._internal("current-stuck", "coil current persists after 0 A was commanded")
-            elif self._motion is not None:
-                self._motion.act(action)
+    def _carry_out(self, action: Action) -> None:
+        if action is Action.ZERO_CURRENT:
+            if self._coil is not None:
+                self._coil.zero_now()
+        elif action is Action.STOP_IGNORED:
+            self._internal("stop-ignored", "no standstill within the stop's deadline: hydraulics off")
+        elif action is Action.CURRENT_STUCK:
+            self._internal("current-stuck", "coil current persists after 0 A was commanded")
+        elif self._motion is not None:
+            self._motion.act(action)
+
+    def _try(self, do: Callable[[T], None], with_what: T) -> None:
+        """Do one thing of a stop; what goes wrong with it is said, and is no reason to leave out the others."""
+        try:
+            do(with_what)
+        except Exception:  # noqa: BLE001 - whatever it is, the rest of the stop matters more
+            self.defects += 1
+            say_error()
 
     def _internal(self, slug: str, detail: str) -> None:
         row = TABLE[slug]
-        self._trip(Finding(slug, detail, monotonic_ns()), row, row.stop)
+        self._finish(self._latch(Finding(slug, detail, monotonic_ns()), row, row.stop))
 
     def _run(self) -> None:
-        before_ns = monotonic_ns()
+        loop = Listener(self.host, monotonic_ns())
         while not self._ending.wait(TICK_S):
             now_ns = monotonic_ns()
-            late_s = (now_ns - before_ns) / 1e9 - TICK_S
-            before_ns = now_ns
-            self.tick(now_ns, late_s)
+            loop.returned(TICK_S, now_ns, heard=False)
+            self.tick(now_ns)
 
-    def tick(self, now_ns: int, late_s: float = 0.0) -> None:
+    def tick(self, now_ns: int) -> None:
         """One round of the slow checks."""
         self.tick_ns = now_ns
         self._ring_beat(now_ns)
+        self.host.awake(now_ns)
         self.report(self.vigil.machine(now_ns))
-        late = late_s > self.config.late_after_s
-        if late:
-            self._note_late(now_ns, late_s)
-        # Having stood still, the station first reads what waits before it calls anybody silent: once, not for ever.
-        if not late or self._was_late:
-            self.report(self.vigil.devices(now_ns))
-            if self._guards:
-                self.report(self.vigil.application(now_ns))
+        self.report(self.vigil.devices(now_ns))
+        if self._guards:
+            self.report(self.vigil.application(now_ns))
         if self._guards:
             self.report(self.vigil.consumer(now_ns))
-        self._was_late = late
         self._advance_stop(now_ns)
 
     @property
     def _guards(self) -> bool:
         return self._armed and self.trip is None
-
-    def _note_late(self, now_ns: int, late_s: float) -> None:
-        self.late.count += 1
-        self.late.worst_s = max(self.late.worst_s, late_s)
-        self._append([(now_ns, NO_DEVICE_TIME, late_s, self.late.count, Channel.LOOP_LATE, 0)])
-        self._emit({"event": "late", "late_s": late_s, "count": self.late.count, "t_ns": now_ns})
-        if late_s * 1e9 > STALLED_NS:
-            self.report([Finding("host-silent", f"interlock loop stood still for {late_s:.3f} s", now_ns, late_s)])
 
     def _advance_stop(self, now_ns: int) -> None:
         with self._lock:
@@ -336,16 +361,20 @@ class Supervisor:
             if not before.finished:
                 self.stop, actions = safe_stop.advance(before, view)
             elif self._application_gone and before.kind is not Stop.S1:
-                self.stop, actions = safe_stop.escalate(before, Stop.S1, now_ns)
+                self.stop, actions = safe_stop.escalate(before, Stop.S1, view.now_ns)
             elif safe_stop.broken(before, view):
                 self._internal("stop-ignored", "the rod moves although its standstill was proved: hydraulics off")
                 return
             else:
                 return
             after = self.stop
-        self._perform(actions)
+            if after.step is not before.step:
+                # Under the lock: what is latched meanwhile is told after it.
+                self._try(self._emit, step_event(after, view, self.evidence(), now_ns))
+        self._finish(actions)
         if after.step is not before.step:
-            self._tell_step(after, view)
+            with self.changed:
+                self.changed.notify_all()
 
     def _view(self, now_ns: int) -> View:
         moving = clock_s = low = off = None
@@ -354,22 +383,12 @@ class Supervisor:
         still_s = None if self._travel is None else self._travel.still_s(now_ns)
         current_A = None if self._coil is None else self._coil.fresh_current_A
         taken = self._motion is None or self._motion.stop_taken
-        return View(now_ns, still_s, moving, clock_s, low, off, current_A, self.movement.period_s, taken)
+        period_s = self.movement.period_s
+        return View(self.host.clock_ns(now_ns), still_s, moving, clock_s, low, off, current_A, period_s, taken)
 
-    def _tell_step(self, stop: SafeStop, view: View) -> None:
-        if stop.step is Step.SAFE:
-            event: dict[str, object] = {
-                "event": "safe",
-                "stop": str(stop.kind),
-                "standstill": stop.standstill,
-                "current_zero": stop.current_zero,
-                **self.evidence(),
-                "stopped_s": (view.now_ns - stop.started_ns) / 1e9,
-            }
-        elif stop.step is Step.UNKNOWN:
-            event = {"event": "unknown", "reason": unknown_reason(stop, view), **self.evidence()}
-        else:
-            event = {"event": "stop", "step": stop.step.name.lower()}
-        self._emit({**event, "t_ns": view.now_ns})
-        with self.changed:
-            self.changed.notify_all()
+
+def _periods_s(config: StationConfig) -> list[float]:
+    """At which periods the devices are heard (wall s)."""
+    rates_Hz = [sensor.rate_Hz for sensor in (config.load_cell, config.lvdt, *config.auxiliary)]
+    return [config.actuator.poll_s, *(1.0 / (rate_Hz * config.device_rate) for rate_Hz in rates_Hz),
+            ECU_STATUS_S / config.device_rate]

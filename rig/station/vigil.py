@@ -1,6 +1,7 @@
 """What nobody reports by itself: a silent device, a thread that ended, an application, machine or recorder that lags.
 
-Looked at by the supervisor's tick; says what it found and decides nothing.
+Looked at by the supervisor's tick; says what it found and decides nothing. Silence counts only while the station itself
+watched (`host_watch`).
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from rig.clock import SuspendWatch, monotonic_ns
+from rig.station.host_watch import HostWatch
 from rig.station.interlocks import Finding
 from rig.station.roles import Watched
 
@@ -19,16 +21,18 @@ class Vigil:
 
     Args (construction):
         heartbeat_timeout_s: how long the application may be silent (wall s).
+        host: the station's watch over itself.
 
     Attributes:
         watched: the threads that read the devices.
         unread_share: how much of the ring the recorder has left unread, 0 to 1.
     """
 
-    def __init__(self, heartbeat_timeout_s: float) -> None:
+    def __init__(self, heartbeat_timeout_s: float, host: HostWatch) -> None:
         self.watched: tuple[Watched, ...] = ()
         self.unread_share: Callable[[], float] = lambda: 0.0
         self._heartbeat_timeout_s = heartbeat_timeout_s
+        self._host = host
         self._beat_ns = monotonic_ns()
         self._application_well = True
         self._suspend = SuspendWatch()
@@ -53,9 +57,9 @@ class Vigil:
                 yield Finding("task-dies", f"the thread of {source.name} ended", now_ns)
                 continue
             age_ns, stale_ns = source.silent_ns(now_ns)
-            if age_ns > stale_ns:
-                detail = f"{source.name}: nothing for {age_ns / 1e6:.0f} ms, allowed {stale_ns / 1e6:.0f} ms"
-                yield Finding(source.slug, detail, now_ns, age_ns / 1e9, stale_ns / 1e9)
+            finding = self._host.missed(source.name, source.slug, now_ns - age_ns, stale_ns, now_ns)
+            if finding is not None:
+                yield finding
 
     def machine(self, now_ns: int) -> Iterator[Finding]:
         """A machine that slept."""
@@ -66,10 +70,11 @@ class Vigil:
 
     def application(self, now_ns: int) -> Iterator[Finding]:
         """An application that does not beat, or whose recorder is not well."""
-        silent_s, allowed_s = self.beat_age_s(now_ns), self._heartbeat_timeout_s
-        if silent_s > allowed_s:
-            detail = f"no beat from the application for {silent_s:.3f} s, allowed {allowed_s:g} s"
-            yield Finding("host-stalled", detail, now_ns, silent_s, allowed_s)
+        finding = self._host.missed(
+            "application", "host-stalled", self._beat_ns, int(1e9 * self._heartbeat_timeout_s), now_ns
+        )
+        if finding is not None:
+            yield finding
         elif not self._application_well:
             yield Finding("recorder-unwell", "the application says that its recorder is not well", now_ns)
 

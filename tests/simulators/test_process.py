@@ -189,8 +189,9 @@ def test_an_unread_port_drops_and_counts_while_the_rig_runs_on(start: Callable[.
     process.end()
     with h5py.File(process.truth) as file:
         simulated_s = file["entry/data/time"][-1]
-        dropped = int(file["entry/quality"].attrs["dropped_load_cell"])
-    assert dropped == pytest.approx(simulated_s * 250 - 4095 // 16, abs=30)
+        unheard = int(file["entry/quality"].attrs["unheard_frames"])
+        assert file["entry/quality"].attrs["dropped_load_cell"] == 0
+    assert unheard == pytest.approx(2 * (simulated_s * 250 - 4095 // 16), abs=60)
 
 
 def test_a_fault_given_from_the_start_meets_the_first_client(start: Callable[..., Process]) -> None:

@@ -11,7 +11,7 @@ import pytest
 from rig.campaign import CampaignResult, PointResult
 from rig.campaign.cause import Cause
 from rig.campaign.guarded_display import GuardedDisplay
-from rig.campaign.ledger import Ledger, attempt_name
+from rig.campaign.ledger import Ledger
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
 
@@ -112,10 +112,6 @@ def test_wall_time_runs_from_the_first_points_start_to_the_last_points_end() -> 
     ledger.ended(POINTS[1], 6_500_000_000)
     assert ledger.wall_s == pytest.approx(5.5)
     assert ledger.motion_s == pytest.approx(6.0 + 12.0)
-
-
-def test_every_attempt_has_files_of_its_own() -> None:
-    assert [attempt_name(POINTS[0], attempt) for attempt in (1, 2, 3)] == ["p001", "p001-attempt2", "p001-attempt3"]
 
 
 def test_a_points_json_has_an_absolute_file_and_plain_lists(tmp_path: Path) -> None:

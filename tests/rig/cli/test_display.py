@@ -183,7 +183,7 @@ def test_a_fit_beside_the_truth_says_what_is_inside_what_cannot_be_found_and_wha
         console.print(part)
     shown = text.getvalue()
     for expected in ("simultaneous 95 % interval", "3.6 to 4", "NO", "eta cannot be identified: constant current",
-                     "held-out", "does not describe", "warning: saturated"):  # fmt: skip
+                     "held-out", "exceeds the repeatability", "warning: saturated"):  # fmt: skip
         assert expected in shown, expected
 
 

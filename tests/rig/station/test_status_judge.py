@@ -11,6 +11,8 @@ from protocols.ecu import CoilStatus, CoilTemperature, EcuFault, EcuState
 from rig.station.status_judge import ControllerJudge, EcuJudge
 
 OURS = 77
+NOTHING_SENT = [(0, 0)]
+"""What a controller acknowledges that has not been asked for anything."""
 MS = 1_000_000
 
 
@@ -35,7 +37,7 @@ def judge() -> ControllerJudge:
 
 
 def slugs(made: ControllerJudge, answer: ActuatorStatus, lvdt_m: float | None = None, speed: float = 0.0) -> list[str]:
-    return [finding.slug for finding in made.judge(answer, lvdt_m, speed)]
+    return [finding.slug for finding in made.judge(answer, lvdt_m, speed, NOTHING_SENT)]
 
 
 @pytest.mark.parametrize(
@@ -110,6 +112,19 @@ def test_position_register_that_stands_while_the_lvdt_moves_is_frozen() -> None:
     assert "actuator-frozen" in found[-1]
 
 
+def test_two_equal_readings_of_a_quantised_register_are_not_frozen() -> None:
+    made = judge()
+    places_m = [0.010, 0.010, 0.014, 0.018, 0.018, 0.022]
+    found = [slugs(made, status(10 * k, position_m=x), 0.01 + 4e-3 * k, 0.4) for k, x in enumerate(places_m)]
+    assert not any("actuator-frozen" in names for names in found)
+
+
+def test_a_controller_asked_twice_at_the_same_instant_of_its_clock_is_not_frozen() -> None:
+    made = judge()
+    found = [slugs(made, status(ms, position_m=0.01, clock_us=10**6), 0.01 + ms * 1e-4, 0.1) for ms in range(0, 60, 10)]
+    assert not any("actuator-frozen" in names for names in found)
+
+
 def test_rod_at_rest_is_not_frozen() -> None:
     made = judge()
     assert all(slugs(made, status(ms, position_m=0.01), 0.01 + 1e-5 * (ms % 20), 0.0) == [] for ms in range(0, 900, 10))
@@ -130,11 +145,11 @@ def test_controller_moves_by_state_or_by_position() -> None:
     made = judge()
     assert made.moving(0.1)
     for ms in range(0, 200, 10):
-        made.judge(status(ms), None, math.nan)
+        made.judge(status(ms), None, math.nan, NOTHING_SENT)
     assert not made.moving(0.1)
-    made.judge(status(200, state=State.FADING), None, math.nan)
+    made.judge(status(200, state=State.FADING), None, math.nan, NOTHING_SENT)
     assert made.moving(0.1)
-    made.judge(status(210, state=State.TRIPPED, fault_bits=1, position_m=0.01), None, math.nan)
+    made.judge(status(210, state=State.TRIPPED, fault_bits=1, position_m=0.01), None, math.nan, NOTHING_SENT)
     assert made.moving(0.1)
 
 
@@ -186,11 +201,11 @@ def test_undervoltage_does_not_wait_for_a_controller_that_says_nothing() -> None
 
 def test_a_program_that_runs_past_its_end_is_a_stop_that_was_ignored() -> None:
     made = judge()
-    made.expect_program(0.3)
+    made.expect_program(0.3, 3.0)
     running = [slugs(made, status(ms, state=State.RUNNING), None, math.nan) for ms in range(0, 500, 10)]
     assert all(names == [] for names in running[:37])
     assert running[38] == ["stop-ignored"], "within 100 ms of the program's end"
-    made.expect_program(0.3)
+    made.expect_program(0.3, 3.0)
     assert slugs(made, status(510, state=State.HOLD), None, math.nan) == []
 
 

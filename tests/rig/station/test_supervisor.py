@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import os
+import threading
+from collections.abc import Callable, Iterator
+
 import pytest
 from station_bench import Told, config_for
 
+from drivers.ecu import CanEcu
 from drivers.ring import Channel, Record
+from rig.station.coil_thread import CoilThread
 from rig.station.fault_table import TABLE
 from rig.station.interlocks import Finding
+from rig.station.safe_stop import Action
+from rig.station.status_judge import EcuJudge
 from rig.station.supervisor import Supervisor
+
+FAULT = Finding("sensor-fault", "load_cell: the sensor reports a fault", 0)
+LATER = Finding("force-limit", "load cell 6000 N, allowed -5000 to 5000 N", 0)
 
 
 @pytest.fixture
@@ -47,3 +58,113 @@ def test_what_is_still_there_after_a_reset_trips_again(supervisor: Supervisor, t
     assert supervisor.reset(supervisor.stop)
     supervisor.report([finding])
     assert told.slugs("trip") == ["position-disagreement"] * 2
+
+
+class Coil:
+    """A coil whose 0 A does what a test wants."""
+
+    fresh_current_A = None
+
+    def __init__(self, zero: Callable[[], None]) -> None:
+        self.zero_now = zero
+
+
+class Rod:
+    """Actuator and LVDT in one: keeps the stop actions it was given."""
+
+    stop_taken = True
+    state_name = None
+
+    def __init__(self) -> None:
+        self.actions: list[Action] = []
+
+    def act(self, action: Action) -> None:
+        self.actions.append(action)
+
+    def fill_view(self, now_ns: int) -> tuple[None, None, None, None]:
+        del now_ns
+        return None, None, None, None
+
+    def still_s(self, now_ns: int) -> None:
+        del now_ns
+
+    def restart_still(self) -> None:
+        """Nothing was still."""
+
+    def position_m(self, now_ns: int) -> None:
+        del now_ns
+
+
+def broken(*_: object) -> None:
+    raise OSError(28, "No space left on device")
+
+
+@pytest.fixture
+def full_standard_error() -> Iterator[None]:
+    """Standard error on a full disk; pytest's own comes back."""
+    kept, full = os.dup(2), os.open("/dev/full", os.O_WRONLY)
+    os.dup2(full, 2)
+    yield
+    os.dup2(kept, 2)
+    os.close(kept)
+    os.close(full)
+
+
+@pytest.mark.usefixtures("full_standard_error")
+@pytest.mark.parametrize("failing", ["coil", "link", "ring", "all"])
+def test_whatever_fails_of_a_stop_its_motion_is_stopped_and_its_current_asked_to_be_zero(failing: str) -> None:
+    zeroed: list[None] = []
+
+    def zero() -> None:
+        zeroed.append(None)
+        if failing in {"coil", "all"}:
+            broken()
+
+    rod, told, ring = Rod(), Told(), list[Record]()
+    made = Supervisor(
+        config_for(), broken if failing in {"link", "all"} else told.append,
+        broken if failing in {"ring", "all"} else ring.extend, lambda now_ns: None,
+    )  # fmt: skip
+    made.attach(Coil(zero), rod, rod, ())
+    made.arm()
+    made.report([FAULT])
+    assert rod.actions == [Action.FADE]
+    assert zeroed == [None]
+    assert made.trip is not None
+    assert failing in {"link", "all"} or told.slugs("trip") == ["sensor-fault"]
+
+
+@pytest.mark.usefixtures("full_standard_error")
+def test_a_bus_that_takes_no_frame_beside_a_full_disk_costs_no_fade_out(supervisor: Supervisor, told: Told) -> None:
+    rod = Rod()
+    nowhere = CanEcu("slcan", "socket://127.0.0.1:1")
+    coil = CoilThread(supervisor.config.ecu, nowhere, EcuJudge(3.0, 120.0), supervisor, lambda records: None)
+    supervisor.attach(coil, rod, rod, ())
+    supervisor.arm()
+    supervisor.report([FAULT])
+    assert rod.actions == [Action.FADE]
+    assert told.slugs("trip") == ["sensor-fault"]
+
+
+def test_a_coil_that_keeps_the_stop_waiting_holds_up_neither_the_motion_nor_the_order_of_what_is_told(
+    supervisor: Supervisor, told: Told
+) -> None:
+    rod, asked, go_on = Rod(), threading.Event(), threading.Event()
+
+    def slow() -> None:
+        asked.set()
+        assert go_on.wait(10.0)
+
+    supervisor.attach(Coil(slow), rod, rod, ())
+    supervisor.arm()
+    first = threading.Thread(target=supervisor.report, args=([FAULT],))
+    first.start()
+    assert asked.wait(10.0)
+    assert rod.actions == [Action.FADE], "queued before the coil's wire is waited for"
+    supervisor.report([LATER])
+    go_on.set()
+    first.join(10.0)
+    assert [(event["event"], event["slug"]) for event in told] == [("trip", FAULT.slug), ("also", LATER.slug)]
+    assert supervisor.trip is not None
+    assert supervisor.trip.slug == FAULT.slug
+    assert rod.actions == [Action.FADE, Action.HALT]

@@ -8,6 +8,7 @@ import pytest
 
 from rig import clock
 from rig.clock import monotonic_ns
+from rig.station.host_watch import HostWatch
 from rig.station.vigil import Vigil
 
 MS = 1_000_000
@@ -36,13 +37,13 @@ class Source:
 def test_a_device_is_silent_after_its_own_time_and_a_thread_that_ended_is_named(
     source: Source, found: list[str]
 ) -> None:
-    vigil = Vigil(TIMEOUT_S)
+    vigil = Vigil(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
     vigil.watched = (Source(1), source)
     assert [finding.slug for finding in vigil.devices(monotonic_ns())] == found
 
 
 def test_an_application_that_does_not_beat_is_stalled_and_one_that_is_unwell_says_so() -> None:
-    vigil = Vigil(TIMEOUT_S)
+    vigil = Vigil(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
     vigil.beat(healthy=True)
     now_ns = monotonic_ns()
     assert not list(vigil.application(now_ns + 400 * MS))
@@ -52,7 +53,7 @@ def test_an_application_that_does_not_beat_is_stalled_and_one_that_is_unwell_say
 
 
 def test_a_recorder_that_leaves_half_of_the_ring_unread_is_slow() -> None:
-    vigil = Vigil(TIMEOUT_S)
+    vigil = Vigil(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
     vigil.unread_share = lambda: 0.5
     assert not list(vigil.consumer(0))
     vigil.unread_share = lambda: 0.51
@@ -63,7 +64,7 @@ def test_a_recorder_that_leaves_half_of_the_ring_unread_is_slow() -> None:
 def test_a_machine_that_slept_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
     slept = {"ns": 0}
     monkeypatch.setattr(clock, "suspended_ns", lambda: slept["ns"])
-    vigil = Vigil(TIMEOUT_S)
+    vigil = Vigil(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
     slept["ns"] = 2_000 * MS
     assert [finding.slug for finding in vigil.machine(0)] == ["host-suspend"]
     assert not list(vigil.machine(0))

@@ -1,0 +1,21 @@
+"""Lines for people in the station's log. A full disk or a closed pipe there must never keep anybody from a stop."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import traceback
+
+STANDARD_ERROR = 2
+
+
+def say(line: str) -> None:
+    """Write a line to standard error, unbuffered; what cannot be written is lost, and nothing else is."""
+    # Nobody is left to be told; what matters goes over the link as well.
+    with contextlib.suppress(OSError):
+        os.write(STANDARD_ERROR, f"{line}\n".encode(errors="replace"))
+
+
+def say_error() -> None:
+    """Write the traceback of the exception that is being handled."""
+    say(traceback.format_exc())
