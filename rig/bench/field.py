@@ -18,6 +18,8 @@ Current = Annotated[float, Quantity("current", "0 A", "20 A", above=True)]
 Temperature = Annotated[float, Quantity("temperature", "20 degC", "250 degC")]
 Timeout = Annotated[float, Quantity("time", "5 ms", "5 s")]
 
+RESERVED_NAMES = frozenset({"time", "force", "displacement", "velocity", "current", "coil_temperature"})
+
 LineValue = str | int | float | tuple[str, ...]
 Name = Annotated[
     str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f]+$"),

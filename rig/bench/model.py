@@ -13,6 +13,7 @@ from pydantic_core import PydanticCustomError
 from rig import units
 from rig.bench import address
 from rig.bench.field import (
+    RESERVED_NAMES,
     Acceleration,
     CanInterface,
     ChannelName,
@@ -29,8 +30,6 @@ from rig.bench.field import (
 )
 from rig.bench.problems import load_section
 from rig.bench.quantity import Quantity, Section
-
-RESERVED_NAMES = frozenset({"time", "force", "displacement", "velocity", "current", "coil_temperature"})
 
 Problem = tuple[tuple[str | int, ...], str]
 
@@ -98,8 +97,8 @@ class Ecu(Section):
 class Calibration(Section):
     """How the value on the wire becomes SI: `sensitivity * wire - offset`, times -1 where polarity is reversed.
 
-    Who says so stands beside it. The sign is applied in `Sensor.sensitivity` and `Sensor.offset` and nowhere else: all
-    others compute `sensitivity * wire - offset` with those two.
+    The sign is applied in `Sensor.sensitivity` and `Sensor.offset` and nowhere else: all others compute
+    `sensitivity * wire - offset` with those two.
     """
 
     sensitivity: float = Field(
@@ -187,9 +186,8 @@ class Sensor(Section):
     @property
     def not_physics(self) -> dict[str, Any]:
         """What does not count for `Bench.digest`; a polarity that is as ever does not either."""
-        calibration = {"polarity"} if self.calibration.polarity == "normal" else set[str]()
         link = dict.fromkeys(("url", "baudrate", "stale_after_s", "bandwidth_Hz"), True)
-        return {**link, "calibration": calibration}
+        return {**link, "calibration": {"polarity"} if self.calibration.polarity == "normal" else set()}
 
     @model_validator(mode="after")
     def _offset_fits(self) -> Self:

@@ -25,10 +25,10 @@ MATRIX = Path(__file__).with_name("demo.toml")
 @out_option
 @json_option
 def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
-    """The whole story in under a minute on the simulated rig: plan, run, identify, report.
+    """Complete example on the simulated rig, in under a minute: plan, run, identify, report.
 
-    Real processes on real sockets, only the devices are simulated. At the end the fit stands beside the simulated
-    damper's true parameters.
+    Processes and sockets are real, only the devices are simulated. The fit is compared with the true parameters of the
+    simulated damper.
     """
     from rig.campaign.options import CampaignOptions
     from rig.cli.job import run_job

@@ -17,14 +17,14 @@ from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, Refused
 
 # Command -> module that holds it as `command`, and its line in the help (so that the help loads no module).
 COMMANDS = {
-    "demo": ("rig.cli.demo", "The whole story in under a minute on the simulated rig."),
+    "demo": ("rig.cli.demo", "Complete example on the simulated rig, in under a minute."),
     "plan": ("rig.cli.plan", "Judge every point of a matrix before anything moves."),
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
-    "import": ("rig.cli.importing", "Bring foreign test files into the run format."),
+    "import": ("rig.cli.importing", "Convert CSV test files to a run."),
     "report": ("rig.cli.report", "Write the report of a run."),
     "runs": ("rig.cli.runs", "List recorded runs."),
-    "recover": ("rig.cli.recover", "Finish what a broken campaign left behind."),
+    "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     "study": ("rig.cli.study", "Compare the papers' algorithms over recordings; tables and figures."),
     "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
@@ -133,7 +133,18 @@ def run() -> None:
         take_every_character()
         say(f"rig: {problem}", err=True)
         sys.exit(EXIT_USAGE)
-    sys.exit(main(sys.argv[1:]))
+    code = main(sys.argv[1:])
+    _let_go_of_the_terminal()
+    sys.exit(code)
+
+
+def _let_go_of_the_terminal() -> None:
+    """What cannot be written at the very end (the terminal was closed) takes nothing from the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 if __name__ == "__main__":

@@ -84,8 +84,6 @@ class PlanText:
             yield from _rows(items, self.plan, width)
         else:
             yield from _groups(items, self.plan, width)
-        for text in self.plan.problems:
-            yield from _wrapped(f"problem: {text}", width, BAD)
         for text in self.plan.warnings:
             yield from _wrapped(f"warning: {text}", width, LOOK)
 
@@ -95,8 +93,6 @@ def _verdict(plan: Plan, width: int) -> Iterator[Line]:
     told = f"all {total} points feasible" if bad == 0 else f"{bad} of {total} points infeasible"
     if plan.warm_up is not None and not plan.warm_up.feasible:
         told += ", warm-up infeasible"
-    if plan.problems:
-        told += f"; {len(plan.problems)} problem{'s' if len(plan.problems) > 1 else ''} of the campaign (below)"
     yield from _wrapped(told, width, GOOD if plan.feasible else BAD)
     heat = "" if plan.energy_J is None else f"; {energy(plan.energy_J)} of heat"
     yield from _wrapped(

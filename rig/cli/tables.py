@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 
 __all__ = ["COLOURS", "duration", "fit_tables", "inside", "number", "plan_table"]
 
+INADEQUATE = (
+    "Model error exceeds the repeatability of the tests: the values are a best fit, the intervals do not include model "
+    "error"
+)
 COLOURS = {"valid": "green", "feasible": "green", "suspect": "yellow", "infeasible": "red", "invalid": "red"}
 
 
@@ -61,7 +65,7 @@ def _remarks(fit: Mapping[str, Any]) -> list[Text]:
         measures = f"RMSE {number(holdout['rmse_N'], 3)} N, {number(holdout['nrmse_percent_of_peak'], 3)} % of peak"
         lines.append(Text(f"error over held-out tests, which the fit has not seen: {measures}"))
     if fit.get("adequate") is False:
-        lines.append(Text("the model does not describe these data within their noise", style="red"))
+        lines.append(Text(INADEQUATE, style="red"))
     for name, entry in (fit.get("profiles") or {}).items():
         low, high = ("open" if end is None else f"{end:.5g}" for end in (entry["low"], entry["high"]))
         lines.append(Text(f"{name} by profile likelihood, 95 %: {low} to {high}"))

@@ -68,8 +68,7 @@ class PlannedPoint:
 class Plan:
     """All points in the order in which they run.
 
-    `warnings` are hints that refuse nothing; `problems` what the campaign as a whole lacks (each a line with the way
-    out), which refuses it like a point that cannot be run.
+    `warnings` are hints that refuse nothing.
     `temperature_s` is forecast for warming up and cooling down from ambient temperature; 0 without a window, None where
     the heat that warms is unknown or does not suffice.
     """
@@ -81,7 +80,6 @@ class Plan:
     temperature_s: float | None = 0.0
     warm_up: PlannedPoint | None = None
     warnings: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
 
     @property
     def judged(self) -> tuple[PlannedPoint, ...]:
@@ -90,8 +88,8 @@ class Plan:
 
     @property
     def feasible(self) -> bool:
-        """Whether every motion is, and the campaign as a whole."""
-        return not self.problems and all(item.feasible for item in self.judged)
+        """Whether every motion is."""
+        return all(item.feasible for item in self.judged)
 
     @property
     def duration_s(self) -> float | None:
@@ -127,7 +125,6 @@ class Plan:
             "specimen": self.specimen,
             "prediction": self.prediction,
             "warnings": list(self.warnings),
-            "problems": list(self.problems),
         }
 
 

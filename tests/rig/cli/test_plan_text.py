@@ -109,17 +109,6 @@ def test_a_console_prints_the_plan_at_its_own_width() -> None:
     assert "\x1b[31m" in file.getvalue()
 
 
-def test_what_the_campaign_as_a_whole_lacks_refuses_it_and_is_said() -> None:
-    feasible = plan(load_matrix(EXAMPLES / "table1.toml"), DEMO)
-    assert feasible.feasible
-    lacking = replace(feasible, problems=("holdout waveform=triangle selects no point",))
-    assert not lacking.feasible
-    lines = [text for text, _ in PlanText(lacking).lines(80)]
-    assert lines[0] == "all 20 points feasible; 1 problem of the campaign (below)"
-    assert lines[-1] == "problem: holdout waveform=triangle selects no point"
-    assert lacking.to_json()["problems"] == list(lacking.problems)
-
-
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [(0.0, "0.0 s"), (9.94, "9.9 s"), (9.96, "10 s"), (99.4, "99 s"), (99.6, "1 min 40 s"), (3599.6, "1 h 0 min"),
