@@ -26,11 +26,13 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 @json_option
 def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
     """Judge every point of MATRIX on a bench; exit 3 if any cannot be done, with what would fit."""
+    from rig.cli.analysis_check import check_analysis
     from rig.cli.plan_text import PlanText
     from rig.matrix.files import load_files
     from rig.matrix.plan import plan
 
     tests, loaded = load_files(matrix, bench)
+    check_analysis(matrix, tests)
     overdue = tuple(f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date()))
     result = plan(tests, loaded)
     result = replace(result, warnings=(*result.warnings, *overdue))
