@@ -56,6 +56,7 @@ class RecordedRig:
         wake_up_s: mean delay of the host before it stamps what has arrived (wall s).
         declares_input_delay: the bench says that the controller's own inputs can be relied on.
         declared_delays_s: what the bench says of the sensors' delays; None: their filters' true group delay.
+        poll_s: period of the host's polls (wall s).
     """
 
     options: RigOptions
@@ -64,6 +65,7 @@ class RecordedRig:
     wake_up_s: float = 1e-4
     declares_input_delay: bool = True
     declared_delays_s: tuple[float, float] | None = None
+    poll_s: float = POLL_S
 
     def __post_init__(self) -> None:
         self.random = np.random.default_rng((self.seed, 77))
@@ -136,7 +138,7 @@ class RecordedRig:
     @property
     def _poll_steps(self) -> int:
         """Steps of the plant from one poll to the next."""
-        return max(1, round(POLL_S * self.speed / self.plant.dt_s))
+        return max(1, round(self.poll_s * self.speed / self.plant.dt_s))
 
     def _advance(self, seconds: float, records: list[Any] | None = None, truth: list[np.ndarray] | None = None) -> None:
         """Advance the plant, poll by poll; keep what arrives where a list is given."""

@@ -130,7 +130,18 @@ def run() -> None:
     if problem := foreign_packages():
         click.echo(f"rig: {problem}", err=True)
         sys.exit(EXIT_USAGE)
-    sys.exit(main(sys.argv[1:]))
+    code = main(sys.argv[1:])
+    _let_go_of_the_terminal()
+    sys.exit(code)
+
+
+def _let_go_of_the_terminal() -> None:
+    """What cannot be written at the very end (the terminal was closed) takes nothing from the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 if __name__ == "__main__":

@@ -21,11 +21,13 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 @json_option
 def command(matrix: Path, bench: Path, as_json: bool) -> int:
     """Judge every point of MATRIX on a bench; exit 3 if any cannot be done, with what would fit."""
+    from rig.cli.analysis_check import check_analysis
     from rig.cli.tables import plan_table
     from rig.matrix.files import load_files
     from rig.matrix.plan import plan
 
     tests, loaded = load_files(matrix, bench)
+    check_analysis(matrix, tests)
     result = plan(tests, loaded)
     overdue = [f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date())]
     if as_json:

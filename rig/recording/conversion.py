@@ -147,7 +147,8 @@ def build(
     findings, shape = examine(content, context, alignment, seen, motion)
     light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
     quality: dict[str, Attribute] = {
-        "lost_samples": _lost(alignment), "recovered": recovered, **skew_attributes(alignment),
+        "lost_samples": _lost(alignment), "loss_counted_by": _loss_counted_by(alignment, context),
+        "recovered": recovered, **skew_attributes(alignment),
         "commanded_amplitude_m": None if motion is None else context.point.get("commanded_amplitude_m"),
         **motion_attributes(motion, light), **current_attributes(motion, light), **clock_attributes(alignment),
         **_shape_attributes(shape), **context.calibration,
@@ -182,6 +183,18 @@ def build(
 
 def _lost(alignment: Alignment) -> int:
     return sum(channel.lost for channel in alignment.timed.values())
+
+
+def _loss_counted_by(alignment: Alignment, context: PointContext) -> str:
+    """How a lost sample of load cell or LVDT would have been seen: `sequence`, `rate`, or `nothing`.
+
+    A format without a sequence is counted against its rate, which only says something where clocks run at wall speed.
+    """
+    numbered = all(
+        len(alignment.timed[name].records) == 0 or int(alignment.timed[name].records["device_us"][0]) >= 0
+        for name in ("force", "displacement")
+    )
+    return "sequence" if numbered else "rate" if context.device_rate == 1.0 else "nothing"
 
 
 def _shape_attributes(shape: LoopShape | None) -> dict[str, Attribute]:

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+
+PROBABLE = 2.0
+"""Standard deviations."""
+OUTLYING = 6.0
+"""Standard deviations."""
+MOST_OUTLYING = 1.0 / 3.0
 
 
 @dataclass(frozen=True)
@@ -47,8 +53,16 @@ class Estimate:
         return Estimate(self.value, math.hypot(self.std, floor))
 
     def beyond(self, nominal: float, tolerance: float, k: float) -> bool:
-        """Whether it is certainly more than a tolerance away from the nominal value."""
-        return self.known and abs(self.value - nominal) > tolerance + k * self.std
+        """Whether it certainly differs from the nominal value, and very probably by more than a tolerance.
+
+        Args:
+            nominal: what it should be.
+            tolerance: what it may differ by.
+            k: standard deviations that make a difference certain.
+        """
+        apart = abs(self.value - nominal)
+        return self.known and apart > tolerance + PROBABLE * self.std and apart > k * self.std
+
 
 
 def pooled(estimates: Iterable[Estimate]) -> Estimate | None:
@@ -61,3 +75,27 @@ def pooled(estimates: Iterable[Estimate]) -> Estimate | None:
     chi = math.fsum(w * (each.value - mean) ** 2 for w, each in zip(weights, known, strict=True))
     widening = max(1.0, chi / (len(known) - 1)) if len(known) > 1 else 1.0
     return Estimate(mean, math.sqrt(widening / math.fsum(weights)))
+
+
+def outlying(estimates: Mapping[str, Estimate]) -> frozenset[str]:
+    """Names of the estimates that are certainly not of what most of the others are of; none among fewer than three.
+
+    A property of an instrument does not change from point to point: an estimate far from the weighted median of all is
+    a failed one, unless there are many of them.
+    """
+    known = {name: each for name, each in estimates.items() if each.known and each.std > 0.0}
+    if len(known) < 3:
+        return frozenset()
+    ordered = sorted(known.values(), key=lambda each: each.value)
+    half = 0.5 * math.fsum(1.0 / each.std for each in ordered)
+    reached, median = 0.0, ordered[-1]
+    for each in ordered:
+        reached += 1.0 / each.std
+        if reached >= half:
+            median = each
+            break
+    far = {
+        name for name, each in known.items()
+        if abs(each.value - median.value) > OUTLYING * math.hypot(each.std, median.std)
+    }
+    return frozenset(far) if len(far) <= MOST_OUTLYING * len(known) else frozenset()

@@ -6,18 +6,18 @@ both are named and the bench is to blame. A single weak point proves little: all
 pooled, and what only all together prove is said of each of them. A zero that changes between the points is laid
 over time (drift) and over the coil's current (crosstalk).
 
-A difference counts when it is beyond its tolerance by `k` standard deviations; `k` keeps the chance of one false
-alarm in a whole campaign, whatever its size, at `FALSE_ALARM`.
+A difference counts when it is more than `k` standard deviations, and more than its tolerance and two of them; `k` keeps
+the chance of one false alarm in a whole campaign, whatever its size, at `FALSE_ALARM`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import Literal
 
-from rig.recording.estimate import Estimate, pooled
+from rig.recording.estimate import Estimate, outlying, pooled
 from rig.recording.reason import Kind, Reason
 from rig.recording.tolerances import Tolerances
 from rig.recording.zero_change import ZeroChange, ZeroSeen, zero_changes
@@ -128,6 +128,7 @@ def judge(points: Sequence[Checked]) -> dict[str, tuple[Reason, ...]]:
     Args:
         points: points measured with one set of instruments; one alone is judged by itself.
     """
+    points = trusted(points)
     k = deviations(len(points))
     found: dict[str, list[Reason]] = {point.id: [] for point in points}
     for instruments in (FORCE, DISPLACEMENT):
@@ -142,6 +143,31 @@ def judge(points: Sequence[Checked]) -> dict[str, tuple[Reason, ...]]:
     return {point_id: tuple(reasons) for point_id, reasons in found.items()}
 
 
+def trusted(points: Sequence[Checked]) -> list[Checked]:
+    """The points without the comparisons that certainly failed.
+
+    Gain and lag belong to the instruments: where one of them is another one's than at most points, the comparison of
+    that point failed as a whole.
+    """
+    force, displacement = (_failed([(point.id, each.of(point)) for point in points]) for each in (FORCE, DISPLACEMENT))
+    return [
+        replace(
+            point,
+            force=Agreement(declared_s=point.force.declared_s) if point.id in force else point.force,
+            displacement=(
+                Agreement(declared_s=point.displacement.declared_s) if point.id in displacement else point.displacement
+            ),
+        )
+        for point in points
+    ]
+
+
+def _failed(agreements: Sequence[tuple[str, Agreement]]) -> frozenset[str]:
+    gains = {name: each.gain.widened(GAIN_FLOOR) for name, each in agreements if each.gain is not None}
+    lags = {name: each.lag.widened(LAG_FLOOR_S) for name, each in agreements if each.lag is not None}
+    return outlying(gains) | outlying(lags)
+
+
 def deviations(points: int) -> float:
     """Standard deviations that no difference of a clean campaign of so many points reaches, but for one in 1,000."""
     comparisons = 8 * max(points, 1) + 8
@@ -150,12 +176,19 @@ def deviations(points: int) -> float:
 
 def _doubts(
     points: Sequence[Checked], estimates: Mapping[str, Estimate], nominal: float, tolerance: float, k: float,
-    told: Callable[[Estimate, str], Reason],
+    told: Callable[[Estimate, str], Reason], *, jumps: bool = False,
 ) -> dict[str, Reason]:
-    """The reason for each doubted point, by its id; every point of the campaign where all together are certain."""
-    together = pooled(estimates.values())
-    if together is not None and len(estimates) > 1 and together.beyond(nominal, tolerance, k):
-        return dict.fromkeys((point.id for point in points), told(together, f"{len(estimates)} points together"))
+    """The reason for each doubted point, by its id; every point of the campaign where all together are certain.
+
+    One point alone is doubted by itself, and among others only in what `jumps`, a zero; gain and lag do not jump.
+    """
+    together, count = pooled(estimates.values()), len(estimates)
+    if together is not None and together.beyond(nominal, tolerance, k) and (count > 1 or not jumps):
+        alone = "this point alone" if len(points) == 1 else "by the one point that tells"
+        by = f"{count} points together" if count > 1 else alone
+        return dict.fromkeys((point.id for point in points), told(together, by))
+    if not jumps:
+        return {}
     return {
         name: told(each, "this point alone") for name, each in estimates.items() if each.beyond(nominal, tolerance, k)
     }
@@ -190,14 +223,14 @@ def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
         return Reason(
             instruments.zero_slug, _kind(offset.value, tolerance),
             f"{instruments.sensor} reads {offset.times(scale).signed} {unit} where the {instruments.reference} reads 0 "
-            f"(allowed {scale * tolerance:g} {unit}; {by}): {instruments.either}",
+            f"(allowed {scale * tolerance:.3g} {unit}; {by}): {instruments.either}",
             {"offset": offset.value, "offset_std": offset.std, "tolerance": tolerance},
         )
 
     agreements = {point.id: instruments.of(point).offset for point in points}
     floor = OFFSET_FLOOR * tolerance
     estimates = {name: offset.widened(floor) for name, offset in agreements.items() if offset is not None}
-    return _doubts(points, estimates, 0.0, tolerance, k, told)
+    return _doubts(points, estimates, 0.0, tolerance, k, told, jumps=True)
 
 
 def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict[str, Reason]:
@@ -257,7 +290,7 @@ def _changes(points: Sequence[Checked], k: float) -> list[Reason]:
     return [
         Reason(
             slug, Kind.INVALID if abs(over_N.value) > gross_N else Kind.SUSPECT,
-            f"the load cell's zero moves against the {FORCE.reference}: {text} (allowed {tolerance_N:g} N): "
+            f"the load cell's zero moves against the {FORCE.reference}: {text} (allowed {tolerance_N:.3g} N): "
             f"{FORCE.either}", numbers,
         )
         for slug, text, over_N in ways

@@ -31,6 +31,7 @@ from rig.recording.layout import RECORD_DTYPE, Attribute, Event, parts, write_fi
 from rig.recording.reading import opened
 from rig.recording.reason import Reason
 from rig.recording.reference_judgement import SLUGS
+from rig.recording.rejudging import judge_together
 from rig.recording.run import RecordedPoint
 from rig.recording.skew_pooling import PointSkew, pooled_skews
 from rig.recording.sorting import Sorter
@@ -68,15 +69,17 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
         change = _change(point, skews.get(point.id), instruments.get(point.id))
         if change is not None and point.path is not None and "context" in point.provenance:
             yield make_again(point.path, change)
+    yield from judge_together(points_folder)
 
 
 def _change(point: RecordedPoint, skew: PointSkew | None, instruments: Verdict | None) -> Change | None:
-    """Why a point is made again; None where its file may stay as it is."""
+    """Why a point's samples are made again; None where they may stay, be it under another verdict (`rejudging`)."""
     if skew is None:
         return None
     before = Verdict.stored(point.quality)
-    after = with_skew(before if instruments is None else instruments, skew.trusted_std_s, point.frequency_Hz)
-    reasons = None if instruments is None else [reason for reason in after.found if reason.slug in SLUGS]
+    after = with_skew(before, skew.trusted_std_s, point.frequency_Hz)
+    judged = before if instruments is None else instruments
+    reasons = [reason for reason in judged.found if reason.slug in SLUGS]
     if abs(skew.shift_s) > max(CERTAIN * skew.std_s, MATTERS_S):
         why = f"all points together put its skew at {1e3 * skew.delays.value_s:.3f} +- {1e3 * skew.std_s:.2g} ms"
         return Change(why, skew, reasons)

@@ -269,6 +269,9 @@ def _motion(found: Findings) -> list[Reason]:
     if found.wanted_cycles <= 0:
         return []
     if found.measured_cycles is None or found.measured_cycles < found.wanted_cycles - TOLERATED_CYCLES:
+        if found.stopped_by is not None:
+            # Nobody's fault: the point was stopped, and that is said already.
+            return []
         counted = "none" if found.measured_cycles is None else f"{found.measured_cycles:g}"
         return [invalid("too-few-cycles", f"{counted} full cycles measured, {found.wanted_cycles:g} wanted")]
     reasons = []

@@ -24,6 +24,10 @@ LIMITS = RestLimits(
 )
 
 
+def zeros(seen: AtRest) -> ev.Event:
+    return ev.ZerosJudged(judge_rest(seen, LIMITS))
+
+
 def records(*rows: tuple[Channel, int, float]) -> NDArray[Any]:
     """Records of (channel, arrival ns, value); the device clock is the arrival in microseconds."""
     block = np.zeros(len(rows), RECORD_DTYPE)
@@ -77,6 +81,36 @@ def test_a_program_has_ended_only_when_every_sensor_was_read_after_it() -> None:
     assert observer.observe(records((Channel.DISPLACEMENT, 330, 0.0))) == ev.ProgramEnded(at_centre=True)
 
 
+def ended(done: float, *early: State) -> ev.ProgramEnded:
+    """How a program of 1 + 6 + 1 cycles ends that went through these states and shows so many cycles at its end."""
+    observer = Observer()
+    observer.observe(status(50, State.HOLD))
+    observer.await_program(0.0, since_ns=100, ordered_cycles=8.0)
+    for host_ns, state in enumerate((State.RUNNING, *early), start=200):
+        assert observer.observe(status(host_ns, state)) is None
+    observer.observe(records((Channel.CYCLES_DONE, 299, done)))
+    event = observer.observe(status(300, State.HOLD))
+    assert isinstance(event, ev.ProgramEnded)
+    return event
+
+
+@pytest.mark.parametrize(
+    ("done", "early", "said"),
+    [
+        (8.0, (), ""),
+        (7.0, (), "7 of 8 ordered cycles done"),
+        (0.0, (), "0 of 8 ordered cycles done"),
+        (8.0, (State.FADING,), "the controller was FADING"),
+        (8.0, (State.HALTING,), "the controller was HALTING"),
+        (3.0, (State.FADING,), "the controller was FADING"),
+    ],
+)
+def test_a_program_that_nobody_here_stopped_shows_when_it_was_cut_short(
+    done: float, early: tuple[State, ...], said: str
+) -> None:
+    assert ended(done, *early).cut_short == said
+
+
 def test_cycles_of_the_program_before_are_not_counted() -> None:
     observer = Observer()
     observer.observe(records((Channel.STATE, 50, State.HOLD), (Channel.CYCLES_DONE, 50, 12.0)))
@@ -123,7 +157,7 @@ def test_standstill_is_a_position_that_stays_for_a_moment_of_the_controllers_clo
 def test_zeros_are_judged_over_the_rest_window() -> None:
     observer = Observer()
     observer.observe(status(1_000_000_000, State.OFF))
-    observer.await_zeros(LIMITS)
+    observer.await_zeros(zeros)
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     block = [(channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
     assert observer.observe(records(*block)) is None
@@ -132,7 +166,7 @@ def test_zeros_are_judged_over_the_rest_window() -> None:
 
 def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None:
     observer = Observer()
-    observer.await_zeros(LIMITS)
+    observer.await_zeros(zeros)
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     assert observer.observe(status(7_000_000_000, State.OFF)) is None
     block = [(channel, 7_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
@@ -143,7 +177,7 @@ def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None
 
 def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_they_look_well() -> None:
     observer = Observer()
-    observer.await_zeros(LIMITS)
+    observer.await_zeros(zeros)
     observer.observe(status(1_000_000_000, State.OFF))
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     block = records(*((channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels))

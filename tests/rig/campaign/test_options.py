@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,8 +56,34 @@ def test_a_broken_display_goes_dark_and_is_not_asked_again() -> None:
     display.phase("running")
     display.phase("stopping")
     display.message("error", "anything")
+    display.close(5.0)
     assert broken.calls == 1
     assert "no terminal" in display.failed
+
+
+class Standing(Broken):
+    """A terminal held by Ctrl-S."""
+
+    def __init__(self) -> None:
+        self.going_on = threading.Event()
+        self.shown: list[str] = []
+
+    def message(self, level: str, text: str) -> None:
+        self.going_on.wait(10.0)
+        self.shown.append(text)
+
+
+def test_a_display_that_stands_still_keeps_nobody_waiting_and_shows_everything_in_order_later() -> None:
+    standing = Standing()
+    display = GuardedDisplay(standing)
+    for number in range(100):
+        display.message("info", str(number))
+    assert standing.shown == []
+    standing.going_on.set()
+    display.close(5.0)
+    assert standing.shown == [str(number) for number in range(100)]
+    display.message("info", "too late")
+    assert len(standing.shown) == 100
 
 
 def test_a_point_never_begun_is_in_the_books_as_not_run() -> None:

@@ -57,7 +57,7 @@ def test_the_limit_follows_the_test_and_the_bench_file() -> None:
     assert Checks().zero_N(RANGE_N, 4000.0) == pytest.approx(25.0)
     assert Checks.model_validate({"force_zero": "200 N"}).zero_N(RANGE_N, 600.0) == pytest.approx(200.0)
     weak, strong = (replace(LIMITS, zero_N=Checks().zero_N(RANGE_N, force_N)) for force_N in (500.0, 3000.0))
-    shown = rest(1, 30.0)
+    shown = rest(1, 24.0)
     assert judge_rest(shown, weak) is not None
     assert judge_rest(shown, strong) is None
 

@@ -87,7 +87,8 @@ def test_a_clean_campaign_is_not_doubted_whatever_its_size_and_strength() -> Non
 
 def test_what_no_single_point_proves_is_proved_by_all_together_and_said_of_each() -> None:
     points = campaign(3, 20, gain=1.05, weak=10.0)
-    assert all("load-cell-gain" not in slugs(judge([point])) for point in points)
+    alone = [slugs(judge([point])) for point in points]
+    assert sum("load-cell-gain" in told for told in alone) <= 4
     found = judge(points)
     assert all({reason.slug for reason in reasons} == {"load-cell-gain"} for reasons in found.values())
     assert all("20 points together" in reason.text for reasons in found.values() for reason in reasons)
@@ -100,6 +101,21 @@ def test_one_point_whose_zero_jumped_is_doubted_alone() -> None:
     found = judge(points)
     doubted = {name for name, reasons in found.items() if "load-cell-zero" in {reason.slug for reason in reasons}}
     assert doubted == {"p005"}
+
+
+def test_a_comparison_that_failed_at_one_point_says_nothing_of_the_instruments() -> None:
+    points = campaign(12)
+    wrong = Agreement(Estimate(0.98, 0.004), Estimate(-161.0, 3.0), Estimate(0.0108, 0.0004), 2.25e-4)
+    points[2] = replace(points[2], force=wrong)
+    assert slugs(judge(points)) == set()
+    assert slugs(judge([*points[:2], points[2]])) == set()
+
+
+def test_gain_and_lag_of_one_point_alone_are_judged_until_there_are_others() -> None:
+    points = campaign(13, 6)
+    odd = replace(points[1], force=Agreement(Estimate(1.1, 0.002), None, Estimate(-2e-3, 1e-4), 2.25e-4))
+    assert slugs(judge([odd])) == {"load-cell-gain", "force-input-lag"}
+    assert slugs(judge([*points[:1], odd, *points[2:]])) == set()
 
 
 def test_a_point_that_could_not_be_compared_shares_the_campaigns_doubt() -> None:
