@@ -28,7 +28,7 @@ from rig.identification.judging import judged
 from rig.identification.measurement import Measurement
 from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
-from rig.identification.preparation import prepare_all
+from rig.identification.preparation import campaign_skews, prepare_all
 from rig.identification.scoring import score
 from rig.identification.selection import Candidate, compare
 from rig.identification.solving import Method, solve
@@ -50,6 +50,7 @@ def identify(
     current: str = AFFINE,
     series_spring: bool = False,
     allowance: Allowance | None = None,
+    campaign: Sequence[RecordedPoint] = (),
     told: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
@@ -68,6 +69,7 @@ def identify(
             corrected by their own measured force.
         allowance: what the next test may ask of the machine; by default what a run's own bench and matrix allow, or
             what was tested.
+        campaign: further points of the same campaigns, neither fitted nor held out: they know of the sensors' delays.
         told: called with a line of text before each model is fitted and each comparison.
 
     Returns:
@@ -80,7 +82,7 @@ def identify(
     if allowance is None and isinstance(tests, Run):
         allowance = bench_of(tests.path)
     settings = method if isinstance(method, Method) else Method(method)
-    fitted, held_out, warnings = _split(tests, holdout)
+    fitted, held_out, warnings = _split(tests, holdout, campaign)
     refuse_reversed_signs(fitted)
     warnings += contradictions(fitted)
     lag, unusable_steps = lag_of(_recorded(tests))
@@ -196,6 +198,7 @@ def identify_run(
         current=current,
         series_spring=series_spring,
         allowance=bench_of(runs[0].path),
+        campaign=[point for run in tested for point in run.usable],
         told=told,
     )
     fit = replace(fit, warnings=(*left_out, *fit.warnings))
@@ -234,8 +237,9 @@ def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
 def _split(
     tests: Run | Sequence[RecordedPoint] | Sequence[Measurement],
     holdout: str | Run | Sequence[RecordedPoint] | Sequence[Measurement] | None,
+    campaign: Sequence[RecordedPoint],
 ) -> tuple[list[Measurement], list[Measurement], list[str]]:
-    """Measurements to fit, measurements held out, warnings.
+    """Measurements to fit, measurements held out, warnings; both aligned by all points of their campaigns.
 
     Raises:
         IdentificationFailed: nothing or everything is held out, or a test is there twice or on both sides.
@@ -267,12 +271,13 @@ def _split(
     refuse_twice([*points, *fitted])
     refuse_seen([*points, *fitted], [*kept_out, *held_out])
     warnings: list[str] = []
+    skews = campaign_skews([*_all_of(tests), *(() if isinstance(holdout, str) else _all_of(holdout or ())), *campaign])
     if points or not fitted:
-        prepared, refused = prepare_all(points)
+        prepared, refused = prepare_all(points, skews)
         fitted += prepared
         warnings += refused
     if kept_out:
-        prepared, refused = prepare_all(kept_out)
+        prepared, refused = prepare_all(kept_out, skews)
         held_out += prepared
         warnings += refused
     return fitted, held_out, warnings
@@ -314,6 +319,11 @@ def _recorded(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> l
     """Every recorded point given, whatever it is for."""
     given = list(tests.valid) if isinstance(tests, Run) else list(tests)
     return [each for each in given if isinstance(each, RecordedPoint)]
+
+
+def _all_of(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:
+    """As `_recorded`, with a run's suspect points."""
+    return list(tests.usable) if isinstance(tests, Run) else _recorded(tests)
 
 
 def _with_lag(fit: Fit, lag: CurrentLag) -> Fit:

@@ -8,7 +8,7 @@ where the point knows it, else the measured mean.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kep
 from rig.recording.differentiation import Motion, harmonic, savitzky_golay
 from rig.recording.loop_shape import noise_of
 from rig.recording.run import RecordedPoint
-from rig.recording.skew_pooling import Skew, pooled_skews
+from rig.recording.skew_pooling import PointSkew, pooled_skews
 
 FloatArray = NDArray[np.float64]
 
@@ -35,24 +35,49 @@ MEDIAN_OF_NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
 SATURATED_RUN = 5  # equal extreme values in a row that mean that the force stood at the end of its range
 
 
-def prepare_all(points: Iterable[RecordedPoint]) -> tuple[list[Measurement], list[str]]:
+Skews = Mapping[tuple[Path | None, str], PointSkew]
+"""What each campaign as a whole knows of its points' skew, by folder and point."""
+
+
+def campaign_skews(points: Iterable[RecordedPoint]) -> Skews:
+    """The skew of every point by all points of its campaign.
+
+    Args:
+        points: everything that was recorded, whatever it is for: what is fitted and what is held out lie on one time
+            base only when neither is aligned by itself.
+    """
+    runs: dict[Path | None, dict[str, RecordedPoint]] = {}
+    for point in points:
+        if point.verdict != "invalid":
+            runs.setdefault(_folder(point), {})[point.id] = point
+    return {
+        (folder, name): skew for folder, group in runs.items()
+        for name, skew in pooled_skews(list(group.values())).items()
+    }
+
+
+def _folder(point: RecordedPoint) -> Path | None:
+    return None if point.path is None else point.path.resolve().parent
+
+
+def prepare_all(
+    points: Iterable[RecordedPoint], skews: Skews | None = None
+) -> tuple[list[Measurement], list[str]]:
     """Measurements of all points that can be used, and one warning for each that cannot.
+
+    Args:
+        points: the points to prepare.
+        skews: of `campaign_skews`, of the whole campaigns that the points belong to; None: the points are all there is.
 
     Raises:
         IdentificationFailed: no point can be used; the message says why for each.
     """
     measurements, refusals = [], []
     given = list(points)
-    runs: dict[Path | None, list[RecordedPoint]] = {}
-    for point in given:
-        runs.setdefault(None if point.path is None else point.path.parent, []).append(point)
-    skews = {
-        folder: pooled_skews([point for point in group if point.verdict != "invalid"]) for folder, group in runs.items()
-    }
+    known = campaign_skews(given) if skews is None else skews
     for point in given:
         try:
-            folder = None if point.path is None else point.path.parent
-            measurements.append(prepare(point, skews[folder].get(point.id)))
+            measurements.append(prepare(point, known.get((_folder(point), point.id))))
         except RigError as error:
             refusals.append(f"{point.id} left out: {error}")
     if not measurements:
@@ -61,7 +86,7 @@ def prepare_all(points: Iterable[RecordedPoint]) -> tuple[list[Measurement], lis
     return measurements, refusals
 
 
-def prepare(point: RecordedPoint, skew: Skew | None = None) -> Measurement:
+def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     """A recorded point as a measurement.
 
     The inertia of the fixture between load cell and damper is taken off the force.
