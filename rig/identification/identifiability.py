@@ -13,12 +13,14 @@ from rig.dampers.model import DamperModel
 from rig.identification.coil import needs_lag
 from rig.identification.measurement import Measurement
 from rig.identification.projection import Weighting
+from rig.identification.residuals import cycle_times_s
 from rig.identification.rivals import rivals
 from rig.identification.uncertainty import Information
 
 FloatArray = NDArray[np.float64]
 
 SAME_CURRENT_A = 0.03
+SAME_FREQUENCY = 0.02  # relative difference of the longest and the shortest cycle up to which there is one frequency
 PROPORTIONAL = 1e-4  # share of the acceleration that displacement does not explain, below which m and K are one
 ONE_SPEED = 2e-3  # share of the velocity that its sign does not explain, below which C and Fy are one
 
@@ -147,20 +149,33 @@ def _inertia(model: DamperModel, measurements: Sequence[Measurement], found: Fin
     stiffness = [name for name in STIFFNESS if name in model.names]
     if "m" not in model.names or not stiffness:
         return
-    cross = sum(float(each.a_m_s2 @ each.u_m) for each in measurements)
-    power_a = sum(float(each.a_m_s2 @ each.a_m_s2) for each in measurements)
-    power_u = sum(float(each.u_m @ each.u_m) for each in measurements)
-    if power_a <= 0.0 or power_u <= 0.0 or 1.0 - cross * cross / (power_a * power_u) > PROPORTIONAL:
+    if not _one_frequency(measurements):
         return
     found.held.add("m")
     found.reasons["m"] = (
-        f"m cannot be told from {stiffness[0]}: every test ran at one frequency, where inertia and stiffness are "
-        "proportional; add another frequency"
+        f"m is not separately identifiable from {stiffness[0]}: every test ran at one frequency, where inertia and "
+        "stiffness are proportional; add another frequency"
     )
     found.reasons[stiffness[0]] = (
         f"only {stiffness[0]} - m (2 pi f)^2 is known: every test ran at one frequency; the value given is that "
         "difference; add another frequency"
     )
+
+
+def _one_frequency(measurements: Sequence[Measurement]) -> bool:
+    """Whether inertia and stiffness are one: all cycles last as long, or acceleration follows displacement.
+
+    A second harmonic of the motion, or the corners of a triangle, would tell them apart in a perfect recording; their
+    acceleration is known far too badly for that.
+    """
+    lasting = [np.quantile(each, (0.05, 0.95)) for each in map(cycle_times_s, measurements) if each.size]
+    longest, shortest = (max(each[1] for each in lasting), min(each[0] for each in lasting)) if lasting else (0.0, 0.0)
+    if lasting and longest <= (1.0 + SAME_FREQUENCY) * shortest:
+        return True
+    cross = sum(float(each.a_m_s2 @ each.u_m) for each in measurements)
+    power_a = sum(float(each.a_m_s2 @ each.a_m_s2) for each in measurements)
+    power_u = sum(float(each.u_m @ each.u_m) for each in measurements)
+    return power_a <= 0.0 or power_u <= 0.0 or 1.0 - cross * cross / (power_a * power_u) <= PROPORTIONAL
 
 
 def _speed(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:

@@ -16,6 +16,7 @@ from rig.identification.energy import judgements as energy_judgements
 from rig.identification.energy import passivity
 from rig.identification.fit import Estimate, Fit, ModelScore
 from rig.identification.identifiability import degenerate, explain
+from rig.identification.leftover import leftovers
 from rig.identification.measurement import Measurement
 from rig.identification.profile import Profile, profiles
 from rig.identification.residuals import LEAST_WIDENING, correlated
@@ -71,10 +72,12 @@ def judged(
     weighting, (looked_at, foretold) = method.weighting(model), (fitted, held_out)
     if method.loss != SQUARES:
         looked_at, foretold = (without_outliers(model, values, tests) for tests in (fitted, held_out))
-    fits = describes(model, values, looked_at, weighting)
-    foretells = describes(model, values, foretold, weighting)
     free = best.findings.free(name for name in model.names if name in values)
-    known = information(model, values, free, fitted, replace(weighting, extra=best.solution.extra), declared)
+    left = leftovers(model, values, free, looked_at, weighting)
+    fits = describes(model, values, looked_at, weighting, left)
+    foretells = describes(model, values, foretold, weighting)
+    robust = replace(weighting, extra=best.solution.extra)
+    known = information(model, values, free, fitted, robust, declared, left)
     reasons = {**explain(model, known, values, looked_at, weighting), **best.findings.reasons}
     warnings = [*warnings, *_of_tests((*fitted, *held_out))]
     warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)

@@ -55,6 +55,30 @@ def significant_orders(
     return np.asarray(np.flatnonzero(standing) + 2, np.int64)
 
 
+def coefficient_errors(
+    time_s: FloatArray, residual: FloatArray, omega_rad_s: float, orders: NDArray[np.int64], step: float
+) -> FloatArray:
+    """Standard errors of a series' mean and of the cosine (or sine) of each order, in the residual's unit.
+
+    Args:
+        time_s: sample times (s), shape (n,), nearly even.
+        residual: what the series leaves, shape (n,).
+        omega_rad_s: fundamental angular frequency (rad/s).
+        orders: orders of the series, rising, shape (K,).
+        step: quantisation step of the measured signal; 0 where there is none.
+
+    Returns:
+        The mean's, then the orders', shape (K + 1,), from the noise between the harmonics near each.
+    """
+    if residual.size < 2:
+        return np.zeros(orders.size + 1)
+    highest = max(2, int(orders[-1]))
+    _, noise, _ = _lines_and_noise(time_s, residual, omega_rad_s, highest)
+    level = np.maximum(noise, _quantisation_power(time_s, residual, omega_rad_s, step))
+    power = np.concatenate((level[:1] / 2.0, level[np.maximum(orders, 2) - 2]))
+    return np.asarray(np.sqrt(2.0 * power) / residual.size)
+
+
 def quantisation_step(values: FloatArray) -> float:
     """The step of the grid that a signal's values lie on, in its unit: their greatest common divisor.
 
