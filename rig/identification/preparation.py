@@ -129,7 +129,7 @@ def prepare(point: RecordedPoint, skew: Skew | None = None) -> Measurement:
         force_step_N=step_N,
         commanded_A=None if commanded is None else commanded[1],
         commanded_before_A=None if commanded is None else commanded[0],
-        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles) if commanded is None else noise_of(force_N[usable]),
+        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles, step_N) if commanded is None else noise_of(force_N[usable]),
         warnings=(*warnings, *warned),
     )
 
@@ -295,14 +295,19 @@ def _without_saturation(
     return kept, warnings
 
 
-def cycle_scatter_N(force_N: FloatArray, usable: NDArray[np.bool_], time_s: FloatArray, cycles: Cycles) -> float:
+def cycle_scatter_N(
+    force_N: FloatArray, usable: NDArray[np.bool_], time_s: FloatArray, cycles: Cycles, step_N: float = 0.0
+) -> float:
     """Standard deviation (N) of the force at equal phase of successive cycles; nan with fewer than two cycles.
 
     Each sample is compared with the next cycle's force, interpolated at the same phase. The median of the differences
-    is taken, so that the corners of the loop, where interpolation errs, do not count.
+    is taken, so that the corners of the loop, where interpolation errs, do not count. A median of quantised values is
+    itself a whole number of steps, so each value first gets a random part of a step (the same in every call), whose
+    variance is taken off again.
     """
     if len(cycles) < 2:
         return math.nan
+    force_N = force_N + step_N * (np.random.default_rng(0).random(force_N.size) - 0.5)
     phase = np.interp(time_s, cycles.start_s, np.arange(cycles.start_s.size))
     position = np.interp(phase + 1.0, phase, np.arange(phase.size, dtype=float))
     inside = usable & (phase + 1.0 <= phase[-1])
@@ -312,8 +317,7 @@ def cycle_scatter_N(force_N: FloatArray, usable: NDArray[np.bool_], time_s: Floa
     later = force_N[low[inside]] * (1.0 - share) + force_N[low[inside] + 1] * share
     spread = np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
     differences = (force_N[inside] - later) / spread
-    return (
-        float(np.median(np.abs(differences - np.median(differences))) / 0.674489750196)
-        if differences.size
-        else math.nan
-    )
+    if differences.size == 0:
+        return math.nan
+    scatter_N = float(np.median(np.abs(differences - np.median(differences)))) / MEDIAN_OF_NORMAL
+    return math.sqrt(max(0.0, scatter_N**2 - step_N**2 / 12.0))

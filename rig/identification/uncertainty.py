@@ -77,6 +77,8 @@ class Information:
         step: how far each parameter lies from the least-squares solution, in its unit, (p,).
         residuals: what each test's residual consists of.
         freedom: independent residuals, less the parameters.
+        share: what one standard error of each parameter, by itself, does to the force, as a share of its root mean
+            square, (p,).
     """
 
     names: tuple[str, ...]
@@ -89,6 +91,7 @@ class Information:
     step: FloatArray
     residuals: tuple[Residual, ...]
     freedom: float
+    share: FloatArray
 
     def standard_error(self, name: str) -> float:
         """Standard error in the parameter's unit; infinite where it cannot be told from others."""
@@ -237,6 +240,7 @@ def _invert(
     deviation = np.sqrt(np.diag(covariance))
     spread = np.where(deviation > 0.0, deviation, 1.0)
     correlation = covariance / np.outer(spread, spread)
+    share = deviation * scale / math.sqrt(force_power) if force_power > 0.0 else np.zeros(size)
     covariance[~told, ~told] = np.inf
     alone = np.zeros(size)
     full = np.diag((vectors * inverse) @ vectors.T)
@@ -245,7 +249,8 @@ def _invert(
     step = ((vectors * inverse) @ (vectors.T @ (gradient / safe))) / safe
     curvature = np.where(full > 0.0, safe**2 / np.where(full > 0.0, full, 1.0), 0.0)
     return Information(
-        names, covariance, correlation, alone, condition, partners, curvature, np.asarray(step), residuals, freedom
+        names, covariance, correlation, alone, condition, partners, curvature, np.asarray(step), residuals, freedom,
+        share,
     )
 
 
