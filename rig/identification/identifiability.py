@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rig.dampers.algebraic import TanhModel
 from rig.dampers.model import DamperModel
 from rig.identification.coil import needs_lag
+from rig.identification.leftover import pieces_of
 from rig.identification.measurement import Measurement
 from rig.identification.projection import Weighting
 from rig.identification.residuals import cycle_times_s
@@ -231,16 +232,14 @@ def _tanh(
     weighting: Weighting,
 ) -> dict[str, str]:
     """Reasons where the tanh is as good as something simpler: sgn(u), a sign function, or a straight line."""
-    yielding = np.concatenate([model.yield_shape(values, each.u_m, each.v_m_s) for each in measurements])
-    v = np.concatenate([each.v_m_s for each in measurements])
+    share, largest = _yield_use(model, values, measurements)
     viscous = [name for name in VISCOUS if name in model.names]
-    if abs(_dissipated_share(yielding, v)) < DEGENERATE:
+    if abs(share) < DEGENERATE:
         text = (
             f"cannot be told: the hysteresis is degenerate, {model.shape_names[1]} outweighs every speed, so that the "
             "tanh follows sgn(u) and the yield force dissipates nothing; only its height is known"
         )
         return {name: f"{name} {text}" for name in (*model.shape_names, *model.yield_names)}
-    largest = float(np.max(np.abs(yielding)))
     if largest < STRAIGHT:
         text = (
             f"cannot be told: the tanh is a straight line here (at most {largest:.2g}), so that yield and viscous "
@@ -267,9 +266,7 @@ def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Se
     """A warning where the tanh follows sgn(u), as with the printed lambda of 1.41 m/s: a yield force without loss."""
     if not isinstance(model, TanhModel):
         return []
-    yielding = np.concatenate([model.yield_shape(values, each.u_m, each.v_m_s) for each in measurements])
-    v = np.concatenate([each.v_m_s for each in measurements])
-    if abs(_dissipated_share(yielding, v)) >= DEGENERATE:
+    if abs(_yield_use(model, values, measurements)[0]) >= DEGENERATE:
         return []
     offset = model.shape_names[1]
     return [
@@ -279,7 +276,16 @@ def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Se
     ]
 
 
-def _dissipated_share(yielding: FloatArray, v_m_s: FloatArray) -> float:
-    """Energy that a yield force of this shape takes out, as a share of what it would with the sign of the speed."""
-    most = float(np.sum(np.abs(yielding * v_m_s)))
-    return float(np.sum(yielding * v_m_s)) / most if most > 0.0 else 1.0
+def _yield_use(
+    model: TanhModel, values: Mapping[str, float], measurements: Sequence[Measurement]
+) -> tuple[float, float]:
+    """Energy that the yield force takes out as a share of what it would with the speed's sign; its greatest shape."""
+    taken = most = largest = 0.0
+    for each in measurements:
+        for _, piece in pieces_of(model, each):
+            yielding = model.yield_shape(values, piece.u_m, piece.v_m_s)
+            power = yielding * piece.v_m_s
+            taken += float(np.sum(power))
+            most += float(np.sum(np.abs(power)))
+            largest = max(largest, float(np.max(np.abs(yielding))))
+    return (taken / most if most > 0.0 else 1.0), largest

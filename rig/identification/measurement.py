@@ -120,8 +120,9 @@ class Measurement:
     @property
     def peak_force_N(self) -> float:
         """Greatest deviation of the measured force from its mean (N), the reference of the relative error."""
-        force = self.force_N[self.scored]
-        return float(np.max(np.abs(force - np.mean(force))))
+        force = self.force_N if self.usable is None else self.force_N[self.usable]
+        mean_N = float(np.mean(force))
+        return max(float(np.max(force)) - mean_N, mean_N - float(np.min(force)))
 
     def rows(self, part: slice) -> Measurement:
         """Some of the samples, next to each other, without a copy of them."""

@@ -35,24 +35,32 @@ def score(model: DamperModel, values: Mapping[str, float], measurements: Sequenc
     Raises:
         KeyError: a parameter is missing.
     """
-    return score_forces(measurements, [modelled_force(model, values, each) for each in measurements])
+    return score_forces(measurements, (modelled_force(model, values, each) for each in measurements))
 
 
-def score_forces(measurements: Sequence[Measurement], modelled_N: Sequence[FloatArray]) -> ErrorSummary:
-    """Errors of forces (N), one array (n,) a test, against the measured ones."""
-    tests, errors, forces = [], [], []
+def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[FloatArray]) -> ErrorSummary:
+    """Errors of forces (N), one array (n,) a test, against the measured ones; one test's arrays at a time."""
+    tests, counts, errors, squares, sizes = [], [], [], [], []
+    forces, spreads = [], []
     for each, modelled in zip(measurements, modelled_N, strict=True):
-        scored = each.scored
-        force = each.force_N[scored]
-        error = force - modelled[scored]
-        rmse = float(np.sqrt(np.mean(error**2)))
-        peak = each.peak_force_N
+        force, model_N = (each.force_N, modelled) if each.usable is None else (
+            each.force_N[each.usable], modelled[each.usable]
+        )
+        error = force - model_N
+        mean_N, peak = float(np.mean(force)), each.peak_force_N
+        counts.append(error.size)
+        errors.append(float(np.sum(error)))
+        squares.append(float(error @ error))
+        sizes.append(float(np.sum(np.abs(error, out=error))))
+        forces.append(mean_N)
+        spreads.append(float(np.var(force)) * force.size)
+        rmse = math.sqrt(squares[-1] / error.size)
         tests.append(
             TestError(
                 id=each.id,
                 file=each.file,
                 rmse_N=rmse,
-                mae_N=float(np.mean(np.abs(error))),
+                mae_N=sizes[-1] / error.size,
                 nrmse_percent_of_peak=100.0 * rmse / peak if peak > 0.0 else math.nan,
                 noise_N=None if math.isnan(each.noise_N) else each.noise_N,
                 samples=int(error.size),
@@ -60,15 +68,14 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Sequence[Float
                 modelled_energy_J=cycle_energy_J(each, modelled),
             )
         )
-        errors.append(error)
-        forces.append(force)
-    error, force = np.concatenate(errors), np.concatenate(forces)
-    variance = float(np.sum((force - np.mean(force)) ** 2))
+    total, weight = sum(counts), np.array(counts, dtype=float)
+    mean_N = float(weight @ forces) / total
+    variance = sum(spreads) + float(weight @ (np.array(forces) - mean_N) ** 2)
     return ErrorSummary(
-        rmse_N=float(np.sqrt(np.mean(error**2))),
-        mae_N=float(np.mean(np.abs(error))),
-        sd_N=float(np.std(error, ddof=1)),
-        r_squared=1.0 - float(error @ error) / variance if variance > 0.0 else math.nan,
+        rmse_N=math.sqrt(sum(squares) / total),
+        mae_N=sum(sizes) / total,
+        sd_N=math.sqrt(max(0.0, sum(squares) - sum(errors) ** 2 / total) / max(1, total - 1)),
+        r_squared=1.0 - sum(squares) / variance if variance > 0.0 else math.nan,
         nrmse_percent_of_peak=float(np.mean([each.nrmse_percent_of_peak for each in tests])),
         per_test=tuple(tests),
     )

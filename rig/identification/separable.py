@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.dampers.algebraic import AlgebraicModel, TanhModel
+from rig.errors import IdentificationFailed
 from rig.identification.measurement import Measurement
 from rig.identification.projection import AlgebraicForm, Projection, Weighting
 from rig.identification.reduction import Inner
@@ -33,6 +34,10 @@ ROUGH = 1e-4  # tolerance on the thinned data, whose minimum is further than tha
 RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not the best on all data either,
 AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
 FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
+
+
+class GivenUp(IdentificationFailed):
+    """A model was not fitted to the end, because another one describes the tests far better already."""
 
 
 @dataclass(frozen=True)
