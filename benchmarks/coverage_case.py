@@ -95,7 +95,7 @@ def _point(
 
 
 def _series(setting: Setting, random: np.random.Generator, frequency_Hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cosine and sine amplitudes (m) of `ORDERS`: the waveform behind a servo of second order, and its own harmonics."""
+    """Cosine and sine amplitudes (m) of `ORDERS`: the waveform behind a second-order servo, and its own harmonics."""
     complex_m = np.zeros(ORDERS.size, complex)
     if setting.waveform == "sine":
         complex_m[0] = -1j * setting.amplitude_m

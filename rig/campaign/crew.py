@@ -87,6 +87,15 @@ class Crew:
         )
 
     @property
+    def point_ids(self) -> tuple[str, ...]:
+        """Ids of all the matrix's points."""
+        return tuple(item.point.id for item in self.plan.points)
+
+    def attempt_name(self, point_id: str, attempt: int) -> str:
+        """Name of the files of a point's attempt, counted from 1; never another point's."""
+        return attempt_name(point_id, attempt, self.point_ids)
+
+    @property
     def tolerances(self) -> Tolerances:
         """What two instruments of the bench may differ by; zeros in proportion to the largest force of the matrix."""
         checks = self.bench.checks
@@ -97,15 +106,6 @@ class Crew:
             force_zero_change_N=CHANGE_OF_ZERO * zero_N, displacement_zero_m=checks.displacement_zero_m,
             time_s=checks.time_s, current_zero_A=checks.current_zero_A,
         )
-
-    @property
-    def point_ids(self) -> tuple[str, ...]:
-        """Ids of all the matrix's points."""
-        return tuple(item.point.id for item in self.plan.points)
-
-    def attempt_name(self, point_id: str, attempt: int) -> str:
-        """Name of the files of a point's attempt, counted from 1; never another point's."""
-        return attempt_name(point_id, attempt, self.point_ids)
 
     def context(self, point: TestPoint, attempt: int, commanded: TestPoint) -> PointContext:
         """The header of a point's journal; `commanded` is the program that makes its motion."""
@@ -180,8 +180,8 @@ def _sensor(name: str, sensor: Sensor, range_SI: float, unit: str, long_name: st
         due="" if calibration.due is None else calibration.due.isoformat(),
         uncertainty_percent=calibration.uncertainty_percent,
         overdue=calibration.due is not None and calibration.due < utc_now().date(),
-        bandwidth_Hz=sensor.bandwidth_Hz,
         format=sensor.format if isinstance(sensor.format, str) else "a line described in the bench file",
+        bandwidth_Hz=sensor.bandwidth_Hz,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,7 +23,7 @@ from rig.identification.consistency import (
     some,
 )
 from rig.identification.current_lag import CurrentLag, lag_of
-from rig.identification.fit import Estimate, Fit, SeriesSpring
+from rig.identification.fit import Estimate, Fit, ModelScore, SeriesSpring
 from rig.identification.identifiability import examine
 from rig.identification.judging import judged
 from rig.identification.measurement import Measurement
@@ -31,7 +32,8 @@ from rig.identification.per_current import AFFINE, identify_per_current
 from rig.identification.preparation import campaign_skews, prepare_all
 from rig.identification.scoring import score
 from rig.identification.selection import Candidate, compare
-from rig.identification.solving import Method, solve
+from rig.identification.separable import GivenUp
+from rig.identification.solving import PARTLY_SEPARABLE, Method, solve
 from rig.identification.uncertainty import DeclaredErrors, quantile
 from rig.recording.calibration_check import doubts
 from rig.recording.run import RecordedPoint, Run
@@ -105,11 +107,12 @@ def identify(
     eta_1_s = _found_lag(models, fitted, settings, told) if needs_lag(fitted) else None
     if eta_1_s is not None:
         fitted, held_out = ([with_lag(each, eta_1_s) for each in tests] for tests in (fitted, held_out))
-    candidates, refused = _candidates(models, fitted, settings, told)
+    candidates, refused, given_up = _candidates(models, fitted, settings, told)
     warnings += refused
     if told is not None and len(candidates) > 1:
         told("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, settings)
+    ranking += given_up
     if eta_1_s is not None and "eta" in best.model.names:
         values = {**best.solution.values, "eta": eta_1_s}
         best = replace(best, solution=replace(best.solution, values=values))
@@ -350,21 +353,32 @@ def _candidates(
     fitted: Sequence[Measurement],
     method: Method,
     told: Callable[[str], None] | None,
-) -> tuple[list[Candidate], list[str]]:
-    """Every model that the method can fit, and a line for each that it cannot.
+) -> tuple[list[Candidate], list[str], tuple[ModelScore, ...]]:
+    """Every model that the method can fit, a line for each that it cannot, and those given up beside better ones.
 
     Raises:
         IdentificationFailed: no model can be fitted.
     """
-    candidates, refused = [], []
-    for number, model in enumerate(models, 1):
+    candidates, refused, given_up = [], [], []
+    rival_N = math.inf
+    for number, model in enumerate(sorted(models, key=_hardly_separable), 1):
         if told is not None:
             told(f"fitting {model.name} ({number} of {len(models)})")
         findings = examine(model, fitted)
         try:
-            candidates.append(Candidate(model, findings, solve(model, fitted, method, findings)))
+            candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
+            rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
+            candidates.append(candidate)
+        except GivenUp as reason:
+            free = len(findings.free(model.names))
+            given_up.append(ModelScore(model.name, None, math.nan, math.nan, free, method.name, str(reason)))
         except IdentificationFailed as error:
             refused.append(str(error))
     if not candidates:
         raise IdentificationFailed("; ".join(refused))
-    return candidates, refused
+    return candidates, refused, tuple(given_up)
+
+
+def _hardly_separable(model: DamperModel) -> bool:
+    """Whether all parameters have to be searched at once; such models come last, when there are others to beat."""
+    return model.states > 0 and model.name not in PARTLY_SEPARABLE

@@ -32,8 +32,8 @@ class SensorContext:
     due: str = ""
     uncertainty_percent: float | None = None
     overdue: bool = False
-    bandwidth_Hz: float | None = None
     format: str = ""
+    bandwidth_Hz: float | None = None
 
     @property
     def declared_s(self) -> float:

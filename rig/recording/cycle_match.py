@@ -5,8 +5,9 @@
 `s` is the sensor's own Fourier series over whole cycles (`rig.recording.fourier`), so its noise is averaged and noise
 makes no slope of its own. Harmonics that only the sensor shows (hum, a line of its own) would be taken for knowledge of
 the lag: the highest octaves are left out where the reference is certainly explained better without them at some lag,
-and any order that stands out of what is left of the reference. `force` is there for the displacement alone: a load train that gives way moves the sensor against the controller's
-position in proportion to the force, a delay in proportion to the speed.
+and so is any order that stands out of what is left of the reference. `force` is there for the displacement alone: a
+load train that gives way moves the sensor against the controller's position in proportion to the force, a delay in
+proportion to the speed.
 
 Standard deviations: of the reference's residual (white; by phase where it repeats with the cycle; by stretches where
 neighbours share it: the largest that is certainly larger), of the series, and of what its harmonics beyond the last one
@@ -19,6 +20,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.recording.fourier import FALSE_ALARM, FIRST_LINE, GRID, Series, series_of
 from rig.recording.layout import FloatArray
@@ -37,6 +39,8 @@ ENOUGH_FOR_CHANGE = 60
 CERTAIN = 8.0
 """By so much must leaving octaves out raise twice the logarithm of the likelihood."""
 ROUNDS_OF_LINES = 3
+ALONE = 0.3
+"""Of an order's own amplitude is left of the reference where the reference does not have it."""
 ENOUGH_A_WAVE = 3
 """Values of the reference for each wave of the highest order, from which one that stands alone is told."""
 LAGS = 121
@@ -148,8 +152,8 @@ def match_cycles(
         chosen, lag_s, spread_s = _searched(at_s, wanted, series, np.column_stack(nuisance), reach_s)
         laid = _Laid(at_s, wanted, chosen, cycles, force, with_drift=with_drift)
         found = laid.fit(lag_s)
-        alone = laid.standing_alone() if found is not None else ()
-        if len(alone) == 0:
+        alone = laid.standing_alone()
+        if found is None or len(alone) == 0:
             break
         series = series.without(alone)
     if found is None:
@@ -248,9 +252,9 @@ class _Laid:
         if len(told) == 0 or len(rest) < ENOUGH_A_WAVE * int(orders[-1]):
             return told[:0]
         waves = np.exp(1j * np.outer(at_s - self.series.origin_s, told * self.series.omega_rad_s))
-        power = np.abs(rest @ waves) ** 2 / (float(rest @ rest) * 0.5 * np.sum(np.abs(waves) ** 2, axis=0))
-        shown = 2.0 * np.abs(rest @ waves) / len(rest) > 0.3 * self.gain * np.abs(self.series.coefficients[orders >= FIRST_LINE])
-        return told[(power > 2.0 * math.log(len(told) / FALSE_ALARM)) & shown]
+        left = np.abs(rest @ waves) / len(rest)
+        certain = left**2 > float(rest @ rest) / len(rest) ** 2 * math.log(len(told) / FALSE_ALARM)
+        return told[certain & (2.0 * left > ALONE * self.gain * np.abs(self.series.coefficients[orders >= FIRST_LINE]))]
 
     def _columns(self, shifted_s: FloatArray) -> list[FloatArray]:
         shown, slope = self.series.at(shifted_s)

@@ -2,7 +2,8 @@
 
 The cycle's frequency is the program's own, on the controller's clock. A harmonic is kept where its power exceeds what
 noise alone would show in any of all orders once in a hundred series; one that is far away from all others, or towers
-above its neighbours, is not the motion's but a line of its own (mains hum) and is left out.
+above its neighbours, is not the motion's but a line of its own and is left out; so is
+what lies at the mains' own frequencies.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ TOWERS = 6.0
 """Times its neighbours' amplitude, above which an order is a line of its own."""
 FIRST_LINE = 5
 """Lowest order that can be such a line."""
+MAINS_Hz = (50.0, 60.0)
 TAIL_ORDERS = 4
 
 
@@ -128,7 +130,7 @@ def series_of(time_s: FloatArray, values: FloatArray, frequency_Hz: float) -> Se
             break
         orders = np.union1d(orders, seen)
         mean, coefficients, residual = _solved(t, values, omega, orders)
-    kept = orders[_belonging(orders, np.abs(coefficients))]
+    kept = orders[_belonging(orders, np.abs(coefficients)) & ~_of_the_mains(orders, frequency_Hz)]
     if len(kept) < len(orders):
         mean, coefficients, _ = _solved(t, values, omega, kept)
     noise = math.sqrt(float(residual @ residual) / max(1, len(t) - 2 * len(orders) - 1))
@@ -178,6 +180,13 @@ def _design(t: FloatArray, omega: float, orders: NDArray[np.int64]) -> FloatArra
 
 def _chunks(count: int) -> list[slice]:
     return [slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
+
+
+def _of_the_mains(orders: NDArray[np.int64], frequency_Hz: float) -> NDArray[np.bool_]:
+    """Which orders (K,) lie at a frequency at which every amplifier hums, whatever else may be there."""
+    lines_Hz = np.array([multiple * mains_Hz for mains_Hz in MAINS_Hz for multiple in (1, 2, 3)])
+    near = np.abs(orders[:, None] * frequency_Hz - lines_Hz[None, :]) < frequency_Hz
+    return np.asarray(np.any(near, axis=1) & (orders >= FIRST_LINE))
 
 
 def _belonging(orders: NDArray[np.int64], amplitude: FloatArray) -> NDArray[np.bool_]:

@@ -48,11 +48,35 @@ def significant_orders(
     """
     if count < 2 or residual.size < 2:
         return np.zeros(0, dtype=np.int64)
-    power, noise, counts = _lines_and_noise(time_s, residual, omega_rad_s, count)
+    power, noise, counts, _ = _lines_and_noise(time_s, residual, omega_rad_s, count)
     level = np.maximum(noise, _quantisation_power(time_s, residual, omega_rad_s, step))
     limit = counts * ((FALSE_ALARM / count) ** (-1.0 / counts) - 1.0)
     standing = (power > limit * level) & (power > RESOLVED**2 * float(np.max(power)))
     return np.asarray(np.flatnonzero(standing) + 2, np.int64)
+
+
+def coefficient_errors(
+    time_s: FloatArray, residual: FloatArray, omega_rad_s: float, orders: NDArray[np.int64], step: float
+) -> FloatArray:
+    """Standard errors of a series' mean and of the cosine (or sine) of each order, in the residual's unit.
+
+    Args:
+        time_s: sample times (s), shape (n,), nearly even.
+        residual: what the series leaves, shape (n,).
+        omega_rad_s: fundamental angular frequency (rad/s).
+        orders: orders of the series, rising, shape (K,).
+        step: quantisation step of the measured signal; 0 where there is none.
+
+    Returns:
+        The mean's, then the orders', shape (K + 1,), from the noise between the harmonics near each.
+    """
+    if residual.size < 2:
+        return np.zeros(orders.size + 1)
+    highest = max(2, int(orders[-1]))
+    noise = _lines_and_noise(time_s, residual, omega_rad_s, highest)[3]
+    level = np.maximum(noise, _quantisation_power(time_s, residual, omega_rad_s, step))
+    power = np.concatenate((level[:1] / 2.0, level[np.maximum(orders, 2) - 2]))
+    return np.asarray(np.sqrt(2.0 * power) / residual.size)
 
 
 def quantisation_step(values: FloatArray) -> float:
@@ -86,8 +110,8 @@ def _common_divisor(one: float, other: float, tolerance: float) -> float:
 
 def _lines_and_noise(
     time_s: FloatArray, residual: FloatArray, omega_rad_s: float, count: int
-) -> tuple[FloatArray, FloatArray, float]:
-    """|sum r exp(-i k w t)|^2 of orders 2 to `count`, what noise alone would make it, and how many powers tell that.
+) -> tuple[FloatArray, FloatArray, float, FloatArray]:
+    """|sum r exp(-i k w t)|^2 of orders 2 to `count`, what noise makes it at most, how many powers tell that, its mean.
 
     The samples are shared between neighbouring places of a fine grid over a group of cycles, whose transform has the
     harmonics at every so-many-th frequency and noise between them. Groups add up, harmonics in phase.
@@ -113,7 +137,7 @@ def _lines_and_noise(
     width = min(NEAR_BINS, noise.size)
     near = _mean_near(noise, middle, min(2 * max(1, together - 1), noise.size))
     counts = len(edges) * max(1.0, MEDIAN_COUNTS * width)
-    return line_power, np.maximum(_median_near(noise, middle, width), near), counts
+    return line_power, np.maximum(_median_near(noise, middle, width), near), counts, _mean_near(noise, middle, width)
 
 
 def _shared(turns: FloatArray, values: FloatArray, size: int) -> FloatArray:

@@ -5,6 +5,8 @@ It is for looking at a recording. A fit differentiates again from displacement (
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from rig.recording.layout import FloatArray
@@ -36,7 +38,7 @@ def velocity_of(time_s: FloatArray, displacement_m: FloatArray) -> tuple[FloatAr
     steps = np.diff(time_s[known])
     typical_s = float(np.median(steps))
     bounds = [0, *(np.flatnonzero(steps > GAP_STEPS * typical_s) + 1).tolist(), len(known)]
-    for first, last in zip(bounds, bounds[1:], strict=False):
+    for first, last in itertools.pairwise(bounds):
         rows = known[first:last]
         if len(rows) > 2:
             velocity[rows] = _stretch(time_s[rows], displacement_m[rows])

@@ -58,9 +58,8 @@ def zero_returns(run: Run) -> tuple[CrossCheck, ...]:
             ("LVDT", "mm", 1e3, (first.displacement_m, first.position_m, last.displacement_m, last.position_m)),
         ):
             before, before_own, after, after_own = (reading.mean for reading in readings)
-            moved = Estimate(
-                (after - after_own) - (before - before_own), math.hypot(*(reading.std / math.sqrt(max(reading.count, 1)) for reading in readings)),
-            )
+            error = math.hypot(*(reading.std / math.sqrt(max(reading.count, 1)) for reading in readings))
+            moved = Estimate((after - after_own) - (before - before_own), error)
             found.append(CrossCheck(
                 name, f"return of its zero after session {session}",
                 f"controller's {REST[name]}, at rest before and after",
