@@ -4,7 +4,7 @@
     python benchmarks/long_alignment.py --minutes 1
 
 Journal, alignment and file are the recorder's and finaliser's own; the samples are computed. Memory: the largest
-resident size of this process while it aligns and writes, interpreter and libraries included.
+resident size of this process so far, interpreter and libraries included.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from rig.recording.context import PointContext, SensorContext
 from rig.recording.durable import flush_directory
 from rig.recording.examination import examine, overview
 from rig.recording.finished_point import FinishedPoint
-from rig.recording.journal import JournalContent, scan_journal
+from rig.recording.journal import JournalContent, release, scan_journal
 from rig.recording.layout import (
     AlignedChannel,
     Attribute,
@@ -114,9 +114,10 @@ def _mapped(journal: Path, held: ExitStack) -> bytes | mmap.mmap:
 
 
 def _check_of(data: bytes | mmap.mmap) -> int:
-    check = 0
+    check = released = 0
     for start in range(0, len(data), CHECKED_BYTES):
         check = zlib.crc32(data[start : start + CHECKED_BYTES], check)
+        released = release(data, released, start)
     return check
 
 
