@@ -223,7 +223,7 @@ def test_the_finaliser_outlives_the_process_that_makes_its_files(campaign: Path)
     finaliser = Finaliser.start(campaign)
     finaliser.submit(PointJournal("p001", held, 0, 0))
     finaliser.submit(PointJournal("p002", good, 0, 0))
-    os.kill(the_child_of(finaliser._process.pid), signal.SIGSEGV)
+    os.kill(the_one_that_waits_for(held), signal.SIGSEGV)
     answer = finaliser.wait("p001", WAIT_S)
     assert answer.error_slug == "conversion-crashed"
     assert finaliser.wait("p002", WAIT_S).verdict == "valid"
@@ -233,14 +233,15 @@ def test_the_finaliser_outlives_the_process_that_makes_its_files(campaign: Path)
     assert [answer.verdict for answer in recover(campaign)] == ["valid"]
 
 
-def the_child_of(pid: int) -> int:
-    """The first process that `pid` starts."""
+def the_one_that_waits_for(journal: Path) -> int:
+    """The process that has come as far as the journal's lock, as the kernel lists it."""
+    inode = f":{journal.stat().st_ino} "
     deadline_ns = monotonic_ns() + int(WAIT_S * 1e9)
     while monotonic_ns() < deadline_ns:
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
-        if children:
-            return int(children[0])
-    raise AssertionError("no child was started")
+        for line in Path("/proc/locks").read_text(encoding="ascii").splitlines():
+            if "-> FLOCK" in line and inode in line:
+                return int(line.split()[5])
+    raise AssertionError("nobody waits for the journal")
 
 
 def test_a_journal_that_wants_all_memory_is_refused_it(campaign: Path) -> None:
