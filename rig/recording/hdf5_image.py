@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from rig.recording.layout import Attribute, Event, PointFile, RawChannel
 
 FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}
-UNFILTERED_BYTES = 256
-"""A dataset up to this size is stored as it is: an index of chunks would be longer than what it saves."""
+UNFILTERED_BYTES = 1024
+"""A dataset up to this size is stored as it is: filters and an index of chunks would be longer than what they save."""
 MOST_ATTRIBUTES = 1000
 """Attributes that stay in their object's header, where they take least room."""
 LONGEST_TEXT_BYTES = 32_000
@@ -95,15 +95,19 @@ class _Image:
             self._group(f"{entry.name}/{name}", "NXcollection", getattr(content, name))
 
     def _group(self, place: str, kind: str, attributes: Mapping[str, Attribute] | None = None) -> h5py.Group:
+        group = self._bare_group(place)
+        set_attributes(group, {"NX_class": kind, **(attributes or {})})
+        return group
+
+    def _bare_group(self, place: str) -> h5py.Group:
+        """A group without attributes: those given after its members are there take less room."""
         import h5py
 
         wanted = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
         wanted.set_obj_track_times(False)
         wanted.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
         h5py.h5g.create(self._file.id, place.encode(), None, wanted)
-        group = self._file[place]
-        set_attributes(group, {"NX_class": kind, **(attributes or {})})
-        return group
+        return self._file[place]
 
     def _fill_data(self, content: PointFile) -> None:
         group = self._group("entry/data", "NXdata", {
@@ -123,8 +127,7 @@ class _Image:
             dataset.dims[0].attach_scale(time)
 
     def _fill_raw(self, channel: RawChannel) -> None:
-        place = f"entry/raw/{channel.name}"
-        group = self._group(place, "NXcollection", {"long_name": channel.long_name, **channel.attributes})
+        group = self._bare_group(f"entry/raw/{channel.name}")
         units = {"value": channel.unit, "sequence": "1", "device_us": "us", "host_ns": "ns", "flags": "1"}
         columns: dict[str, tuple[Values, DTypeLike]] = {
             name: (channel.records[name], np.int8 if name == "flags" else RECORD_DTYPE[name]) for name in units
@@ -139,6 +142,7 @@ class _Image:
             if new:
                 about = channel.value_attributes if name == "value" else {}
                 set_attributes(dataset, {"units": units[name], **about})
+        set_attributes(group, {"NX_class": "NXcollection", "long_name": channel.long_name, **channel.attributes})
 
     def _fill_events(self, events: Sequence[Event]) -> None:
         group = self._group("entry/events", "NXcollection")
