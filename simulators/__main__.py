@@ -205,7 +205,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
                    "are widened, as on a busy machine.")
 @click.option("--drop-unread", is_flag=True,
               help="Ports drop and count what is not read in time, as real ones do; without it the rig's clock waits "
-                   "for its readers (0.45 s at most).")
+                   "for its readers (about half a second at most).")
 @setting_options
 @click.option("--fault", metavar="SLUG[@T[+D]]", multiple=True,
               help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")

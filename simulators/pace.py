@@ -7,7 +7,7 @@ from typing import Protocol
 
 LONGEST_LAG_S = 0.5
 LONGEST_LAG_FAST_S = 0.02
-LONGEST_WAIT_S = 0.45
+LONGEST_WAIT_S = 0.52
 CATCH_UP = 4.0
 
 

@@ -83,6 +83,7 @@ class PtyPort:
         self.waits = False
         self._held = bytearray()
         self._complete_ns = monotonic_ns()
+        self._waiting = 0
         self._read_once = False
         self._closed = False
 
@@ -105,17 +106,18 @@ class PtyPort:
         if self._closed:
             return 0
         self._pass_on()
-        count = self._on_the_line() + len(self._held)
+        on_the_line = self._on_the_line()
         if not self._read_once:
-            self._look_for_a_reader(count < self.sent_bytes)
-        return count
+            self._look_for_a_reader(on_the_line, on_the_line + len(self._held) < self.sent_bytes)
+        return on_the_line + len(self._held)
 
-    def _look_for_a_reader(self, missing: bool) -> None:
-        """Somebody reads where bytes are missing that had time to arrive on the line."""
+    def _look_for_a_reader(self, on_the_line: int, missing: bool) -> None:
+        """Somebody reads where bytes go from the line, or where some are missing that had time to arrive there."""
         now_ns = monotonic_ns()
         if not missing:
             self._complete_ns = now_ns
-        self._read_once = now_ns - self._complete_ns > ARRIVED_NS
+        self._read_once = on_the_line < self._waiting or now_ns - self._complete_ns > ARRIVED_NS
+        self._waiting = on_the_line
 
     def _on_the_line(self) -> int:
         """Bytes that the host could read now."""

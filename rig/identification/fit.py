@@ -97,7 +97,10 @@ class ErrorSummary:
 
 @dataclass(frozen=True)
 class ModelScore:
-    """One model in the comparison: held-out error (None without held-out tests) and Bayesian information criterion."""
+    """One model in the comparison: held-out error (None without held-out tests) and Bayesian information criterion.
+
+    A model that was not fitted to the end has its reason, and neither of them.
+    """
 
     model: str
     holdout_nrmse_percent_of_peak: float | None
@@ -105,6 +108,7 @@ class ModelScore:
     rmse_N: float
     parameters: int
     method: str
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -265,6 +269,7 @@ class Fit:
                 "rmse_N": _number(each.rmse_N),
                 "parameters": each.parameters,
                 "method": each.method,
+                "reason": each.reason,
             }
             for each in self.selection
         ]

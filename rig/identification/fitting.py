@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,16 +23,17 @@ from rig.identification.consistency import (
     some,
 )
 from rig.identification.current_lag import CurrentLag, lag_of
-from rig.identification.fit import Estimate, Fit, SeriesSpring
+from rig.identification.fit import Estimate, Fit, ModelScore, SeriesSpring
 from rig.identification.identifiability import examine
 from rig.identification.judging import judged
 from rig.identification.measurement import Measurement
 from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
-from rig.identification.preparation import prepare_all
+from rig.identification.preparation import campaign_skews, prepare_all
 from rig.identification.scoring import score
 from rig.identification.selection import Candidate, compare
-from rig.identification.solving import Method, solve
+from rig.identification.separable import GivenUp
+from rig.identification.solving import PARTLY_SEPARABLE, Method, solve
 from rig.identification.uncertainty import DeclaredErrors, quantile
 from rig.recording.run import RecordedPoint, Run
 
@@ -50,6 +52,7 @@ def identify(
     current: str = AFFINE,
     series_spring: bool = False,
     allowance: Allowance | None = None,
+    campaign: Sequence[RecordedPoint] = (),
     told: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
@@ -68,6 +71,7 @@ def identify(
             corrected by their own measured force.
         allowance: what the next test may ask of the machine; by default what a run's own bench and matrix allow, or
             what was tested.
+        campaign: further points of the same campaigns, neither fitted nor held out: they know of the sensors' delays.
         told: called with a line of text before each model is fitted and each comparison.
 
     Returns:
@@ -80,7 +84,7 @@ def identify(
     if allowance is None and isinstance(tests, Run):
         allowance = bench_of(tests.path)
     settings = method if isinstance(method, Method) else Method(method)
-    fitted, held_out, warnings = _split(tests, holdout)
+    fitted, held_out, warnings = _split(tests, holdout, campaign)
     refuse_reversed_signs(fitted)
     warnings += contradictions(fitted)
     lag, unusable_steps = lag_of(_recorded(tests))
@@ -102,11 +106,12 @@ def identify(
     eta_1_s = _found_lag(models, fitted, settings, told) if needs_lag(fitted) else None
     if eta_1_s is not None:
         fitted, held_out = ([with_lag(each, eta_1_s) for each in tests] for tests in (fitted, held_out))
-    candidates, refused = _candidates(models, fitted, settings, told)
+    candidates, refused, given_up = _candidates(models, fitted, settings, told)
     warnings += refused
     if told is not None and len(candidates) > 1:
         told("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, settings)
+    ranking += given_up
     if eta_1_s is not None and "eta" in best.model.names:
         values = {**best.solution.values, "eta": eta_1_s}
         best = replace(best, solution=replace(best.solution, values=values))
@@ -196,6 +201,7 @@ def identify_run(
         current=current,
         series_spring=series_spring,
         allowance=bench_of(runs[0].path),
+        campaign=[point for run in tested for point in run.usable],
         told=told,
     )
     fit = replace(fit, warnings=(*left_out, *fit.warnings))
@@ -234,8 +240,9 @@ def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
 def _split(
     tests: Run | Sequence[RecordedPoint] | Sequence[Measurement],
     holdout: str | Run | Sequence[RecordedPoint] | Sequence[Measurement] | None,
+    campaign: Sequence[RecordedPoint],
 ) -> tuple[list[Measurement], list[Measurement], list[str]]:
-    """Measurements to fit, measurements held out, warnings.
+    """Measurements to fit, measurements held out, warnings; both aligned by all points of their campaigns.
 
     Raises:
         IdentificationFailed: nothing or everything is held out, or a test is there twice or on both sides.
@@ -267,12 +274,13 @@ def _split(
     refuse_twice([*points, *fitted])
     refuse_seen([*points, *fitted], [*kept_out, *held_out])
     warnings: list[str] = []
+    skews = campaign_skews([*_all_of(tests), *(() if isinstance(holdout, str) else _all_of(holdout or ())), *campaign])
     if points or not fitted:
-        prepared, refused = prepare_all(points)
+        prepared, refused = prepare_all(points, skews)
         fitted += prepared
         warnings += refused
     if kept_out:
-        prepared, refused = prepare_all(kept_out)
+        prepared, refused = prepare_all(kept_out, skews)
         held_out += prepared
         warnings += refused
     return fitted, held_out, warnings
@@ -316,6 +324,11 @@ def _recorded(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> l
     return [each for each in given if isinstance(each, RecordedPoint)]
 
 
+def _all_of(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:
+    """As `_recorded`, with a run's suspect points."""
+    return list(tests.usable) if isinstance(tests, Run) else _recorded(tests)
+
+
 def _with_lag(fit: Fit, lag: CurrentLag) -> Fit:
     """The fit with eta from the current steps in place of an eta that loops at constant current cannot show."""
     together = quantile(len(fit.identifiable) + 1) * lag.std_1_s
@@ -338,21 +351,32 @@ def _candidates(
     fitted: Sequence[Measurement],
     method: Method,
     told: Callable[[str], None] | None,
-) -> tuple[list[Candidate], list[str]]:
-    """Every model that the method can fit, and a line for each that it cannot.
+) -> tuple[list[Candidate], list[str], tuple[ModelScore, ...]]:
+    """Every model that the method can fit, a line for each that it cannot, and those given up beside better ones.
 
     Raises:
         IdentificationFailed: no model can be fitted.
     """
-    candidates, refused = [], []
-    for number, model in enumerate(models, 1):
+    candidates, refused, given_up = [], [], []
+    rival_N = math.inf
+    for number, model in enumerate(sorted(models, key=_hardly_separable), 1):
         if told is not None:
             told(f"fitting {model.name} ({number} of {len(models)})")
         findings = examine(model, fitted)
         try:
-            candidates.append(Candidate(model, findings, solve(model, fitted, method, findings)))
+            candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
+            rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
+            candidates.append(candidate)
+        except GivenUp as reason:
+            free = len(findings.free(model.names))
+            given_up.append(ModelScore(model.name, None, math.nan, math.nan, free, method.name, str(reason)))
         except IdentificationFailed as error:
             refused.append(str(error))
     if not candidates:
         raise IdentificationFailed("; ".join(refused))
-    return candidates, refused
+    return candidates, refused, tuple(given_up)
+
+
+def _hardly_separable(model: DamperModel) -> bool:
+    """Whether all parameters have to be searched at once; such models come last, when there are others to beat."""
+    return model.states > 0 and model.name not in PARTLY_SEPARABLE

@@ -29,6 +29,7 @@ UNFILTERED_BYTES = 256
 MOST_ATTRIBUTES = 1000
 """Attributes that stay in their object's header, where they take least room."""
 LONGEST_TEXT_BYTES = 32_000
+QUALITY = "Quality: 1 overload, 2 fault, 4 gap, 8 NaN, 16 spike, 32 stale, 64 clock went back"
 """HDF5 has 64 kB for an attribute, its name and type included."""
 EMPTY_FILE = bytes.fromhex(
     "894844460d0a1a0a0208080000000000000000003000000000000000e4000000000000006100000000000000cc3f68d5"
@@ -112,7 +113,7 @@ class _Image:
         set_attributes(time, {"units": "s", "long_name": "Time"})
         time.make_scale("time")
         flags = np.zeros(len(content.time_s), np.int8) if content.flags is None else content.flags
-        quality = AlignedChannel("flags", flags, "1", "Quality: 1 overload, 2 fault, 4 gap, 8 NaN, 16 spike, 32 stale")
+        quality = AlignedChannel("flags", flags, "1", QUALITY)
         for channel in (*content.channels, quality):
             flagged = channel is quality or channel.values.dtype == np.int8
             dataset = self._dataset(group, channel.name, channel.values, np.int8 if flagged else np.float32)
@@ -143,6 +144,8 @@ class _Image:
         group = self._group("entry/events", "NXcollection")
         times = np.array([event.time_ns for event in events], np.int64)
         set_attributes(self._dataset(group, "time_ns", times, np.int64), {"units": "ns"})
+        arrived = np.array([event.host_ns for event in events], np.int64)
+        set_attributes(self._dataset(group, "host_ns", arrived, np.int64), {"units": "ns"})
         for name in ("code", "text"):
             # Octave reads only text that is declared ASCII; UTF-8 beyond it stays as its bytes, and is said to be that.
             encoded = [_encoded(getattr(event, name)) for event in events] or [b" "]

@@ -7,11 +7,6 @@ from collections.abc import Mapping
 from rig.recording.context import SensorContext
 from rig.recording.layout import Attribute
 
-AS_SAMPLED = "as sampled: these are the samples whose times are the common time base"
-BETWEEN_SAMPLES = (
-    "cubic through the two samples on each side at their own times, in raw; NaN where one of the four is missing or bad"
-)
-BETWEEN_FRAMES = "straight line between the two frames on each side, in raw; NaN across a lost frame"
 REGISTER = 1.0, "float32 register, SI"
 COUNT = 1.0, "whole number, as sent"
 STAMP = 1.0, "no quantity: sequence counts the pulses, device_us is the device's clock at the pulse"
@@ -52,10 +47,3 @@ def wire_attributes(name: str, sensor: SensorContext | None) -> Mapping[str, Att
     else:
         return {}
     return {"on_wire": what, "sensitivity": factor, "offset": 0.0, "formula": "value = sensitivity * on_wire - offset"}
-
-
-def resampling(name: str) -> str:
-    """How an aligned channel was brought to the displacement's sample times; velocity says it itself."""
-    if name == "displacement":
-        return AS_SAMPLED
-    return BETWEEN_FRAMES if name in {"current", "coil_temperature"} else BETWEEN_SAMPLES
