@@ -67,6 +67,7 @@ def finish_point(journal: Path, *, recovered: bool = False) -> FinishedPoint:
     Raises:
         JournalProblem: it cannot be read, or holds what no rig records.
         NothingRecorded: it holds no displacement or no force.
+        FileProblem: the file made of it could not be opened as a point again.
         OSError: the disk refused.
         ValueError: something in it fits nothing; so may any other error a library has for values that cannot be.
     """
@@ -272,7 +273,10 @@ def _write_proved(final: Path, point: PointFile) -> None:
     """Write under a temporary name, read back, compare, only then give it its name."""
 
     def proved(partial: Path) -> None:
+        from rig.recording.run import RecordedPoint
+
         prove(partial, point)
+        RecordedPoint.open(partial)  # what nobody could open must not take its journal's place
         if final.exists():
             keep_attempt(final)
 
@@ -292,7 +296,12 @@ def prove(path: Path, point: PointFile) -> None:
         _same(path, data, "time", point.time_s)
         for channel in point.channels:
             _same(path, data, channel.name, mapped(channel.values, lambda values: values, np.float32))
+        if point.flags is not None:
+            _same(path, data, "flags", point.flags)
         for received in point.raw:
+            _same(path, raw[received.name], "flags", mapped(received.records["flags"], lambda flags: flags, np.int8))
+            if received.time_s is not None:
+                _same(path, raw[received.name], "time", received.time_s)
             for name in ("value", "sequence", "device_us", "host_ns"):
                 _same(path, raw[received.name], name, received.records[name])
 
