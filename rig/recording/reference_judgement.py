@@ -238,7 +238,7 @@ def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
 def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict[str, Reason]:
     """A sensor that is later than its input has a delay that can be seen; one that is earlier disproves the input.
 
-    A loop too weak to tell the lag as well as it is allowed to be may have matched the wrong way round: it says nothing.
+    A loop too weak to tell the lag as well as it is allowed to be may have matched wrongly: it says nothing.
     """
     agreements = {point.id: instruments.of(point) for point in points}
     tolerance_s = _least(points, "time_s") + max(each.declared_s for each in agreements.values())
