@@ -56,6 +56,7 @@ class RecordedRig:
         wake_up_s: mean delay of the host before it stamps what has arrived (wall s).
         declares_input_delay: the bench says that the controller's own inputs can be relied on.
         declared_delays_s: what the bench says of the sensors' delays; None: their filters' true group delay.
+        poll_s: period of the host's polls (wall s).
     """
 
     options: RigOptions
@@ -64,6 +65,7 @@ class RecordedRig:
     wake_up_s: float = 1e-4
     declares_input_delay: bool = True
     declared_delays_s: tuple[float, float] | None = None
+    poll_s: float = POLL_S
 
     def __post_init__(self) -> None:
         self.random = np.random.default_rng((self.seed, 77))
@@ -88,7 +90,7 @@ class RecordedRig:
         """Run one sine or triangle point, record, align, judge and write it; returns it read back, and the truth."""
         records, truth = self.run_program(point)
         content = JournalContent("", records, end={"stopped_by": None, "lost_records": 0})
-        file, _, _ = build(content, self._context(point))
+        file, _, _ = build(content, self.context(point))
         path = folder / f"{point['id']}.h5"
         write_file(path, file)
         return RecordedPoint.open(path), truth
@@ -118,7 +120,8 @@ class RecordedRig:
         found = np.array(records, RECORD_DTYPE)
         return found[np.argsort(found["host_ns"], kind="stable")], Truth(*np.concatenate(truth).T)
 
-    def _context(self, point: dict[str, Any]) -> PointContext:
+    def context(self, point: dict[str, Any]) -> PointContext:
+        """What the bench file and the matrix say of a point."""
         cell, lvdt = self.options.load_cell, self.options.lvdt
         delays = self.declared_delays_s or (group_delay_s(cell.bandwidth_Hz), group_delay_s(lvdt.bandwidth_Hz))
         inputs_s = self.plant.position_input.declared_delay_s
@@ -135,7 +138,7 @@ class RecordedRig:
     @property
     def _poll_steps(self) -> int:
         """Steps of the plant from one poll to the next."""
-        return max(1, round(POLL_S * self.speed / self.plant.dt_s))
+        return max(1, round(self.poll_s * self.speed / self.plant.dt_s))
 
     def _advance(self, seconds: float, records: list[Any] | None = None, truth: list[np.ndarray] | None = None) -> None:
         """Advance the plant, poll by poll; keep what arrives where a list is given."""

@@ -167,6 +167,7 @@ class SensorOptions:
     show; `clip` is where the amplifier saturates without saying so; without `latches_edges` there are no edge frames.
     After `numbers_until_s` (simulated s) every value is NaN. `drift_per_s` is a zero that creeps from the start (wire
     unit per simulated s), `hum` the amplitude of what the mains induce, `crosstalk_per_A` what the coil's current does.
+    With `reversed` it counts the other way round, which the written bench file does not say.
     """
 
     unit: str = "N"
@@ -178,6 +179,7 @@ class SensorOptions:
     resolution: float = 0.05
     offset: float = 0.0
     gain: float = 1.0
+    reversed: bool = False
     drift_per_s: float = 0.0
     hum: float = 0.0
     hum_Hz: float = 50.0

@@ -143,7 +143,8 @@ class Sensor:
     ) -> tuple[FloatArray, NDArray[np.uint8]]:
         """Wire values (n,) and status bits (n,) of clean SI values (n,), unit noise (n,) and disturbance (n,, wire)."""
         options, faults = self.options, self.faults
-        value = clean * (options.gain * options.wire_per_si) + options.noise * noise
+        sign = -1.0 if options.reversed else 1.0
+        value = clean * (sign * options.gain * options.wire_per_si) + options.noise * noise
         value += options.offset + faults.zero_offset + disturbance
         if options.resolution > 0:
             value = np.round(value / options.resolution) * options.resolution

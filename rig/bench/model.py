@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from rig import units
 from rig.bench import address
+from rig.bench.checks import Checks
 from rig.bench.field import (
     RESERVED_NAMES,
     Acceleration,
@@ -300,6 +301,7 @@ class Bench(Section):
     fixture: Fixture = Field(default_factory=Fixture)
     clock: Clock = Field(default_factory=Clock)
     station: Station = Field(default_factory=Station)
+    checks: Checks = Field(default_factory=Checks)
     require_valid_calibration: bool = Field(
         default=False, description="refuse to run with a sensor whose calibration is past its due date"
     )
@@ -326,6 +328,7 @@ class Bench(Section):
                 "auxiliary": {index: item.not_physics for index, item in enumerate(self.auxiliary)},
                 "clock": True,
                 "station": True,
+                "checks": True,
             }
         )
         return hashlib.sha256(text.encode()).hexdigest()

@@ -48,7 +48,9 @@ _BEYOND = {
 _TEXTS = ("string_pattern_mismatch", "string_too_short", "string_too_long")
 
 TABLES = {
-    "bench": frozenset({"limits", "actuator", "ecu", "load_cell", "lvdt", "auxiliary", "fixture", "clock", "station"}),
+    "bench": frozenset(
+        {"limits", "actuator", "ecu", "load_cell", "lvdt", "auxiliary", "fixture", "clock", "station", "checks"}
+    ),
     "matrix": frozenset(
         {"specimen", "matrix", "point", "friction", "current_step", "temperature", "identify", "campaign"}
     ),

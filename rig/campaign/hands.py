@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
@@ -250,7 +251,18 @@ class Hands:
     def _first_zeros(self, seen: AtRest) -> ev.Event:
         self.zeros.start = at_rest(seen)
         self.note("rest", which="start", **self.zeros.start.to_json())
-        return ev.ZerosJudged(judge_rest(seen, self.crew.rest_limits))
+        cause = judge_rest(seen, self.crew.rest_limits)
+        if cause is None:
+            self.crew.at_rest = {**self._temperatures_at_rest(), **seen.numbers(self.crew.bench.load_cell.range_N)}
+        return ev.ZerosJudged(cause)
+
+    def _temperatures_at_rest(self) -> dict[str, float]:
+        """Coil and ECU (degC) before anything was warmed: those of the session's first rest; none where unknown."""
+        names = {"rest_coil_degC": Channel.COIL_TEMPERATURE, "rest_ecu_degC": Channel.ECU_TEMPERATURE}
+        if names.keys() <= self.crew.at_rest.keys():
+            return {name: self.crew.at_rest[name] for name in names}
+        found = {name: self.observer.value(channel) for name, channel in names.items()}
+        return found if self.ledger.began_ns is None and all(map(math.isfinite, found.values())) else {}
 
     def _zeros_again(self, seen: AtRest) -> ev.Event:
         self.zeros.end = at_rest(seen)

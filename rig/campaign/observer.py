@@ -41,6 +41,13 @@ LIVE = {
 Wait = Callable[[NDArray[Any]], ev.Event | None]
 
 
+STATUSES_AT_REST = 5
+"""A fast rig's window is over after one or two, which say little of the controller's own noisy force input."""
+AT_REST = (
+    Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE, Channel.COIL_CURRENT,
+)
+
+
 class Observer:
     """Turns records into at most one awaited fact at a time."""
 
@@ -203,7 +210,7 @@ class Observer:
         )
 
     def await_zeros(self, judge: Callable[[AtRest], ev.Event]) -> None:
-        """Wait for what `judge` says of the samples of the next 0.2 s of the controller's clock."""
+        """Wait for what `judge` says of the next 0.2 s of the controller's clock, five statuses at the least."""
         until_s = self.device_s + REST_WINDOW_S if self.device_s else math.nan
         parts: list[NDArray[Any]] = []
 
@@ -216,13 +223,20 @@ class Observer:
             if not self.device_s >= until_s:
                 return None
             window = np.concatenate(parts)
-            seen = AtRest(*(
-                window["value"][window["channel"] == channel].astype(np.float64)
-                for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE)
-            ), *(
+            if np.count_nonzero(window["channel"] == Channel.CONTROLLER_FORCE) < STATUSES_AT_REST:
+                return None
+            values = {
+                channel: window["value"][window["channel"] == channel].astype(np.float64) for channel in AT_REST
+            }
+            flagged = (
                 int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(BAD)))
                 for channel in (Channel.FORCE, Channel.DISPLACEMENT)
-            ))
+            )
+            force, displacement = flagged
+            seen = AtRest(
+                values[Channel.FORCE], values[Channel.DISPLACEMENT], values[Channel.POSITION],
+                values[Channel.CONTROLLER_FORCE], force, displacement, values[Channel.COIL_CURRENT],
+            )
             return judge(seen)
 
         self._wait = wait

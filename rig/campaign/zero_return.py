@@ -26,14 +26,16 @@ from rig.station.interlocks import BAD
 DRIFT_SHARE = 0.01
 """Of the largest measured force, or of the largest measured displacement from rest."""
 SURE = 6.0
-"""Standard errors by which a drift is more than noise."""
+"""Standard errors by which a drift is more than noise ..."""
+FEW = 4.0
+"""... and so many times more, divided by the degrees of freedom that the noise itself is known by."""
 FEWEST_STATUSES = 3
 ENTRY = "zero_checks"
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One quantity over a rest window: mean and standard deviation (SI) of `count` samples."""
+    """One quantity over a rest window: mean and standard deviation (of a sample; SI) of `count` samples."""
 
     mean: float
     std: float
@@ -45,12 +47,8 @@ class Reading:
         finite = samples[np.isfinite(samples)]
         if len(finite) == 0:
             return cls(math.nan, math.nan, 0)
-        return cls(float(np.mean(finite)), float(np.std(finite)), len(finite))
-
-    @property
-    def error(self) -> float:
-        """Standard error of the mean; inf without samples."""
-        return self.std / math.sqrt(self.count) if self.count else math.inf
+        std = float(np.std(finite, ddof=1)) if len(finite) > 1 else 0.0
+        return cls(float(np.mean(finite)), std, len(finite))
 
 
 @dataclass(frozen=True)
@@ -159,6 +157,13 @@ class ZeroReturn:
         }
 
 
+def _noise(first: Reading, last: Reading) -> float:
+    """What the difference of two means may be by noise alone; few samples know their own scatter badly."""
+    freedom = first.count + last.count - 2
+    variance = ((first.count - 1) * first.std**2 + (last.count - 1) * last.std**2) / freedom
+    return SURE * (1.0 + FEW / freedom) * math.sqrt(variance * (1.0 / first.count + 1.0 / last.count))
+
+
 def _step(values: NDArray[np.float64]) -> float:
     """Least difference between neighbours of sorted distinct values (n,)."""
     return float(np.min(np.diff(values))) if len(values) > 1 else math.inf
@@ -174,9 +179,9 @@ def _drift(
     if few or flagged:
         return None
     drift = (last.mean - last_own.mean) - (first.mean - first_own.mean)
-    noise = math.hypot(*(reading.error for reading in readings))
+    noise = math.hypot(_noise(first, last), _noise(first_own, last_own))
     resolution = 0.0 if math.isinf(step) else step
-    limit = max(DRIFT_SHARE * peak, SURE * noise, resolution)
+    limit = max(DRIFT_SHARE * peak, noise, resolution)
     if abs(drift) <= limit:
         return None
     measured, own = instruments

@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from rig.recording.layout import Attribute, Event, PointFile, RawChannel
 
 FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}
-UNFILTERED_BYTES = 256
-"""A dataset up to this size is stored as it is: an index of chunks would be longer than what it saves."""
+UNFILTERED_BYTES = 1024
+"""A dataset up to this size is stored as it is: filters and an index of chunks would be longer than what they save."""
 MOST_ATTRIBUTES = 1000
 """Attributes that stay in their object's header, where they take least room."""
 LONGEST_TEXT_BYTES = 32_000
+QUALITY = "Quality: 1 overload, 2 fault, 4 gap, 8 NaN, 16 spike, 32 stale, 64 clock went back"
 """HDF5 has 64 kB for an attribute, its name and type included."""
 EMPTY_FILE = bytes.fromhex(
     "894844460d0a1a0a0208080000000000000000003000000000000000e4000000000000006100000000000000cc3f68d5"
@@ -94,15 +95,19 @@ class _Image:
             self._group(f"{entry.name}/{name}", "NXcollection", getattr(content, name))
 
     def _group(self, place: str, kind: str, attributes: Mapping[str, Attribute] | None = None) -> h5py.Group:
+        group = self._bare_group(place)
+        set_attributes(group, {"NX_class": kind, **(attributes or {})})
+        return group
+
+    def _bare_group(self, place: str) -> h5py.Group:
+        """A group without attributes: those given after its members are there take less room."""
         import h5py
 
         wanted = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
         wanted.set_obj_track_times(False)
         wanted.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
         h5py.h5g.create(self._file.id, place.encode(), None, wanted)
-        group = self._file[place]
-        set_attributes(group, {"NX_class": kind, **(attributes or {})})
-        return group
+        return self._file[place]
 
     def _fill_data(self, content: PointFile) -> None:
         group = self._group("entry/data", "NXdata", {
@@ -112,7 +117,7 @@ class _Image:
         set_attributes(time, {"units": "s", "long_name": "Time"})
         time.make_scale("time")
         flags = np.zeros(len(content.time_s), np.int8) if content.flags is None else content.flags
-        quality = AlignedChannel("flags", flags, "1", "Quality: 1 overload, 2 fault, 4 gap, 8 NaN, 16 spike, 32 stale")
+        quality = AlignedChannel("flags", flags, "1", QUALITY)
         for channel in (*content.channels, quality):
             flagged = channel is quality or channel.values.dtype == np.int8
             dataset = self._dataset(group, channel.name, channel.values, np.int8 if flagged else np.float32)
@@ -122,8 +127,7 @@ class _Image:
             dataset.dims[0].attach_scale(time)
 
     def _fill_raw(self, channel: RawChannel) -> None:
-        place = f"entry/raw/{channel.name}"
-        group = self._group(place, "NXcollection", {"long_name": channel.long_name, **channel.attributes})
+        group = self._bare_group(f"entry/raw/{channel.name}")
         units = {"value": channel.unit, "sequence": "1", "device_us": "us", "host_ns": "ns", "flags": "1"}
         columns: dict[str, tuple[Values, DTypeLike]] = {
             name: (channel.records[name], np.int8 if name == "flags" else RECORD_DTYPE[name]) for name in units
@@ -138,11 +142,14 @@ class _Image:
             if new:
                 about = channel.value_attributes if name == "value" else {}
                 set_attributes(dataset, {"units": units[name], **about})
+        set_attributes(group, {"NX_class": "NXcollection", "long_name": channel.long_name, **channel.attributes})
 
     def _fill_events(self, events: Sequence[Event]) -> None:
         group = self._group("entry/events", "NXcollection")
         times = np.array([event.time_ns for event in events], np.int64)
         set_attributes(self._dataset(group, "time_ns", times, np.int64), {"units": "ns"})
+        arrived = np.array([event.host_ns for event in events], np.int64)
+        set_attributes(self._dataset(group, "host_ns", arrived, np.int64), {"units": "ns"})
         for name in ("code", "text"):
             # Octave reads only text that is declared ASCII; UTF-8 beyond it stays as its bytes, and is said to be that.
             encoded = [_encoded(getattr(event, name)) for event in events] or [b" "]

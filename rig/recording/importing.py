@@ -246,7 +246,7 @@ def _point_file(
             "mid_stroke_m": mid_stroke_m, "imported": True,
         },
         quality={
-            "verdict": verdict.verdict, "reasons": verdict.reasons, "lost_samples": lost, "skew_s": 0.0,
+            **verdict.attributes, "lost_samples": lost, "skew_s": 0.0,
             "skew_std_s": 0.0, "skew_method": "as imported: one time base, not checked",
             "measured_cycles": 0 if motion is None else motion.cycles, **measured,
         },

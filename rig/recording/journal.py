@@ -14,6 +14,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import json
+import mmap as memory
 import os
 import struct
 import threading
@@ -40,6 +41,8 @@ RECORDS, EVENT, END = 1, 2, 3
 FLUSH_PERIOD_S = 0.05
 LARGEST_BLOCK_BYTES = 1 << 26
 SCANNED_BYTES = 1 << 20
+RELEASED_BYTES = 1 << 24
+"""A mapped journal leaves memory in steps of so many bytes, once walked."""
 
 
 class JournalProblem(ValueError):
@@ -236,7 +239,10 @@ def scan_journal(data: bytes | mmap, name: str, take: Callable[[NDArray[Any]], N
     """
     context, position = _header(data, name)
     found = _Found(take)
+    released = 0
     while position < len(data):
+        if position - released >= RELEASED_BYTES:
+            released = release(data, released, position)
         size = _take_block(data, position, found)
         if size == 0:
             following = data.find(BLOCK_MAGIC, position + 1)
@@ -245,6 +251,20 @@ def scan_journal(data: bytes | mmap, name: str, take: Callable[[NDArray[Any]], N
         position += size
     nothing = np.zeros(0, RECORD_DTYPE)
     return JournalContent(context, nothing, tuple(found.events), found.end, found.missing, found.damaged)
+
+
+def release(data: bytes | mmap, start: int, stop: int) -> int:
+    """Let the pages of a mapped journal between two places leave memory; gives the place up to which they did.
+
+    Args:
+        data: the journal, in memory or mapped.
+        start: a multiple of `RELEASED_BYTES`.
+        stop: rounded down to one.
+    """
+    stop -= stop % RELEASED_BYTES
+    if isinstance(data, mmap) and stop > start and hasattr(memory, "MADV_DONTNEED"):
+        data.madvise(memory.MADV_DONTNEED, start, stop - start)
+    return stop
 
 
 def _end_of_data(data: bytes | mmap, start: int) -> int:

@@ -65,11 +65,15 @@ class RawChannel:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened: time on the file's time base (ns), a slug, one line for people."""
+    """Something that happened: time on the file's time base (ns), a slug, one line for people.
+
+    In a journal `time_ns` is the host's monotonic clock; a file keeps that too, as `host_ns` (-1: not known).
+    """
 
     time_ns: int
     code: str
     text: str
+    host_ns: int = -1
 
 
 @dataclass(frozen=True)

@@ -230,15 +230,19 @@ class RecordedPoint:
     def force_samples(self) -> ForceSamples:
         """The measured force at its own sample times, not interpolated: best input for a fit.
 
-        Made from the aligned channel where a file has no raw force (imported tests, points made in memory).
+        Made from the aligned channel where a file has no raw force (imported tests, points made in memory). Samples
+        without a place in time (the device's clock went back) are not in it.
         """
         if self.arrays is None:
             from rig.recording.reading import read_raw
 
             raw = read_raw(self._file, "force")
             if raw is not None and "time" in raw:
-                flags = np.asarray(raw["flags"], np.int64)
-                return ForceSamples(np.asarray(raw["time"], np.float64), np.asarray(raw["value"], np.float64), flags)
+                placed = np.isfinite(raw["time"])
+                time_s, force_N, flags = (raw[name][placed] for name in ("time", "value", "flags"))
+                return ForceSamples(
+                    np.asarray(time_s, np.float64), np.asarray(force_N, np.float64), np.asarray(flags, np.int64)
+                )
         return ForceSamples(self.time_s, self.force_N, np.zeros(self.samples, np.int64))
 
     def raw(self, name: str) -> dict[str, NDArray[Any]] | None:

@@ -7,55 +7,36 @@ from collections.abc import Mapping
 from rig.recording.context import SensorContext
 from rig.recording.layout import Attribute
 
-AS_SAMPLED = "as sampled: these are the samples whose times are the common time base"
-BETWEEN_SAMPLES = (
-    "cubic through the two samples on each side at their own times, in raw; NaN where one of the four is missing or bad"
-)
-BETWEEN_FRAMES = "straight line between the two frames on each side, in raw; NaN across a lost frame"
-REGISTER = 1.0, "float32 register, SI"
-COUNT = 1.0, "whole number, as sent"
-STAMP = 1.0, "no quantity: sequence counts the pulses, device_us is the device's clock at the pulse"
+REGISTER = "value = float32 register, SI"
+COUNT = "value = number sent"
 
-ON_WIRE: dict[str, tuple[float, str]] = {
-    "coil_current": (0.001, "CAN signal CoilStatus.Current, int16"),
-    "commanded_current": (0.001, "CAN signal CoilCommand.CurrentSetpoint, int16"),
-    "coil_temperature": (0.1, "CAN signal CoilTemperature.CoilTemperature, int16"),
-    "ecu_temperature": (0.1, "CAN signal CoilTemperature.EcuTemperature, int16"),
-    "ecu_supply": (0.01, "CAN signal CoilTemperature.Supply, uint16"),
+FROM_WIRE: dict[str, str] = {
+    "coil_current": "value = 0.001 * int16 CoilStatus.Current",
+    "commanded_current": "value = 0.001 * int16 CoilCommand.CurrentSetpoint",
+    "coil_temperature": "value = 0.1 * int16 CoilTemperature.CoilTemperature",
+    "ecu_temperature": "value = 0.1 * int16 CoilTemperature.EcuTemperature",
+    "ecu_supply": "value = 0.01 * uint16 CoilTemperature.Supply",
     **dict.fromkeys(("ecu_state", "ecu_faults", "state", "cycles_done", "fault_bits", "phase", "inputs"), COUNT),
     **dict.fromkeys(("position", "velocity", "setpoint", "supply_pressure", "accumulator_pressure", "servo_error",
                      "controller_force"), REGISTER),
-    "pulse": (1.0, "uint16 register, pulses counted by the controller"),
-    "trip": (1.0, "not from a wire: the station's code of the interlock"),
-    "loop_late": (1.0, "not from a wire: measured by the station, s"),
+    "pulse": "value = uint16 register pulse_count",
+    "trip": "value = the station's code of the interlock",
+    "loop_late": "value = measured by the station",
 }
-"""Channel -> SI (or the file's unit) per unit on the wire, and what was on the wire."""
+"""Channel -> how its SI values were made of what was on the wire."""
 
 
 def wire_attributes(name: str, sensor: SensorContext | None) -> Mapping[str, Attribute]:
-    """What stands beside `raw/<name>/value`: what was on the wire, the factor, the offset and the formula with them.
+    """What stands beside `raw/<name>/value`: how it was made of what was on the wire.
 
     Args:
         name: the channel.
-        sensor: its declaration where it is a sensor's.
+        sensor: its declaration where it is a sensor's; then factor and offset stand there as numbers too.
     """
-    if sensor is not None:
-        return {
-            "on_wire": f"number sent by {sensor.sensor}{f', format {sensor.format}' if sensor.format else ''}",
-            "sensitivity": sensor.sensitivity, "offset": sensor.offset,
-            "formula": "value = sensitivity * on_wire - offset",
-        }
-    if name.endswith("_edge"):
-        factor, what = STAMP
-    elif name in ON_WIRE:
-        factor, what = ON_WIRE[name]
-    else:
-        return {}
-    return {"on_wire": what, "sensitivity": factor, "offset": 0.0, "formula": "value = sensitivity * on_wire - offset"}
-
-
-def resampling(name: str) -> str:
-    """How an aligned channel was brought to the displacement's sample times; velocity says it itself."""
-    if name == "displacement":
-        return AS_SAMPLED
-    return BETWEEN_FRAMES if name in {"current", "coil_temperature"} else BETWEEN_SAMPLES
+    if sensor is None:
+        return {"from_wire": FROM_WIRE.get(name)}
+    sent = f"number sent by {sensor.sensor}{f', format {sensor.format}' if sensor.format else ''}"
+    return {
+        "from_wire": f"value = sensitivity * wire - offset; wire = {sent}; wire = (value + offset) / sensitivity",
+        "sensitivity": sensor.sensitivity, "offset": sensor.offset,
+    }

@@ -29,7 +29,8 @@ def reversed_rig(tmp_path: Path) -> Iterator[str]:
     """A simulated rig whose load cell and LVDT count the other way, the load cell with an offset; its bench file."""
     command = [
         sys.executable, "-m", "simulators", "--speed", "10", "--seed", "3", "--truth", str(tmp_path / "truth.h5"),
-        "--option", "load_cell.gain=-1", "--option", f"load_cell.offset={SHOWN_AT_ZERO_N}", "--option", "lvdt.gain=-1",
+        "--option", "load_cell.reversed=true", "--option", "lvdt.reversed=true",
+        "--option", f"load_cell.offset={SHOWN_AT_ZERO_N}",
     ]  # fmt: skip
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
         assert process.stdout is not None

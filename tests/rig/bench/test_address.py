@@ -73,5 +73,3 @@ def test_files_are_recognised_by_tables_that_only_they_have() -> None:
     for kind, tables in TABLES.items():
         assert tables <= keys[kind]
         assert not any(tables & others for other, others in keys.items() if other != kind)
-    shared = {"format", "name", "seed", "require_valid_calibration"}
-    assert set.union(*keys.values()) - shared == set.union(*map(set, TABLES.values()))

@@ -19,7 +19,8 @@ from rig.campaign.preflight import AtRest, RestLimits, judge_rest
 from rig.recording.layout import RECORD_DTYPE
 
 LIMITS = RestLimits(
-    force_N=5000.0, position_min_m=-0.085, position_max_m=0.085, disagreement_m=0.005, range_N=10_000.0
+    force_N=5000.0, position_min_m=-0.085, position_max_m=0.085, disagreement_m=0.005, range_N=10_000.0,
+    zero_N=25.0,
 )
 
 
@@ -214,10 +215,10 @@ def test_a_tared_rig_with_gas_force_passes() -> None:
     [
         (rest(force_N=1200.0), "load cell at rest"),
         (rest(noise_N=150.0), "load cell's noise"),
-        (rest(force_N=230.0, controller_N=-270.0), "load cell against the controller's force: 500 N"),
+        (rest(force_N=230.0, controller_N=-270.0), "load cell against the controller's own force input: +500"),
         (
             replace(rest(force_N=230.0, controller_N=-270.0, lvdt_m=2e-6), position_m=np.full(20, -2e-6)),
-            "load cell against the controller's force: 500 N",
+            "load cell against the controller's own force input: +500",
         ),
         (rest(lvdt_m=0.006), "LVDT against controller"),
         (rest(lvdt_noise_m=1e-3), "LVDT's noise"),
