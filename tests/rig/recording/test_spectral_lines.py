@@ -40,7 +40,7 @@ def settling(random: np.random.Generator, t: np.ndarray, u: np.ndarray, frequenc
 
 
 def sine(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
-    """Times (s), displacement (m), frequency (Hz): 3 to 20 cycles of 50 to 1,000 samples, whole or not."""
+    """Times (s), displacement (m), frequency (Hz): 3 to 20 cycles of 50 to 1,000 samples, some in step with them."""
     frequency_Hz, cycles = float(np.exp(random.uniform(np.log(0.1), np.log(5.0)))), int(random.integers(3, 21))
     a_cycle = int(np.exp(random.uniform(np.log(50), np.log(1000))))
     dt_s = (1.0 + random.choice((0.0, 1.0)) * random.uniform(-1e-2, 1e-2)) / (frequency_Hz * a_cycle)
@@ -53,11 +53,11 @@ def sine(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
 def test_a_sine_gets_a_false_harmonic_in_one_fit_in_a_hundred_at_most(change: Change) -> None:
     random = np.random.default_rng(5)
     false = 0
-    for _ in range(200):
+    for _ in range(120):
         t, u, frequency_Hz = sine(random)
         fit = harmonic(t, 0.003 + change(random, t, u, frequency_Hz), frequency_Hz)
         false += fit.orders.tolist() != [1]
-    assert false <= 2
+    assert false <= 1
 
 
 @pytest.mark.parametrize("order", [2, 3, 17])
