@@ -232,8 +232,8 @@ def _too_wide(known: Information, values: Mapping[str, float]) -> dict[str, str]
         half = factor * known.standard_error(name)
         if math.isfinite(half) and half > abs(values[name]) and factor * share > LARGE_SHARE:
             reasons[name] = (
-                f"{name} is not identifiable: {values[name]:.3g} +- {half:.3g} (95 %) is wider than its value, and stands "
-                f"for {100.0 * factor * share:.0f} % of the force, for which other parameters make up"
+                f"{name} is not identifiable: {values[name]:.3g} +- {half:.3g} (95 %) is wider than its value and "
+                f"stands for {100.0 * factor * share:.0f} % of the force, for which other parameters make up"
             )
     return reasons
 
