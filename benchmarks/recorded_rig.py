@@ -27,6 +27,7 @@ from simulators.conditioner import group_delay_s
 from simulators.options import RigOptions
 from simulators.plant.plant import Plant
 from simulators.plant.records import EVENT_PULSE, MODE_MOVE, MODE_PROGRAM
+from simulators.plant.step import CURRENT, DISPLACEMENT, FORCE
 from simulators.sensor import Sensor
 
 BOOT_NS = 10**15
@@ -55,6 +56,7 @@ class RecordedRig:
         wake_up_s: mean delay of the host before it stamps what has arrived (wall s).
         declares_input_delay: the bench says that the controller's own inputs can be relied on.
         declared_delays_s: what the bench says of the sensors' delays; None: their filters' true group delay.
+        poll_s: period of the host's polls (wall s).
     """
 
     options: RigOptions
@@ -63,6 +65,7 @@ class RecordedRig:
     wake_up_s: float = 1e-4
     declares_input_delay: bool = True
     declared_delays_s: tuple[float, float] | None = None
+    poll_s: float = POLL_S
 
     def __post_init__(self) -> None:
         self.random = np.random.default_rng((self.seed, 77))
@@ -87,7 +90,7 @@ class RecordedRig:
         """Run one sine or triangle point, record, align, judge and write it; returns it read back, and the truth."""
         records, truth = self.run_program(point)
         content = JournalContent("", records, end={"stopped_by": None, "lost_records": 0})
-        file, _, _ = build(content, self._context(point))
+        file, _, _ = build(content, self.context(point))
         path = folder / f"{point['id']}.h5"
         write_file(path, file)
         return RecordedPoint.open(path), truth
@@ -117,23 +120,25 @@ class RecordedRig:
         found = np.array(records, RECORD_DTYPE)
         return found[np.argsort(found["host_ns"], kind="stable")], Truth(*np.concatenate(truth).T)
 
-    def _context(self, point: dict[str, Any]) -> PointContext:
+    def context(self, point: dict[str, Any]) -> PointContext:
+        """What the bench file and the matrix say of a point."""
         cell, lvdt = self.options.load_cell, self.options.lvdt
         delays = self.declared_delays_s or (group_delay_s(cell.bandwidth_Hz), group_delay_s(lvdt.bandwidth_Hz))
+        inputs_s = self.plant.position_input.declared_delay_s
         return PointContext(
             point=point,
             sensors={
                 "force": SensorContext("load_cell", cell.rate_Hz, delays[0], cell.range, "N"),
                 "displacement": SensorContext("lvdt", lvdt.rate_Hz, delays[1], 1e-3 * lvdt.range, "m"),
             },
-            device_rate=self.speed, controller_delay_s=0.0 if self.declares_input_delay else None, mid_stroke_m=0.0,
-            simulated=True, provenance={"bench_hash": str(self.seed)},
+            device_rate=self.speed, controller_delay_s=inputs_s if self.declares_input_delay else None,
+            mid_stroke_m=0.0, simulated=True, provenance={"bench_hash": str(self.seed)},
         )
 
     @property
     def _poll_steps(self) -> int:
         """Steps of the plant from one poll to the next."""
-        return max(1, round(POLL_S * self.speed / self.plant.dt_s))
+        return max(1, round(self.poll_s * self.speed / self.plant.dt_s))
 
     def _advance(self, seconds: float, records: list[Any] | None = None, truth: list[np.ndarray] | None = None) -> None:
         """Advance the plant, poll by poll; keep what arrives where a list is given."""
@@ -145,8 +150,8 @@ class RecordedRig:
         start_s = self.plant.time_s
         pulses = [time_s for time_s, kind, _ in self.plant.advance(steps) if kind == EVENT_PULSE]
         out, now_s = self.plant.out, self.plant.time_s
-        for sensor, stream, column in zip(self.sensors, self.streams, (2, 0), strict=True):
-            self._receive(sensor, stream, out[:, column], start_s, pulses, records)
+        for sensor, stream, column in zip(self.sensors, self.streams, (FORCE, DISPLACEMENT), strict=True):
+            self._receive(sensor, stream, out[:, column], out[:, CURRENT], start_s, pulses, records)
         if pulses:
             self.pulses += len(pulses)
             self.pulse_us = self.clock.unwrapped_us(pulses[-1])
@@ -155,11 +160,11 @@ class RecordedRig:
         if truth is not None:
             time_s = start_s + self.plant.dt_s * np.arange(1, len(out) + 1)
             controller_s = 1e-6 * (self.clock.offset_us + (1e6 + self.clock.ppm) * time_s)
-            truth.append(np.column_stack((controller_s, out[:, 2], out[:, 0])))
+            truth.append(np.column_stack((controller_s, out[:, FORCE], out[:, DISPLACEMENT])))
 
     def _receive(
-        self, sensor: Sensor, stream: SampleStream, signal: np.ndarray, start_s: float, pulses: list[float],
-        records: list[Any] | None,
+        self, sensor: Sensor, stream: SampleStream, signal: np.ndarray, current_A: np.ndarray, start_s: float,
+        pulses: list[float], records: list[Any] | None,
     ) -> None:
         """Bytes of a slice in pieces of 2 wall milliseconds, each stamped when it has arrived."""
         piece = max(1, round(0.002 * self.speed / self.plant.dt_s))
@@ -169,7 +174,7 @@ class RecordedRig:
             end_s = begin_s + len(part) * self.plant.dt_s
             due = [time_s for time_s in pulses if time_s <= end_s or first + piece >= len(signal)]
             pulses = [time_s for time_s in pulses if time_s not in due]
-            data = sensor.sample(part, begin_s, self.plant.dt_s, due)
+            data = sensor.sample(part, begin_s, self.plant.dt_s, due, current_A[first : first + piece])
             if data:
                 arrival_ns = self._host_ns(end_s)
                 batch = stream.take(data, arrival_ns)
@@ -177,17 +182,16 @@ class RecordedRig:
                     records.extend(tuple(record) for record in batch.records)
 
     def _status(self, now_s: float, records: list[Any]) -> None:
-        servo, host_ns = self.options.servo, self._host_ns(now_s)
+        host_ns = self._host_ns(now_s)
         device_us = math.floor(self.clock.unwrapped_us(now_s))
-        position_m = self.plant.value("position_m") + servo.position_noise_m * self.random.standard_normal()
-        force_N = self.plant.value("cell_force_N") + servo.force_noise_N * self.random.standard_normal()
+        position_m, force_N = (given.read(self.random) for given in (self.plant.position_input, self.plant.force_input))
         ecu_us = math.floor(self.ecu_clock.unwrapped_us(now_s))
         current_A = self.plant.value("current_A") + self.options.coil.current_noise_A * self.random.standard_normal()
         records += [
             (host_ns, device_us, position_m, 0, Channel.POSITION, 0),
             (host_ns, device_us, force_N, 0, Channel.CONTROLLER_FORCE, 0),
             (host_ns, ecu_us, current_A, 0, Channel.COIL_CURRENT, 0),
-            (host_ns, -1, self.plant.value("temperature_degC"), 0, Channel.COIL_TEMPERATURE, 0),
+            (host_ns, -1, self.plant.value("coil_degC"), 0, Channel.COIL_TEMPERATURE, 0),
             (host_ns, device_us, float(self._phase()), 0, Channel.PHASE, 0),
             (host_ns, device_us, self.plant.value("setpoint_m") - self.plant.value("position_m"), 0,
              Channel.SERVO_ERROR, 0),

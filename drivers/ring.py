@@ -19,6 +19,8 @@ than `reserved - capacity` may have been overwritten while it copied, and count 
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import mmap
 import os
 import struct
@@ -166,11 +168,15 @@ class RingWriter(_Mapped):
     """Creates the ring file and appends to it; safe to share among the station's threads.
 
     Args:
-        path: file to create; an existing one is replaced.
+        path: file to create; an existing one is replaced. It is locked (`flock`) for as long as the writer lives.
         capacity: records the ring holds before it overwrites the oldest.
 
     Attributes:
         overruns: records overwritten before the recorder had taken them (0 while no recorder moves its cursor).
+
+    Raises:
+        ValueError: a capacity that no ring has.
+        OSError: the file cannot be made, or there is no room for it.
     """
 
     def __init__(self, path: Path | str, capacity: int = DEFAULT_CAPACITY) -> None:
@@ -180,10 +186,17 @@ class RingWriter(_Mapped):
         size = HEADER_SIZE + capacity * RECORD_SIZE
         # A new file each time: readers of an older ring keep theirs.
         fresh = target.with_name(target.name + ".new")
-        with fresh.open("w+b") as file:
-            # Real blocks, not a sparse file: a full disk shows here, not as SIGBUS in the middle of a test.
-            os.posix_fallocate(file.fileno(), 0, size)
-            mapped = mmap.mmap(file.fileno(), size)
+        try:
+            with fresh.open("w+b") as file:
+                # Ends with this process however it dies; whoever can take it may remove the file.
+                fcntl.flock(file.fileno(), fcntl.LOCK_EX)
+                # Real blocks, not a sparse file: a full disk shows here, not as SIGBUS in the middle of a test.
+                os.posix_fallocate(file.fileno(), 0, size)
+                mapped = mmap.mmap(file.fileno(), size)
+                self._lock_handle = os.dup(file.fileno())
+        except OSError:
+            fresh.unlink(missing_ok=True)
+            raise
         struct.pack_into("<8sII", mapped, 0, MAGIC, RECORD_SIZE, capacity)
         super().__init__(target, mapped, capacity)
         self._u32[OFFSET_PID // 4] = os.getpid()
@@ -205,6 +218,20 @@ class RingWriter(_Mapped):
         with self._lock:
             for start in range(0, len(batch), _LARGEST_BATCH_STRUCT):
                 self._publish(batch[start : start + _LARGEST_BATCH_STRUCT])
+
+    def close(self) -> None:
+        """Unmap the file and let go of its lock; closing twice is harmless."""
+        super().close()
+        if self._lock_handle >= 0:
+            os.close(self._lock_handle)
+            self._lock_handle = -1
+
+    def remove(self) -> None:
+        """Close the ring and take its file away; readers that have it mapped keep what they have not read."""
+        with contextlib.suppress(FileNotFoundError):
+            if os.stat(self.path).st_ino == os.fstat(self._lock_handle).st_ino:
+                self.path.unlink()
+        self.close()
 
     @property
     def unread_share(self) -> float:

@@ -21,3 +21,5 @@ class Quality(IntFlag):
     """Slew beyond what the machine can do; set by the station."""
     STALE = 32
     """Older than its limit when it was used; set by the station."""
+    CLOCK_BACK = 64
+    """The device's clock went back before this sample: it has no place in time; set when a recording is aligned."""

@@ -7,7 +7,8 @@ import re
 from dataclasses import dataclass
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_QUANTITY = re.compile(rf"\s*({NUMBER})\s*(\S.*?)?\s*", re.ASCII)
+_QUANTITY = re.compile(rf"({NUMBER})\s*(\S.*)?", re.ASCII)
+LONGEST_TEXT = 60
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+")
 
 
@@ -52,6 +53,9 @@ DIMENSIONS = {
         Dimension("heat capacity", "a", "J/K", "1.5 kJ/K"),
         Dimension("heat loss", "a", "W/K", "5 W/K"),
         Dimension("ratio", "a", "1", "1 %"),
+        Dimension("stiffness", "a", "N/m", "20 kN/mm"),
+        Dimension("force rate", "a", "N/s", "2 N/s"),
+        Dimension("force per current", "a", "N/A", "30 N/A"),
     )
 }
 
@@ -72,6 +76,9 @@ UNITS = {
     "kg": Unit("mass", 1.0), "g": Unit("mass", 1e-3),
     "J/K": Unit("heat capacity", 1.0), "kJ/K": Unit("heat capacity", 1e3), "W/K": Unit("heat loss", 1.0),
     "%": Unit("ratio", 1e-2),
+    "N/m": Unit("stiffness", 1.0), "N/mm": Unit("stiffness", 1e3), "kN/mm": Unit("stiffness", 1e6),
+    "kN/m": Unit("stiffness", 1e3), "N/um": Unit("stiffness", 1e6),
+    "N/s": Unit("force rate", 1.0), "N/A": Unit("force per current", 1.0),
 }  # fmt: skip
 
 # Other spellings of the same units.
@@ -99,7 +106,13 @@ def parse(text: object, dimension: str) -> float:
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise UnitProblem(f"{fit}, not {_kind(text)}")
     if not isinstance(text, str):
-        raise UnitProblem(f"the number {text:.10g} has no unit; {fit}")
+        if isinstance(text, float) and not math.isfinite(text):
+            raise UnitProblem(f"not a finite number; {fit}")
+        bare = f"{text:.10g} " if isinstance(text, float) or abs(text) < 1 << 64 else ""
+        raise UnitProblem(f"the number {bare}has no unit; {fit}")
+    if len(text) > LONGEST_TEXT:
+        raise UnitProblem(f"not a number with a unit; {fit}")
+    text = text.strip()
     if _DECIMAL_COMMA.match(text):
         raise UnitProblem(f"decimals are written with a point; {fit}")
     match = _QUANTITY.fullmatch(text)
@@ -107,13 +120,13 @@ def parse(text: object, dimension: str) -> float:
         raise UnitProblem(f"not a number with a unit; {fit}")
     number, name = float(match[1]), match[2]
     if name is None:
-        raise UnitProblem(f"{text.strip()} has no unit; {fit}")
+        raise UnitProblem(f"{text} has no unit; {fit}")
     unit = UNITS.get(ALIASES.get(name, name))
     if unit is None:
         raise UnitProblem(_unknown_unit(name, dimension, fit))
     if unit.dimension != dimension:
         other = DIMENSIONS[unit.dimension]
-        raise UnitProblem(f"{text.strip()} is {other.article} {other.name}; {fit}")
+        raise UnitProblem(f"{text} is {other.article} {other.name}; {fit}")
     value = number * unit.scale + unit.offset
     if not math.isfinite(value):
         raise UnitProblem(f"the number is too large; {fit}")
@@ -126,7 +139,7 @@ def split(text: str) -> tuple[float, str]:
     Raises:
         UnitProblem: no unit or an unknown one.
     """
-    match = _QUANTITY.fullmatch(text)
+    match = _QUANTITY.fullmatch(text.strip()) if len(text) <= LONGEST_TEXT else None
     unit = UNITS.get(ALIASES.get(match[2] or "", match[2] or "")) if match else None
     if unit is None:
         raise UnitProblem(f'"{text}" is not a number with a known unit')
@@ -159,7 +172,7 @@ def show(value: float, unit: str, digits: int = 4) -> str:
 
 def _unknown_unit(name: str, dimension: str, fit: str) -> str:
     folded = {unit.casefold(): unit for unit in units_of(dimension)}
-    likely = folded.get(name.casefold())
+    likely = folded.get("".join(name.split()).casefold())
     hint = f'did you mean "{likely}"?' if likely else f"known units: {', '.join(units_of(dimension))}"
     return f'unknown unit "{name}" ({hint}); {fit}'
 

@@ -16,6 +16,7 @@ import click
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.fault_matrix import MATRIX
 from simulators.schedule import WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
+from simulators.settings import setting_options
 
 EPILOG = """\b
 Example:
@@ -26,11 +27,15 @@ Example:
 
 def list_faults(as_json: bool) -> None:
     """Print the fault matrix: slug, where, whether the fault suite proves it, and if not, why."""
+    from simulators.injection import VARIANTS
+
     rows = []
     for slug, row in MATRIX.items():
+        variants = [name for name in VARIANTS if name.startswith(f"{slug}:")]
         entry = {
             "slug": slug, "where": row.where, "place": row.place, "reaction": row.reaction, "limit": row.limit,
             "exit_code": row.exit_code, "tested": row.tested, "test": row.test, "reason": row.missing,
+            "variants": variants,
         }
         rows.append(entry)
     if as_json:
@@ -38,6 +43,9 @@ def list_faults(as_json: bool) -> None:
         return
     for entry in rows:
         click.echo(f"{entry['slug']:18} {entry['where']:8} {entry['reaction']:28} {entry['reason'] or 'tested'}")
+        for name in VARIANTS:
+            if name.startswith(f"{entry['slug']}:"):
+                click.echo(f"  {name}")
 
 
 def hints(bench: Path, text: str) -> str:
@@ -112,8 +120,10 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     """
     from dataclasses import replace
 
+    from simulators.injection import NEEDS_AUXILIARY
     from simulators.options import RigOptions, load_options, with_option
     from simulators.rig import RunOptions
+    from simulators.settings import with_settings
 
     options = load_options(values["config"]) if values["config"] else RigOptions()
     assignments = [*values["option"], *(f"specimen.{text}" for text in values["specimen"])]
@@ -123,6 +133,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         assignments.append(f'damper.set="{values["parameter_set"]}"')
     for assignment in assignments:
         options = with_option(options, assignment)
+    options = with_settings(options, values)
     if values["rate"] is not None:
         for table in ("load_cell", "lvdt", "auxiliary"):
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
@@ -130,6 +141,9 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         options = replace(options, load_cell=replace(options.load_cell, format="signed-decimal"))
     written = tuple(parse_fault(text) for text in values["fault"])
     wiring = wiring_for(written, values["actuator"], values["ports"])
+    for fault in written:
+        if fault.name in NEEDS_AUXILIARY and not values["auxiliary"]:
+            raise FileProblem("--fault", [f"{fault.name!r} needs a sensor of that kind: add --auxiliary 1"])
     run = RunOptions(
         speed=values["speed"],
         seed=values["seed"],
@@ -138,6 +152,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
+        drop_unread=values["drop_unread"],
         faults=(*written, *drawn(values, wiring)),
     )
     asked = {"bench": values["bench"], "json": values["as_json"], "real_time": values["real_time"]}
@@ -199,7 +214,11 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--real-time/--no-real-time", default=True, show_default=True,
               help="Take real-time priority at speed 1 where that is allowed; without it the bench file's time limits "
                    "are widened, as on a busy machine.")
-@click.option("--fault", metavar="SLUG[@T[+D]]", multiple=True,
+@click.option("--drop-unread", is_flag=True,
+              help="Ports drop and count what is not read in time, as real ones do; without it the rig's clock waits "
+                   "for its readers (about half a second at most).")
+@setting_options
+@click.option("--fault", metavar="SLUG[:VARIANT][@T[+D]]", multiple=True,
               help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")
 @click.option("--fault-seed", type=click.IntRange(0), metavar="N",
               help="Draw one to three random faults, told at the start as --fault; the same N draws the same.")

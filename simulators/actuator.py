@@ -136,6 +136,12 @@ class Actuator:
         """Latched `FaultBit`s."""
         return int(self.plant.state["fault_bits"][0]) | self._own_faults
 
+    @property
+    def seen_m(self) -> float:
+        """The piston's position as the position loop sees it (m): the sensor's gain and zero, no filter."""
+        given = self.plant.position_input.options
+        return given.gain * self.plant.value("position_m") + given.zero
+
     def tick(self, served_s: float) -> None:
         """Judge the watchdog and the e-stop; `served_s` is wall time in which this rig was running (s)."""
         self.served_s = served_s
@@ -266,7 +272,7 @@ class Actuator:
     def _pressurise(self, level: int) -> None:
         """Hold the rod where it is, under low (1) or full (2) pressure."""
         if int(self.plant.command["mode"][0]) != records.MODE_HOLD:
-            self.plant.state["setpoint_m"] = self.plant.state["position_m"]
+            self.plant.state["setpoint_m"] = self.seen_m
         self.plant.order(mode=records.MODE_HOLD, pressure=level)
 
     def _hydraulics_off(self, values: Values) -> Result:
@@ -292,7 +298,7 @@ class Actuator:
             return Result.REFUSED_STATE
         table = self.plant.table[: max(1, int(values["table_length"]))]
         program = read_program(values, table)
-        if program is None or abs(self.plant.value("position_m") - program["centre_m"]) > OFF_CENTRE_M:
+        if program is None or abs(self.seen_m - program["centre_m"]) > OFF_CENTRE_M:
             return Result.REFUSED_VALUE
         if not within_limits(program, table, self.limits):
             return Result.REFUSED_LIMIT
@@ -348,7 +354,7 @@ class Actuator:
     def _unlock(self) -> None:
         """Leave a closed valve: the set-point starts where the rod is."""
         if int(self.plant.command["mode"][0]) == records.MODE_LOCKED:
-            self.plant.state["setpoint_m"] = self.plant.state["position_m"]
+            self.plant.state["setpoint_m"] = self.seen_m
 
     def _order_limits(self) -> None:
         limits = self.limits

@@ -59,7 +59,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f'watchdog = "{1000 if relaxed else 500} ms"',
         f"fade_out_cycles = {controller.fade_out_cycles:.3f}",
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
-        'input_delay = "0 ms"',
+        *_input_delay(options),
         f'serial_number = "{controller.serial_number}"',
         "[ecu]",
         'interface = "slcan"',
@@ -81,11 +81,17 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         "[clock]",
         f"device_rate = {speed:.6g}" if speed != int(speed) else f"device_rate = {int(speed)}.0",
         "[station]",
-        f'heartbeat_timeout = "{2000 if relaxed else 500} ms"',
+        f'heartbeat_timeout = "{4000 if relaxed else 500} ms"',
         f'late_limit = "{500 if relaxed else 50} ms"',
         f"real_time = {'false' if relaxed else 'true'}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _input_delay(options: RigOptions) -> list[str]:
+    """What the controller's data sheet says: its filters' group delay, where both inputs have the same filter."""
+    position, force = (group_delay_s(given.bandwidth_Hz) for given in (options.position_input, options.force_input))
+    return [f'input_delay = "{1e3 * position:.4f} ms"'] if position == force else []
 
 
 def poll_ms(rtu: bool, speed: float) -> int:

@@ -18,6 +18,7 @@ from protocols.errors import RemoteProtocolError
 from simulators.clock import DeviceClock
 from simulators.options import CoilOptions
 from simulators.plant.plant import Plant
+from simulators.plant.step import CURRENT
 
 STATUS_PERIOD_US = 10_000
 TEMPERATURES_EVERY = 10
@@ -136,7 +137,7 @@ class Ecu:
         waited_s = served_s - self._heard_s
         if self.state is EcuState.ENABLED and waited_s > self.command_timeout_s:
             self._fail(EcuFault.COMMAND_TIMEOUT)
-        if self.faults.over_temperature or self.plant.value("temperature_degC") > self.options.over_temperature_degC:
+        if self.faults.over_temperature or self._coil_degC > self.options.over_temperature_degC:
             self._fail(EcuFault.OVER_TEMPERATURE)
         if self.supply_V < UNDERVOLTAGE_V:
             self._fail(EcuFault.UNDERVOLTAGE)
@@ -164,7 +165,7 @@ class Ecu:
 
     def _drive(self) -> None:
         """What the output stage makes of the set-point, faults included."""
-        wanted_A = self.setpoint_A * self.faults.gain
+        wanted_A = self._regulated_A() * self.faults.gain
         eta_1_s = self._eta_1_s
         if self.faults.stuck_current:
             wanted_A = self.plant.value("current_A")
@@ -172,6 +173,18 @@ class Ecu:
             wanted_A, eta_1_s = 0.0, OPEN_ETA_1_S
         self.plant.order(coil_A=wanted_A)
         self.plant.constants["coil_eta_1_s"] = eta_1_s
+
+    def _regulated_A(self) -> float:
+        """The coil's current at which the ECU's own measurement shows the set-point; none from a stage that is off."""
+        if self.setpoint_A == 0.0:
+            return 0.0
+        true_A = (self.setpoint_A - self.options.current_offset_A) / self.options.current_gain
+        return true_A if true_A * self.setpoint_A > 0.0 else 0.0
+
+    @property
+    def _coil_degC(self) -> float:
+        """The coil's temperature as its sensor shows it (degC)."""
+        return self.plant.value("coil_degC") + self.options.temperature_offset_K
 
     def frames(self) -> list[Frame]:
         """The frames that the ECU's own clock has made due since the last call, in order.
@@ -212,10 +225,13 @@ class Ecu:
         time_s = (device_us - self.clock.offset_us) / (1e6 + self.clock.ppm)
         row = round(time_s / self.plant.dt_s) - self.plant.first_step
         out = self.plant.out
-        current_A = float(out[min(max(row - 1, 0), len(out) - 1), 3]) if len(out) else self.plant.value("current_A")
+        current_A = self.plant.value("current_A")
+        if len(out):
+            current_A = float(out[min(max(row - 1, 0), len(out) - 1), CURRENT])
         if self.faults.coil_short and self.setpoint_A != 0.0:
             current_A = SHORT_A
-        measured_A = current_A + self.options.current_noise_A * float(self._random.standard_normal())
+        measured_A = self.options.current_gain * current_A + self.options.current_offset_A
+        measured_A += self.options.current_noise_A * float(self._random.standard_normal())
         ohm = self.options.ohm
         duty_percent = min(100.0, abs(self.setpoint_A) * ohm / self.supply_V * 100.0) if self.supply_V > 0 else 100.0
         status = wire.CoilStatus(
@@ -226,8 +242,8 @@ class Ecu:
         return wire.encode_status(status)
 
     def _temperatures(self) -> bytes:
-        coil_degC = self.plant.value("temperature_degC")
-        case_degC = self._ambient_degC + CASE_SHARE * (coil_degC - self._ambient_degC)
+        coil_degC = self._coil_degC
+        case_degC = self._ambient_degC + CASE_SHARE * (self.plant.value("coil_degC") - self._ambient_degC)
         if self.faults.over_temperature:
             case_degC = max(case_degC, HOT_CASE_DEGC)
         boots = self.boot_count & 0xFF

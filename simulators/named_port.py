@@ -24,9 +24,23 @@ class NamedPort:
         self._dropped_before = self._sent_before = 0
 
     @property
+    def waits(self) -> bool:
+        """Nothing is dropped: the rig's clock stands until the host has read."""
+        return self._port.waits
+
+    @waits.setter
+    def waits(self, waits: bool) -> None:
+        self._port.waits = waits
+
+    @property
     def dropped_frames(self) -> int:
         """Whole frames dropped because the host had not read."""
         return self._dropped_before + self._port.dropped_frames
+
+    @property
+    def unheard_frames(self) -> int:
+        """Whole frames dropped before any host read from the present port."""
+        return self._port.unheard_frames
 
     @property
     def sent_bytes(self) -> int:

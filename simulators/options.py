@@ -27,7 +27,13 @@ MAXIMUM_FILE_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class ServoOptions:
-    """Servo-hydraulics (PHYSICS section 11)."""
+    """Servo-hydraulics (PHYSICS section 11).
+
+    `stiffness_N_m` is the position loop's: force and the piston's own friction push the rod by `F / stiffness`; 0 is
+    infinitely stiff. In HOLD an error below `overlap_m` opens no valve: the rod rests. `load_train_stiffness_N_m` lies
+    between the piston, where the controller's position sensor sits, and the specimen's end, where the LVDT sits; 0 is
+    rigid.
+    """
 
     bandwidth_Hz: float = 30.0
     damping: float = 0.7
@@ -41,9 +47,32 @@ class ServoOptions:
     drift_m_s: float = -0.2e-3
     valve_closing_s: float = 0.010
     half_stroke_m: float = 0.100
-    position_noise_m: float = 10e-6
-    force_noise_N: float = 10.0
+    stiffness_N_m: float = 20e6
+    friction_N: float = 40.0
+    friction_speed_m_s: float = 0.001
+    overlap_m: float = 50e-6
+    load_train_stiffness_N_m: float = 0.0
     start_position_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class InputOptions:
+    """One analogue input of the actuator controller, SI: what its register shows is `gain * value + zero`.
+
+    Low-pass of the second order first; `delay_s` comes on top of the filter's and is declared nowhere. The position
+    loop is closed over the position input's gain and zero, but not over its filter.
+    """
+
+    bandwidth_Hz: float = 500.0
+    delay_s: float = 0.0
+    gain: float = 1.0
+    zero: float = 0.0
+    noise: float = 0.0
+    resolution: float = 0.0
+
+
+POSITION_INPUT = InputOptions(noise=10e-6, resolution=2e-6)
+FORCE_INPUT = InputOptions(noise=10.0, resolution=0.5)
 
 
 @dataclass(frozen=True)
@@ -69,7 +98,11 @@ class ControllerOptions:
 
 @dataclass(frozen=True)
 class DamperOptions:
-    """The specimen's force model; the parameters come from a named set and may be replaced one by one."""
+    """The specimen's force model; the parameters come from a named set and may be replaced one by one.
+
+    Two thermal nodes: the body is heated by `F v` and loses `heat_loss_W_K` to ambient, the coil is heated by `I^2 R`
+    and loses `coil_to_body_W_K` to the body. Force depends on the body's temperature; the ECU sees the coil's.
+    """
 
     set: str = "demo"
     model: str = ""
@@ -83,6 +116,8 @@ class DamperOptions:
     force_change_per_K: float = 0.0
     heat_capacity_J_K: float = 1500.0
     heat_loss_W_K: float = 5.0
+    coil_heat_capacity_J_K: float = 60.0
+    coil_to_body_W_K: float = 3.0
     ambient_degC: float = 23.0
     start_degC: float = math.nan
 
@@ -99,7 +134,12 @@ class SpecimenOptions:
 
 @dataclass(frozen=True)
 class CoilOptions:
-    """Coil and current ECU; after `temperatures_until_s` (simulated s) it sends no temperature frames."""
+    """Coil and current ECU; after `temperatures_until_s` (simulated s) it sends no temperature frames.
+
+    The ECU regulates on its own measurement `current_gain * current + current_offset_A`: where that is wrong, the
+    reported current still agrees with the commanded one, and the coil's true current is off. At 0 A its output stage is
+    off: the coil has none, and the ECU reports its offset.
+    """
 
     ohm: float = 1.5
     ohm_per_K: float = 0.0039
@@ -107,6 +147,9 @@ class CoilOptions:
     supply_V: float = 13.5
     limit_A: float = 5.0
     current_noise_A: float = 0.002
+    current_gain: float = 1.0
+    current_offset_A: float = 0.0
+    temperature_offset_K: float = 0.0
     over_temperature_degC: float = 150.0
     command_timeout_s: float = 0.100
     temperatures_until_s: float = math.inf
@@ -122,7 +165,9 @@ class SensorOptions:
 
     `skew_s` is a delay of the measured quantity beyond the filter's, which neither the bench file nor the latched edges
     show; `clip` is where the amplifier saturates without saying so; without `latches_edges` there are no edge frames.
-    After `numbers_until_s` (simulated s) every value is NaN.
+    After `numbers_until_s` (simulated s) every value is NaN. `drift_per_s` is a zero that creeps from the start (wire
+    unit per simulated s), `hum` the amplitude of what the mains induce, `crosstalk_per_A` what the coil's current does.
+    With `reversed` it counts the other way round, which the written bench file does not say.
     """
 
     unit: str = "N"
@@ -134,6 +179,11 @@ class SensorOptions:
     resolution: float = 0.05
     offset: float = 0.0
     gain: float = 1.0
+    reversed: bool = False
+    drift_per_s: float = 0.0
+    hum: float = 0.0
+    hum_Hz: float = 50.0
+    crosstalk_per_A: float = 0.0
     bandwidth_Hz: float = 1000.0
     skew_s: float = 0.0
     clip: float = math.inf
@@ -177,6 +227,8 @@ class RigOptions:
     moving_mass_kg: float = 0.0
     servo: ServoOptions = field(default_factory=ServoOptions)
     controller: ControllerOptions = field(default_factory=ControllerOptions)
+    position_input: InputOptions = POSITION_INPUT
+    force_input: InputOptions = FORCE_INPUT
     damper: DamperOptions = field(default_factory=DamperOptions)
     specimen: SpecimenOptions = field(default_factory=SpecimenOptions)
     coil: CoilOptions = field(default_factory=CoilOptions)
@@ -190,10 +242,13 @@ POSITIVE = {
     "plant_rate_Hz", "truth_rate_Hz", "bandwidth_Hz", "rated_speed_m_s", "supply_Pa", "piston_area_m2", "rate_Hz",
     "accumulator_recovery_s", "accumulator_bleed_s", "valve_closing_s", "half_stroke_m", "ohm", "heat_capacity_J_K",
     "range", "stroke_m", "seal_speed_m_s", "wire_per_si", "baudrate", "clip", "supply_V", "command_timeout_s",
-    "damping",
+    "damping", "friction_speed_m_s", "coil_heat_capacity_J_K", "gain", "current_gain",
 }
-CEILINGS = {"rate_Hz": 10_000.0, "plant_rate_Hz": 100_000.0, "skew_s": 0.1}
-FLOORS = {"plant_rate_Hz": 4000.0, "truth_rate_Hz": 1.0, "skew_s": 0.0}
+CEILINGS = {"rate_Hz": 10_000.0, "plant_rate_Hz": 100_000.0, "skew_s": 0.1, "delay_s": 0.1}
+FLOORS = {
+    "plant_rate_Hz": 4000.0, "truth_rate_Hz": 1.0, "skew_s": 0.0, "delay_s": 0.0, "stiffness_N_m": 0.0,
+    "load_train_stiffness_N_m": 0.0, "overlap_m": 0.0, "friction_N": 0.0, "coil_to_body_W_K": 0.0,
+}
 
 
 def load_options(path: Path) -> RigOptions:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from typing import Protocol
 
-from simulators.serial_port import CAPACITY, SensorPort
-
-LONGEST_LAG_S = 0.25
+LONGEST_LAG_S = 0.5
 LONGEST_LAG_FAST_S = 0.02
-LONGEST_WAIT_S = 0.45
+LONGEST_WAIT_S = 0.52
 CATCH_UP = 4.0
 
 
@@ -53,30 +52,47 @@ class Pace:
         return target - step
 
 
+class Reader(Protocol):
+    """Somebody who reads what the rig sends."""
+
+    @property
+    def read_once(self) -> bool:
+        """Whether anybody reads here at all."""
+
+    def unread(self) -> int:
+        """Bytes sent and not yet read."""
+
+
 class Backpressure:
-    """Above speed 1: the rig's clock waits for readers that are alive, `LONGEST_WAIT_S` since their last read."""
+    """The rig's clock waits for its readers, `LONGEST_WAIT_S` at a stretch for each.
 
-    def __init__(self, ports: Sequence[SensorPort]) -> None:
-        self._ports = ports
-        self._unread = [0] * len(ports)
-        self._progress_ns = [0] * len(ports)
-        self._bus_full_since_ns = -1
+    A reader that has not caught up by then is waited for no more until it has: the physics go on, as a real rig's do,
+    and what its port cannot hold is lost.
 
-    def holds(self, now_ns: int, bus_congested: bool) -> bool:
-        """Whether simulated time should wait.
+    Args:
+        served_s: wall time in which this process ran (s): its own absence is not the reader's.
+    """
 
-        Args:
-            now_ns: wall time in which this process ran (ns): its own absence is not the reader's.
-            bus_congested: whether an slcan client's socket is full.
-        """
-        waiting = False
-        for index, port in enumerate(self._ports):
-            unread = port.unread()
-            if unread < self._unread[index] or unread <= CAPACITY // 2:
-                self._progress_ns[index] = now_ns
-            self._unread[index] = unread
-            alive = now_ns - self._progress_ns[index] < LONGEST_WAIT_S * 1e9
-            waiting = waiting or (port.read_once and unread > CAPACITY // 2 and alive)
-        if not bus_congested:
-            self._bus_full_since_ns = now_ns
-        return waiting or (bus_congested and now_ns - self._bus_full_since_ns < LONGEST_WAIT_S * 1e9)
+    def __init__(self) -> None:
+        self._behind_since_s: dict[int, float] = {}
+
+    def waits_for(self, reader: Reader, allowed: float, served_s: float) -> bool:
+        """Whether `reader` is behind by more than `allowed` bytes, and not yet for too long."""
+        return self._waits(id(reader), reader.read_once and reader.unread() > allowed, served_s)
+
+    def waits_for_poll(self, silent_s: float, allowed_s: float, served_s: float) -> bool:
+        """Whether the host that polls the controller is late by more than `allowed_s`, and not yet for too long."""
+        return self._waits(0, silent_s > allowed_s, served_s)
+
+    def given_up(self, reader: Reader) -> bool:
+        """Whether a reader that is behind was waited for in vain."""
+        return self._behind_since_s.get(id(reader)) == -math.inf
+
+    def _waits(self, key: int, behind: bool, served_s: float) -> bool:
+        if not behind:
+            self._behind_since_s.pop(key, None)
+            return False
+        if served_s - self._behind_since_s.setdefault(key, served_s) < LONGEST_WAIT_S:
+            return True
+        self._behind_since_s[key] = -math.inf
+        return False

@@ -25,12 +25,14 @@ class RegisterBank:
     Attributes:
         word_order_swapped: a fault: numbers of two registers come low word first.
         writes_lost: a fault: writes are acknowledged and forgotten.
+        polled_s: served time (s) at which the status block was last read; NaN before.
     """
 
     def __init__(self, actuator: Actuator, servo: ServoOptions, random: np.random.Generator) -> None:
         self.actuator = actuator
         self.word_order_swapped = False
         self.writes_lost = False
+        self.polled_s = math.nan
         self._servo = servo
         self._random = random
         self._frozen_m = 0.0
@@ -70,6 +72,7 @@ class RegisterBank:
 
     def _block_words(self, block: Block) -> list[int]:
         if block is wire.STATUS:
+            self.polled_s = self.actuator.served_s
             return self._ordered(block, self.status())
         if block is wire.IDENTITY:
             return self._ordered(block, self.identity())
@@ -104,7 +107,7 @@ class RegisterBank:
         """Values of the status block, as of the plant's present time."""
         plant, actuator = self.actuator.plant, self.actuator
         device_us = actuator.clock.unwrapped_us(plant.time_s)
-        position_m = plant.value("position_m") + self._servo.position_noise_m * self._random.standard_normal()
+        position_m = plant.position_input.read(self._random)
         if self.actuator.faults.position_frozen:
             position_m = self._frozen_m
         self._frozen_m = position_m
@@ -130,8 +133,8 @@ class RegisterBank:
             "supply_pressure": supplies_Pa[int(plant.command["pressure"][0])],
             "accumulator_pressure": plant.value("accumulator_Pa"),
             "program_id": actuator.program_id if actuator.motion_state in {State.RUNNING, State.FADING} else 0,
-            "servo_error": plant.value("setpoint_m") - plant.value("position_m"),
-            "force": plant.value("cell_force_N") + self._servo.force_noise_N * self._random.standard_normal(),
+            "servo_error": plant.value("setpoint_m") - actuator.seen_m,
+            "force": plant.force_input.read(self._random),
         }
 
     def _phase(self) -> ProgramPhase:

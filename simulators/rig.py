@@ -17,34 +17,42 @@ import numpy as np
 from protocols.actuator import State
 from rig.clock import monotonic_ns
 from simulators.actuator import Actuator
-from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text
+from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.clock import DeviceClock, ServedTime
 from simulators.conditioner import condition
 from simulators.ecu import Ecu
 from simulators.frames import encode_frames
-from simulators.injection import INJECTORS, Undo
+from simulators.injection import INJECTORS, VARIANTS, Undo
 from simulators.modbus_server import ModbusServer
 from simulators.named_port import NamedPort
 from simulators.options import RigOptions, SensorOptions
 from simulators.pace import Backpressure, Pace
+from simulators.plant import step as plant_step
 from simulators.plant.plant import MAXIMUM_STEPS, Plant
 from simulators.plant.records import EVENT_PULSE, EVENT_TRIP
 from simulators.registers import RegisterBank
 from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
-from simulators.serial_port import SensorPort, open_port
+from simulators.serial_port import CAPACITY, SensorPort, open_port
 from simulators.slcan_bus import SlcanBus
 from simulators.truth import About, Attribute, Truth
 
 TICK_S = 0.002
+HOLDING_S = 0.0005
+"""While the clock waits for a reader, it looks so often whether it has read."""
+BEHIND_S = 0.003
+"""What a device sends in so much wall time may wait to be read above speed 1; below, half of what a port holds."""
+FEWEST_FRAMES = 4
+CAN_LINES_BYTES_S = 2700.0
+"""Bytes of the ECU's lines in one second of its clock."""
+BUS_BYTES = 512
+POLLS_LATE = 2.5
 IDLE_S = 0.5
 STANDSTILL_M_S = 5e-4
 NO_CURRENT_A = 0.05
 REAL_TIME_PRIORITY = 20
 LATE_SHARE = 1.5
 """A late answer comes after this many of the host's time-outs."""
-POSITION_COLUMN = 0
-FORCE_COLUMN = 2
 
 
 @dataclass(frozen=True)
@@ -58,6 +66,8 @@ class RunOptions:
     auxiliary: int = 0
     truth: Path | None = None
     exit_when_idle: bool = False
+    drop_unread: bool = False
+    """The ports drop what the host has not read in time, as real ones do; the rig's clock waits for nobody."""
     faults: tuple[ScheduledFault, ...] = ()
 
 
@@ -108,6 +118,9 @@ class SimulatedRig:
         self._undoings: list[tuple[float, str, Undo]] = []
         self._served = ServedTime()
         self._pace = Pace(run.speed, self.plant.dt_s, TICK_S, MAXIMUM_STEPS)
+        self._backpressure = Backpressure()
+        self._waited_s = 0.0
+        self._faulty = False
         self._stopping = False
         self._parent = os.getppid()
         self._idle_since_ns = -1
@@ -128,11 +141,10 @@ class SimulatedRig:
         await self.modbus.open()
         await self.bus.open()
         kind, options = self.run_options.ports, self.options
-        self._add("load_cell", options.load_cell, FORCE_COLUMN, kind)
-        self._add("lvdt", options.lvdt, POSITION_COLUMN, kind)
+        self._add("load_cell", options.load_cell, plant_step.FORCE, kind)
+        self._add("lvdt", options.lvdt, plant_step.DISPLACEMENT, kind)
         for number in range(1, self.run_options.auxiliary + 1):
-            self._add(f"auxiliary_{number}", options.auxiliary, POSITION_COLUMN, kind)
-        self._backpressure = Backpressure([channel.port for channel in self.channels])
+            self._add(f"auxiliary_{number}", options.auxiliary, plant_step.DISPLACEMENT, kind)
         self._inject_due()
         urls = [channel.port.url for channel in self.channels]
         return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:])
@@ -160,8 +172,8 @@ class SimulatedRig:
         gc.freeze()
         deadline_s = loop.time()
         while not self._stopping:
-            self.tick()
-            deadline_s = max(deadline_s + TICK_S, loop.time())
+            ran = self.tick()
+            deadline_s = max(deadline_s + (TICK_S if ran else HOLDING_S), loop.time())
             await asyncio.sleep(deadline_s - loop.time())
 
     def stop(self) -> None:
@@ -188,24 +200,49 @@ class SimulatedRig:
         if self.truth is not None:
             self.truth.note(code, text, time_s)
 
-    def tick(self) -> None:
-        """Judge what runs on wall time, then bring simulated time up to where it should be."""
+    def tick(self) -> bool:
+        """Judge what runs on wall time, then bring simulated time up to where it should be, unless a reader is behind.
+
+        Returns:
+            Whether the clock went on; it waits for readers for a bounded time.
+        """
         now_ns = monotonic_ns()
-        served_s = self._served.tick(now_ns)
+        before_s, served_s = self._served.now_s, self._served.tick(now_ns)
+        self._inject_due()
         self.actuator.tick(served_s)
         self.ecu.tick(served_s)
-        self._inject_due()
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])
-        if self.run_options.speed > 1.0 and self._backpressure.holds(int(served_s * 1e9), self.bus.congested):
-            self._pace.hold(now_ns, step)
-            return
+        if not self.run_options.drop_unread and self._readers_are_behind(served_s):
+            self._waited_s += served_s - before_s
+            if self.run_options.speed > 1.0:
+                self._pace.hold(now_ns, step)
+            return False
         steps = self._pace.due(now_ns, step)
         if steps:
             self.advance(steps)
         if self.run_options.exit_when_idle:
             self._leave_when_idle(now_ns)
+        return True
+
+    def _readers_are_behind(self, served_s: float) -> bool:
+        """Whether simulated time should wait for whoever reads a sensor, hears the bus or polls the controller."""
+        speed, pressure = self.run_options.speed, self._backpressure
+        fast = speed > 1.0
+        behind = False
+        for channel in self.channels:
+            frame, port = channel.sensor.frame_size, channel.port
+            due = max(FEWEST_FRAMES * frame, BEHIND_S * speed * channel.sensor.options.rate_Hz * frame)
+            behind |= pressure.waits_for(port, due if fast else CAPACITY // 2, served_s)
+            port.waits = port.read_once and not pressure.given_up(port)
+        for client in self.bus.clients:
+            due = max(BUS_BYTES, BEHIND_S * speed * CAN_LINES_BYTES_S)
+            behind |= pressure.waits_for(client, due if fast else CAPACITY, served_s)
+        if fast and self.actuator.owner and not self._faulty:
+            allowed_s = POLLS_LATE * poll_ms(self.run_options.actuator == "rtu", speed) * 1e-3
+            behind |= pressure.waits_for_poll(served_s - self.bank.polled_s, allowed_s, served_s)
+        return behind
 
     def advance(self, steps: int) -> None:
         """Run the physics for `steps` and send what the devices make of them."""
@@ -220,8 +257,10 @@ class SimulatedRig:
             elif kind == EVENT_TRIP:
                 self.note("TRIP", f"limit bit {int(value)}", time_s)
         for channel in self.channels:
-            signal_si = self.plant.out[:, channel.column]
-            data = channel.sensor.sample(signal_si, start_s, self.plant.dt_s, pulses_s)
+            out = self.plant.out
+            data = channel.sensor.sample(
+                out[:, channel.column], start_s, self.plant.dt_s, pulses_s, out[:, plant_step.CURRENT]
+            )
             if data:
                 channel.port.write(data, channel.sensor.frame_size)
         self.bus.send(self.ecu.frames())
@@ -263,10 +302,11 @@ class SimulatedRig:
             if fault.after_s is not None and self.plant.time_s < began_s + fault.after_s:
                 continue
             self._pending_faults.remove(fault)
-            self.note("FAULT", fault.slug)
-            undo = INJECTORS[fault.slug](self)
+            self._faulty = True
+            self.note("FAULT", fault.name)
+            undo = (VARIANTS if fault.variant else INJECTORS)[fault.name](self)
             if undo is not None and fault.lasts_s < math.inf:
-                self._undoings.append((self.plant.time_s + fault.lasts_s, fault.slug, undo))
+                self._undoings.append((self.plant.time_s + fault.lasts_s, fault.name, undo))
         for undoing in [each for each in self._undoings if each[0] <= self.plant.time_s]:
             self._undoings.remove(undoing)
             self.note("FAULT_ENDS", undoing[1])
@@ -300,7 +340,9 @@ class SimulatedRig:
         drops: dict[str, Attribute] = {
             f"dropped_{channel.name}": channel.port.dropped_frames for channel in self.channels
         }
-        return drops | {"dropped_can": self.bus.dropped_frames}
+        unheard = sum(channel.port.unheard_frames for channel in self.channels)
+        drops |= {"unheard_frames": unheard, "dropped_can": self.bus.dropped_frames}
+        return drops | {"waited_s": round(self._waited_s, 3)}
 
     def _provenance(self) -> dict[str, Attribute]:
         clocks: dict[str, Attribute] = {}

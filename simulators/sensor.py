@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from protocols.frame_format import STATUS_EDGE, STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 from simulators.clock import DeviceClock
 from simulators.conditioner import condition
+from simulators.delay_line import DelayLine
 from simulators.frames import encode_frames, encode_lines
 from simulators.options import SensorOptions
 
@@ -69,7 +70,7 @@ class Sensor:
         self._period_us = 1e6 / options.rate_Hz
         self._tick = math.ceil(clock.unwrapped_us(start_s) / self._period_us)
         self._filter = np.zeros(4)
-        self._past: FloatArray = np.zeros(0)
+        self._delay: DelayLine | None = None
         self._started = False
         self._first_faulty: dict[str, int] = {}
         self._last_value = math.nan
@@ -77,7 +78,14 @@ class Sensor:
         self._release_s: FloatArray = np.zeros(0)
         self._burst_s = self._next_burst(start_s)
 
-    def sample(self, signal: FloatArray, start_s: float, dt_s: float, pulses_s: list[float]) -> bytes:
+    def sample(
+        self,
+        signal: FloatArray,
+        start_s: float,
+        dt_s: float,
+        pulses_s: list[float],
+        current_A: FloatArray | None = None,
+    ) -> bytes:
         """Sample one slice.
 
         Args:
@@ -85,16 +93,17 @@ class Sensor:
             start_s: simulated time before the first value (s).
             dt_s: plant step (s).
             pulses_s: simulated times (s) of the controller's pulses in this slice.
+            current_A: the coil's current at the same instants, shape (n,), for crosstalk; None where there is none.
 
         Returns:
             The bytes that leave the line up to the slice's end: whole frames, unless a fault damages them.
         """
         if not self._started and len(signal):
             self._filter[:] = (signal[0], 0.0, signal[0], signal[0])
-            self._past = np.full(math.ceil(self.options.skew_s / dt_s) + 1, signal[0])
+            self._delay = DelayLine(self.options.skew_s, dt_s)
             self._started = True
-        if self.options.skew_s > 0.0:
-            signal = self._delayed(signal, dt_s)
+        if self._delay is not None and self.options.skew_s > 0.0:
+            signal = self._delay.delayed(signal)
         end_s = start_s + len(signal) * dt_s
         ticks = self._due_ticks(end_s)
         nominal_us = ticks.astype(np.float64) * self._period_us
@@ -103,21 +112,23 @@ class Sensor:
         jitter_s = self.options.jitter_s * np.clip(draws[:, 1], -LARGEST_JITTER, LARGEST_JITTER)
         times_s = np.maximum.accumulate(nominal_s + jitter_s) if len(ticks) else nominal_s
         clean = condition(signal, dt_s, 2.0 * math.pi * self.options.bandwidth_Hz, self._filter, start_s, times_s)
-        value, status = self._imperfect(clean, draws[:, 0])
+        disturbance = self._disturbance(times_s, start_s, dt_s, current_A)
+        value, status = self._imperfect(clean, draws[:, 0], disturbance)
         value[nominal_s >= self.options.numbers_until_s] = math.nan
         frames, frame_s = self._encode(value, status, nominal_us, nominal_s, pulses_s)
         self._queue(frames, frame_s)
         return self._damage(self._released(end_s))
 
-    def _delayed(self, signal: FloatArray, dt_s: float) -> FloatArray:
-        """The signal (n,) of `skew_s` earlier, straight between the plant's steps."""
-        known = np.concatenate((self._past, signal))
-        steps = self.options.skew_s / dt_s
-        whole = math.floor(steps)
-        share = steps - whole
-        newest = len(self._past) - whole + np.arange(len(signal))
-        self._past = known[len(signal):]
-        return np.asarray((1.0 - share) * known[newest] + share * known[newest - 1])
+    def _disturbance(
+        self, times_s: FloatArray, start_s: float, dt_s: float, current_A: FloatArray | None
+    ) -> FloatArray:
+        """What creeps or is induced into the signal at the sampling times (n,), in the wire unit, shape (n,)."""
+        options = self.options
+        added = options.drift_per_s * times_s + options.hum * np.sin(2.0 * math.pi * options.hum_Hz * times_s)
+        if options.crosstalk_per_A and current_A is not None and len(current_A):
+            steps_s = start_s + dt_s * np.arange(1, len(current_A) + 1)
+            added += options.crosstalk_per_A * np.interp(times_s, steps_s, current_A)
+        return np.asarray(added)
 
     def _due_ticks(self, end_s: float) -> NDArray[np.int64]:
         """Numbers of the sensor clock's sampling ticks whose sample, jitter included, lies before `end_s`."""
@@ -127,11 +138,14 @@ class Sensor:
         self._tick = max(self._tick, last + 1)
         return ticks
 
-    def _imperfect(self, clean: FloatArray, noise: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
-        """Wire values (n,) and status bits (n,) of clean SI values (n,)."""
+    def _imperfect(
+        self, clean: FloatArray, noise: FloatArray, disturbance: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.uint8]]:
+        """Wire values (n,) and status bits (n,) of clean SI values (n,), unit noise (n,) and disturbance (n,, wire)."""
         options, faults = self.options, self.faults
-        value = clean * (options.gain * options.wire_per_si) + options.noise * noise
-        value += options.offset + faults.zero_offset
+        sign = -1.0 if options.reversed else 1.0
+        value = clean * (sign * options.gain * options.wire_per_si) + options.noise * noise
+        value += options.offset + faults.zero_offset + disturbance
         if options.resolution > 0:
             value = np.round(value / options.resolution) * options.resolution
         value = np.clip(value, -options.clip, options.clip)

@@ -1,6 +1,7 @@
 """The sensor's end of a serial line: a pty, or a TCP socket that `socket://` opens.
 
-Either holds at most 4 KiB that the host has not read; then whole frames are dropped and counted. Nothing here blocks.
+Either holds at most 4 KiB that the host has not read; then whole frames are dropped and counted. While the rig's clock
+waits for the host (`waits`), what does not fit is kept instead. Nothing here blocks.
 """
 
 from __future__ import annotations
@@ -14,15 +15,26 @@ import termios
 import tty
 from typing import Protocol
 
+from rig.clock import monotonic_ns
+from simulators.peer_queue import PeerQueue
+
 CAPACITY = 4096
 _PTY_CAPACITY = 4095
 """The line discipline keeps one byte of its 4 KiB to itself."""
+ARRIVED_NS = 100_000_000
+"""The line discipline takes bytes over on a thread of its own, on a busy machine some time later."""
 _READ_SIZE = 4096
 _SMALLEST_SEND_BUFFER = 1
 
 
 class SensorPort(Protocol):
-    """Where a sensor's bytes go."""
+    """Where a sensor's bytes go.
+
+    Attributes:
+        waits: nothing is dropped: the rig's clock stands until the host has read.
+    """
+
+    waits: bool
 
     @property
     def url(self) -> str:
@@ -31,6 +43,10 @@ class SensorPort(Protocol):
     @property
     def dropped_frames(self) -> int:
         """Whole frames dropped because the host had not read."""
+
+    @property
+    def unheard_frames(self) -> int:
+        """Whole frames dropped before any host read from the port."""
 
     @property
     def sent_bytes(self) -> int:
@@ -62,8 +78,12 @@ class PtyPort:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.url = os.ttyname(self._slave)
-        self.dropped_frames = 0
+        self.dropped_frames = self.unheard_frames = 0
         self.sent_bytes = 0
+        self.waits = False
+        self._held = bytearray()
+        self._complete_ns = monotonic_ns()
+        self._waiting = 0
         self._read_once = False
         self._closed = False
 
@@ -71,26 +91,47 @@ class PtyPort:
         """Send whole frames as far as there is room; drop and count the rest."""
         if self._closed:
             return
-        room = _PTY_CAPACITY - self.unread()
-        take = data if len(data) <= room else data[: max(0, room) // frame_size * frame_size]
-        sent = 0
-        if take:
-            try:
-                sent = os.write(self._master, take)
-            except BlockingIOError:
-                sent = 0
-        self.sent_bytes += sent
-        self.dropped_frames += -(-(len(data) - sent) // frame_size)
+        room = len(data) if self.waits else max(0, _PTY_CAPACITY - self.unread())
+        take = data if len(data) <= room else data[: room // frame_size * frame_size]
+        self._held += take
+        self.sent_bytes += len(take)
+        dropped = -(-(len(data) - len(take)) // frame_size)
+        self.dropped_frames += dropped if self._read_once else 0
+        self.unheard_frames += 0 if self._read_once else dropped
+        self._pass_on()
         self._discard_input()
 
     def unread(self) -> int:
         """Bytes sent and not yet read by the host."""
         if self._closed:
             return 0
-        answer = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0")
-        count: int = struct.unpack("i", answer)[0]
-        self._read_once = self._read_once or count < self.sent_bytes
+        self._pass_on()
+        on_the_line = self._on_the_line()
+        if not self._read_once:
+            self._look_for_a_reader(on_the_line, on_the_line + len(self._held) < self.sent_bytes)
+        return on_the_line + len(self._held)
+
+    def _look_for_a_reader(self, on_the_line: int, missing: bool) -> None:
+        """Somebody reads where bytes go from the line, or where some are missing that had time to arrive there."""
+        now_ns = monotonic_ns()
+        if not missing:
+            self._complete_ns = now_ns
+        self._read_once = on_the_line < self._waiting or now_ns - self._complete_ns > ARRIVED_NS
+        self._waiting = on_the_line
+
+    def _on_the_line(self) -> int:
+        """Bytes that the host could read now."""
+        count: int = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0"))[0]
         return count
+
+    def _pass_on(self) -> None:
+        """Put on the line what waits here, as far as there is room."""
+        room = _PTY_CAPACITY - self._on_the_line() if self._held else 0
+        if room > 0:
+            try:
+                del self._held[: os.write(self._master, self._held[:room])]
+            except BlockingIOError:
+                return
 
     @property
     def read_once(self) -> bool:
@@ -123,9 +164,11 @@ class SocketPort:
         self._listener.listen(1)
         self._listener.setblocking(False)
         self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
-        self.dropped_frames = 0
+        self.dropped_frames = self.unheard_frames = 0
         self.sent_bytes = 0
+        self.waits = False
         self._held = bytearray()
+        self._queue = PeerQueue()
         self._peer: socket.socket | None = None
         self._read_once = False
         asyncio.get_running_loop().add_reader(self._listener.fileno(), self._accept)
@@ -135,16 +178,19 @@ class SocketPort:
         if self._listener.fileno() < 0:
             return
         self._pass_on()
-        room = max(0, CAPACITY - len(self._held))
+        room = len(data) if self.waits else max(0, CAPACITY - len(self._held))
         take = data if len(data) <= room else data[: room // frame_size * frame_size]
         self._held += take
         self.sent_bytes += len(take)
-        self.dropped_frames += -(-(len(data) - len(take)) // frame_size)
+        dropped = -(-(len(data) - len(take)) // frame_size)
+        self.dropped_frames += dropped if self._read_once else 0
+        self.unheard_frames += 0 if self._read_once else dropped
         self._pass_on()
 
     def unread(self) -> int:
-        """Bytes that wait here; what lies in the kernel's buffers cannot be seen."""
-        return len(self._held)
+        """Bytes that wait here and in the host's socket."""
+        self._pass_on()
+        return len(self._held) + (self._queue.unread(self._peer) if self._peer is not None else 0)
 
     @property
     def read_once(self) -> bool:
@@ -157,6 +203,7 @@ class SocketPort:
             self._hang_up()
             asyncio.get_running_loop().remove_reader(self._listener.fileno())
             self._listener.close()
+            self._queue.close()
 
     def _accept(self) -> None:
         peer, _ = self._listener.accept()

@@ -10,6 +10,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable
 
+from simulators.peer_queue import PeerQueue
+
 OK = b"\r"
 ERROR = b"\a"
 ADAPTER_ANSWERS = {b"S": OK, b"s": OK, b"Z": OK, b"Y": OK, b"V": b"V1013\r", b"N": b"NSIM1\r", b"F": b"F00\r"}
@@ -25,6 +27,7 @@ class SlcanBus:
         port: TCP port on 127.0.0.1 after `open`.
         dropped_frames: frames not delivered because a client's socket was full.
         silent: a fault: nothing passes in either direction.
+        queue: asks what clients have not read.
         encode: turns a frame of the ECU into its line; a fault may put another one here.
     """
 
@@ -36,6 +39,7 @@ class SlcanBus:
         self._on_frame = on_frame
         self._clients: list[SlcanClient] = []
         self._server: asyncio.Server | None = None
+        self.queue = PeerQueue()
 
     async def open(self) -> None:
         """Listen on a free port of the loopback interface."""
@@ -49,11 +53,12 @@ class SlcanBus:
             self._server.close()
         for client in list(self._clients):
             client.hang_up()
+        self.queue.close()
 
     @property
-    def congested(self) -> bool:
-        """Whether a listening client's socket takes no more at present."""
-        return any(client.backlog > HIGHEST_BACKLOG // 2 for client in self._clients if client.listening)
+    def clients(self) -> tuple[SlcanClient, ...]:
+        """Whoever is connected."""
+        return tuple(self._clients)
 
     def send(self, frames: Iterable[tuple[int, bytes]]) -> None:
         """Frames from the ECU to every listening client."""
@@ -106,6 +111,16 @@ class SlcanClient(asyncio.Protocol):
     def backlog(self) -> int:
         """Bytes that wait for the client's socket."""
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
+
+    @property
+    def read_once(self) -> bool:
+        """Whether the client hears the bus."""
+        return self.listening
+
+    def unread(self) -> int:
+        """Bytes sent to the client that it has not read."""
+        connection = None if self._transport is None else self._transport.get_extra_info("socket")
+        return self.backlog + (0 if connection is None else self._bus.queue.unread(connection))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Join the bus, not yet listening.

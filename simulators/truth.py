@@ -6,7 +6,6 @@ that a killed rig leaves them readable; at the end they become the HDF5 file and
 
 from __future__ import annotations
 
-import fcntl
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,21 +18,38 @@ from numpy.typing import NDArray
 from protocols.actuator import State
 from rig.clock import monotonic_ns
 from simulators.actuator import MODE_STATES
+from simulators.plant import step
 from simulators.plant.plant import Plant
+from simulators.spool import Spool, when_there_is_room
 
 ROW = np.dtype(
     [("time", "<f8"), ("displacement", "<f4"), ("velocity", "<f4"), ("force", "<f4"), ("current", "<f4"),
-     ("coil_temperature", "<f4"), ("controller_state", "<i2")]
+     ("coil_temperature", "<f4"), ("piston_position", "<f4"), ("damper_force", "<f4"), ("damper_displacement", "<f4"),
+     ("accumulator_pressure", "<f4"), ("body_temperature", "<f4"), ("controller_state", "<i2")]
 )
 CHANNELS = (
-    ("displacement", "m", "True extension of the actuator"),
-    ("velocity", "m/s", "True velocity"),
+    ("displacement", "m", "True extension where the LVDT sits"),
+    ("velocity", "m/s", "True velocity there"),
     ("force", "N", "True force at the load cell"),
     ("current", "A", "True coil current"),
-    ("coil_temperature", "degC", "True damper and coil temperature"),
+    ("coil_temperature", "degC", "True coil temperature"),
+    ("piston_position", "m", "True position of the actuator's piston, before the load train"),
+    ("damper_force", "N", "Force of the damper itself, without moving mass"),
+    ("damper_displacement", "m", "The damper's own extension about its mid-stroke"),
+    ("accumulator_pressure", "Pa", "Pressure at the servo valve"),
+    ("body_temperature", "degC", "True temperature of the damper's body"),
     ("controller_state", "1", "Controller state: " + ", ".join(f"{state.value} {state.name}" for state in State)),
 )
+COLUMNS = (
+    step.DISPLACEMENT, step.VELOCITY, step.FORCE, step.CURRENT, step.COIL_TEMPERATURE, step.PISTON, step.DAMPER_FORCE,
+    step.DAMPER_DISPLACEMENT, step.ACCUMULATOR, step.BODY_TEMPERATURE,
+)
+"""Where the plant's output holds the channels, controller_state apart."""
 BLOCK_ROWS = 64
+FULL_DISK_S = 600.0
+"""How long the end of a session waits for room on a full disk (wall s)."""
+COPIES = 3
+SPARE_BYTES = 4_000_000
 _TRIPPED = 16
 STATE_OF_MODE = np.array([int(MODE_STATES[mode]) for mode in sorted(MODE_STATES)], np.int16)
 
@@ -71,10 +87,9 @@ class Truth:
         self._rows_path = path.with_name(path.name + ".part")
         self._events_path = path.with_name(path.name + ".events.jsonl")
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._rows = self._rows_path.open("wb", buffering=0)
-        # Held until the HDF5 file is complete or this process dies: others can tell and wait.
-        fcntl.flock(self._rows, fcntl.LOCK_EX)
-        self._events = self._events_path.open("w", encoding="utf-8")
+        # Its lock is held until the HDF5 file is complete or this process dies: others can tell and wait.
+        self._rows = Spool(self._rows_path)
+        self._events = Spool(self._events_path)
         self._pending: list[NDArray[Any]] = []
         self._pending_rows = 0
 
@@ -85,9 +100,9 @@ class Truth:
         out = plant.out[first :: self._every]
         rows = np.empty(len(out), ROW)
         rows["time"] = (plant.first_step + 1 + first + self._every * np.arange(len(out))) * plant.dt_s
-        for column, (name, _, _) in enumerate(CHANNELS[:-1]):
+        for column, (name, _, _) in zip(COLUMNS, CHANNELS[:-1], strict=True):
             rows[name] = out[:, column]
-        rows["controller_state"] = _states(out[:, 5], int(plant.command["pressure"][0]))
+        rows["controller_state"] = _states(out[:, step.MODE], int(plant.command["pressure"][0]))
         self._pending.append(rows)
         self._pending_rows += len(rows)
         if self._pending_rows >= BLOCK_ROWS:
@@ -97,11 +112,10 @@ class Truth:
         """Log a command, a fault or a trip at simulated time `time_s` (s), now when not given."""
         time_ns = round((self._plant.time_s if time_s is None else time_s) * 1e9)
         record = {"time_ns": time_ns, "host_ns": monotonic_ns(), "code": code, "text": text}
-        self._events.write(json.dumps(record) + "\n")
-        self._events.flush()
+        self._events.write(json.dumps(record).encode() + b"\n")
 
     def finish(self, about: About) -> None:
-        """Write the HDF5 file from what was collected and remove the pieces.
+        """Write the HDF5 file from what was collected and remove the pieces; a full disk is waited for.
 
         Args:
             about: what the file says of its origin.
@@ -110,9 +124,18 @@ class Truth:
             OSError: the file cannot be written; the pieces stay.
         """
         self._flush()
-        self._events.close()
         rate_Hz = 1.0 / (self._plant.dt_s * self._every)
-        convert(self.path, self._rows_path, self._events_path, rate_Hz, about)
+
+        def complete() -> bool:
+            if not (self._rows.push() and self._events.push()):
+                return False
+            convert(self.path, self._rows_path, self._events_path, rate_Hz, about)
+            return True
+
+        when_there_is_room(
+            self.path.parent, lambda: COPIES * self._rows_path.stat().st_size + SPARE_BYTES, complete, FULL_DISK_S
+        )
+        self._events.close()
         self._rows_path.unlink()
         self._events_path.unlink()
         self._rows.close()

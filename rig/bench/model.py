@@ -5,40 +5,40 @@ from __future__ import annotations
 import hashlib
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from rig import units
+from rig.bench import address
+from rig.bench.checks import Checks
+from rig.bench.field import (
+    RESERVED_NAMES,
+    Acceleration,
+    CanInterface,
+    ChannelName,
+    Current,
+    Force,
+    LineValue,
+    ModbusUrl,
+    Name,
+    Position,
+    SerialUrl,
+    Speed,
+    Temperature,
+    Timeout,
+)
 from rig.bench.problems import load_section
 from rig.bench.quantity import Quantity, Section
 
-# A limit outside these is a slip of the pen, not a damper test rig (fault row `config-absurd`).
-Position = Annotated[float, Quantity("length", "-1 m", "1 m")]
-Speed = Annotated[float, Quantity("speed", "0 m/s", "5 m/s", above=True)]
-Acceleration = Annotated[float, Quantity("acceleration", "0 m/s^2", "500 m/s^2", above=True)]
-Force = Annotated[float, Quantity("force", "0 N", "200 kN", above=True)]
-Current = Annotated[float, Quantity("current", "0 A", "20 A", above=True)]
-Temperature = Annotated[float, Quantity("temperature", "20 degC", "250 degC")]
-Period = Annotated[float, Quantity("time", "1 ms", "1 s")]
-Timeout = Annotated[float, Quantity("time", "5 ms", "5 s")]
-
-RESERVED_NAMES = frozenset({"time", "force", "displacement", "velocity", "current", "coil_temperature"})
-
-LineValue = str | int | float | tuple[str, ...]
 Problem = tuple[tuple[str | int, ...], str]
-
-Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f]+$")]
-ChannelName = Annotated[str, Field(max_length=32, pattern=r"^[a-z][a-z0-9_]*$")]
-SerialUrl = Annotated[str, Field(min_length=1, max_length=256, examples=["/dev/ttyUSB0", "socket://192.168.0.7:4001"])]
-ModbusUrl = Annotated[str, Field(max_length=256, pattern=r"^(modbus-tcp://.+:\d{1,5}|modbus-rtu:.+)$")]
 
 
 class Limits(Section):
     """What the machine may do; plan, station and controller hold every motion inside them."""
 
-    position_m: tuple[Position, Position] = Field(alias="position")
+    position_m: tuple[Position, Position] = Field(alias="position", examples=[["-85 mm", "85 mm"]])
     speed_m_s: Speed = Field(alias="speed")
     acceleration_m_s2: Acceleration = Field(alias="acceleration")
     force_N: Force = Field(alias="force")
@@ -56,7 +56,7 @@ class Limits(Section):
 class Actuator(Section):
     """The servo-hydraulic controller, over Modbus TCP or RTU."""
 
-    url: ModbusUrl = Field(examples=["modbus-tcp://192.168.0.10:502", "modbus-rtu:/dev/ttyUSB0"])
+    url: ModbusUrl
     baudrate: int = Field(default=115_200, ge=1200, le=12_000_000, description="of a serial line (modbus-rtu)")
     parity: Literal["N", "E", "O"] = Field(default="N", description="of a serial line (modbus-rtu)")
     device_id: int = Field(default=1, ge=0, le=247)
@@ -77,26 +77,53 @@ class Actuator(Section):
 class Ecu(Section):
     """The current controller of the coil, over CAN by any python-can interface."""
 
-    interface: Name
-    channel: Name
+    interface: CanInterface
+    channel: Name = Field(examples=["can0"])
     bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
     dbc: Literal["demo"] = "demo"
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = Field(default=0.010, alias="command_period")
     stale_after_s: Timeout = Field(default=0.030, alias="stale_after")
     serial_number: int | None = Field(default=None, ge=0, le=0xFFFF_FFFF)
 
+    @model_validator(mode="after")
+    def _channel_is_a_port(self) -> Self:
+        if self.interface == "slcan":
+            try:
+                address.serial_url(self.channel)
+            except ValueError as problem:
+                raise _located([(("channel",), str(problem))]) from problem
+        return self
+
 
 class Calibration(Section):
-    """How the value on the wire becomes SI: `sensitivity * wire - offset`; and who says so."""
+    """How the value on the wire becomes SI: `sensitivity * wire - offset`, times -1 where polarity is reversed.
 
-    sensitivity: float = Field(default=1.0, gt=0, description="SI units per unit on the wire")
+    The sign is applied in `Sensor.sensitivity` and `Sensor.offset` and nowhere else: all others compute
+    `sensitivity * wire - offset` with those two.
+    """
+
+    sensitivity: float = Field(
+        default=1.0, description="SI units per unit on the wire", json_schema_extra={"exclusiveMinimum": 0}
+    )
+    polarity: Literal["normal", "reversed"] = Field(
+        default="normal", description="reversed: the sensor counts jounce, or compression, as positive"
+    )
     offset: str | None = Field(default=None, description="what the sensor shows at zero, with its unit")
-    serial_number: Name
+    serial_number: Name = Field(examples=["LC-1234"])
     certificate: str = Field(default="", max_length=128)
     uncertainty_percent: float | None = Field(
         default=None, ge=0.0, le=20.0, description="standard uncertainty of the sensitivity, % of the reading"
     )
     due: date | None = None
+
+    @field_validator("sensitivity")
+    @classmethod
+    def _positive(cls, value: float) -> float:
+        if value < 0:
+            raise ValueError(f'too small; for the other sign write sensitivity = {-value:g} and polarity = "reversed"')
+        if value == 0:
+            raise ValueError("too small (allowed: more than 0)")
+        return value
 
 
 class Sensor(Section):
@@ -112,6 +139,9 @@ class Sensor(Section):
     delay_s: Annotated[float, Quantity("time", "0 s", "100 ms")] | None = Field(
         default=None, alias="delay",
         description="group delay of the conditioner's filter; not stated: taken as 0, and uncertain unless checked",
+    )
+    bandwidth_Hz: Annotated[float, Quantity("frequency", "0 Hz", "1000 kHz", above=True)] | None = Field(
+        default=None, alias="bandwidth", description="where sensor and conditioner have lost 3 dB; the plan looks at it"
     )
     calibration: Calibration
 
@@ -140,10 +170,25 @@ class Sensor(Section):
         raise NotImplementedError
 
     @property
+    def sensitivity(self) -> float:
+        """SI units per unit on the wire; negative where the polarity is reversed."""
+        return self._sign * self.calibration.sensitivity
+
+    @property
     def offset(self) -> float:
-        """The calibration's offset in the SI unit of this sensor."""
+        """What `sensitivity * wire` is at zero, in the SI unit of this sensor; its sign follows the polarity."""
         text = self.calibration.offset
-        return 0.0 if text is None else units.parse(text, self.dimension)
+        return 0.0 if text is None else self._sign * units.parse(text, self.dimension)
+
+    @property
+    def _sign(self) -> float:
+        return -1.0 if self.calibration.polarity == "reversed" else 1.0
+
+    @property
+    def not_physics(self) -> dict[str, Any]:
+        """What does not count for `Bench.digest`; a polarity that is as ever does not either."""
+        link = dict.fromkeys(("url", "baudrate", "stale_after_s", "bandwidth_Hz"), True)
+        return {**link, "calibration": {"polarity"} if self.calibration.polarity == "normal" else set()}
 
     @model_validator(mode="after")
     def _offset_fits(self) -> Self:
@@ -256,6 +301,7 @@ class Bench(Section):
     fixture: Fixture = Field(default_factory=Fixture)
     clock: Clock = Field(default_factory=Clock)
     station: Station = Field(default_factory=Station)
+    checks: Checks = Field(default_factory=Checks)
     require_valid_calibration: bool = Field(
         default=False, description="refuse to run with a sensor whose calibration is past its due date"
     )
@@ -267,22 +313,22 @@ class Bench(Section):
         Raises:
             FileProblem: with every wrong entry of the file.
         """
-        return load_section(Path(path), cls)[0]
+        return load_section(Path(path), cls, "bench")[0]
 
     @property
     def digest(self) -> str:
         """SHA-256 (hex) of physics, limits, calibration and identities; addresses and time limits do not count."""
-        link = {"url", "baudrate", "stale_after_s"}
         text = self.model_dump_json(
             exclude={
                 "name": True,
                 "actuator": {"url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s"},
                 "ecu": {"interface", "channel", "bitrate", "command_period_s", "stale_after_s"},
-                "load_cell": link,
-                "lvdt": link,
-                "auxiliary": {"__all__": link},
+                "load_cell": self.load_cell.not_physics,
+                "lvdt": self.lvdt.not_physics,
+                "auxiliary": {index: item.not_physics for index, item in enumerate(self.auxiliary)},
                 "clock": True,
                 "station": True,
+                "checks": True,
             }
         )
         return hashlib.sha256(text.encode()).hexdigest()

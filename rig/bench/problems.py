@@ -4,50 +4,105 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
+from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import ValidationError
+from pydantic.fields import FieldInfo
 
 from rig import units
-from rig.bench.quantity import Quantity, Section, quantity_of
-from rig.bench.toml_source import Place, TomlSource, read_toml
+from rig.bench.quantity import Quantity, Section, Wording, constraints, quantity_of
+from rig.bench.toml_source import Place, TomlSource, printable, read_toml
 from rig.errors import FileProblem
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
-    from pydantic.fields import FieldInfo
     from pydantic_core import ErrorDetails
 
 M = TypeVar("M", bound=Section)
 
+MOST_SHOWN = 40
+"""Wrong entries shown of one file; who has more has one cause for most of them."""
+
 _KINDS = {
     "string_type": "a text in quotes",
     "int_type": "a whole number",
+    "int_from_float": "a whole number",
     "float_type": "a number",
+    "finite_number": "a finite number",
     "bool_type": "true or false",
     "date_type": "a date such as 2030-01-01",
+    "date_from_datetime_inexact": "a date such as 2030-01-01",
+    "date_from_datetime_parsing": "a date such as 2030-01-01",
     "tuple_type": "a list in [ ]",
     "model_type": "a table",
     "dict_type": "a table",
 }
+_BEYOND = {
+    "greater_than": "too small", "greater_than_equal": "too small",
+    "less_than": "too large", "less_than_equal": "too large",
+}  # fmt: skip
+_TEXTS = ("string_pattern_mismatch", "string_too_short", "string_too_long")
+
+TABLES = {
+    "bench": frozenset(
+        {"limits", "actuator", "ecu", "load_cell", "lvdt", "auxiliary", "fixture", "clock", "station", "checks"}
+    ),
+    "matrix": frozenset(
+        {"specimen", "matrix", "point", "friction", "current_step", "temperature", "identify", "campaign"}
+    ),
+    "study": frozenset({"data", "comparison", "symmetry", "sensitivity", "parallel", "per_current"}),
+}
+"""Tables by which a file is recognised for what it is; a test compares them with the models."""
+_PLACES = {
+    "bench": "rig plan MATRIX --bench {path}",
+    "matrix": "rig plan {path} --bench BENCH",
+    "study": "rig study {path}",
+}
 
 
-def load_section(path: Path, model: type[M]) -> tuple[M, TomlSource]:
+class WrongKind(FileProblem):
+    """Another of the user's files than the one that is wanted; `kind` is what it is: `bench`, `matrix`, `study`."""
+
+    def __init__(self, path: Path, kind: str, wanted: str) -> None:
+        self.kind = kind
+        place = _PLACES[kind].format(path=path)
+        super().__init__(str(path), [f"this is a {kind} file, where a {wanted} file is wanted; give it as {place}"])
+
+
+def load_section(path: Path, model: type[M], kind: str = "") -> tuple[M, TomlSource]:
     """Read and validate a user's file.
+
+    Args:
+        path: the file.
+        model: what it holds.
+        kind: a key of `TABLES`: a file of another kind is called so, in one line.
 
     Returns:
         The validated model and its source.
 
     Raises:
-        FileProblem: with every wrong entry of the file at once.
+        WrongKind: it is another of the user's files.
+        FileProblem: with every wrong entry of the file at once (the first `MOST_SHOWN` of them).
     """
     source = read_toml(path)
+    if not source.data:
+        way = f"; `rig schema {kind}` prints every key" if kind in {"bench", "matrix"} else ""
+        raise FileProblem(str(path), [f"there is no entry in this file; docs/files.md describes it{way}"])
+    if kind and not source.data.keys() & TABLES[kind]:
+        for other, tables in TABLES.items():
+            if source.data.keys() & tables:
+                raise WrongKind(path, other, kind)
     try:
         return model.model_validate(source.data), source
     except ValidationError as error:
-        details = _without_echoes(error.errors(include_url=False))
-        lines = [line for item in details for line in _lines(item, model, source)]
+        details = _without_echoes(error.errors(include_url=False), model)
+        lines = [line for item in details[:MOST_SHOWN] for line in _lines(item, model, source)]
+        if len(details) > MOST_SHOWN:
+            lines.append(f"{len(details) - MOST_SHOWN} more wrong entries are not shown; mend these first")
         raise FileProblem(str(path), lines, "config-absurd") from error
 
 
@@ -63,7 +118,7 @@ def dotted(place: Place) -> str:
     """`("point", 1, "current")` as a user knows it: "point[2].current" (lists count from 1)."""
     text = ""
     for part in place:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{printable(part)}" if text else printable(part)
     return text
 
 
@@ -75,7 +130,7 @@ def shown(value: object) -> str:
         text = "[" + ", ".join(shown(item) for item in value[:6]) + (", ..." if len(value) > 6 else "") + "]"
     else:
         text = str(value)
-    return text if len(text) <= 70 else text[:66] + " ..."
+    return printable(text, 70)
 
 
 def close_match(name: str, known: list[str]) -> str | None:
@@ -84,52 +139,149 @@ def close_match(name: str, known: list[str]) -> str | None:
     return matches[0] if matches else None
 
 
-def _without_echoes(details: list[ErrorDetails]) -> list[ErrorDetails]:
-    """Leave out "too short" of lists whose items were refused: the items are what is wrong."""
-    return [
-        item
-        for item in details
-        if item["type"] != "too_short"
-        or not any(other["loc"][:-1] == item["loc"] and other is not item for other in details)
-    ]
+def _without_echoes(details: list[ErrorDetails], model: type[Section]) -> list[ErrorDetails]:
+    """Leave out what follows: "too short" where the list's items were refused, "missing" where the key is misspelt."""
+    lists = {item["loc"][:-1] for item in details}
+    missing = {item["loc"] for item in details if item["type"] == "missing"}
+    misspelt = set[tuple[str | int, ...]]()
+    for item in details[:MOST_SHOWN]:
+        if item["type"] == "extra_forbidden":
+            section, _ = _field_at(model, item["loc"])
+            suffixed = section.suffixed_keys()
+            meant = close_match(str(item["loc"][-1]), [*_keys(section), *suffixed])
+            misspelt.add((*item["loc"][:-1], suffixed.get(meant or "", (meant or "",))[0]))
+    gone = {"too_short": lists, "missing": missing & misspelt}
+    return [item for item in details if item["loc"] not in gone.get(item["type"], ())]
 
 
 def _lines(detail: ErrorDetails, model: type[Section], source: TomlSource) -> list[str]:
     context: dict[str, Any] = detail.get("ctx") or {}
     if "problems" in context:
         return [problem_at(source, (*detail["loc"], *place), message) for place, message in context["problems"]]
-    place = tuple(part for part in detail["loc"] if isinstance(part, int) or "[" not in part)
+    place: Place = ()
+    for part in detail["loc"]:
+        if isinstance(part, int) or "[" not in part or _value_at(source.data, (*place, part)) is not None:
+            place = (*place, part)
     section, field = _field_at(model, place)
-    written, quantity = place, quantity_of(field) if field else None
-    if quantity is not None:
+    written = place
+    if field is not None and quantity_of(field) is not None:
         written = _as_written(place, section, source)
-    return [problem_at(source, written, _message(detail, section, quantity, str(place[-1]) if place else ""))]
+    if detail["type"] == "extra_forbidden":
+        message = _unknown_key(model, section, str(place[-1]))
+    elif detail["type"] == "missing":
+        message = _missing(field, place[-1])
+    else:
+        message = _message(detail, field)
+    return [problem_at(source, written, message)]
 
 
-def _message(detail: ErrorDetails, section: type[Section], quantity: Quantity | None, key: str) -> str:
+def _unknown_key(model: type[Section], section: type[Section], key: str) -> str:
+    """Where an unknown key belongs, else which key was meant, else which there are."""
+    homes = [f"[{name}]" for name, table in _tables(model) if table is not section and key in _keys(table)]
+    if homes:
+        return f"unknown key here; it belongs under {' or '.join(homes)}"
+    known = _keys(section)
+    match = close_match(key, [*known, *section.suffixed_keys()])
+    return f"unknown key; did you mean {match}?" if match else f"unknown key; known here: {', '.join(known)}"
+
+
+def _tables(model: type[Section]) -> Iterator[tuple[str, type[Section]]]:
+    """Name and section of every table that a file may have."""
+    for name, field in model.model_fields.items():
+        table = _section_in(field.annotation)
+        if table is not None:
+            yield model.key_of(name), table
+            yield from ((f"{model.key_of(name)}.{inner}", below) for inner, below in _tables(table))
+
+
+def _keys(section: type[Section]) -> list[str]:
+    return [section.key_of(name) for name in section.model_fields]
+
+
+def _missing(field: FieldInfo | None, key: str | int) -> str:
+    """What to write where something is missing."""
+    if field is None:
+        return "missing"
+    if isinstance(key, int):
+        return f"missing; the list needs {len(get_args(field.annotation))} entries"
+    table = _section_in(field.annotation)
+    if table is not None:
+        needed = [table.key_of(name) for name, inner in table.model_fields.items() if inner.is_required()]
+        return f"missing; write a table [{key}] with {', '.join(needed)}"
+    example = _example(field)
+    return "missing" + (f"; write for example {key} = {example}" if example else "")
+
+
+def _message(detail: ErrorDetails, field: FieldInfo | None) -> str:
     kind, context = detail["type"], detail.get("ctx") or {}
-    if kind == "extra_forbidden":
-        known = [section.key_of(name) for name in section.model_fields]
-        match = close_match(key, [*known, *section.suffixed_keys()])
-        return f"unknown key; did you mean {match}?" if match else f"unknown key; known here: {', '.join(known)}"
-    if kind == "missing":
-        example = f'; write for example {key} = "{units.DIMENSIONS[quantity.dimension].example}"' if quantity else ""
-        return f"missing{example}"
+    limits = [] if field is None else list(constraints(field))
+    if kind == "tuple_type" and field is not None and _section_in(field.annotation) is not None:
+        return f"each has a heading of its own in two brackets: [[{detail['loc'][-1]}]]"
     if kind in _KINDS:
-        return f"must be {_KINDS[kind]}"
+        return f"must be {_KINDS[kind]}{_allowed(limits)}"
+    if kind in _BEYOND:
+        return f"{_BEYOND[kind]}{_allowed(limits)}"
+    if kind in _TEXTS:
+        return _text_message(kind, limits)
     if kind == "literal_error":
-        value = str(detail["input"])
-        match = close_match(value, [item.strip("'") for item in str(context["expected"]).split(", ")])
-        return f"must be {context['expected']}" + (f"; did you mean {match}?" if match else "")
+        return _not_among(str(context["expected"]), detail["input"])
     if kind == "too_short":
-        return "must not be empty"
+        return f"at least {context['min_length']} entries are needed" if context["min_length"] > 1 else "is empty"
     if kind == "too_long":
         return f"at most {context['max_length']} entries are allowed"
     if kind == "value_error":
-        allowed = f" ({quantity.allowed})" if quantity and quantity.allowed else ""
-        return f"{context['error']}{allowed}"
+        return str(context["error"])
     text = detail["msg"]
     return (text[0].lower() + text[1:]).replace("input should", "must")
+
+
+def _not_among(expected: str, value: object) -> str:
+    if "'" not in expected:
+        return f"must be {expected}" + (", a number without quotes" if isinstance(value, str) else "")
+    match = close_match(str(value), re.findall(r"'([^']*)'", expected))
+    return f"must be {expected}" + (f"; did you mean {match}?" if match else "")
+
+
+def _text_message(kind: str, limits: list[object]) -> str:
+    """What is wrong with a text: its shape in words, never as a pattern."""
+    for item in limits:
+        if isinstance(item, Wording):
+            return f'must be {item.words}, for example "{item.example}"'
+    if kind == "string_too_short":
+        return "must not be empty"
+    most = next((item.max_length for item in limits if isinstance(item, MaxLen)), 0)
+    return f"must have at most {most} characters" if most else "cannot stand here"
+
+
+def _allowed(limits: list[object]) -> str:
+    """The range of a quantity or a plain number in parentheses; empty where there is none."""
+    low = high = ""
+    for item in limits:
+        if isinstance(item, Quantity):
+            return f" ({item.allowed})" if item.allowed else ""
+        if isinstance(item, Ge | Gt):
+            low = f"{item.ge}" if isinstance(item, Ge) else f"more than {item.gt}"
+        if isinstance(item, Le | Lt):
+            high = f"{item.le}" if isinstance(item, Le) else f"less than {item.lt}"
+    if low and high:
+        return f" (allowed: {low} to {high})"
+    if low:
+        return f" (allowed: {low if low.startswith('more') else f'at least {low}'})"
+    return f" (allowed: at most {high})" if high else ""
+
+
+def _example(field: FieldInfo) -> str:
+    """How a missing key could be written, as TOML; empty where nobody can know."""
+    if field.examples:
+        return shown(field.examples[0])
+    for item in constraints(field):
+        if isinstance(item, FieldInfo) and item.examples:
+            return shown(item.examples[0])
+        if isinstance(item, Wording):
+            return shown(item.example)
+        if isinstance(item, Quantity):
+            return shown(units.DIMENSIONS[item.dimension].example)
+    return "1" if get_args(field.annotation) == (1,) else ""
 
 
 def _field_at(model: type[Section], place: Place) -> tuple[type[Section], FieldInfo | None]:
@@ -152,10 +304,7 @@ def _field_at(model: type[Section], place: Place) -> tuple[type[Section], FieldI
 def _section_in(annotation: object) -> type[Section] | None:
     if isinstance(annotation, type) and issubclass(annotation, Section):
         return annotation
-    for part in get_args(annotation):
-        if (found := _section_in(part)) is not None:
-            return found
-    return None
+    return next(filter(None, map(_section_in, get_args(annotation))), None)
 
 
 def _as_written(place: Place, section: type[Section], source: TomlSource) -> Place:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -11,7 +12,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from rig import units
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from pydantic.fields import FieldInfo
     from pydantic.json_schema import JsonSchemaValue
@@ -51,13 +52,17 @@ class Quantity:
         Raises:
             ValueError: not this quantity, or outside the range.
         """
-        result = units.parse(value, self.dimension)
+        allowed = f" ({self.allowed})" if self.allowed else ""
+        try:
+            result = units.parse(value, self.dimension)
+        except units.UnitProblem as problem:
+            raise ValueError(f"{problem}{allowed}") from problem
         if self.low is not None:
             low = units.parse(self.low, self.dimension)
             if result < low or (self.above and result == low):
-                raise ValueError("too small")
+                raise ValueError(f"too small{allowed}")
         if self.high is not None and result > units.parse(self.high, self.dimension):
-            raise ValueError("too large")
+            raise ValueError(f"too large{allowed}")
         return result
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -76,20 +81,32 @@ class Quantity:
         }
 
 
-def quantity_in(annotation: object, metadata: tuple[object, ...] | list[object] = ()) -> Quantity | None:
-    """Find the quantity a field holds, alone or in a list of them; None for other fields."""
-    for item in (*metadata, *getattr(annotation, "__metadata__", ())):
-        if isinstance(item, Quantity):
-            return item
+@dataclass(frozen=True)
+class Wording:
+    """Annotation of a text with a pattern: the pattern in words, and an example; people are never shown the pattern."""
+
+    words: str
+    example: str
+
+
+def constraints(field: FieldInfo) -> Iterator[object]:
+    """Every annotation of a model's field, also of the entries of its list: `Quantity`, `Wording`, `Ge`, `Le` ..."""
+    yield from _constraints(field.annotation, field.metadata)
+
+
+def _constraints(annotation: object, metadata: Sequence[object]) -> Iterator[object]:
+    for item in metadata:
+        yield item
+        yield from getattr(item, "metadata", ())  # a Field(...) inside Annotated
+    if (inner := getattr(annotation, "__metadata__", None)) is not None:
+        yield from _constraints(None, inner)
     for part in get_args(annotation):
-        if (found := quantity_in(part)) is not None:
-            return found
-    return None
+        yield from _constraints(part, ())
 
 
 def quantity_of(field: FieldInfo) -> Quantity | None:
-    """The quantity of a model's field."""
-    return quantity_in(field.annotation, list(field.metadata))
+    """The quantity a model's field holds, alone or in a list of them; None for other fields."""
+    return next((item for item in constraints(field) if isinstance(item, Quantity)), None)
 
 
 class Section(BaseModel):
@@ -106,6 +123,7 @@ class Section(BaseModel):
         return cls.model_fields[name].alias or name
 
     @classmethod
+    @functools.cache
     def suffixed_keys(cls) -> dict[str, tuple[str, str]]:
         """Keys with a unit suffix: {"speed_m_s": ("speed", "m/s"), ...}."""
         keys: dict[str, tuple[str, str]] = {}

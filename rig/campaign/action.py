@@ -26,6 +26,26 @@ class Request(StrEnum):
     DISARM = "disarm"
 
 
+PROOF_WALL_S: dict[Request, float] = {
+    Request.CONNECT: 20.0,
+    Request.ARM: 10.0,
+    Request.STARVE_WATCHDOG: 30.0,
+    Request.HYDRAULICS_LOW: 30.0,
+    Request.HYDRAULICS_ON: 30.0,
+    Request.MOVE: 5.0,
+    Request.SET_CURRENT: 5.0,
+    Request.START: 5.0,
+    Request.STOP: 60.0,
+    Request.RESET: 10.0,
+    Request.DISARM: 15.0,
+}
+"""How long the station may take to prove a request (wall s)."""
+LEAST_WALL_S = 2.0
+"""A deadline on the rig's clock also leaves this much wall time: requests take wall time at any speed."""
+PATIENCE = 10.0
+"""A rig's clock that runs this much slower than expected, or stands still, does not hold a deadline up any longer."""
+
+
 @dataclass(frozen=True)
 class Ask:
     """Ask the station for something that takes no values."""
@@ -64,7 +84,9 @@ class Stop:
 
 @dataclass(frozen=True)
 class WatchZeros:
-    """Watch the resting rig for a moment and report `ZerosJudged`."""
+    """Watch the resting rig for a moment and report `ZerosJudged`; `again`: at the end, `ZerosReturned` instead."""
+
+    again: bool = False
 
 
 @dataclass(frozen=True)
@@ -121,9 +143,13 @@ class EndRecording:
 
 @dataclass(frozen=True)
 class DropRecording:
-    """Close the point's journal and forget it: the motion was not the wanted one, and the point is run again."""
+    """Close the point's journal and keep it apart: the motion was not the wanted one, and the point is run again.
+
+    `reason` is what it reached and what follows, in words.
+    """
 
     point: TestPoint
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -144,10 +170,19 @@ class GiveUpPoint:
 
 @dataclass(frozen=True)
 class Deadline:
-    """Report `TimedOut(phase)` when the phase lasts longer than `device_s` seconds of the rig's clock; None: never."""
+    """Report `TimedOut(phase)` when the phase lasts too long.
+
+    Attributes:
+        phase: which one.
+        device_s: how long it may last (s, rig's clock).
+        wall_s: wall time that it is left at any speed (s).
+        patience: beyond `wall_s`, how many times the wall time of `device_s` a slow rig's clock may take.
+    """
 
     phase: str
-    device_s: float | None
+    device_s: float
+    wall_s: float = LEAST_WALL_S
+    patience: float = PATIENCE
 
 
 @dataclass(frozen=True)
@@ -160,6 +195,14 @@ class Note:
     level: str
     text: str
     wait: Wait | None = None
+
+
+@dataclass(frozen=True)
+class LeaveToStation:
+    """Close the station's link: it stops the rig, takes the pressure away and ends.
+
+    Should it not, the devices' own watchdogs stop the rig.
+    """
 
 
 @dataclass(frozen=True)
@@ -186,7 +229,17 @@ Action = (
     | GiveUpPoint
     | Deadline
     | Note
+    | LeaveToStation
     | Finish
 )
 
 MOTION_ACTIONS = (ProveSensors, Move, Start)
+
+
+def energises(action: Action) -> bool:
+    """Whether an action moves the rod, raises the pressure or lets current flow: never after something has failed."""
+    if isinstance(action, SetCurrent):
+        return action.current_A != 0.0
+    pressure = {Ask(Request.HYDRAULICS_LOW), Ask(Request.HYDRAULICS_ON)}
+    return isinstance(action, MOTION_ACTIONS) or action in pressure
+

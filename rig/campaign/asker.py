@@ -8,26 +8,19 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
-from rig.campaign.action import Request
+from rig.campaign.action import PROOF_WALL_S, Request
 from rig.clock import monotonic_ns
 from rig.station.client import StationClient, StationLost, StationRefused
 
 Answer = dict[str, Any]
 
-# Request -> the station's name for it, its fixed arguments, how long to wait for the proof (wall s).
-WAYS: dict[Request, tuple[str, dict[str, Any], float]] = {
-    Request.CONNECT: ("connect", {}, 20.0),
-    Request.ARM: ("arm", {}, 10.0),
-    Request.STARVE_WATCHDOG: ("starve_watchdog", {}, 30.0),
-    Request.HYDRAULICS_LOW: ("hydraulics", {"level": "low"}, 30.0),
-    Request.HYDRAULICS_ON: ("hydraulics", {"level": "on"}, 30.0),
-    Request.MOVE: ("move", {}, 5.0),
-    Request.SET_CURRENT: ("set_current", {}, 5.0),
-    Request.START: ("start", {}, 5.0),
-    Request.STOP: ("stop", {}, 90.0),
-    Request.RESET: ("reset", {}, 10.0),
-    Request.DISARM: ("disarm", {}, 30.0),
+# Request -> the station's name for it, its fixed arguments.
+WAYS: dict[Request, tuple[str, dict[str, Any]]] = {
+    Request.HYDRAULICS_LOW: ("hydraulics", {"level": "low"}),
+    Request.HYDRAULICS_ON: ("hydraulics", {"level": "on"}),
 }
+AFTER_DEADLINE_S = 5.0
+"""An answer is waited for a little longer than the sequencer waits for it (wall s)."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +76,13 @@ class Asker:
     def _carry_out(self, era: int, request: Request, arguments: dict[str, object]) -> None:
         if era != self._era:
             return
-        do, fixed, timeout_s = WAYS[request]
+        do, fixed = WAYS.get(request, (str(request), {}))
+        timeout_s = PROOF_WALL_S[request] + AFTER_DEADLINE_S
         send: Callable[..., Answer] = self._client.request
         try:
             outcome = Outcome(request, 0, send(do, timeout_s=timeout_s, **fixed, **arguments))
         except (StationRefused, StationLost) as error:
             outcome = Outcome(request, 0, error=error)
+        except (OSError, ValueError) as error:
+            outcome = Outcome(request, 0, error=StationLost(f"{do}: {error}"))
         self._outcomes.put((era, Outcome(request, monotonic_ns(), outcome.answer, outcome.error)))

@@ -12,6 +12,7 @@ from rig.campaign.cause import Cause
 from rig.campaign.signature import Signature
 from rig.errors import FileProblem
 from rig.recording.durable import write_text_durably
+from rig.text_file import read_json
 
 LASTING = {"actuator": ("vendor", "model", "serial_number", "firmware"), "ecu": ("serial_number", "firmware", "layout")}
 """Of an identity, what no restart of the device changes."""
@@ -35,10 +36,7 @@ class Baseline:
         self._path = folder / "baseline.json"
         self._values: dict[str, Any] = {}
         if self._path.is_file():
-            try:
-                self._values = dict(json.loads(self._path.read_text(encoding="utf-8")))
-            except (ValueError, TypeError) as error:
-                raise FileProblem(str(self._path), [f"not a JSON object: {error}"]) from error
+            self._values = read_json(self._path)
 
     @property
     def signature(self) -> Signature | None:

@@ -25,6 +25,9 @@ class Cause:
     detail: str = ""
 
 
+OPERATOR = frozenset({"sigint", "sigterm"})
+"""Stops that somebody wanted: no fault, and nobody's."""
+
 # The point may restart by itself from zero amplitude, where the matrix file's `[campaign] retries` allows it.
 RESTARTS_BY_ITSELF = restarts_by_itself()
 MOST_RETRIES = 2
@@ -38,3 +41,10 @@ SPOIL = frozenset({"rtu-stale"})
 def may_restart(stop: StopKind, cause: Cause) -> bool:
     """Whether a point stopped like this may be repeated without the operator; never after S1, SO or HW."""
     return stop is StopKind.S2 and cause.slug in RESTARTS_BY_ITSELF
+
+
+def stop_note(stop: StopKind, cause: Cause) -> tuple[str, str]:
+    """Level and text of the line that says why the rig stops."""
+    if cause.slug in OPERATOR:
+        return "info", f"stopped by operator ({cause.detail}): current to 0 A, motion fades out"
+    return "error", f"{cause.slug}: {cause.detail}; stop {stop}: current to 0 A, motion ends"

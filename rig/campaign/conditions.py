@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 from rig.bench.model import Bench
 from rig.campaign.adaptation import Ceiling
+from rig.matrix.feasibility import command_limit, command_room
 from rig.matrix.forecast import forecaster
 from rig.matrix.model import Matrix
-from rig.matrix.plan import command_limit, command_room
 from rig.matrix.point import TestPoint
 from rig.matrix.schedule import Load, Thermal, load_of, thermal_of, warm_up_point
 

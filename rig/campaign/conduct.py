@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from rig.bench.model import Bench
@@ -14,11 +15,14 @@ from rig.campaign import resume
 from rig.campaign.baseline import Baseline
 from rig.campaign.calibration import check_calibrations
 from rig.campaign.clocks import check_clocks
+from rig.campaign.confirmation import confirm, open_stops, resume_command
 from rig.campaign.crew import Crew
 from rig.campaign.guarded_display import GuardedDisplay
+from rig.campaign.hands import disk_slug
 from rig.campaign.ledger import Ledger
 from rig.campaign.locks import locked
 from rig.campaign.options import CampaignOptions, CampaignResult, Display
+from rig.campaign.outcome import result_of
 from rig.campaign.ring_place import ring_path_for
 from rig.campaign.runner import Runner
 from rig.campaign.setup import (
@@ -29,10 +33,10 @@ from rig.campaign.setup import (
     write_description,
 )
 from rig.campaign.signals import Signals
-from rig.campaign.simulated import SimulatedRig
+from rig.campaign.simulated import DISK_PATIENCE_S, STOP_TIMEOUT_S, SimulatedRig
 from rig.campaign.state import RigState
 from rig.clock import utc_now
-from rig.errors import Refused, RigError, UnknownRigState
+from rig.errors import FileProblem, Refused, RigError, Stopped, UnknownRigState
 from rig.matrix.model import Matrix, Specimen, load_matrix
 from rig.matrix.plan import Plan, plan
 from rig.recording.campaign_log import CampaignLog
@@ -40,6 +44,9 @@ from rig.recording.claim import campaign_held
 from rig.recording.finaliser import Finaliser
 from rig.station.client import StationClient, StationLost
 
+DISPLAY_ENDS_S = 5.0
+SLOW_START_S = 3.0
+DISK = frozenset({"disk-full", "dir-readonly", "fsync-error"})
 TRUTH_AFTER_STOP_S = 1.0
 """What a simulated rig's truth still shows after a stop (s, its own clock): the coil empty, the rod at rest."""
 
@@ -66,7 +73,15 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         options = resume.as_before(earlier, replace(options, resume_path=earlier))
     if (options.bench_path is None) != options.simulate:
         raise RigError("give either a bench file or --simulate, not both and not neither")
-    display = GuardedDisplay(display)
+    shown = GuardedDisplay(display)
+    try:
+        return _campaign(options, shown)
+    finally:
+        shown.close(DISPLAY_ENDS_S)
+
+
+def _campaign(options: CampaignOptions, display: Display) -> CampaignResult:
+    """The campaign with a display that cannot hold it up; raises as `run_campaign`."""
     matrix = load_matrix(options.matrix_path)
     known = None
     if options.bench_path is not None:
@@ -77,7 +92,7 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
     with Signals() as signals, contextlib.ExitStack() as ends:
         folder = options.resume_path or make_campaign_folder(options.out, matrix.specimen.serial_number)
         ends.enter_context(campaign_held(folder))
-        log = CampaignLog(folder)
+        log = _journal(folder)
         ends.callback(_or_say, display, log.close)
         ends.enter_context(_refusals_in(log))
         locks = () if known is None else ends.enter_context(locked(known))
@@ -89,12 +104,13 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         stock = _stock(folder, options, matrix, log, display)
         if not stock.remaining:
             return _nothing_left(folder, matrix, stock)
+        signals.check()
         finaliser = Finaliser.start(folder)
         ends.callback(_or_say, display, finaliser.close)
-        rig = ends.enter_context(_rig(folder, options, matrix.specimen, display))
+        rig = ends.enter_context(_rig(folder, options, matrix.specimen, display, signals))
         bench = Bench.load(rig.bench_path)
         start = _Start(folder, matrix, bench, _accepted(matrix, bench), options, stock)
-        check_room(folder, start.plan, bench)
+        check_room(folder, start.plan, bench, matrix)
         _describe(start, rig.bench_path)
         display.planned(start.plan)
         for warning in check_calibrations(bench, utc_now().date()):
@@ -103,12 +119,26 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         for result in stock.results:
             display.point_done(result)
         locks = locks or ends.enter_context(locked(bench))
+        signals.check()
         ended = _run(start, locks, log, finaliser, signals, display)
         if ended.rig_state == RigState.UNKNOWN:
             rig.settle_s = _dead_men_s(bench, start.plan)
         elif ended.stopped_by is not None:
             rig.settle_s = TRUTH_AFTER_STOP_S / bench.clock.device_rate
+        rig.disk_refuses = ended.stopped_by in DISK
         return ended
+
+
+def _journal(folder: Path) -> CampaignLog:
+    """The campaign's journal.
+
+    Raises:
+        Refused: it cannot be opened.
+    """
+    try:
+        return CampaignLog(folder)
+    except OSError as error:
+        raise Refused(disk_slug(error), f"{folder / 'journal.jsonl'}: {error}; nothing was connected") from error
 
 
 def _stock(
@@ -117,14 +147,29 @@ def _stock(
     """What is there and what remains: all of a new campaign; what is not valid yet of an earlier one.
 
     Raises:
-        Refused: the matrix is not the earlier campaign's.
+        Refused: the matrix is not the earlier campaign's, or a stop of an earlier session demands a requalification.
     """
     if options.resume_path is None:
         return resume.Stock(matrix.points())
     resume.same_matrix(folder, matrix)
+    stops = open_stops(folder)
+    confirm(stops, options.requalified)
     display.phase("taking stock of the earlier session")
-    stock = resume.take_stock(folder, matrix.points())
-    log.write("resumed", kept=[each.id for each in stock.results], remaining=[each.id for each in stock.remaining])
+    stock = replace(resume.take_stock(folder, matrix.points()), confirmed=stops)
+    confirmed = [stop.to_json() for stop in stops]
+    if options.requalified:
+        log.write("requalified", text=options.requalified, after=[stop.slug for stop in stops])
+        display.message("info", f"requalified: {options.requalified}")
+    for stop in stops:
+        display.message("info", f"by resuming you confirm that this is mended: {stop.text}")
+    log.write(
+        "resumed", kept=[each.id for each in stock.results], remaining=[each.id for each in stock.remaining],
+        confirmed=confirmed,
+    )
+    if options.simulate and (names := resume.left_out(folder)):
+        text = f"the simulated rig is started without the earlier session's {', '.join(names)}"
+        log.write("info", text=text)
+        display.message("info", text)
     for problem in stock.problems:
         log.write("warning", text=problem)
         display.message("warning", problem)
@@ -135,7 +180,8 @@ def _stock(
 def _nothing_left(folder: Path, matrix: Matrix, stock: resume.Stock) -> CampaignResult:
     ledger = Ledger(matrix.points(), {each.id: each for each in stock.results})
     return CampaignResult(
-        folder, ledger.all_results(), ledger.valid, len(ledger.points), str(RigState.SAFE), None, "", False, 0.0, 0.0
+        folder, ledger.all_results(), ledger.valid, len(ledger.points), str(RigState.SAFE), None, "", False, 0.0, 0.0,
+        confirmed=tuple(stop.to_json() for stop in stock.confirmed),
     )
 
 
@@ -152,16 +198,23 @@ def _describe(start: _Start, bench_path: Path) -> None:
         write_description(folder, start.bench, start.matrix, start.options)
         return
     resume.same_campaign(folder, start.bench, start.matrix)
-    session = resume.note_session(folder, start.options)
+    session = resume.note_session(folder, start.options, start.stock.confirmed)
     copy_into(bench_path, folder, f"bench-session{session}.toml")
 
 
 @dataclass
 class _Rig:
-    """The rig in use, and how long a simulated one is left alone before it is ended (wall s)."""
+    """The rig in use.
+
+    Attributes:
+        bench_path: its bench file.
+        settle_s: how long a simulated one is left alone before it is ended (wall s).
+        disk_refuses: the disk on which it writes its truth is full or gone.
+    """
 
     bench_path: Path
     settle_s: float = 0.0
+    disk_refuses: bool = False
 
 
 @dataclass(frozen=True)
@@ -200,26 +253,39 @@ def _or_say(display: Display, what: Callable[[], None]) -> None:
     """Do what belongs to the end of a campaign; a disk that refuses it takes nothing from the result."""
     try:
         what()
-    except (OSError, subprocess.TimeoutExpired) as error:
+    except (OSError, FileProblem, subprocess.TimeoutExpired) as error:
         display.message("error", f"at the campaign's end: {error}")
 
 
 @contextmanager
 def _refusals_in(log: CampaignLog) -> Iterator[None]:
-    """Keep a refusal before the start in the campaign's journal too.
+    """Keep a refusal before the start in the campaign's journal too, where the disk takes it.
 
     Raises:
-        Refused: the same one.
+        Refused: the same one, or that of a disk on which nothing can be begun.
+        Stopped: the operator's stop before the rig was connected.
     """
     try:
-        yield
+        try:
+            yield
+        except OSError as error:
+            text = f"the campaign cannot be begun: {error}; nothing was connected"
+            raise Refused(disk_slug(error), text) from error
     except Refused as refusal:
-        log.write("refused", slug=refusal.slug, text=str(refusal))
+        with contextlib.suppress(OSError):
+            log.write("refused", slug=refusal.slug, text=str(refusal))
         raise
+    except Stopped as stop:
+        text = f"{stop}: nothing moved. Continue with: {resume_command(log.path.parent)}"
+        with contextlib.suppress(OSError):
+            log.write("refused", slug=stop.slug, text=text)
+        raise Stopped(stop.slug, text) from stop
 
 
 @contextmanager
-def _rig(folder: Path, options: CampaignOptions, specimen: Specimen, display: Display) -> Iterator[_Rig]:
+def _rig(
+    folder: Path, options: CampaignOptions, specimen: Specimen, display: Display, signals: Signals
+) -> Iterator[_Rig]:
     """The rig to use; a simulated one runs while the block does, and leaves its truth."""
     if options.bench_path is not None:
         yield _Rig(options.bench_path)
@@ -227,15 +293,21 @@ def _rig(folder: Path, options: CampaignOptions, specimen: Specimen, display: Di
     display.phase("starting the simulated rig")
 
     def waiting(waited_s: float) -> None:
-        display.phase(f"starting the simulated rig ({waited_s:.0f} s; the first start on a machine compiles it)")
+        signals.check()
+        told_s = SLOW_START_S * (waited_s // SLOW_START_S)
+        if told_s > 0.0:
+            display.phase(f"starting the simulated rig ({told_s:.0f} s; the first start on a machine compiles it)")
 
     simulated = SimulatedRig.start(folder, options, specimen, waiting)
     rig = _Rig(simulated.bench_path)
     try:
         yield rig
     finally:
-        if not simulated.stop(rig.settle_s):
-            display.message("warning", f"the simulated rig still runs (process {simulated.process.pid})")
+        if not simulated.stop(rig.settle_s, DISK_PATIENCE_S if rig.disk_refuses else STOP_TIMEOUT_S):
+            text = f"the simulated rig still runs (process {simulated.process.pid})"
+            if rig.disk_refuses:
+                text += ": it completes truth.h5 when there is room on the disk"
+            display.message("warning", text)
 
 
 def _dead_men_s(bench: Bench, accepted: Plan) -> float:
@@ -255,6 +327,7 @@ def _run(
 ) -> CampaignResult:
     with ring_path_for(start.folder.name) as ring_path:
         config = station_config(start.bench, start.matrix, ring_path)
+        baseline = _baseline(start.folder)
         display.phase("starting the station")
         try:
             client = StationClient.start(config, start.folder, inherited=locks)
@@ -271,10 +344,10 @@ def _run(
             display=display,
             simulated=start.options.simulate,
             stock=start.stock,
-            baseline=Baseline(start.folder),
+            baseline=baseline,
         )
-        runner = Runner(crew, signals, finaliser)
         try:
+            runner = Runner(crew, signals, finaliser)
             runner.run()
         except Exception as error:
             client.close()
@@ -282,7 +355,13 @@ def _run(
             _or_say(display, lambda: log.write("ended", rig_state="unknown", text=text))
             raise UnknownRigState(text) from error
         client.close()
-    result = _result(start.folder, runner)
+    if runner.zeros.start is not None:
+        _or_say(display, lambda: resume.note_zeros(start.folder, runner.zeros.to_json()))
+    result = result_of(runner, start.folder, start.stock)
+    for finding in result.findings:
+        fields = finding.to_json()
+        _or_say(display, partial(log.write, "finding", **fields))
+        display.message("warning", f"{finding.slug}: {finding.text}")
     refused = runner.state.refused
     if refused is not None:
         _or_say(display, lambda: log.write("refused", slug=refused.slug, text=refused.detail))
@@ -290,20 +369,16 @@ def _run(
     return result
 
 
-def _result(folder: Path, runner: Runner) -> CampaignResult:
-    state, ledger = runner.state, runner.ledger
-    cause = state.refused or (None if state.latch is None else state.latch.cause)
-    return CampaignResult(
-        campaign=folder,
-        points=ledger.all_results(),
-        valid=ledger.valid,
-        total=len(ledger.points),
-        rig_state=str(RigState(state.rig_state)),
-        stopped_by=None if cause is None else cause.slug,
-        detail="" if cause is None else cause.detail,
-        refused=state.refused is not None,
-        wall_s=ledger.wall_s,
-        motion_s=ledger.motion_s,
-        start_temperature_degC=ledger.start_temperature_degC,
-        waits=tuple(ledger.waits),
-    )
+def _baseline(folder: Path) -> Baseline:
+    """What the campaign's first session found; damaged entries are found now, not in motion.
+
+    Raises:
+        FileProblem: the file cannot be used.
+    """
+    baseline = Baseline(folder)
+    if baseline.signature is not None:
+        try:
+            baseline.other_device({})
+        except (AttributeError, TypeError, ValueError) as error:
+            raise FileProblem(str(folder / "baseline.json"), [f"devices: {error!r}"]) from error
+    return baseline

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from rig import __version__
+from rig.bench.checks import CHANGE_OF_ZERO
 from rig.bench.model import Bench, Sensor
 from rig.campaign.baseline import Baseline
-from rig.campaign.ledger import attempt_name
 from rig.campaign.options import Display
 from rig.campaign.preflight import RestLimits
 from rig.campaign.resume import Stock
@@ -20,6 +20,8 @@ from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
 from rig.recording.campaign_log import CampaignLog
 from rig.recording.context import PointContext, SensorContext
+from rig.recording.point_names import attempt_name
+from rig.recording.tolerances import Tolerances
 from rig.station.client import StationClient
 from rig.station.config import StationConfig
 
@@ -44,6 +46,7 @@ class Crew:
         stock: what is kept of earlier sessions, and what remains to be run.
         baseline: what the campaign's first session found.
         identities: what the devices said about themselves at connect.
+        at_rest: what was seen of the instruments before the first motion, by attribute of `/entry/quality`.
     """
 
     folder: Path
@@ -58,6 +61,7 @@ class Crew:
     stock: Stock
     baseline: Baseline
     identities: dict[str, Any] = field(default_factory=dict)
+    at_rest: dict[str, float] = field(default_factory=dict)
 
     @property
     def centring_speed_m_s(self) -> float:
@@ -74,16 +78,39 @@ class Crew:
             position_max_m=self.bench.limits.position_m[1],
             disagreement_m=self.config.disagreement_m,
             range_N=self.bench.load_cell.range_N,
-            force_per_wire=self.bench.load_cell.calibration.sensitivity,
-            displacement_per_wire=self.bench.lvdt.calibration.sensitivity,
+            zero_N=self.tolerances.force_zero_N,
+            current_zero_A=self.bench.checks.current_zero_A,
+            force_per_wire=self.bench.load_cell.sensitivity,
+            displacement_per_wire=self.bench.lvdt.sensitivity,
             force_offset_N=self.bench.load_cell.offset,
             displacement_offset_m=self.bench.lvdt.offset,
+        )
+
+    @property
+    def point_ids(self) -> tuple[str, ...]:
+        """Ids of all the matrix's points."""
+        return tuple(item.point.id for item in self.plan.points)
+
+    def attempt_name(self, point_id: str, attempt: int) -> str:
+        """Name of the files of a point's attempt, counted from 1; never another point's."""
+        return attempt_name(point_id, attempt, self.point_ids)
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """What two instruments of the bench may differ by; zeros in proportion to the largest force of the matrix."""
+        checks = self.bench.checks
+        predicted_N = [item.predicted_force_N for item in self.plan.points if item.predicted_force_N is not None]
+        zero_N = checks.zero_N(self.bench.load_cell.range_N, max(predicted_N, default=None))
+        return Tolerances(
+            force_gain=checks.force_gain, displacement_gain=checks.displacement_gain, force_zero_N=zero_N,
+            force_zero_change_N=CHANGE_OF_ZERO * zero_N, displacement_zero_m=checks.displacement_zero_m,
+            time_s=checks.time_s, current_zero_A=checks.current_zero_A,
         )
 
     def context(self, point: TestPoint, attempt: int, commanded: TestPoint) -> PointContext:
         """The header of a point's journal; `commanded` is the program that makes its motion."""
         return PointContext(
-            point={**vars(point), "id": attempt_name(point, attempt), **self._conditions(point, commanded)},
+            point={**vars(point), "id": self.attempt_name(point.id, attempt), **self._conditions(point, commanded)},
             sensors=sensor_contexts(self.bench),
             device_rate=self.bench.clock.device_rate,
             controller_delay_s=self.bench.actuator.input_delay_s,
@@ -92,6 +119,7 @@ class Crew:
             current_tolerance_A=self.matrix.campaign.current_settled_A,
             simulated=self.simulated,
             provenance=self._provenance(point, attempt),
+            calibration={**self.tolerances.attributes, **self.at_rest},
         )
 
     def _conditions(self, point: TestPoint, commanded: TestPoint) -> dict[str, Any]:
@@ -145,13 +173,15 @@ def _sensor(name: str, sensor: Sensor, range_SI: float, unit: str, long_name: st
         range_SI=range_SI,
         unit=unit,
         long_name=long_name,
-        sensitivity=calibration.sensitivity,
+        sensitivity=sensor.sensitivity,
         offset=sensor.offset,
         serial_number=calibration.serial_number,
         certificate=calibration.certificate,
         due="" if calibration.due is None else calibration.due.isoformat(),
         uncertainty_percent=calibration.uncertainty_percent,
         overdue=calibration.due is not None and calibration.due < utc_now().date(),
+        format=sensor.format if isinstance(sensor.format, str) else "a line described in the bench file",
+        bandwidth_Hz=sensor.bandwidth_Hz,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rig.campaign.action import Request
+from rig.campaign.action import Action, Request
 from rig.campaign.adaptation import MotionSeen
 from rig.campaign.cause import Cause, StopKind
 
@@ -37,6 +37,26 @@ class ZerosJudged:
 
 
 @dataclass(frozen=True)
+class ZerosReturned:
+    """The rest window at the end is over, and what it showed is kept."""
+
+
+@dataclass(frozen=True)
+class ActionFailed:
+    """An action raised; the others of its step were carried out, except those that energise the rig.
+
+    Attributes:
+        action: which one.
+        phase: the phase that its step led to.
+        cause: what happened.
+    """
+
+    action: Action
+    phase: str
+    cause: Cause
+
+
+@dataclass(frozen=True)
 class ProofLegDone:
     """The first way of the proof move has ended."""
 
@@ -62,12 +82,15 @@ class CurrentSettled:
 class ProgramEnded:
     """The motion program has ended and the actuator holds.
 
-    `at_centre` says whether the measured position is the program's centre; `motion` what the displacement sensor saw,
-    None where it saw no full cycle or nobody wants to know.
+    Attributes:
+        at_centre: the measured position is the program's centre.
+        motion: what the displacement sensor saw, None where it saw no full cycle or nobody wants to know.
+        cut_short: how the controller shows that somebody else stopped it; empty where it ran all its cycles.
     """
 
     at_centre: bool
     motion: MotionSeen | None = None
+    cut_short: str = ""
 
 
 @dataclass(frozen=True)
@@ -179,6 +202,8 @@ Event = (
     | Done
     | Declined
     | ZerosJudged
+    | ZerosReturned
+    | ActionFailed
     | ProofLegDone
     | ProofJudged
     | Centred

@@ -3,36 +3,39 @@
 from __future__ import annotations
 
 import errno
+import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivers.ring import Channel
 from rig.campaign import action as act
+from rig.campaign import event as ev
 from rig.campaign.action import Request
 from rig.campaign.asker import Asker
 from rig.campaign.cause import Cause
 from rig.campaign.crew import Crew
-from rig.campaign.ledger import Ledger, attempt_name
+from rig.campaign.ledger import Ledger
 from rig.campaign.motion_seen import MotionWanted
 from rig.campaign.observer import Observer
 from rig.campaign.options import PointResult
+from rig.campaign.preflight import AtRest, judge_rest
 from rig.campaign.proof_move import PROOF_M, PROOF_SPEED_M_S, Leg, proof_targets
-from rig.campaign.resume import set_aside
 from rig.campaign.signature import Signature, expected_signature, judge_damper, measured_signature
+from rig.campaign.zero_return import ZeroReturn, at_rest
 from rig.clock import monotonic_ns
 from rig.matrix.point import TestPoint
+from rig.recording.earlier_attempts import set_aside
 from rig.recording.finaliser import Finaliser
-from rig.recording.recorder import PointRecorder, RecorderFailed
+from rig.recording.point_names import OUT_OF_TOLERANCE
+from rig.recording.recorder import PointRecorder, RecorderFailed, kept_apart
 
 if TYPE_CHECKING:
-    from rig.recording.conversion import FinishedPoint
+    from rig.recording.finished_point import FinishedPoint
 
-DEADLINE_WALL_NS = 2_000_000_000
-"""A deadline on the rig's clock also leaves this much wall time: requests take wall time at any speed."""
-PATIENCE = 10.0
-"""A rig's clock that runs this much slower than expected, or stands still, does not hold a deadline up any longer."""
 RETIMING_TIMEOUT_S = 120.0
+ASK_AGAIN_S = 0.25
 FILES_TIMEOUT_S = 120.0
 """Beside the recorded time itself: a file of ten minutes at 10 kHz takes minutes to make."""
 
@@ -53,6 +56,8 @@ class Hands:
         self.observer = Observer()
         self.move_target_m = 0.0
         """Where the last move goes (m)."""
+        self.zeros = ZeroReturn()
+        """What the sensors showed at rest, before and after this session's motion."""
         self.trouble: Cause | None = None
         """Why the campaign's journal can no longer be written; None while it can."""
         self._finaliser = finaliser
@@ -81,15 +86,12 @@ class Hands:
             act.GiveUpPoint: self._give_up_point,
             act.Deadline: self._set_deadline,
             act.Note: self._tell,
+            act.LeaveToStation: self._leave_to_station,
             act.Finish: self._finish,
         }
 
     def carry_out(self, action: act.Action) -> None:
-        """Do one thing; returns without waiting for the rig.
-
-        Raises:
-            RecorderFailed: the point cannot be recorded; what follows in the same step must not be done.
-        """
+        """Do one thing; returns without waiting for the rig. Whatever it raises is the caller's event."""
         self._ways[type(action)](action)
 
     def open_recorder(self) -> None:
@@ -130,6 +132,8 @@ class Hands:
         """Enter what the finaliser says about a point; None when it was not handed in here."""
         point = self._handed_in.pop(finished.id, None)
         if point is None:
+            if finished.error:
+                self.note("warning", slug=finished.error_slug, text=f"{finished.id}: {finished.error}")
             return None
         if finished.error or not finished.file:
             return self._give_up(point, Cause("not-written", finished.error))
@@ -140,28 +144,42 @@ class Hands:
         self._announce(result)
         return result
 
-    def collect_files(self) -> None:
-        """Wait for the files of the points that were recorded; the rig is at rest by now."""
+    def collect_files(self, enough: Callable[[], bool]) -> None:
+        """Wait for the files of the points that were recorded; the rig is at rest by now.
+
+        Args:
+            enough: asked again and again: whether the operator does not want to wait any longer.
+        """
         recorded_s = sum(point.motion_s for point in self._handed_in.values())
         deadline_ns = monotonic_ns() + int(1e9 * (FILES_TIMEOUT_S + recorded_s))
         for name, point in tuple(self._handed_in.items()):
-            try:
-                finished = self._finaliser.wait(name, max(0.0, (deadline_ns - monotonic_ns()) * 1e-9))
-            except TimeoutError as error:
-                self._handed_in.pop(name)
-                self._give_up(point, Cause("not-written", f"{error}; `rig recover` will finish it"))
-            else:
-                self.enter(finished)
-        if self.ledger.complete:
-            self._bring_to_one_skew()
+            while name in self._handed_in:
+                try:
+                    self.enter(self._finaliser.wait(name, ASK_AGAIN_S))
+                except TimeoutError:
+                    if enough() or monotonic_ns() > deadline_ns:
+                        self._handed_in.pop(name)
+                        text = "its file is not finished; `rig recover` or resuming will finish it"
+                        self._give_up(point, Cause("not-written", text))
+        if self.ledger.complete and not enough():
+            self._bring_to_one_skew(enough)
 
-    def _bring_to_one_skew(self) -> None:
+    def _bring_to_one_skew(self, enough: Callable[[], bool]) -> None:
         """All points together know the sensors' delays better than each alone; files certainly wrong are mended."""
+        thread = ThreadPoolExecutor(1, thread_name_prefix="one-skew")
         try:
-            mended = self._finaliser.retime(self.crew.folder / "points", RETIMING_TIMEOUT_S)
+            waiting = thread.submit(self._finaliser.retime, self.crew.folder / "points", RETIMING_TIMEOUT_S)
+            while not waiting.done() and not enough():
+                wait((waiting,), ASK_AGAIN_S)
+            if not waiting.done():
+                self.note("warning", text="the points keep each its own skew: the operator did not wait")
+                return
+            mended = waiting.result()
         except OSError as error:
             self.note("warning", text=f"the points keep each its own skew: {error}")
             return
+        finally:
+            thread.shutdown(wait=False)
         for finished in mended:
             self.note(
                 "retimed", file=finished.id, skew_s=finished.skew_s, skew_std_s=finished.skew_std_s,
@@ -170,10 +188,13 @@ class Hands:
             self.ledger.mended(Path(finished.file), finished.verdict, finished.reasons, finished.quality)
 
     def close(self) -> None:
-        """Let go of the ring and the station; a point still open is closed as interrupted."""
+        """Let go of the ring and the station; a point still open is closed as interrupted, where the disk allows it."""
         self.asker.close()
         if self._recorder is not None:
-            self._recorder.close()
+            try:
+                self._recorder.close()
+            except OSError as error:
+                self.note("warning", text=f"the recorder: {error}; `rig recover` finishes what it left")
 
     def _ask(self, action: act.Ask) -> None:
         self.asker.ask(action.request)
@@ -193,6 +214,7 @@ class Hands:
             point.centre_m,
             monotonic_ns(),
             MotionWanted(point.waveform, point.frequency_Hz, self.crew.bench.lvdt.rate_Hz),
+            point.ramp_in_cycles + point.cycles + point.ramp_out_cycles,
         )
         self.asker.ask(
             Request.START,
@@ -224,7 +246,28 @@ class Hands:
         self.observer.await_proof(watch, targets[self._proof_leg], since_ns)
 
     def _watch_zeros(self, action: act.WatchZeros) -> None:
-        self.observer.await_zeros(self.crew.rest_limits)
+        self.observer.await_zeros(self._zeros_again if action.again else self._first_zeros)
+
+    def _first_zeros(self, seen: AtRest) -> ev.Event:
+        self.zeros.start = at_rest(seen)
+        self.note("rest", which="start", **self.zeros.start.to_json())
+        cause = judge_rest(seen, self.crew.rest_limits)
+        if cause is None:
+            self.crew.at_rest = {**self._temperatures_at_rest(), **seen.numbers(self.crew.bench.load_cell.range_N)}
+        return ev.ZerosJudged(cause)
+
+    def _temperatures_at_rest(self) -> dict[str, float]:
+        """Coil and ECU (degC) before anything was warmed: those of the session's first rest; none where unknown."""
+        names = {"rest_coil_degC": Channel.COIL_TEMPERATURE, "rest_ecu_degC": Channel.ECU_TEMPERATURE}
+        if names.keys() <= self.crew.at_rest.keys():
+            return {name: self.crew.at_rest[name] for name in names}
+        found = {name: self.observer.value(channel) for name, channel in names.items()}
+        return found if self.ledger.began_ns is None and all(map(math.isfinite, found.values())) else {}
+
+    def _zeros_again(self, seen: AtRest) -> ev.Event:
+        self.zeros.end = at_rest(seen)
+        self.note("rest", which="end", **self.zeros.end.to_json())
+        return ev.ZerosReturned()
 
     def _judge_damper(self, up: Leg, down: Leg) -> Cause | None:
         crew = self.crew
@@ -263,24 +306,18 @@ class Hands:
         if self._recorder is None:
             raise RecorderFailed("there is no recorder before the station is connected")
         point = action.point
-        if action.attempt == 1:
-            self._set_aside(point)
-        expected_s = point.motion_s / self.crew.bench.clock.device_rate
-        context = self.crew.context(point, action.attempt, action.commanded)
-        self._recorder.begin(context, expected_s=expected_s)
+        try:
+            if action.attempt == 1:
+                # What an earlier session left of the point makes room for this one's.
+                set_aside(self.crew.folder / "points", point.id, self.crew.point_ids)
+            expected_s = point.motion_s / self.crew.bench.clock.device_rate
+            context = self.crew.context(point, action.attempt, action.commanded)
+            self._recorder.begin(context, expected_s=expected_s)
+        except Exception as error:
+            self._give_up(point, cause_of(error))
+            raise
         self.ledger.begun(monotonic_ns())
         self.note("point", point=point.id, attempt=action.attempt)
-
-    def _set_aside(self, point: TestPoint) -> None:
-        """What an earlier session left of the point makes room for this one's.
-
-        Raises:
-            RecorderFailed: the folder refuses it.
-        """
-        try:
-            set_aside(self.crew.folder, point.id)
-        except OSError as error:
-            raise RecorderFailed(f"{self.crew.folder / 'points'}: {error}") from error
 
     def _end_recording(self, action: act.EndRecording) -> None:
         if self._recorder is None:
@@ -288,17 +325,23 @@ class Hands:
         self.ledger.ended(action.point, monotonic_ns())
         try:
             journal = self._recorder.end(stopped_by=None if action.fault is None else action.fault.slug)
-        except RecorderFailed as error:
-            self._give_up(action.point, Cause(disk_slug(error), str(error)))
+        except Exception as error:
+            self._give_up(action.point, cause_of(error))
             raise
-        self._handed_in[attempt_name(action.point, action.attempt)] = action.point
+        self._handed_in[journal.id] = action.point
         self._finaliser.submit(journal)
 
     def _drop_recording(self, action: act.DropRecording) -> None:
         if self._recorder is None:
             raise RecorderFailed("there is no recorder before the station is connected")
-        self._recorder.end().path.unlink(missing_ok=True)
-        self.note("dropped", point=action.point.id, text="the motion was not the wanted one; the point is run again")
+        self._recorder.note(OUT_OF_TOLERANCE, action.reason, monotonic_ns())
+        try:
+            kept = kept_apart(self._recorder.end(), self.crew.point_ids)
+        except OSError as error:
+            raise RecorderFailed(f"{self.crew.folder / 'points'}: {error}") from error
+        self._finaliser.submit(kept)
+        text = f"the motion was not the wanted one; its record is kept as {kept.id}, the point is run again"
+        self.note("dropped", point=action.point.id, kept=kept.id, text=text)
 
     def _remark(self, action: act.Remark) -> None:
         if self._recorder is not None:
@@ -317,12 +360,10 @@ class Hands:
         self.crew.display.point_done(result)
 
     def _set_deadline(self, action: act.Deadline) -> None:
-        if action.device_s is None:
-            self._deadline = None
-        else:
-            earliest_ns = monotonic_ns() + DEADLINE_WALL_NS
-            latest_ns = earliest_ns + int(1e9 * PATIENCE * action.device_s / self.crew.bench.clock.device_rate)
-            self._deadline = (action.phase, self.observer.device_s + action.device_s, earliest_ns, latest_ns)
+        earliest_ns = monotonic_ns() + int(1e9 * action.wall_s)
+        expected_s = action.device_s / self.crew.bench.clock.device_rate
+        latest_ns = earliest_ns + int(1e9 * action.patience * expected_s)
+        self._deadline = (action.phase, self.observer.device_s + action.device_s, earliest_ns, latest_ns)
 
     def _tell(self, action: act.Note) -> None:
         self.note(action.level, text=action.text)
@@ -330,8 +371,18 @@ class Hands:
         if action.wait is not None:
             self.ledger.waits.append(action.wait)
 
+    def _leave_to_station(self, action: act.LeaveToStation) -> None:
+        self.asker.void()
+        self.crew.client.close(0.0)
+
     def _finish(self, action: act.Finish) -> None:
         self._deadline = None
+
+
+def cause_of(error: Exception) -> Cause:
+    """Why an action failed, by the kind of its error."""
+    slug = disk_slug(error) if isinstance(error, OSError) else "task-dies"
+    return Cause(slug, str(error) or type(error).__name__)
 
 
 def disk_slug(error: BaseException) -> str:
@@ -341,7 +392,7 @@ def disk_slug(error: BaseException) -> str:
         number = link.errno if isinstance(link, OSError) else None
         if number in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
             return "disk-full"
-        if number in {errno.EROFS, errno.EACCES, errno.EPERM}:
+        if number in {errno.EROFS, errno.EACCES, errno.EPERM, errno.EEXIST, errno.ENOENT, errno.ENOTDIR}:
             return "dir-readonly"
         link = link.__cause__
     return "fsync-error"

@@ -18,11 +18,6 @@ RANKS = (INVALID, "suspect", VALID)
 """Verdicts, worst first: of a point's attempts the best verdict counts, then the latest."""
 
 
-def attempt_name(point: TestPoint, attempt: int) -> str:
-    """Name of a point's files: its id, and from the second attempt on which attempt it is."""
-    return point.id if attempt == 1 else f"{point.id}-attempt{attempt}"
-
-
 @dataclass
 class Ledger:
     """Results by point id; a later attempt replaces an earlier one unless that one had a better verdict."""

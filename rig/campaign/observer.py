@@ -17,13 +17,13 @@ from drivers.ring import Channel
 from protocols.actuator import State as ControllerState
 from rig.campaign import event as ev
 from rig.campaign.motion_seen import MotionSight, MotionWanted
-from rig.campaign.preflight import AtRest, RestLimits, judge_rest
+from rig.campaign.preflight import AtRest
 from rig.campaign.proof_move import DamperJudge, ProofWatch
 from rig.station.interlocks import BAD
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
-REST_WINDOW_S = 0.2
+REST_WINDOW_S = 0.5
 FRESH_TEMPERATURE_NS = 300_000_000
 STILL_WINDOW_S = 0.3
 STILL_M = 0.2e-3
@@ -39,6 +39,13 @@ LIVE = {
 }
 
 Wait = Callable[[NDArray[Any]], ev.Event | None]
+
+
+STATUSES_AT_REST = 10
+"""A fast rig's window is over after one or two, which say little of the controller's own noisy force input."""
+AT_REST = (
+    Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE, Channel.COIL_CURRENT,
+)
 
 
 class Observer:
@@ -104,19 +111,25 @@ class Observer:
 
         self._wait = wait
 
-    def await_program(self, centre_m: float, since_ns: int, wanted: MotionWanted | None = None) -> None:
+    def await_program(
+        self, centre_m: float, since_ns: int, wanted: MotionWanted | None = None, ordered_cycles: float = 0.0
+    ) -> None:
         """Wait for `ProgramEnded`: after `since_ns` the controller was seen running, and holds again.
+
+        Whoever stops the rig from here forgets what is awaited first (`await_nothing`): a program that faded out, was
+        halted, or did fewer than `ordered_cycles` (ramps included) while this is awaited was ended by somebody else.
 
         A program too short to be seen running is known by its cycle pulses. It has ended once every sensor was read
         after that: what a busy station had still to read belongs to the test. With `wanted` the motion is measured.
         """
-        pulses, held_ns = self.value(Channel.PULSE, 0.0), 0
+        pulses, held_ns, stopping = self.value(Channel.PULSE, 0.0), 0, ""
         self._program_seen = False
         sight = None if wanted is None else MotionSight(wanted)
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
-            nonlocal held_ns
+            nonlocal held_ns, stopping
             states = records["value"][(records["channel"] == Channel.STATE) & (records["host_ns"] > since_ns)]
+            stopping = stopping or _stopping(states)
             seen = bool(np.any(states == ControllerState.RUNNING)) or self.value(Channel.PULSE, 0.0) != pulses
             self._program_seen = self._program_seen or seen
             if sight is not None:
@@ -125,7 +138,8 @@ class Observer:
             if holds and held_ns == 0:
                 held_ns = self._last_host_ns[Channel.STATE]
             if holds and self._read_since(held_ns):
-                return ev.ProgramEnded(self._near(centre_m), None if sight is None else sight.motion())
+                cut_short = stopping or self._cycles_missing(ordered_cycles)
+                return ev.ProgramEnded(self._near(centre_m), None if sight is None else sight.motion(), cut_short)
             return None
 
         self._wait = wait
@@ -195,8 +209,8 @@ class Observer:
             lambda at_m, since_ns: self._holds(since_ns) and self._near(at_m), lambda: self.device_s, damper
         )
 
-    def await_zeros(self, limits: RestLimits) -> None:
-        """Wait for `ZerosJudged`: the samples of the next 0.2 s of the controller's clock, judged."""
+    def await_zeros(self, judge: Callable[[AtRest], ev.Event]) -> None:
+        """Wait for what `judge` says of the next 0.5 s of the controller's clock, ten statuses at the least."""
         until_s = self.device_s + REST_WINDOW_S if self.device_s else math.nan
         parts: list[NDArray[Any]] = []
 
@@ -209,16 +223,27 @@ class Observer:
             if not self.device_s >= until_s:
                 return None
             window = np.concatenate(parts)
-            seen = AtRest(*(
-                window["value"][window["channel"] == channel].astype(np.float64)
-                for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE)
-            ), *(
+            if np.count_nonzero(window["channel"] == Channel.CONTROLLER_FORCE) < STATUSES_AT_REST:
+                return None
+            values = {
+                channel: window["value"][window["channel"] == channel].astype(np.float64) for channel in AT_REST
+            }
+            flagged = (
                 int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(BAD)))
                 for channel in (Channel.FORCE, Channel.DISPLACEMENT)
-            ))
-            return ev.ZerosJudged(judge_rest(seen, limits))
+            )
+            force, displacement = flagged
+            seen = AtRest(
+                values[Channel.FORCE], values[Channel.DISPLACEMENT], values[Channel.POSITION],
+                values[Channel.CONTROLLER_FORCE], force, displacement, values[Channel.COIL_CURRENT],
+            )
+            return judge(seen)
 
         self._wait = wait
+
+    def _cycles_missing(self, ordered_cycles: float) -> str:
+        done, ordered = self.cycles_done, math.floor(ordered_cycles + 1e-6)
+        return f"{done} of {ordered} ordered cycles done" if done < ordered else ""
 
     def _holds(self, since_ns: int) -> bool:
         newer = self._last_host_ns.get(Channel.STATE, 0) > since_ns
@@ -229,3 +254,9 @@ class Observer:
 
     def _near(self, target_m: float) -> bool:
         return abs(self.value(Channel.POSITION) - target_m) <= AT_CENTRE_M
+
+
+def _stopping(states: NDArray[np.float64]) -> str:
+    """How the controller says that it ends a program early; empty where it does not."""
+    early = [state for state in (ControllerState.FADING, ControllerState.HALTING) if np.any(states == state)]
+    return f"the controller was {early[0].name}" if early else ""

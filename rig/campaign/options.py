@@ -26,6 +26,7 @@ class CampaignOptions:
         seed: seed of the simulated rig.
         simulator_args: further arguments for `python -m simulators`, as given.
         resume_path: the directory of an earlier campaign to continue (then `out` does not count); None for a new one.
+        requalified: what was checked or replaced after a stop that demands it, in the operator's words; empty: nothing.
     """
 
     matrix_path: Path
@@ -36,6 +37,7 @@ class CampaignOptions:
     seed: int = 0
     simulator_args: tuple[str, ...] = ()
     resume_path: Path | None = None
+    requalified: str = ""
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,57 @@ class Wait:
 
 
 @dataclass(frozen=True)
+class CampaignFinding:
+    """Something about the whole session that no single point shows.
+
+    Attributes:
+        slug: its name.
+        blamed: `bench`, `specimen` or `test`.
+        text: what happened, the numbers, what to do.
+        instruments: which instruments disagree.
+        values: the numbers (SI) by name.
+    """
+
+    slug: str
+    blamed: str
+    text: str
+    instruments: tuple[str, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """One entry of `findings` in `rig run --json`."""
+        return {
+            "slug": self.slug, "blamed": self.blamed, "text": self.text, "instruments": list(self.instruments),
+            "values": dict(self.values),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class StopReport:
+    """How a campaign was stopped.
+
+    Attributes:
+        kind: `S2`, `S1`, `SO` or `HW`.
+        slug: of the first cause.
+        proved: the station proved standstill.
+        current_zero: it proved 0 A, too.
+        pressure_off: the hydraulics are proved off.
+        moved: anything had moved before.
+        unfinished: id of the point that was prepared or running; empty when there was none.
+        resume: fault matrix's word on going on: `a`, `c` (typing `--resume` confirms), `n` (requalify first).
+    """
+
+    kind: str
+    slug: str
+    proved: bool
+    current_zero: bool
+    pressure_off: bool
+    moved: bool
+    unfinished: str
+    resume: str
+
+
+@dataclass(frozen=True)
 class CampaignResult:
     """How a campaign ended.
 
@@ -116,6 +169,9 @@ class CampaignResult:
         motion_s: planned seconds of motion of the points that ran, on the rig's clock.
         start_temperature_degC: the coil's first reading of this session; None where there was none.
         waits: warming up and cooling down in this session, in order.
+        findings: what the session as a whole showed about its instruments.
+        stop: how it was stopped; None when it ran to its end or was refused.
+        confirmed: stops of earlier sessions whose mending the operator confirmed by resuming.
     """
 
     campaign: Path
@@ -130,6 +186,9 @@ class CampaignResult:
     motion_s: float
     start_temperature_degC: float | None = None
     waits: tuple[Wait, ...] = ()
+    findings: tuple[CampaignFinding, ...] = ()
+    stop: StopReport | None = None
+    confirmed: tuple[Mapping[str, str], ...] = ()
 
     @property
     def exit_code(self) -> int:
@@ -155,6 +214,9 @@ class CampaignResult:
             "motion_s": self.motion_s,
             "start_temperature_degC": self.start_temperature_degC,
             "waits": [asdict(wait) for wait in self.waits],
+            "findings": [finding.to_json() for finding in self.findings],
+            "stop": None if self.stop is None else asdict(self.stop),
+            "confirmed": [dict(stop) for stop in self.confirmed],
         }
 
 

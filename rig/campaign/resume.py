@@ -13,9 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.model import Bench
+from rig.campaign.confirmation import EarlierStop
 from rig.campaign.ledger import INVALID, RANKS
 from rig.campaign.options import CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash
+from rig.campaign.simulator_arguments import of_the_rig
+from rig.campaign.zero_return import ENTRY
 from rig.clock import utc_now
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
@@ -24,10 +27,9 @@ from rig.recording.durable import write_text_durably
 from rig.recording.recovery import recover_held
 from rig.recording.run import RecordedPoint, read_campaign
 
-SESSION_ARGUMENTS = frozenset({"--fault", "--fault-seed", "--fault-within"})
-"""Arguments of a simulated rig that belong to one session and not to the rig: an earlier fault is not repeated."""
-
-
+SLOWEST, FASTEST = 0.01, 1000.0
+"""Speeds of a simulated rig."""
+NOT_OURS = "not what a campaign writes there: repair the file or begin a new campaign"
 TEMPERATURES = ("coil_temperature_low_degC", "coil_temperature_high_degC")
 
 
@@ -40,17 +42,54 @@ def as_before(folder: Path, options: CampaignOptions) -> CampaignOptions:
             count only for a campaign that was not simulated before.
 
     Raises:
-        FileProblem: the directory holds no campaign that was begun.
+        FileProblem: the directory holds no campaign that was begun, or its description is damaged.
     """
-    before = described(folder).get("simulated")
+    before = _simulated(folder)
     if options.bench_path is not None:
         return options
     if before is None:
         return options if options.simulate else replace(options, bench_path=folder / "bench.toml")
-    kept = tuple(_without_session(before.get("arguments", [])))
-    return replace(
-        options, simulate=True, seed=int(before["seed"]), simulator_args=(*kept, *options.simulator_args)
-    )
+    kept, _ = before.arguments
+    return replace(options, simulate=True, seed=before.seed, simulator_args=(*kept, *options.simulator_args))
+
+
+def left_out(folder: Path) -> tuple[str, ...]:
+    """Options of the earlier session's simulated rig that are not given again: faults, and where files went.
+
+    Raises:
+        FileProblem: as `as_before`.
+    """
+    before = _simulated(folder)
+    return () if before is None else tuple(dict.fromkeys(before.arguments[1]))
+
+
+@dataclass(frozen=True)
+class _Simulated:
+    """How a campaign was simulated; `arguments` are those to give again, and the names of those left out."""
+
+    speed: float
+    seed: int
+    arguments: tuple[tuple[str, ...], tuple[str, ...]]
+
+
+def _simulated(folder: Path) -> _Simulated | None:
+    """How a campaign was simulated, None where it was not.
+
+    Raises:
+        FileProblem: the description holds something else than a simulated rig's options.
+    """
+    before = described(folder).get("simulated")
+    if before is None:
+        return None
+    try:
+        speed, seed, arguments = float(before["speed"]), int(before["seed"]), before.get("arguments", [])
+        sorted_out = of_the_rig(arguments)
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        raise FileProblem(str(folder / "campaign.json"), [f"simulated: {error!r}; {NOT_OURS}"]) from error
+    if not SLOWEST <= speed <= FASTEST or seed < 0:
+        text = f"simulated: speed {speed:g}, seed {seed}; {NOT_OURS}"
+        raise FileProblem(str(folder / "campaign.json"), [text])
+    return _Simulated(speed, seed, sorted_out)
 
 
 def speed_before(folder: Path) -> float:
@@ -59,8 +98,8 @@ def speed_before(folder: Path) -> float:
     Raises:
         FileProblem: the directory holds no campaign that was begun.
     """
-    before = described(folder).get("simulated")
-    return 1.0 if before is None else float(before["speed"])
+    before = _simulated(folder)
+    return 1.0 if before is None else before.speed
 
 
 def described(folder: Path) -> dict[str, Any]:
@@ -121,7 +160,8 @@ def bench_is_new(folder: Path) -> bool:
 class Stock:
     """What an earlier session left: results to keep, points to run, attempts already made of each point.
 
-    `temperatures_degC` are the lowest and highest coil temperatures of everything recorded, kept or not.
+    `temperatures_degC` are the lowest and highest coil temperatures of everything recorded, kept or not; `confirmed`
+    the stops whose mending the operator confirms by resuming.
     """
 
     remaining: tuple[TestPoint, ...]
@@ -129,6 +169,7 @@ class Stock:
     attempts: Mapping[str, int] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
     temperatures_degC: tuple[float, ...] = ()
+    confirmed: tuple[EarlierStop, ...] = ()
 
 
 def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
@@ -151,11 +192,16 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         except FileProblem as error:
             problems += [f"points/{file.name}: {problem}" for problem in error.problems]
             continue
-        temperatures_degC += [float(found.quality[each]) for each in TEMPERATURES if each in found.quality]
         name = str(found.provenance.get("point", found.id))
-        attempt = int(found.provenance.get("attempt", 1))
+        try:
+            attempt = int(found.provenance.get("attempt", 1))
+            seen_degC = [float(found.quality[each]) for each in TEMPERATURES if each in found.quality]
+            rank = (RANKS.index(found.verdict), attempt)
+        except (TypeError, ValueError) as error:
+            problems.append(f"points/{file.name}: not as a campaign writes it: {error}")
+            continue
+        temperatures_degC += seen_degC
         attempts[name] = max(attempts.get(name, 0), attempt)
-        rank = (RANKS.index(found.verdict), attempt)
         if name not in best or rank > best[name][0]:
             best[name] = rank, found
     points = tuple(points)
@@ -169,48 +215,41 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
     )
 
 
-def set_aside(folder: Path, point_id: str) -> None:
-    """Give the files of a point's earlier attempts names that no run lists, before it is run anew.
-
-    Raises:
-        OSError: one cannot be renamed.
-    """
-    for file in sorted((folder / "points").glob(f"{point_id}*.h5")):
-        rest = file.stem.removeprefix(point_id)
-        if rest and not rest.startswith("-attempt"):
-            continue
-        file.rename(_free_name(folder / "points", point_id))
-    for damaged in sorted((folder / "points").glob(f"{point_id}*.journal")):
-        damaged.rename(damaged.with_name(f"{damaged.stem}-unreadable-{utc_now():%Y%m%dT%H%M%S%f}.journal.old"))
-
-
-def _free_name(points: Path, point_id: str) -> Path:
-    number = 1
-    while (name := points / f"{point_id}-attempt{number}.h5.old").exists():
-        number += 1
-    return name
-
-
-def note_session(folder: Path, options: CampaignOptions) -> int:
+def note_session(folder: Path, options: CampaignOptions, confirmed: Iterable[EarlierStop]) -> int:
     """Enter a further session in `campaign.json`; returns its number, the first one is 1.
 
     Raises:
         Refused: it cannot be written.
     """
-    description = described(folder)
-    sessions = [*description.get("sessions", []), _session(options)]
     try:
-        text = json.dumps({**description, "sessions": sessions}, indent=1)
-        write_text_durably(folder / "campaign.json", text + "\n")
+        return _append(folder, "sessions", _session(options, confirmed)) + 1
     except OSError as error:
         raise Refused("dir-readonly", f"{folder / 'campaign.json'}: cannot be written: {error}") from error
-    return len(sessions) + 1
 
 
-def _session(options: CampaignOptions) -> dict[str, Any]:
+def note_zeros(folder: Path, check: Mapping[str, Any]) -> None:
+    """Enter a session's zero check (`ZeroReturn.to_json`) in `campaign.json`.
+
+    Raises:
+        FileProblem: there is no such campaign.
+        OSError: it cannot be written.
+    """
+    _append(folder, ENTRY, check)
+
+
+def _append(folder: Path, name: str, entry: Mapping[str, Any]) -> int:
+    description = described(folder)
+    entries = description.get(name, [])
+    entries = [*(entries if isinstance(entries, list) else ()), entry]
+    write_text_durably(folder / "campaign.json", json.dumps({**description, name: entries}, indent=1) + "\n")
+    return len(entries)
+
+
+def _session(options: CampaignOptions, confirmed: Iterable[EarlierStop]) -> dict[str, Any]:
     simulated = {"speed": options.speed, "seed": options.seed, "arguments": list(options.simulator_args)}
     return {
         "resumed_utc": utc_now().isoformat(timespec="seconds"), "simulated": simulated if options.simulate else None,
+        "confirmed": [stop.to_json() for stop in confirmed], "requalified": options.requalified,
     }  # fmt: skip
 
 
@@ -226,19 +265,3 @@ def _result(point: TestPoint, found: RecordedPoint) -> PointResult:
         current_A=point.current_A,
         lost_samples=found.lost_samples,
     )
-
-
-def _without_session(arguments: Iterable[str]) -> list[str]:
-    """A simulated rig's arguments without those of one session, with their values."""
-    kept: list[str] = []
-    skip = False
-    for argument in arguments:
-        name, equals, _ = argument.partition("=")
-        if skip:
-            skip = False
-        elif name in SESSION_ARGUMENTS:
-            skip = not equals
-        else:
-            kept.append(argument)
-    return kept
-

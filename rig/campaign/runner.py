@@ -8,31 +8,35 @@ deadlines; so a trip is always known before the answer or the fact that came wit
 
 from __future__ import annotations
 
-import logging
+import traceback
 from collections import deque
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from rig.campaign import action as act
 from rig.campaign import event as ev
+from rig.campaign import stopping
 from rig.campaign.action import Request
 from rig.campaign.asker import Outcome
 from rig.campaign.cause import SPOIL, Cause, StopKind
 from rig.campaign.conditions import conditions_of
 from rig.campaign.crew import Crew
-from rig.campaign.hands import Hands, disk_slug
+from rig.campaign.hands import Hands, cause_of
 from rig.campaign.ledger import VALID, Ledger
 from rig.campaign.load_train import LoadTrainWatch
+from rig.campaign.loop_watch import LoopWatch
 from rig.campaign.sequencer import step
 from rig.campaign.signals import Signals
-from rig.campaign.state import Phase, RigState, State, start_state
+from rig.campaign.state import Latch, Phase, RigState, State, start_state
+from rig.campaign.zero_return import ZeroReturn
 from rig.clock import WallClockWatch, monotonic_ns
 from rig.recording.finaliser import Finaliser
-from rig.recording.recorder import RecorderFailed
 from rig.recording.ring_reader import RingReader
 from rig.station.client import StationLost
 
@@ -41,8 +45,10 @@ BEAT_NS = 40_000_000
 PROGRESS_NS = 100_000_000
 STALE_HEARTBEATS = 2.0
 STATION_ENDS_S = 30.0
+MOST_FAILURES = 10
+"""So many failed turns of the loop after the first one, and the rig is left to its station."""
 
-log = logging.getLogger(__name__)
+Given = TypeVar("Given")
 
 
 class Runner:
@@ -67,25 +73,41 @@ class Runner:
         self._ring: RingReader | None = None
         self._waiting: deque[ev.Event] = deque()
         self._said: set[str] = set()
+        self._failures = 0
+        self._enough = False
+        self.current_zero = False
+        """The station's last proof of standstill proved 0 A, too."""
+        self.stop_causes: set[str] = set()
+        """Slugs of everything that stopped the rig in this session, first causes and later ones."""
         self._turn_ns = self._beat_ns = self._progress_ns = 0
         self._recorder_well = True
         self._wall_clock = WallClockWatch()
         self._load_train = LoadTrainWatch()
 
+    @property
+    def zeros(self) -> ZeroReturn:
+        """What the sensors showed at rest, before and after this session's motion."""
+        return self._hands.zeros
+
     def run(self) -> State:
         """Run until the sequencer has ended and every recorded point is judged; returns the last state.
 
-        A failure of this loop itself stops the rig like any other fault; a second one ends the loop, and the station,
-        which then hears nothing more, stops the rig by itself.
+        A failure of this loop itself stops the rig like any other fault; when it goes on failing, or stands still, the
+        station's link is closed, and the station stops the rig by itself.
         """
         self._waiting.append(ev.Begin())
+        watch = LoopWatch(lambda: self._crew.client.close(0.0))
         try:
             while self.state.phase is not Phase.ENDED:
                 self._guarded_turn()
+                watch.turned()
+            watch.end()
             if self.state.armed:
                 self._leave_to_the_station()
-            self._hands.collect_files()
+            self._collect_files()
+            self._crew.display.phase(str(Phase.ENDED))
         finally:
+            watch.end()
             self._hands.close()
             if self._ring is not None:
                 self._ring.close()
@@ -94,21 +116,56 @@ class Runner:
     def _leave_to_the_station(self) -> None:
         """A rig that could not be disarmed is shut down by its station now, before anybody waits for a disk.
 
-        Standstill that was proved before stays proved although the pressure may still be on; the operator was told.
+        A station that ends with 0 has proved standstill and taken the pressure away. Standstill that was proved before
+        stays proved although the pressure may still be on; the operator was told.
         """
         code = self._crew.client.close(STATION_ENDS_S)
         self._hands.note("station", what="ended", exit_code=code)
-        if code != 0 and not self.state.stopped:
+        if code == 0:
+            self.state = replace(self.state, armed=False, pressurised=False, powered=False)
+        elif not self.state.stopped:
             self.state = replace(self.state, rig_state=RigState.UNKNOWN)
+
+    def _collect_files(self) -> None:
+        """Wait for the points' files, unless the operator has had enough; the rig is at rest, whatever happens here."""
+        try:
+            self._hands.collect_files(self._operator_has_enough)
+        except Exception as error:  # noqa: BLE001 - the rig is at rest: whatever fails here costs no safety
+            self._hands.note("error", text=f"the points' files: {error!r}", trace=traceback.format_exc())
+            self._crew.display.message("error", f"the points' files: {error}; `rig recover` finishes what is left")
+
+    def _operator_has_enough(self) -> bool:
+        for event in self._signals.take():
+            if isinstance(event, ev.Abort):
+                self._enough = True
+                self.state = replace(self.state, latch=self.state.latch or Latch(event.stop, event.cause))
+        return self._enough
 
     def _guarded_turn(self) -> None:
         try:
             self._turn()
-        except Exception as error:
-            if "task-dies" in self._said:
-                raise
-            log.exception("the campaign's loop failed; the rig is stopped")
-            self._fault_once(Cause("task-dies", f"{type(error).__name__}: {error}"))
+        except Exception as error:  # noqa: BLE001 - the last resort of the loop stops the rig
+            self._failures += 1
+            self._tell_failure("the campaign's loop", error)
+            if self._failures == 1:
+                self._waiting.appendleft(ev.Fault(StopKind.S2, Cause("task-dies", _named(error))))
+            elif self._failures > MOST_FAILURES:
+                self.state, actions = stopping.leave_to_station(self.state, Cause("task-dies", _named(error)))
+                self._carry_out(actions)
+
+    def _tell_failure(self, what: str, error: Exception) -> None:
+        self._hands.note("error", text=f"{what} failed: {_named(error)}", trace=traceback.format_exc())
+
+    def _collected(self, what: str, source: Callable[[], Iterable[Given]]) -> list[Given]:
+        """What a source of events gives; one that fails stops the rig, and the others still count."""
+        try:
+            return list(source())
+        except Exception as error:  # noqa: BLE001 - one source that fails must not hide the others
+            if what not in self._said:
+                self._said.add(what)
+                self._tell_failure(what, error)
+                self._waiting.append(ev.Fault(StopKind.S2, Cause("task-dies", f"{what}: {_named(error)}")))
+            return []
 
     def _turn(self) -> None:
         self._beat()
@@ -121,26 +178,34 @@ class Runner:
 
     def _gather(self) -> None:
         """Collect what happened since the last turn, in the order in which it is to be taken."""
-        fact = None if self._ring is None else self._observe(self._ring.read())
+        facts = self._collected("the samples", self._facts)
         outcomes = self._hands.asker.outcomes()
         self._waiting.extend(self._signals.take())
         self._waiting.extend(self._station_events(0.0))
-        self._waiting.extend(self._answered(outcome) for outcome in outcomes)
-        if fact is not None:
-            self._waiting.append(fact)
-        for finished in self._finaliser.results():
-            result = self._hands.enter(finished)
-            if result is not None and self._is_last_attempt(finished.id, result.id):
-                self._waiting.append(ev.Judged(result.id, result.verdict == VALID))
+        self._waiting.extend(self._collected("the station's answers", lambda: map(self._answered, outcomes)))
+        self._waiting.extend(facts)
+        self._waiting.extend(self._collected("the verdicts", self._verdicts))
         self._look_for_faults()
         phase = self._hands.overdue()
         if phase is not None:
             self._waiting.append(ev.TimedOut(phase))
 
+    def _facts(self) -> list[ev.Event]:
+        fact = None if self._ring is None else self._observe(self._ring.read())
+        return [] if fact is None else [fact]
+
+    def _verdicts(self) -> list[ev.Event]:
+        events: list[ev.Event] = []
+        for finished in self._finaliser.results():
+            result = self._hands.enter(finished)
+            if result is not None and self._is_last_attempt(finished.id, result.id):
+                events.append(ev.Judged(result.id, result.verdict == VALID))
+        return events
+
     def _is_last_attempt(self, name: str, point_id: str) -> bool:
         """Whether a verdict is on the point's last attempt; a late one on an earlier attempt decides nothing."""
         attempts = self.state.attempts.count(point_id)
-        return name == (point_id if attempts <= 1 else f"{point_id}-attempt{attempts}")
+        return name == self._crew.attempt_name(point_id, max(1, attempts))
 
     def _take(self, event: ev.Event) -> None:
         before = self.state.phase
@@ -149,15 +214,22 @@ class Runner:
         self.state, actions = step(self.state, event)
         if self.state.phase is not before:
             self._hands.note("phase", phase=str(self.state.phase), after=type(event).__name__)
-            self._crew.display.phase(str(self.state.phase))
+            if self.state.phase is not Phase.ENDED:
+                self._crew.display.phase(str(self.state.phase))
+        self._carry_out(actions)
+
+    def _carry_out(self, actions: Iterable[act.Action]) -> None:
+        """Do everything a step wants; what raises becomes the next event, and nothing is energised after it."""
+        failed: list[ev.Event] = []
         for action in actions:
+            if failed and act.energises(action):
+                continue
             try:
                 self._hands.carry_out(action)
-            except RecorderFailed as error:
-                self._fault_once(Cause(disk_slug(error), str(error)))
-                if isinstance(action, act.BeginRecording):
-                    # A motion must not start without its recording; what follows the end of one goes on.
-                    break
+            except Exception as error:  # noqa: BLE001 - whatever an action raises is an event
+                self._tell_failure(type(action).__name__, error)
+                failed.append(ev.ActionFailed(action, self.state.phase, cause_of(error)))
+        self._waiting.extendleft(reversed(failed))
 
     def _tell_pause(self, event: ev.PauseAsked | ev.ResumeAsked) -> None:
         asked = isinstance(event, ev.PauseAsked)
@@ -169,7 +241,7 @@ class Runner:
         events: list[ev.Event] = []
         for message in self._crew.client.events(timeout_s=timeout_s):
             self._hands.note("station", **{_KEYS.get(key, key): value for key, value in message.items()})
-            events += self._translated(message)
+            events += self._collected(f"the station's {message.get('event')}", partial(self._translated, message))
         if not self._crew.client.alive and "gone" not in self._said:
             self._said.add("gone")
             events.append(
@@ -182,8 +254,10 @@ class Runner:
         if name in {"warning", "also"}:
             self._crew.display.message("warning", f"{message.get('slug')}: {detail}")
         if name in {"trip", "also"}:
+            self.stop_causes.add(str(message["slug"]))
             return [ev.Tripped(StopKind(message["stop"]), Cause(str(message["slug"]), detail), name == "trip")]
         if name == "safe":
+            self.current_zero = message.get("current_zero") is True
             return [ev.Safe()]
         if name == "unknown":
             return [ev.Unknown(str(message.get("reason", "")))]
@@ -247,6 +321,8 @@ class Runner:
         if self.ledger.start_temperature_degC is None:
             for temperature_degC in records["value"][records["channel"] == Channel.COIL_TEMPERATURE].tolist():
                 self.ledger.found(temperature_degC)
+        if self.state.phase is Phase.RUNNING:
+            self._hands.zeros.watch(records)
         changed = self._load_train.watch(records)
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
         if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":
@@ -302,6 +378,10 @@ class Runner:
         now_degC = self._hands.observer.value(Channel.COIL_TEMPERATURE)
         highest_degC = state.conditions.highest_start(state.point)
         return thermal.heat.time_to(highest_degC, now_degC) if now_degC > highest_degC else 0.0
+
+
+def _named(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
 
 
 _KEYS = {"event": "what"}

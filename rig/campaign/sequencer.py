@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from rig.campaign import action as act
-from rig.campaign import adaptation, conditioning, stopping
+from rig.campaign import adaptation, conditioning, deadlines, stopping
 from rig.campaign import event as ev
 from rig.campaign.action import Action, Request
 from rig.campaign.cause import Cause, StopKind
@@ -24,11 +24,12 @@ from rig.campaign.state import Phase, State
 from rig.campaign.stopping import Handler, Step
 
 CENTRING_LIMIT_S = 60.0
-CURRENT_LIMIT_S = 5.0
 ZEROS_LIMIT_S = 5.0
 PROOF_LIMIT_S = 10.0
 PROGRAM_LIMIT_S = 5.0
 JUDGING_LIMIT_S = 120.0
+"""Wall time: files are written on the host."""
+REST_EXTRA_S = 5.0
 
 
 def step(state: State, event: ev.Event) -> Step:
@@ -50,15 +51,15 @@ def step(state: State, event: ev.Event) -> Step:
 
 
 def _begin(state: State, event: ev.Begin) -> Step:
-    return stopping.enter(state, Phase.CONNECTING, act.Ask(Request.CONNECT))
+    return stopping.request(state, Phase.CONNECTING, Request.CONNECT)
 
 
 def _arm(state: State) -> Step:
-    return stopping.enter(replace(state, armed=True, proved=False), Phase.ARMING, act.Ask(Request.ARM))
+    return stopping.request(replace(state, armed=True, proved=False), Phase.ARMING, Request.ARM)
 
 
 def _prove_watchdog(state: State) -> Step:
-    return stopping.enter(state, Phase.PROVING_WATCHDOG, act.Ask(Request.STARVE_WATCHDOG))
+    return stopping.request(state, Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG)
 
 
 def _check_zeros(state: State) -> Step:
@@ -76,11 +77,11 @@ def _zeros(state: State, event: ev.ZerosJudged) -> Step:
 
 def _pressure_low(state: State) -> Step:
     state = replace(state, proved=True, pressurised=True)
-    return stopping.enter(state, Phase.PRESSURE_LOW, act.Ask(Request.HYDRAULICS_LOW))
+    return stopping.request(state, Phase.PRESSURE_LOW, Request.HYDRAULICS_LOW)
 
 
 def _pressure_on(state: State) -> Step:
-    return stopping.enter(state, Phase.PRESSURE_ON, act.Ask(Request.HYDRAULICS_ON))
+    return stopping.request(state, Phase.PRESSURE_ON, Request.HYDRAULICS_ON)
 
 
 def _powered(state: State) -> Step:
@@ -120,10 +121,11 @@ def _done(state: State, event: ev.Done) -> Step:
 def _next_point(state: State) -> Step:
     if not state.queue:
         if state.unjudged:
-            return stopping.enter(state, Phase.JUDGING, device_s=JUDGING_LIMIT_S)
+            return stopping.enter(state, Phase.JUDGING, device_s=0.0, wall_s=JUDGING_LIMIT_S)
         return stopping.finish(state)
     if state.pause_asked:
-        return stopping.enter(state, Phase.PAUSED, act.Note("info", f"paused before {state.point.id}"))
+        note = act.Note("info", f"paused before {state.point.id}")
+        return stopping.enter(state, Phase.PAUSED, note, device_s=0.0, wall_s=deadlines.PAUSE_LIMIT_S)
     if state.conditions.thermal is not None:
         return conditioning.read_temperature(state)
     return _approach(state)
@@ -148,7 +150,8 @@ def _settle(state: State) -> Step:
         return demagnetising
     largest_A = max(state.magnetised_A, program.current_A)
     state = replace(state, magnetised_A=largest_A, last_current_A=program.first_current_A)
-    return stopping.enter(state, Phase.SETTLING, act.SetCurrent(program.first_current_A), device_s=CURRENT_LIMIT_S)
+    current = act.SetCurrent(program.first_current_A)
+    return stopping.enter(state, Phase.SETTLING, current, device_s=deadlines.CURRENT_LIMIT_S)
 
 
 def _run(state: State, event: ev.CurrentSettled) -> Step:
@@ -178,6 +181,16 @@ def _stepped(state: State, event: ev.RestOver) -> Step:
     return _hold_step(state, act.SetCurrent(following))
 
 
+def _second_master(state: State, event: ev.ProgramEnded) -> Step:
+    """A program that ended before its end, though nobody here stopped it: nothing starts after it."""
+    detail = f"{conditioning.program(state).id}: the motion was ended by somebody else: {event.cut_short}"
+    return stopping.fault(state, ev.Fault(StopKind.S2, Cause("second-master", detail)))
+
+
+def _ran_through(handler: Handler) -> Handler:
+    return lambda state, event: _second_master(state, event) if event.cut_short else handler(state, event)
+
+
 def _warmed(state: State, event: ev.ProgramEnded) -> Step:
     return _onwards(replace(state, held_at_m=_held(state, event), warming=None))
 
@@ -200,7 +213,7 @@ def _held(state: State, event: ev.ProgramEnded) -> float | None:
 def _onwards(state: State) -> Step:
     """After a program that is not recorded, current still on: back to 0 A only for a pause."""
     if state.pause_asked:
-        return stopping.enter(state, Phase.CLEARING, act.SetCurrent(0.0), device_s=CURRENT_LIMIT_S)
+        return stopping.enter(state, Phase.CLEARING, act.SetCurrent(0.0), device_s=deadlines.CURRENT_LIMIT_S)
     return _next_point(state)
 
 
@@ -219,7 +232,7 @@ def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
     point = state.point
     state = replace(state, recording=False, attempts=_without_last(state.attempts, point.id), held_at_m=held_at_m)
     state, actions = _onwards(state)
-    return state, (act.DropRecording(point), note, *actions)
+    return state, (act.DropRecording(point, note.text), note, *actions)
 
 
 def _without_last(attempts: tuple[str, ...], point_id: str) -> tuple[str, ...]:
@@ -236,7 +249,7 @@ def _recorded(state: State, held_at_m: float | None, *remarks: Action) -> Step:
         state = _await_verdict(state)
     elif not state.may_repeat(point.id):
         state = replace(state, queue=state.queue[1:])
-    state, more = stopping.enter(state, Phase.CLEARING, act.SetCurrent(0.0), device_s=CURRENT_LIMIT_S)
+    state, more = stopping.enter(state, Phase.CLEARING, act.SetCurrent(0.0), device_s=deadlines.CURRENT_LIMIT_S)
     return state, actions + more
 
 
@@ -250,7 +263,8 @@ def _await_verdict(state: State) -> State:
 
 def _cleared(state: State, event: ev.CurrentSettled) -> Step:
     if state.rest_s > 0.0:
-        return stopping.enter(replace(state, rest_s=0.0), Phase.RESTING, act.Rest(state.rest_s))
+        limit_s = state.rest_s + REST_EXTRA_S
+        return stopping.enter(replace(state, rest_s=0.0), Phase.RESTING, act.Rest(state.rest_s), device_s=limit_s)
     return _next_point(state)
 
 
@@ -271,56 +285,12 @@ def _judged(state: State, event: ev.Judged) -> Step:
     return _next_point(state) if state.phase is Phase.JUDGING else (state, ())
 
 
-def _current_never_settled(state: State, event: ev.TimedOut) -> Step:
-    wanted_A = conditioning.program(state).first_current_A
-    cause = Cause("current-tracking", f"measured current did not reach {wanted_A:g} A in {CURRENT_LIMIT_S:g} s")
-    return conditioning.give_up(state, cause)
-
-
 def _resume(state: State, event: ev.ResumeAsked) -> Step:
     return _next_point(replace(state, pause_asked=False))
 
 
-# Deadlines
-
-_program_overdue: Handler = lambda state, _: stopping.fault(  # noqa: E731 - one entry of a table, four times
-    state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the motion program did not run to its end in time"))
-)
-
-OVERDUE: dict[Phase, Handler] = {
-    Phase.GATING: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S2, Cause("temperature-window", "the ECU reports no temperature"))
-    ),
-    Phase.COOLING: conditioning.cooling_overdue,
-    Phase.DEMAGNETISING: conditioning.demagnetising_overdue,
-    Phase.WARMING: _program_overdue,
-    Phase.ADAPTING: _program_overdue,
-    Phase.STEPPING: _program_overdue,
-    Phase.CHECKING_ZEROS: lambda state, _: stopping.refuse(
-        state, Cause("not-tared", "too few samples from the resting rig")
-    ),
-    Phase.PROVING_SENSORS: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the actuator did not carry out the proof move"))
-    ),
-    Phase.CENTRING: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the actuator did not reach the centre"))
-    ),
-    Phase.SETTLING: _current_never_settled,
-    Phase.RUNNING: _program_overdue,
-    Phase.CLEARING: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S1, Cause("current-stuck", "the measured current did not return to 0 A"))
-    ),
-    Phase.JUDGING: lambda state, _: stopping.finish(state),
-    Phase.STANDING: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S1, Cause("stop-ignored", "the actuator did not come to rest"))
-    ),
-    Phase.STOPPING: stopping.stop_timed_out,
-    Phase.COOLING_DOWN: lambda state, _: stopping.finish(state),
-}
-
-
 def _timed_out(state: State, event: ev.TimedOut) -> Step:
-    overdue = OVERDUE.get(state.phase) if event.phase == state.phase else None
+    overdue = deadlines.OVERDUE.get(state.phase) if event.phase == state.phase else None
     return (state, ()) if overdue is None else overdue(state, event)
 
 
@@ -334,14 +304,18 @@ NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
     (Phase.COOLING, ev.CooledDown): lambda state, _: _next_point(state),
     (Phase.DEMAGNETISING, ev.CurrentSettled): lambda state, event: conditioning.demagnetised(state, event, _settle),
     (Phase.SETTLING, ev.CurrentSettled): _run,
-    (Phase.WARMING, ev.ProgramEnded): _warmed,
-    (Phase.ADAPTING, ev.ProgramEnded): _tried,
-    (Phase.RUNNING, ev.ProgramEnded): _program_ended,
+    (Phase.WARMING, ev.ProgramEnded): _ran_through(_warmed),
+    (Phase.ADAPTING, ev.ProgramEnded): _ran_through(_tried),
+    (Phase.RUNNING, ev.ProgramEnded): _ran_through(_program_ended),
     (Phase.STEPPING, ev.RestOver): _stepped,
     (Phase.CLEARING, ev.CurrentSettled): _cleared,
     (Phase.RESTING, ev.RestOver): _rested,
     (Phase.PAUSED, ev.ResumeAsked): _resume,
-    (Phase.STANDING, ev.Standstill): stopping.stands,
+    (Phase.STANDING, ev.Standstill): lambda state, _: stopping.check_return(state),
+    (Phase.CHECKING_RETURN, ev.ZerosReturned): lambda state, _: stopping.disarm(state),
+    (Phase.CHECKING_RETURN, ev.Fault): stopping.abort_while_checking_return,
+    (Phase.CHECKING_RETURN, ev.Abort): stopping.abort_while_checking_return,
+    (Phase.CHECKING_RETURN, ev.Tripped): stopping.abort_while_checking_return,
     (Phase.STOPPING, ev.Safe): stopping.stopped,
     (Phase.COOLING_DOWN, ev.RestOver): lambda state, _: stopping.reset(state),
     (Phase.FINISHING, ev.Fault): stopping.note_abort_while_finishing,
@@ -353,6 +327,7 @@ ALWAYS: dict[type[ev.Event], Handler] = {
     ev.Declined: stopping.declined,
     ev.Judged: _judged,
     ev.TimedOut: _timed_out,
+    ev.ActionFailed: stopping.action_failed,
     ev.Spoiled: stopping.spoiled,
     ev.Fault: stopping.fault,
     ev.Abort: stopping.fault,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import secrets
 import shutil
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 from rig import __version__
 from rig.bench.model import Bench, Sensor
+from rig.campaign.adaptation import MOST_STEPS
 from rig.campaign.options import CampaignOptions
 from rig.clock import utc_now
 from rig.errors import FileProblem, Refused
@@ -65,14 +67,15 @@ def copy_into(source: Path, folder: Path, name: str) -> None:
         raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
 
 
-def check_room(folder: Path, plan: Plan, bench: Bench) -> None:
-    """Refuse a campaign that the disk cannot hold.
+def check_room(folder: Path, plan: Plan, bench: Bench, matrix: Matrix) -> None:
+    """Refuse a campaign that the disk cannot hold, records of motions out of tolerance included.
 
     Raises:
         Refused: less free space than forecast (slug `disk-full`); both numbers are in the message.
     """
     sensors = (bench.load_cell, bench.lvdt, *bench.auxiliary)
-    records = plan.recorded_s * (sum(sensor.rate_Hz for sensor in sensors) + STATUS_RECORDS_Hz)
+    rate_Hz = sum(sensor.rate_Hz for sensor in sensors) + STATUS_RECORDS_Hz
+    records = (plan.recorded_s + _corrections_s(plan, matrix)) * rate_Hz
     needed = int(records * RECORD_DTYPE.itemsize * COPIES_ON_DISK) + RESERVE_BYTES
     free = shutil.disk_usage(folder).free
     if free < needed:
@@ -80,6 +83,18 @@ def check_room(folder: Path, plan: Plan, bench: Bench) -> None:
             "disk-full",
             f"{folder}: {free / 1e6:.0f} MB free, about {needed / 1e6:.0f} MB needed; free some or give --out",
         )
+
+
+def _corrections_s(plan: Plan, matrix: Matrix) -> float:
+    """The longest that motions out of tolerance are recorded (s): what is learned of a motion serves all currents."""
+    if not matrix.sweep.adapt_amplitude:
+        return 0.0
+    motions: dict[tuple[str, float, float], float] = {}
+    for item in plan.points:
+        point = item.point
+        key = point.waveform, point.amplitude_m, point.frequency_Hz
+        motions[key] = max(motions.get(key, 0.0), point.motion_s if point.kind == "loop" else 0.0)
+    return MOST_STEPS * math.fsum(motions.values())
 
 
 def campaign_hash(bench: Bench, matrix: Matrix) -> str:
@@ -209,7 +224,7 @@ def _sensor(name: str, given: Sensor, span: float, spike_jump: float) -> SensorC
         stale_after_s=given.stale_after_s,
         baudrate=given.baudrate,
         format=given.format,
-        sensitivity=given.calibration.sensitivity,
+        sensitivity=given.sensitivity,
         offset=given.offset,
         spike_jump=spike_jump,
     )

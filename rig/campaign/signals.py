@@ -10,6 +10,7 @@ from typing import Any
 
 from rig.campaign import event as ev
 from rig.campaign.cause import Cause, StopKind
+from rig.errors import Stopped
 
 STOPS = {
     signal.SIGINT: (StopKind.S2, Cause("sigint", "Ctrl-C")),
@@ -44,6 +45,17 @@ class Signals:
                 stop, cause = STOPS[number]
                 events.append(ev.Abort(stop, cause))
         return events
+
+    def check(self) -> None:
+        """Obey before the rig is connected, where a stop needs no order.
+
+        Raises:
+            Stopped: the operator asked for a stop.
+        """
+        for number in tuple(self._caught):
+            if number in STOPS:
+                _, cause = STOPS[signal.Signals(number)]
+                raise Stopped(cause.slug, f"stopped by operator ({cause.detail}) before the rig was connected")
 
     def _catch(self, number: int, frame: FrameType | None) -> None:
         self._caught.append(number)

@@ -19,10 +19,11 @@ from rig.matrix.model import Specimen
 
 START_TIMEOUT_S = 180.0
 """The first start on a machine compiles the simulated rig's loop: 45 s were seen on two busy cores."""
-SLOW_START_S = 3.0
 STOP_TIMEOUT_S = 60.0
 EARLIER_RIG_S = 120.0
 """How long a simulated rig whose campaign was killed may need to come to rest and complete its truth file."""
+DISK_PATIENCE_S = 5.0
+"""A simulated rig on a full disk completes its truth file when there is room again: it is not waited for."""
 LOOK_AGAIN_S = 0.1
 
 
@@ -53,7 +54,7 @@ class SimulatedRig:
             folder: the campaign's directory.
             options: speed, seed and further arguments.
             specimen: the damper.
-            waiting: told the seconds waited so far (s) while it takes long.
+            waiting: told again and again the seconds waited so far (s); what it raises ends the simulated rig.
 
         Raises:
             RigError: it does not take `options.simulator_args`.
@@ -72,10 +73,13 @@ class SimulatedRig:
                 stderr=log,
                 start_new_session=True,
             )
-        line = _first_line(process, START_TIMEOUT_S, waiting)
-        if not line:
+        try:
+            line = _first_line(process, START_TIMEOUT_S, waiting)
+        except BaseException:
             process.terminate()
-            process.wait(STOP_TIMEOUT_S)
+            raise
+        if not line:
+            _end(process)
             tail = log_path.read_text(encoding="utf-8", errors="replace")[-2000:].strip()
             if process.returncode == EXIT_USAGE:
                 raise RigError(f"arguments of the simulated rig (after --): {tail}")
@@ -84,24 +88,35 @@ class SimulatedRig:
             )
         return cls(process, Path(line), truth_path)
 
-    def stop(self, settle_s: float = 0.0) -> bool:
+    def stop(self, settle_s: float = 0.0, patience_s: float = STOP_TIMEOUT_S) -> bool:
         """End it and wait for its truth file; True when it ended by itself in time.
 
         Args:
             settle_s: wall seconds it is given first, when nobody proved standstill: its dead-men act on their own, and
                 what they do belongs to the truth.
+            patience_s: wall seconds it is then waited for.
         """
         try:
             self.process.wait(settle_s)
         except subprocess.TimeoutExpired:
             self.process.terminate()
         try:
-            self.process.wait(STOP_TIMEOUT_S)
+            self.process.wait(patience_s)
         except subprocess.TimeoutExpired:
             return False
         if self.process.stdout is not None:
             self.process.stdout.close()
         return True
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a simulated rig that did not start, however it takes it."""
+    process.terminate()
+    try:
+        process.wait(STOP_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def keep_truth(truth_path: Path) -> None:
@@ -154,7 +169,7 @@ def _first_line(process: subprocess.Popen[bytes], timeout_s: float, waiting: Cal
     began_ns = monotonic_ns()
     descriptor, line = process.stdout.fileno(), b""
     while (waited_s := (monotonic_ns() - began_ns) * 1e-9) < timeout_s:
-        if not select.select([descriptor], [], [], min(SLOW_START_S, timeout_s - waited_s))[0]:
+        if not select.select([descriptor], [], [], min(LOOK_AGAIN_S, timeout_s - waited_s))[0]:
             waiting((monotonic_ns() - began_ns) * 1e-9)
             continue
         chunk = os.read(descriptor, 4096)

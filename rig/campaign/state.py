@@ -39,6 +39,7 @@ class Phase(StrEnum):
     COOLING_DOWN = "standing still until the ECU has cooled down"
     RESETTING = "resetting after a stop"
     STANDING = "coming to rest"
+    CHECKING_RETURN = "checking zeros again"
     FINISHING = "hydraulics off"
     ENDED = "ended"
 
@@ -83,6 +84,7 @@ class State:
         stopped: standstill and 0 A were proved after the latch.
         cooled_s: how long the stopped rig has waited for the ECU to cool down (s, rig's clock).
         refused: why the campaign was refused before anything moved.
+        left_to_station: the link was closed; whether the rig is safe is proved by how the station ends.
         rig_state: what is known about the rig.
         conditions: under what conditions points are measured.
         drives: how motions are commanded, as far as they were tried.
@@ -115,6 +117,7 @@ class State:
     stopped: bool = False
     cooled_s: float = 0.0
     refused: Cause | None = None
+    left_to_station: bool = False
     rig_state: RigState = RigState.SAFE
     conditions: Conditions = NO_CONDITIONS
     drives: Drives = ()

@@ -12,22 +12,34 @@ from typing import Any
 
 from rig.campaign import action as act
 from rig.campaign import event as ev
-from rig.campaign.action import Action, Request
-from rig.campaign.cause import COOLS_FIRST, Cause, StopKind, may_restart
+from rig.campaign.action import LEAST_WALL_S, PATIENCE, PROOF_WALL_S, Action, Request
+from rig.campaign.cause import COOLS_FIRST, Cause, StopKind, may_restart, stop_note
 from rig.campaign.state import Latch, Phase, RigState, State
 
 Step = tuple[State, tuple[Action, ...]]
 Handler = Callable[[State, Any], Step]
 
 STANDSTILL_LIMIT_S = 5.0
-STOP_LIMIT_S = 60.0
+STOP_LIMIT_S = 20.0
+"""Longer than any stop of the station: it fades out in at most 10 s of the rig's clock, or takes the pressure away."""
+STOP_WALL_S = 15.0
+STOP_PATIENCE = 2.0
+RETURN_LIMIT_S = 1.0
 COOLING_PAUSE_S = 20.0
 COOLING_LIMIT_S = COOLING_PAUSE_S + 10.0
 
 
-def enter(state: State, phase: Phase, *actions: Action, device_s: float | None = None) -> Step:
-    """Go to another phase: a deadline of `device_s` seconds of the rig's clock (None: no deadline), then `actions`."""
-    return replace(state, phase=phase), (act.Deadline(phase, device_s), *actions)
+def enter(
+    state: State, phase: Phase, *actions: Action, device_s: float, wall_s: float = LEAST_WALL_S,
+    patience: float = PATIENCE,
+) -> Step:
+    """Go to another phase: first its deadline (see `Deadline`), then `actions`. No phase is without one."""
+    return replace(state, phase=phase), (act.Deadline(phase, device_s, wall_s, patience), *actions)
+
+
+def request(state: State, phase: Phase, wanted: Request) -> Step:
+    """Go to a phase that waits for the station's proof of a request."""
+    return enter(state, phase, act.Ask(wanted), device_s=0.0, wall_s=PROOF_WALL_S[wanted])
 
 
 def end_recording(state: State, fault: Cause | None) -> Step:
@@ -44,9 +56,10 @@ def latch(state: State, stop: StopKind, cause: Cause, *actions: Action) -> Step:
 
 def await_proof(state: State, stop: StopKind, cause: Cause, *actions: Action) -> Step:
     """Say why the rig stops and wait for the station's proof of it."""
-    period_s = 1.0 / state.queue[0].frequency_Hz if state.queue else 0.0
-    note = act.Note("error", f"{stop}: {cause.slug}: {cause.detail}")
-    return enter(state, Phase.STOPPING, *actions, note, device_s=STOP_LIMIT_S + 2.0 * period_s)
+    note = act.Note(*stop_note(stop, cause))
+    return enter(
+        state, Phase.STOPPING, *actions, note, device_s=STOP_LIMIT_S, wall_s=STOP_WALL_S, patience=STOP_PATIENCE
+    )
 
 
 def tripped(state: State, event: ev.Tripped) -> Step:
@@ -111,7 +124,7 @@ def stopped(state: State, event: ev.Safe) -> Step:
 
 def reset(state: State) -> Step:
     """The explicit reset edge: the station forgets the trip once it has proved again what a reset demands."""
-    return enter(state, Phase.RESETTING, act.Ask(Request.RESET))
+    return request(state, Phase.RESETTING, Request.RESET)
 
 
 def cool_down(state: State) -> Step:
@@ -133,7 +146,9 @@ def reset_declined(state: State, cause: Cause) -> Step:
 def give_up_restart(state: State, event: ev.Fault | ev.Abort | ev.Tripped) -> Step:
     """Something else came up during a stop: it goes on, a reset under way too, and then the campaign ends."""
     state = without_restart(state)
-    return finish(state) if state.phase is Phase.COOLING_DOWN else (state, ())
+    if state.phase is not Phase.COOLING_DOWN:
+        return state, ()
+    return disarm(state) if state.armed else end(state)
 
 
 def not_proved_safe(state: State, event: ev.Unknown) -> Step:
@@ -144,24 +159,67 @@ def not_proved_safe(state: State, event: ev.Unknown) -> Step:
 
 
 def station_gone(state: State, event: ev.StationGone) -> Step:
-    """Nobody is left to ask; before arming nothing can move, afterwards the rig's dead-men act unseen."""
-    cause = Cause("task-dies", event.detail)
+    """Nobody is left to ask; before arming nothing can move, afterwards the rig's watchdogs act unseen."""
+    return leave_to_station(state, Cause("task-dies", event.detail))
+
+
+def overdue(state: State, event: ev.TimedOut) -> Step:
+    """What ends a stop, a reset or the campaign was not proved in time."""
+    slug = "stop-ignored" if state.phase is Phase.STOPPING else "task-dies"
+    return leave_to_station(state, Cause(slug, f"{state.phase}: the station proved nothing in time"))
+
+
+def leave_to_station(state: State, cause: Cause) -> Step:
+    """End by closing the station's link; how the station then ends says whether the rig is safe.
+
+    Before arming nothing can move: that is a refusal. What was recorded is kept as invalid.
+    """
     if not state.armed:
-        return end(replace(state, refused=state.refused or cause))
-    return lost(state, cause)
-
-
-def stop_timed_out(state: State, event: ev.TimedOut) -> Step:
-    """The stop took longer than any stop may."""
-    return lost(state, Cause("stop-ignored", "the station did not prove standstill and 0 A in time"))
+        return end(replace(state, refused=state.refused or cause) if state.latch is None else state)
+    first = state.latch or Latch(StopKind.S1, cause)
+    state, actions = end_recording(replace(state, latch=first, left_to_station=True), first.cause)
+    state, more = end(state)
+    note = act.Note("error", f"the station is left to shut the rig down: {cause.detail}")
+    return state, (act.LeaveToStation(), note, *actions, *more)
 
 
 def lost(state: State, cause: Cause) -> Step:
-    """End with the rig's state unknown; what was recorded is kept as invalid."""
-    first = state.latch or Latch(StopKind.SO, cause)
-    state, actions = end_recording(replace(state, latch=first, rig_state=RigState.UNKNOWN), first.cause)
-    state, more = end(state)
-    return state, (*actions, act.Note("error", f"the rig's state is not known: {cause.detail}"), *more)
+    """The same where it is known that nothing can be proved: the rig's state is unknown."""
+    state, actions = leave_to_station(state, cause)
+    note = act.Note("error", f"the rig's state is not known: {cause.detail}")
+    return replace(state, rig_state=RigState.UNKNOWN), (note, *actions)
+
+
+def action_failed(state: State, event: ev.ActionFailed) -> Step:
+    """Something could not be done: the rig is stopped; when that cannot be done either, it is left to its station."""
+    if state.phase is Phase.ENDED:
+        return state, ()
+    state = _without_recording(state, event)
+    essential = isinstance(event.action, act.Ask | act.Stop | act.Deadline | act.AwaitStandstill)
+    if event.phase == state.phase and essential and state.phase in ENDING:
+        return leave_to_station(state, event.cause)
+    if state.phase in ENDING:
+        return without_restart(state), ()
+    if state.phase is Phase.CHECKING_RETURN:
+        watches = isinstance(event.action, act.WatchZeros | act.Deadline)
+        return disarm(state) if watches else (without_restart(state), ())
+    if state.latch is not None or state.armed:
+        return fault(state, ev.Fault(StopKind.S2, event.cause))
+    return refuse(state, event.cause)
+
+
+ENDING = frozenset({Phase.STOPPING, Phase.RESETTING, Phase.FINISHING})
+"""Phases that wait for the station, and that no further stop can make safer."""
+
+
+def _without_recording(state: State, event: ev.ActionFailed) -> State:
+    """A recording that could not be begun is not open, and no verdict follows one that could not be ended."""
+    action = event.action
+    if isinstance(action, act.BeginRecording):
+        return replace(state, recording=False)
+    if isinstance(action, act.EndRecording):
+        return replace(state, unjudged=tuple(name for name in state.unjudged if name != action.point.id))
+    return state
 
 
 def declined(state: State, event: ev.Declined) -> Step:
@@ -224,19 +282,29 @@ def finish(state: State) -> Step:
         return end(state)
     if state.powered and state.moved and state.latch is None:
         return enter(state, Phase.STANDING, act.AwaitStandstill(), device_s=STANDSTILL_LIMIT_S)
-    return disarm(state)
+    held = state.stopped and state.latch is not None and state.latch.stop is StopKind.S2
+    return check_return(state) if state.powered and state.moved and held else disarm(state)
 
 
-def stands(state: State, event: ev.Standstill) -> Step:
-    """The rig stands still: hydraulics off."""
-    return disarm(state)
+def check_return(state: State) -> Step:
+    """The rod rests at 0 A: compare the sensors' zeros with those of the start, before the pressure goes."""
+    return enter(
+        state, Phase.CHECKING_RETURN, act.WatchZeros(again=True), device_s=RETURN_LIMIT_S, wall_s=RETURN_LIMIT_S
+    )
+
+
+def abort_while_checking_return(state: State, event: ev.Fault | ev.Abort | ev.Tripped) -> Step:
+    """The zeros are not worth a moment's delay."""
+    if isinstance(event, ev.Tripped):
+        return tripped(state, event) if state.latch is None else disarm(state)
+    return fault(state, event) if state.latch is None else disarm(state)
 
 
 def disarm(state: State) -> Step:
     """0 A, hydraulics off, give the lease back."""
-    return enter(state, Phase.FINISHING, act.Ask(Request.DISARM))
+    return request(state, Phase.FINISHING, Request.DISARM)
 
 
 def end(state: State) -> Step:
     """Nothing follows."""
-    return enter(state, Phase.ENDED, act.Finish())
+    return replace(state, phase=Phase.ENDED), (act.Finish(),)

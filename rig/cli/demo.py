@@ -25,10 +25,10 @@ MATRIX = Path(__file__).with_name("demo.toml")
 @out_option
 @json_option
 def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
-    """The whole story in under a minute on the simulated rig: plan, run, identify, report.
+    """Complete example on the simulated rig, in under a minute: plan, run, identify, report.
 
-    Real processes on real sockets, only the devices are simulated. At the end the fit stands beside the simulated
-    damper's true parameters.
+    Processes and sockets are real, only the devices are simulated. The fit is compared with the true parameters of the
+    simulated damper.
     """
     from rig.campaign.options import CampaignOptions
     from rig.cli.job import run_job
@@ -51,7 +51,7 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
 
 
 def _show_beside_truth(fit: dict[str, Any], truth_path: Path, shown: Console) -> None:
-    """The fit's simultaneous 95 % intervals beside the parameters the simulated damper really had."""
+    """The fit's 95 % intervals beside the parameters the simulated damper really had."""
     from rich.text import Text
 
     from rig.cli.tables import fit_tables, inside
@@ -61,7 +61,7 @@ def _show_beside_truth(fit: dict[str, Any], truth_path: Path, shown: Console) ->
         shown.print(part)
     judged = [inside(entry, truth.get(name)) for name, entry in fit["parameters"].items()]
     held, counted = judged.count(True), sum(item is not None for item in judged)
-    text = f"{held} of {counted} identifiable parameters have the truth inside their simultaneous 95 % interval"
+    text = f"{held} of {counted} identifiable parameters have the truth inside their 95 % interval (1 in 20 is outside)"
     shown.print(Text(text, style="green" if held == counted else "yellow"))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -11,6 +12,7 @@ from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.text import Text
 
+from rig.cli.ending import verdict_words
 from rig.cli.tables import COLOURS, duration, plan_table
 
 if TYPE_CHECKING:
@@ -76,7 +78,7 @@ class PlainDisplay:
         line.append(
             describe(result.waveform, result.amplitude_m, result.frequency_Hz, result.current_A).ljust(32), style="none"
         )
-        line.append("; ".join((result.verdict, *result.reasons)))
+        line.append(verdict_words(result))
         line.append(f"   {self.done}/{self.total}, {duration(self.time_left_s)} left", style="dim")
         self.console.print(line)
 
@@ -114,7 +116,9 @@ class LiveDisplay(PlainDisplay):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._live.stop()
+        # A terminal that went away takes the display with it, and nothing else.
+        with contextlib.suppress(OSError):
+            self._live.stop()
 
     def planned(self, plan: Plan) -> None:
         """Print the plan and give the bars their lengths."""

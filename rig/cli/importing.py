@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from rig.cli.output import Command, console, json_option, out_option, write_json
+from rig.cli.stream import say
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 
 
@@ -113,5 +114,5 @@ def command(
             text = describe(point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A)
             line = f"{point.id:<24}{text:<32}{'; '.join((point.verdict, *point.reasons))}"
             shown.print(line, markup=False)
-        click.echo(folder.resolve())
+        say(folder.resolve())
     return EXIT_DONE if valid == len(run.points) else EXIT_NOT_ALL_VALID

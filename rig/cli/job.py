@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import signal
 import subprocess
 import sys
 import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from rig.cli.ending import error_words
 from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ALL_VALID
 
 if TYPE_CHECKING:
@@ -42,7 +48,7 @@ class JobResult:
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig run --json`."""
-        said = {"error": self.campaign.detail} if self.campaign.detail else {}
+        said = {"error": error_words(self.campaign)} if self.campaign.detail else {}
         return {
             **self.campaign.to_json(),
             **said,
@@ -57,7 +63,7 @@ class Analyst:
     """The application's end of `rig.cli.analyst`; started early so that its imports happen during the motion."""
 
     def __init__(self) -> None:
-        self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115 - lives as long as the process that writes it
+        self._log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115 - lives as long as the process that writes it
         self._process = subprocess.Popen(
             [sys.executable, "-m", "rig.cli.analyst"],
             stdin=subprocess.PIPE,
@@ -106,6 +112,34 @@ def _nothing(why: str, identify: Identify | None) -> dict[str, Any]:
     return {"fit": None, "report": None, "error": None if identify is None else why, "report_error": why}
 
 
+@contextmanager
+def _status(console: Console, text: str) -> Iterator[None]:
+    """Say what is done meanwhile; a terminal that went away keeps nobody from doing it."""
+    with contextlib.ExitStack() as shown:
+        with contextlib.suppress(OSError):
+            shown.enter_context(console.status(text))
+        yield
+        with contextlib.suppress(OSError):
+            shown.close()
+
+
+@contextmanager
+def hangups_interrupt() -> Iterator[None]:
+    """While the block runs, the end of the terminal or SIGTERM interrupts it as Ctrl-C does.
+
+    A campaign has handlers of its own while it lasts; before and after it the rig is at rest.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGHUP, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def run_job(options: CampaignOptions, identify: Identify | None, console: Console) -> JobResult:
     """Run a campaign with its display, then identify what it recorded (unless it was stopped) and report it.
 
@@ -115,7 +149,7 @@ def run_job(options: CampaignOptions, identify: Identify | None, console: Consol
     from rig.campaign import run_campaign
     from rig.cli.display import display_for
 
-    with Analyst() as analyst:
+    with hangups_interrupt(), Analyst() as analyst:
         with display_for(console) as display:
             result = run_campaign(options, display)
         recorded = [point for point in result.points if point.file is not None]
@@ -123,9 +157,10 @@ def run_job(options: CampaignOptions, identify: Identify | None, console: Consol
             return JobResult(result)
         finished = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID}
         usable = finished and any(point.verdict != "invalid" for point in recorded)
-        with console.status("identifying and writing the report"):
+        with _status(console, "identifying and writing the report"):
             answer = analyst.analyse(result.campaign, identify if usable else None)
     if answer["report_error"] is not None:
-        console.print(f"warning: no report: {answer['report_error']}", style="yellow", markup=False)
+        with contextlib.suppress(OSError):
+            console.print(f"warning: no report: {answer['report_error']}", style="yellow", markup=False)
     paths = {key: None if answer[key] is None else Path(answer[key]) for key in ("fit", "report")}
     return JobResult(result, paths["fit"], paths["report"], answer["error"], answer["report_error"])

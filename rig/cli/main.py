@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
@@ -12,18 +13,19 @@ import click
 from rig import __version__
 from rig.cli.output import write_examples, write_json
 from rig.cli.packages import foreign_packages
+from rig.cli.stream import say, take_every_character
 from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, Refused, RigError, Stopped
 
 # Command -> module that holds it as `command`, and its line in the help (so that the help loads no module).
 COMMANDS = {
-    "demo": ("rig.cli.demo", "The whole story in under a minute on the simulated rig."),
+    "demo": ("rig.cli.demo", "Complete example on the simulated rig, in under a minute."),
     "plan": ("rig.cli.plan", "Judge every point of a matrix before anything moves."),
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
-    "import": ("rig.cli.importing", "Bring foreign test files into the run format."),
+    "import": ("rig.cli.importing", "Convert CSV test files to a run."),
     "report": ("rig.cli.report", "Write the report of a run."),
     "runs": ("rig.cli.runs", "List recorded runs."),
-    "recover": ("rig.cli.recover", "Finish what a broken campaign left behind."),
+    "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     "study": ("rig.cli.study", "Compare the papers' algorithms over recordings; tables and figures."),
     "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
@@ -87,33 +89,38 @@ def main(arguments: Sequence[str]) -> int:
 
     Errors a user can mend are one clear message on standard error; with `--json` also one object on standard output.
     """
+    take_every_character()
     as_json = "--json" in (arguments[: arguments.index("--")] if "--" in arguments else arguments)
     try:
         return int(cli.main(args=list(arguments), prog_name="rig", standalone_mode=False) or EXIT_DONE)
     except click.ClickException as error:
-        error.show()
+        error.show(sys.stderr)
         if as_json:
             write_json({"error": error.format_message(), "exit_code": EXIT_USAGE})
         return EXIT_USAGE
     except RigError as error:
-        click.echo(f"rig: {error}" if not isinstance(error, FileProblem) else str(error), err=True)
-        if as_json:
-            write_json(_described(error))
+        _tell(f"rig: {error}" if not isinstance(error, FileProblem) else str(error), _described(error), as_json=as_json)
         return error.exit_code
     except BrokenPipeError:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - whoever read the output has left; nothing more is said
         return EXIT_DONE
     except OSError as error:
         text = f"{error.filename or 'input or output'}: {error.strerror or error}"
-        click.echo(f"rig: {text}", err=True)
-        if as_json:
-            write_json({"error": text, "exit_code": EXIT_USAGE})
+        _tell(f"rig: {text}", {"error": text, "exit_code": EXIT_USAGE}, as_json=as_json)
         return EXIT_USAGE
     except (click.Abort, KeyboardInterrupt):
-        click.echo("rig: stopped by the operator", err=True)
-        if as_json:
-            write_json({"error": "stopped by the operator", "exit_code": EXIT_STOPPED})
+        text = "stopped by the operator"
+        _tell(f"rig: {text}", {"error": text, "exit_code": EXIT_STOPPED}, as_json=as_json)
         return EXIT_STOPPED
+
+
+def _tell(text: str, answer: dict[str, object], *, as_json: bool) -> None:
+    """Say why a command ended; a terminal that was closed takes nothing from its exit code."""
+    with contextlib.suppress(OSError):
+        say(text, err=True)
+    if as_json:
+        with contextlib.suppress(OSError):
+            write_json(answer)
 
 
 def _described(error: RigError) -> dict[str, object]:
@@ -128,9 +135,21 @@ def _described(error: RigError) -> dict[str, object]:
 def run() -> None:
     """Console entry: `rig ...`."""
     if problem := foreign_packages():
-        click.echo(f"rig: {problem}", err=True)
+        take_every_character()
+        say(f"rig: {problem}", err=True)
         sys.exit(EXIT_USAGE)
-    sys.exit(main(sys.argv[1:]))
+    code = main(sys.argv[1:])
+    _let_go_of_the_terminal()
+    sys.exit(code)
+
+
+def _let_go_of_the_terminal() -> None:
+    """What cannot be written at the very end (the terminal was closed) takes nothing from the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 if __name__ == "__main__":

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+
+from rig.cli.stream import say
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -55,7 +58,7 @@ out_option = click.option(
 
 def write_json(value: object) -> None:
     """Print one JSON object on standard output; inf and nan, which JSON lacks, become null."""
-    click.echo(json.dumps(_plain(value), indent=2, allow_nan=False))
+    say(json.dumps(_plain(value), indent=2, allow_nan=False))
 
 
 def console(*, as_json: bool = False) -> Console:
@@ -64,7 +67,10 @@ def console(*, as_json: bool = False) -> Console:
 
     shown = Console(stderr=as_json, highlight=False)
     if not shown.is_terminal:
-        shown = Console(stderr=as_json, highlight=False, width=PLAIN_WIDTH)
+        return Console(stderr=as_json, highlight=False, width=PLAIN_WIDTH)
+    if shown.is_dumb_terminal:  # rich takes these for 80 columns wide, whatever they are
+        columns, lines = shutil.get_terminal_size()
+        return Console(stderr=as_json, highlight=False, width=columns, height=lines)
     return shown
 
 

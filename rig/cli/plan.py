@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -14,26 +15,29 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 @click.command(
     name="plan",
     cls=Command,
-    examples=("rig plan examples/table1.toml --bench examples/demo-bench.toml",),
+    examples=(
+        "rig plan examples/table1.toml --bench examples/demo-bench.toml",
+        "rig plan long.toml --bench my-bench.toml --all | less",
+    ),
 )
 @click.argument("matrix", type=click.Path(path_type=Path))
 @click.option("--bench", type=click.Path(path_type=Path), required=True, help="Bench file of the rig.")
+@click.option("--all", "everything", is_flag=True, help="Show every row; without it, long plans are shown by groups.")
 @json_option
-def command(matrix: Path, bench: Path, as_json: bool) -> int:
+def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
     """Judge every point of MATRIX on a bench; exit 3 if any cannot be done, with what would fit."""
-    from rig.cli.tables import plan_table
+    from rig.cli.analysis_check import check_analysis
+    from rig.cli.plan_text import PlanText
     from rig.matrix.files import load_files
     from rig.matrix.plan import plan
 
     tests, loaded = load_files(matrix, bench)
+    check_analysis(matrix, tests)
+    overdue = tuple(f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date()))
     result = plan(tests, loaded)
-    overdue = [f"the calibration of {name} is overdue" for name in loaded.overdue(utc_now().date())]
+    result = replace(result, warnings=(*result.warnings, *overdue))
     if as_json:
-        write_json({**result.to_json(), "warnings": overdue})
+        write_json(result.to_json())
     else:
-        shown = console()
-        for part in plan_table(result):
-            shown.print(part)
-        for text in overdue:
-            shown.print(f"warning: {text}", style="yellow")
+        console().print(PlanText(result, everything))
     return EXIT_DONE if result.feasible else EXIT_REFUSED

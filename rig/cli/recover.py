@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from rig.cli.output import Command, json_option, write_json
+from rig.cli.stream import say
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 
 
@@ -15,9 +16,9 @@ from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 @click.argument("run", type=click.Path(path_type=Path))
 @json_option
 def command(run: Path, as_json: bool) -> int:
-    """Finish what a broken campaign left in RUN: every journal becomes a point's file, marked recovered.
+    """Finish the points of the interrupted campaign in RUN: every journal becomes a point's file, marked recovered.
 
-    Finished points are not touched. Exit 5 when something recovered is not valid, as a point that was cut off is.
+    Finished points are not touched. Exit 5 when a recovered point is not valid, for example because it was cut off.
     """
     from rig.recording.recovery import recover
 
@@ -25,8 +26,8 @@ def command(run: Path, as_json: bool) -> int:
     if as_json:
         write_json({"campaign": run.resolve(), "points": [asdict(item) for item in finished]})
     elif not finished:
-        click.echo("nothing to recover")
+        say("nothing to recover")
     else:
         for item in finished:
-            click.echo("  ".join(filter(None, (item.id, item.verdict, *item.reasons, item.error, item.file))))
+            say("  ".join(filter(None, (item.id, item.verdict, *item.reasons, item.error, item.file))))
     return EXIT_DONE if all(item.verdict == "valid" for item in finished) else EXIT_NOT_ALL_VALID

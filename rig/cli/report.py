@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from rig.cli.output import Command, json_option, write_json
+from rig.cli.stream import say
 from rig.errors import EXIT_DONE
 
 
@@ -23,5 +24,5 @@ def command(run: Path, as_json: bool) -> int:
         found = json.loads((path.parent / "characteristics.json").read_text(encoding="utf-8"))
         write_json({"campaign": str(run.resolve()), "report": str(path), "characteristics": found})
     else:
-        click.echo(path)
+        say(path)
     return EXIT_DONE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,6 +38,10 @@ if TYPE_CHECKING:
 @click.option(
     "--resume", type=click.Path(path_type=Path), metavar="RUN", help="Continue the campaign in RUN; valid points stay."
 )
+@click.option(
+    "--requalified", metavar="TEXT",
+    help="With --resume, after an e-stop, a broken coil and the like: what was checked or replaced; recorded.",
+)
 @click.option("--no-identify", is_flag=True, help="Record only, whatever the matrix file says.")
 @out_option
 @json_option
@@ -48,6 +53,7 @@ def command(
     speed: float | None,
     seed: int | None,
     resume: Path | None,
+    requalified: str | None,
     no_identify: bool,
     out: Path,
     as_json: bool,
@@ -56,12 +62,16 @@ def command(
 
     Ctrl-C stops the rig safely: current to 0 A, motion faded out by the controller; finished points are kept. Ctrl-Z
     pauses after the running point and, pressed again, goes on. A campaign that was stopped, crashed or lost its rig is
-    continued by --resume: on its own bench, or on a simulated rig again if it ran on one.
+    continued by --resume: on its own bench, or on a simulated rig again if it ran on one. Typing --resume confirms that
+    what stopped it was looked at and mended; what that was is printed.
     """
     if resume is not None and matrix is not None and str(matrix).startswith("-"):
         matrix, simulator_args = None, (str(matrix), *simulator_args)
     _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate)
+    words = _requalified(requalified, resume)
     from rig.campaign.options import CampaignOptions
+    from rig.cli.analysis_check import check_analysis
+    from rig.cli.ending import ending
     from rig.cli.job import run_job
     from rig.matrix.files import load_files
     from rig.matrix.model import load_matrix
@@ -69,6 +79,8 @@ def command(
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
     identify = tests.identify
+    if not no_identify:
+        check_analysis(path, tests)
     options = CampaignOptions(
         matrix_path=path,
         out=out,
@@ -78,14 +90,37 @@ def command(
         seed=0 if seed is None else seed,
         simulator_args=simulator_args,
         resume_path=resume,
+        requalified=words,
     )
     shown = console(as_json=as_json)
     result = run_job(options, identify if identify.enabled and not no_identify else None, shown)
-    if as_json:
-        write_json(result.to_json())
-    else:
-        show_result(result, shown)
+    # Whoever read the output may have left meanwhile: the exit code still says how the campaign ended.
+    with contextlib.suppress(OSError):
+        if as_json:
+            for style, text in ending(result.campaign):
+                shown.print(text, style=style, soft_wrap=True, markup=False)
+            write_json(result.to_json())
+        else:
+            show_result(result, shown)
     return result.exit_code
+
+
+def _requalified(text: str | None, resume: Path | None) -> str:
+    """What was checked or replaced, on one line; empty when nothing was said.
+
+    Raises:
+        UsageError: it says nothing, is too long, or there is nothing to resume.
+    """
+    if text is None:
+        return ""
+    from rig.campaign.confirmation import LONGEST_TEXT
+
+    words = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())
+    if resume is None:
+        raise click.UsageError("--requalified belongs to --resume RUN")
+    if not words or len(words) > LONGEST_TEXT:
+        raise click.UsageError(f"--requalified: say in 1 to {LONGEST_TEXT} characters what was checked or replaced")
+    return words
 
 
 def _matrix_path(matrix: Path | None, resume: Path | None) -> Path:
@@ -149,21 +184,17 @@ def show_result(result: JobResult, shown: Console) -> None:
 
     from rich.text import Text
 
+    from rig.cli.ending import ending
     from rig.cli.tables import duration, fit_tables
 
     campaign = result.campaign
-    if campaign.refused:
-        shown.print(Text(f"refused before anything moved: {campaign.stopped_by}", style="red"))
-    else:
+    if not campaign.refused:
         colour = "green" if campaign.valid == campaign.total else "yellow"
         line = Text(f"{campaign.valid} of {campaign.total} points valid", style=colour)
         line.append(f"; {duration(campaign.wall_s)} for {duration(campaign.motion_s)} of motion", style="none")
         shown.print(line)
-    if campaign.stopped_by is not None and not campaign.refused:
-        shown.print(Text(f"stopped by {campaign.stopped_by}; finished points are kept", style="red"))
-    if campaign.rig_state == "unknown":
-        text = "THE RIG'S STATE IS UNKNOWN: standstill or 0 A could not be proved. Go and look."
-        shown.print(Text(text, style="bold red"))
+    for style, text in ending(campaign):
+        shown.print(Text(text, style=style), soft_wrap=True)
     if result.fit is not None:
         for part in fit_tables(json.loads(result.fit.read_text(encoding="utf-8"))):
             shown.print(part)

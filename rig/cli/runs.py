@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import click
 
 from rig.cli.output import Command, console, json_option, write_json
 from rig.errors import EXIT_DONE, FileProblem
+from rig.text_file import read_json
 
 
 @click.command(name="runs", cls=Command, examples=("rig runs", "rig runs --in /data/dampers --json"))
@@ -59,26 +59,35 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
 
 def _summary(place: Path) -> dict[str, Any]:
     """One run in a few numbers; what cannot be read is said in `remark`, so that one bad run hides no others."""
+    from rig.recording.point_names import unfinished
     from rig.recording.run import Run, read_campaign
 
-    unfinished = len(list((place / "points").glob("*.journal")))
     summary: dict[str, Any] = {
         "id": place.name, "path": str(place.resolve()), "specimen": "", "points": 0, "valid": 0,
-        "unfinished": unfinished, "nrmse_percent_of_peak": None, "remark": "",
+        "unfinished": len(unfinished(place / "points")), "apart": 0, "nrmse_percent_of_peak": None, "remark": "",
     }  # fmt: skip
     try:
         summary["specimen"] = str(read_campaign(place).get("specimen", ""))
         run = Run.open(place)
         summary |= {"points": len(run.points), "valid": sum(point.verdict == "valid" for point in run.points)}
+        summary["apart"] = len(run.apart)
         summary["nrmse_percent_of_peak"] = _fit_error(place / "fit.json")
-    except (FileProblem, ValueError, KeyError) as error:
-        summary["remark"] = error.problems[0] if isinstance(error, FileProblem) else f"fit.json: {error}"
+    except FileProblem as error:
+        name = f"{Path(error.file).name}: " if error.file.endswith(".json") else ""
+        summary["remark"] = name + error.problems[0]
     return summary
 
 
 def _fit_error(path: Path) -> float | None:
-    """The fit's mean error in percent of peak; None when nothing was fitted."""
+    """The fit's mean error in percent of peak; None when nothing was fitted.
+
+    Raises:
+        FileProblem: the file is no fit.
+    """
     if not path.is_file():
         return None
-    error: float = json.loads(path.read_text(encoding="utf-8"))["error"]["nrmse_percent_of_peak"]
-    return error
+    try:
+        error = read_json(path)["error"]["nrmse_percent_of_peak"]
+        return None if error is None else float(error)
+    except (KeyError, TypeError, ValueError) as problem:
+        raise FileProblem(str(path), ["not a fit: no error.nrmse_percent_of_peak in it"]) from problem

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of the results; the same folder again goes on where it stopped.  [default: logs/study-<file's name>]",
+    help="Folder of the results; given again, it continues an interrupted study.  [default: logs/study-<file's name>]",
 )
 @click.option("--processes", type=click.IntRange(1, 1024), help="Worker processes.  [default: one for each processor]")
 @scheduler_option
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def command(file: Path, out: Path | None, processes: int | None, scheduler: str | None, as_json: bool) -> int:
     """Run the study FILE: tables, statistics and figures of both papers over its recordings.
 
-    Interrupt it when you like: finished searches are kept, the same command goes on. Writes tables (CSV), study.json
+    It can be interrupted: finished searches are kept, and the same command continues. Writes tables (CSV), study.json
     and study.html.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn

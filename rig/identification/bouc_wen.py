@@ -23,7 +23,7 @@ from rig.dampers.loop_slopes import hysteresis_with_slopes
 from rig.dampers.model import DamperModel
 from rig.identification.measurement import Measurement
 from rig.identification.projection import Projection, Weighting
-from rig.identification.separable import Solution, levenberg_marquardt
+from rig.identification.separable import Solution, levenberg_marquardt, limits_met
 from rig.identification.shortening import first_cycle
 
 FloatArray = NDArray[np.float64]
@@ -128,9 +128,12 @@ def solve_bouc_wen(
         values["vt"] = float(shape[3])
     share = sum(each.u_m.size for each in single) / sum(each.u_m.size for each in measurements)
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
+    met = limits_met(form.shape_names, shape, form.limits)
+    if "n - 1" in met:
+        met["n"] = LOWEST_EXPONENT + met.pop("n - 1")
     if model.name == "bouc_wen":
         values = to_bouc_wen(values)
-    return Solution(values, inner.objective, evaluations)
+    return Solution(values, inner.objective, evaluations, at_limit=met)
 
 
 def _shape(values: Mapping[str, float]) -> FloatArray:

@@ -63,7 +63,7 @@ def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
 
 def _fingerprint(each: RecordedPoint | Measurement) -> bytes:
     force = each.force_N if isinstance(each, Measurement) else each.force_samples.force_N
-    return hashlib.sha256(np.ascontiguousarray(force).tobytes()).digest()
+    return hashlib.sha256(np.ascontiguousarray(force).data).digest()
 
 
 def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
@@ -74,9 +74,13 @@ def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
     """
     reversed_ids = []
     for each in measurements:
-        force = each.force_N[each.scored]
-        work = (force - float(np.mean(force))) * each.v_m_s[each.scored]
-        if float(np.sum(work)) < REVERSED * float(np.sum(np.abs(work))):
+        scored = each.scored
+        mean_N, done, size = float(np.mean(each.force_N, where=scored)), 0.0, 0.0
+        for rows in each.pieces():
+            work = np.where(scored[rows], (each.force_N[rows] - mean_N) * each.v_m_s[rows], 0.0)
+            done += float(np.sum(work))
+            size += float(np.sum(np.abs(work)))
+        if done < REVERSED * size:
             reversed_ids.append(each.id)
     if 2 * len(reversed_ids) > len(measurements):
         raise IdentificationFailed(

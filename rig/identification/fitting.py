@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import rig.dampers
 from rig.dampers.algebraic import Hysteresis
 from rig.dampers.model import DamperModel
-from rig.errors import IdentificationFailed
+from rig.errors import FileProblem, IdentificationFailed
 from rig.identification.coil import find_lag, needs_lag, with_lag
 from rig.identification.consistency import (
     contradictions,
@@ -22,17 +25,19 @@ from rig.identification.consistency import (
     some,
 )
 from rig.identification.current_lag import CurrentLag, lag_of
-from rig.identification.fit import Estimate, Fit, SeriesSpring
+from rig.identification.fit import Estimate, Fit, ModelScore, SeriesSpring
 from rig.identification.identifiability import examine
 from rig.identification.judging import judged
 from rig.identification.measurement import Measurement
 from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
-from rig.identification.preparation import prepare_all
+from rig.identification.preparation import campaign_skews, prepare_all
 from rig.identification.scoring import score
 from rig.identification.selection import Candidate, compare
-from rig.identification.solving import Method, solve
+from rig.identification.separable import GivenUp
+from rig.identification.solving import PARTLY_SEPARABLE, Method, solve
 from rig.identification.uncertainty import DeclaredErrors, quantile
+from rig.recording.calibration_check import doubts
 from rig.recording.run import RecordedPoint, Run
 
 ALL = "all"
@@ -50,6 +55,7 @@ def identify(
     current: str = AFFINE,
     series_spring: bool = False,
     allowance: Allowance | None = None,
+    campaign: Sequence[RecordedPoint] = (),
     told: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
@@ -68,6 +74,7 @@ def identify(
             corrected by their own measured force.
         allowance: what the next test may ask of the machine; by default what a run's own bench and matrix allow, or
             what was tested.
+        campaign: further points of the same campaigns, neither fitted nor held out: they know of the sensors' delays.
         told: called with a line of text before each model is fitted and each comparison.
 
     Returns:
@@ -80,7 +87,7 @@ def identify(
     if allowance is None and isinstance(tests, Run):
         allowance = bench_of(tests.path)
     settings = method if isinstance(method, Method) else Method(method)
-    fitted, held_out, warnings = _split(tests, holdout)
+    fitted, held_out, warnings = _split(tests, holdout, campaign)
     refuse_reversed_signs(fitted)
     warnings += contradictions(fitted)
     lag, unusable_steps = lag_of(_recorded(tests))
@@ -102,11 +109,12 @@ def identify(
     eta_1_s = _found_lag(models, fitted, settings, told) if needs_lag(fitted) else None
     if eta_1_s is not None:
         fitted, held_out = ([with_lag(each, eta_1_s) for each in tests] for tests in (fitted, held_out))
-    candidates, refused = _candidates(models, fitted, settings, told)
+    candidates, refused, given_up = _candidates(models, fitted, settings, told)
     warnings += refused
     if told is not None and len(candidates) > 1:
         told("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, settings)
+    ranking += given_up
     if eta_1_s is not None and "eta" in best.model.names:
         values = {**best.solution.values, "eta": eta_1_s}
         best = replace(best, solution=replace(best.solution, values=values))
@@ -153,10 +161,10 @@ def identify_run(
     series_spring: bool = False,
     told: Callable[[str], None] | None = None,
 ) -> Fit:
-    """Fit recorded runs and write `fit.json` into the first of them.
+    """Fit recorded runs and write `fit.json` into the first of them, or beside the file it is.
 
     Args:
-        paths: campaign directories (or point files).
+        paths: campaign directories, folders in which exactly one campaign lies, or point files.
         model: as in `identify`.
         method: as in `identify`.
         holdout: a filter on the points, or the path of another run.
@@ -171,12 +179,12 @@ def identify_run(
         IdentificationFailed: nothing can be identified.
         FileProblem: a path is no run.
     """
-    runs = [Run.open(Path(path)) for path in paths]
+    runs = [Run.open(campaign_in(Path(path))) for path in paths]
     points = [point for run in runs for point in (run.usable if suspect else run.valid)]
     left_out = [line for run in runs for line in run.left_out if not (suspect and ": suspect (" in line)]
     if not points:
         raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}; `--suspect` takes suspect points too")
-    other = Run.open(Path(holdout)) if holdout is not None and Path(holdout).exists() else holdout
+    other = Run.open(campaign_in(Path(holdout))) if holdout is not None and Path(holdout).exists() else holdout
     tested = [*runs, other] if isinstance(other, Run) else runs
     specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}
     if len(specimens) > 1:
@@ -196,11 +204,28 @@ def identify_run(
         current=current,
         series_spring=series_spring,
         allowance=bench_of(runs[0].path),
+        campaign=[point for run in tested for point in run.usable],
         told=told,
     )
-    fit = replace(fit, warnings=(*left_out, *fit.warnings))
-    write_fit(fit, runs[0].path)
-    return fit
+    doubted = [f"calibration in doubt, and in no interval: {line}" for line in doubts(points)]
+    fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
+    written, kept = write_fit(fit, runs[0].path)
+    return replace(fit, path=written, kept=kept)
+
+
+def campaign_in(path: Path) -> Path:
+    """A campaign's directory: the path itself, or the only one that lies directly in it.
+
+    Raises:
+        FileProblem: several campaigns lie in the folder; the message names them.
+    """
+    if not path.is_dir() or (path / "points").is_dir():
+        return path
+    inside = sorted(each for each in path.iterdir() if (each / "points").is_dir())
+    if len(inside) > 1:
+        names = some([each.name for each in inside])
+        raise FileProblem(str(path), [f"{len(inside)} campaigns lie in this folder ({names}): name one of them"])
+    return inside[0] if inside else path
 
 
 def declared_errors(points: Sequence[RecordedPoint]) -> DeclaredErrors:
@@ -212,13 +237,35 @@ def declared_errors(points: Sequence[RecordedPoint]) -> DeclaredErrors:
     return DeclaredErrors(force_gain=largest("force"), displacement_gain=largest("displacement"))
 
 
-def write_fit(fit: Fit, folder: Path) -> Path:
-    """Write `fit.json` into a campaign directory, whole or not at all; returns its path."""
+def write_fit(fit: Fit, folder: Path) -> tuple[Path, Path | None]:
+    """Write `fit.json` into a campaign directory, whole or not at all.
+
+    Returns:
+        Its path, and where an older `fit.json` was kept: `fit-<UTC of its writing>.json`.
+    """
     target = folder / "fit.json"
+    kept = _kept(target)
     temporary = folder / "fit.json.tmp"
     temporary.write_text(json.dumps(fit.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
     temporary.replace(target)
-    return target
+    return target, kept
+
+
+def _kept(target: Path) -> Path | None:
+    """Give an older fit a name of its own, by the time it was written; None where there is none."""
+    if not target.is_file():
+        return None
+    written = datetime.fromtimestamp(target.stat().st_mtime, UTC).strftime("%Y%m%dT%H%M%SZ")
+    for number in itertools.count(1):
+        name = target.with_name(f"fit-{written}{'' if number == 1 else f'-{number}'}.json")
+        try:
+            name.hardlink_to(target)
+        except FileExistsError:
+            continue
+        except OSError:  # a file system without hard links
+            name.write_bytes(target.read_bytes())
+        return name
+    return None
 
 
 def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
@@ -234,8 +281,9 @@ def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
 def _split(
     tests: Run | Sequence[RecordedPoint] | Sequence[Measurement],
     holdout: str | Run | Sequence[RecordedPoint] | Sequence[Measurement] | None,
+    campaign: Sequence[RecordedPoint],
 ) -> tuple[list[Measurement], list[Measurement], list[str]]:
-    """Measurements to fit, measurements held out, warnings.
+    """Measurements to fit, measurements held out, warnings; both aligned by all points of their campaigns.
 
     Raises:
         IdentificationFailed: nothing or everything is held out, or a test is there twice or on both sides.
@@ -267,12 +315,13 @@ def _split(
     refuse_twice([*points, *fitted])
     refuse_seen([*points, *fitted], [*kept_out, *held_out])
     warnings: list[str] = []
+    skews = campaign_skews([*_all_of(tests), *(() if isinstance(holdout, str) else _all_of(holdout or ())), *campaign])
     if points or not fitted:
-        prepared, refused = prepare_all(points)
+        prepared, refused = prepare_all(points, skews)
         fitted += prepared
         warnings += refused
     if kept_out:
-        prepared, refused = prepare_all(kept_out)
+        prepared, refused = prepare_all(kept_out, skews)
         held_out += prepared
         warnings += refused
     return fitted, held_out, warnings
@@ -316,6 +365,11 @@ def _recorded(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> l
     return [each for each in given if isinstance(each, RecordedPoint)]
 
 
+def _all_of(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:
+    """As `_recorded`, with a run's suspect points."""
+    return list(tests.usable) if isinstance(tests, Run) else _recorded(tests)
+
+
 def _with_lag(fit: Fit, lag: CurrentLag) -> Fit:
     """The fit with eta from the current steps in place of an eta that loops at constant current cannot show."""
     together = quantile(len(fit.identifiable) + 1) * lag.std_1_s
@@ -338,21 +392,33 @@ def _candidates(
     fitted: Sequence[Measurement],
     method: Method,
     told: Callable[[str], None] | None,
-) -> tuple[list[Candidate], list[str]]:
-    """Every model that the method can fit, and a line for each that it cannot.
+) -> tuple[list[Candidate], list[str], tuple[ModelScore, ...]]:
+    """Every model that the method can fit, a line for each that it cannot, and those given up beside better ones.
 
     Raises:
         IdentificationFailed: no model can be fitted.
     """
-    candidates, refused = [], []
-    for number, model in enumerate(models, 1):
+    candidates, refused, given_up = [], [], []
+    rival_N = math.inf
+    for number, model in enumerate(sorted(models, key=_hardly_separable), 1):
         if told is not None:
             told(f"fitting {model.name} ({number} of {len(models)})")
         findings = examine(model, fitted)
         try:
-            candidates.append(Candidate(model, findings, solve(model, fitted, method, findings)))
+            candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
+            if len(models) > 1:
+                rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
+            candidates.append(candidate)
+        except GivenUp as reason:
+            free = len(findings.free(model.names))
+            given_up.append(ModelScore(model.name, None, math.nan, math.nan, free, method.name, str(reason)))
         except IdentificationFailed as error:
             refused.append(str(error))
     if not candidates:
         raise IdentificationFailed("; ".join(refused))
-    return candidates, refused
+    return candidates, refused, tuple(given_up)
+
+
+def _hardly_separable(model: DamperModel) -> bool:
+    """Whether all parameters have to be searched at once; such models come last, when there are others to beat."""
+    return model.states > 0 and model.name not in PARTLY_SEPARABLE

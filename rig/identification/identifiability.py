@@ -11,14 +11,17 @@ from numpy.typing import NDArray
 from rig.dampers.algebraic import TanhModel
 from rig.dampers.model import DamperModel
 from rig.identification.coil import needs_lag
+from rig.identification.leftover import pieces_of
 from rig.identification.measurement import Measurement
 from rig.identification.projection import Weighting
+from rig.identification.residuals import cycle_times_s
 from rig.identification.rivals import rivals
 from rig.identification.uncertainty import Information
 
 FloatArray = NDArray[np.float64]
 
 SAME_CURRENT_A = 0.03
+SAME_FREQUENCY = 0.02  # relative difference of the longest and the shortest cycle up to which there is one frequency
 PROPORTIONAL = 1e-4  # share of the acceleration that displacement does not explain, below which m and K are one
 ONE_SPEED = 2e-3  # share of the velocity that its sign does not explain, below which C and Fy are one
 
@@ -147,20 +150,41 @@ def _inertia(model: DamperModel, measurements: Sequence[Measurement], found: Fin
     stiffness = [name for name in STIFFNESS if name in model.names]
     if "m" not in model.names or not stiffness:
         return
-    cross = sum(float(each.a_m_s2 @ each.u_m) for each in measurements)
-    power_a = sum(float(each.a_m_s2 @ each.a_m_s2) for each in measurements)
-    power_u = sum(float(each.u_m @ each.u_m) for each in measurements)
-    if power_a <= 0.0 or power_u <= 0.0 or 1.0 - cross * cross / (power_a * power_u) > PROPORTIONAL:
+    proportional = _proportional(measurements)
+    if not proportional and not _one_frequency(measurements):
+        return
+    found.reasons["m"] = (
+        f"m is not separately identifiable from {stiffness[0]}: every test ran at one frequency, where inertia and "
+        "stiffness are proportional; add another frequency"
+    )
+    if not proportional:
+        found.reasons["m"] += f" (harmonics alone tell it here; it stays in the fit, so that {stiffness[0]} is right)"
         return
     found.held.add("m")
-    found.reasons["m"] = (
-        f"m cannot be told from {stiffness[0]}: every test ran at one frequency, where inertia and stiffness are "
-        "proportional; add another frequency"
-    )
     found.reasons[stiffness[0]] = (
         f"only {stiffness[0]} - m (2 pi f)^2 is known: every test ran at one frequency; the value given is that "
         "difference; add another frequency"
     )
+
+
+def _one_frequency(measurements: Sequence[Measurement]) -> bool:
+    """Whether all cycles last as long.
+
+    A second harmonic of the motion, or the corners of a triangle, would tell inertia and stiffness apart in a perfect
+    recording; their acceleration is known far too badly for that.
+    """
+    lasting = [np.quantile(each, (0.05, 0.95)) for each in map(cycle_times_s, measurements) if each.size]
+    if not lasting:
+        return False
+    return bool(max(each[1] for each in lasting) <= (1.0 + SAME_FREQUENCY) * min(each[0] for each in lasting))
+
+
+def _proportional(measurements: Sequence[Measurement]) -> bool:
+    """Whether acceleration follows displacement."""
+    cross = sum(float(each.a_m_s2 @ each.u_m) for each in measurements)
+    power_a = sum(float(each.a_m_s2 @ each.a_m_s2) for each in measurements)
+    power_u = sum(float(each.u_m @ each.u_m) for each in measurements)
+    return power_a > 0.0 and power_u > 0.0 and 1.0 - cross * cross / (power_a * power_u) <= PROPORTIONAL
 
 
 def _speed(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:
@@ -216,16 +240,14 @@ def _tanh(
     weighting: Weighting,
 ) -> dict[str, str]:
     """Reasons where the tanh is as good as something simpler: sgn(u), a sign function, or a straight line."""
-    yielding = np.concatenate([model.yield_shape(values, each.u_m, each.v_m_s) for each in measurements])
-    v = np.concatenate([each.v_m_s for each in measurements])
+    share, largest = _yield_use(model, values, measurements)
     viscous = [name for name in VISCOUS if name in model.names]
-    if abs(_dissipated_share(yielding, v)) < DEGENERATE:
+    if abs(share) < DEGENERATE:
         text = (
             f"cannot be told: the hysteresis is degenerate, {model.shape_names[1]} outweighs every speed, so that the "
             "tanh follows sgn(u) and the yield force dissipates nothing; only its height is known"
         )
         return {name: f"{name} {text}" for name in (*model.shape_names, *model.yield_names)}
-    largest = float(np.max(np.abs(yielding)))
     if largest < STRAIGHT:
         text = (
             f"cannot be told: the tanh is a straight line here (at most {largest:.2g}), so that yield and viscous "
@@ -252,9 +274,7 @@ def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Se
     """A warning where the tanh follows sgn(u), as with the printed lambda of 1.41 m/s: a yield force without loss."""
     if not isinstance(model, TanhModel):
         return []
-    yielding = np.concatenate([model.yield_shape(values, each.u_m, each.v_m_s) for each in measurements])
-    v = np.concatenate([each.v_m_s for each in measurements])
-    if abs(_dissipated_share(yielding, v)) >= DEGENERATE:
+    if abs(_yield_use(model, values, measurements)[0]) >= DEGENERATE:
         return []
     offset = model.shape_names[1]
     return [
@@ -264,7 +284,16 @@ def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Se
     ]
 
 
-def _dissipated_share(yielding: FloatArray, v_m_s: FloatArray) -> float:
-    """Energy that a yield force of this shape takes out, as a share of what it would with the sign of the speed."""
-    most = float(np.sum(np.abs(yielding * v_m_s)))
-    return float(np.sum(yielding * v_m_s)) / most if most > 0.0 else 1.0
+def _yield_use(
+    model: TanhModel, values: Mapping[str, float], measurements: Sequence[Measurement]
+) -> tuple[float, float]:
+    """Energy that the yield force takes out as a share of what it would with the speed's sign; its greatest shape."""
+    taken = most = largest = 0.0
+    for each in measurements:
+        for _, piece in pieces_of(model, each):
+            yielding = model.yield_shape(values, piece.u_m, piece.v_m_s)
+            power = yielding * piece.v_m_s
+            taken += float(np.sum(power))
+            most += float(np.sum(np.abs(power)))
+            largest = max(largest, float(np.max(np.abs(yielding))))
+    return (taken / most if most > 0.0 else 1.0), largest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from rig.identification.energy import judgements as energy_judgements
 from rig.identification.energy import passivity
 from rig.identification.fit import Estimate, Fit, ModelScore
 from rig.identification.identifiability import degenerate, explain
+from rig.identification.leftover import leftovers
 from rig.identification.measurement import Measurement
 from rig.identification.profile import Profile, profiles
 from rig.identification.residuals import LEAST_WIDENING, correlated
@@ -27,12 +28,14 @@ from rig.identification.solving import SEPARABLE, SQUARES, Method
 from rig.identification.uncertainty import DeclaredErrors, Information, information, quantile
 
 NONLINEAR = "nonlinear"  # all nonlinear parameters, where parameters are named
+LARGE_SHARE = 0.1  # of the force's root mean square: a parameter of unknown sign that may make up more is not known
 UNFINISHED = 1.0  # standard errors from the least-squares solution beyond which a search has not reached it
 NOTES = (
-    "low, high: pointwise 95 % intervals; simultaneous_low, simultaneous_high: 95 % for all identifiable parameters "
-    "together (Bonferroni)",
+    "low, high: 95 % interval of each parameter by itself; simultaneous_low, simultaneous_high: 95 % for all "
+    "identifiable parameters together (Bonferroni)",
     "covariance: sandwich of weighted least squares with each test's own residual variance, widened by the residual's "
-    "correlation in time, by misfit that repeats every cycle, and by the stated skew uncertainty",
+    "correlation in time, by misfit that repeats every cycle, by the stated uncertainty of skew, of the force's zero "
+    "and of the calibrations, and by the errors of the motion's Fourier series",
 )
 
 
@@ -71,11 +74,18 @@ def judged(
     weighting, (looked_at, foretold) = method.weighting(model), (fitted, held_out)
     if method.loss != SQUARES:
         looked_at, foretold = (without_outliers(model, values, tests) for tests in (fitted, held_out))
-    fits = describes(model, values, looked_at, weighting)
-    foretells = describes(model, values, foretold, weighting)
     free = best.findings.free(name for name in model.names if name in values)
-    known = information(model, values, free, fitted, replace(weighting, extra=best.solution.extra), declared)
-    reasons = {**explain(model, known, values, looked_at, weighting), **best.findings.reasons}
+    left = leftovers(model, values, free, looked_at, weighting)
+    fits = describes(model, values, looked_at, weighting, left)
+    foretells = describes(model, values, foretold, weighting)
+    robust = replace(weighting, extra=best.solution.extra)
+    known = information(model, values, free, fitted, robust, declared, left)
+    reasons = {
+        **_too_wide(known, values),
+        **_at_limits(model, best.solution),
+        **explain(model, known, values, looked_at, weighting),
+        **best.findings.reasons,
+    }
     warnings = [*warnings, *_of_tests((*fitted, *held_out))]
     warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
     if fits is not False and foretells is False:
@@ -108,6 +118,7 @@ def judged(
         notes=NOTES,
         residuals=known.residuals,
         passivity=passive,
+        equation=model.equation,
         profiles=_profiles(best, known, fitted, method, profiled),
     )
 
@@ -150,7 +161,6 @@ def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[str]
         )
     if fits is None:
         warnings.append("no test has two whole cycles, so it cannot be told whether the model fits to the noise")
-    warnings += [f"{name} would be negative; it is held at 0" for name in solution.at_bound]
     if weight == "v":
         warnings.append("weight v (equation 12) mutes the reversals; compare with weight 1")
     return warnings
@@ -199,6 +209,35 @@ def _correlated(known: Information, fitted: Sequence[Measurement]) -> list[str]:
     ]
 
 
+def _at_limits(model: DamperModel, solution: Solution) -> dict[str, str]:
+    """Why parameters at a limit are not identified: those held at 0, and those whose search ended at its limit."""
+    reasons = {
+        name: f"{name} is not identifiable: it would be negative, and is held at its limit, 0; with 95 % it is below "
+        "the upper end of its interval"
+        for name in solution.at_bound
+    }
+    for name, limit in solution.at_limit.items():
+        if name in model.names:
+            reasons[name] = (
+                f"{name} is not identifiable: its search ended at its limit, {limit:.6g}; one beyond it would fit as "
+                "well or better"
+            )
+    return reasons
+
+
+def _too_wide(known: Information, values: Mapping[str, float]) -> dict[str, str]:
+    """Why parameters are not identified whose intervals exceed their values and stand for a large part of the force."""
+    reasons, factor = {}, quantile(1, known.freedom)
+    for name, share in zip(known.names, known.share.tolist(), strict=True):
+        half = factor * known.standard_error(name)
+        if math.isfinite(half) and half > abs(values[name]) and factor * share > LARGE_SHARE:
+            reasons[name] = (
+                f"{name} is not identifiable: {values[name]:.3g} +- {half:.3g} (95 %) is wider than its value, and "
+                f"stands for {100.0 * factor * share:.0f} % of the force, for which other parameters make up"
+            )
+    return reasons
+
+
 def _estimates(
     model: DamperModel,
     values: dict[str, float],
@@ -213,17 +252,21 @@ def _estimates(
     for name in model.names:
         unit = model.parameter(name).unit
         if name in reasons or name not in known.names:
-            estimates[name] = Estimate(values.get(name), unit, identifiable=False, reason=reasons.get(name, ""))
+            entry = Estimate(values.get(name), unit, identifiable=False, reason=reasons.get(name, ""))
+            if name in solution.at_bound and name in known.names and math.isfinite(known.standard_error(name)):
+                error = known.standard_error(name)
+                entry = replace(entry, high=one * error, simultaneous_high=together * error, standard_error=error)
+            estimates[name] = entry
             continue
-        value, error = values[name], known.standard_error(name)
-        floor = 0.0 if name in solution.at_bound else -np.inf
+        value, error, parameter = values[name], known.standard_error(name), model.parameter(name)
+        lowest, highest = min(parameter.low, value), max(parameter.high, value)
         estimates[name] = Estimate(
             value=value,
             unit=unit,
-            low=max(floor, value - one * error),
-            high=value + one * error,
-            simultaneous_low=max(floor, value - together * error),
-            simultaneous_high=value + together * error,
+            low=max(lowest, value - one * error),
+            high=min(highest, value + one * error),
+            simultaneous_low=max(lowest, value - together * error),
+            simultaneous_high=min(highest, value + together * error),
             standard_error=error,
             variance_inflation=1.0 / float(known.alone[known.names.index(name)]),
         )

@@ -3,12 +3,35 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+
+PIECE = 32768  # samples that are looked at together: what is made of them stays in the processor's cache
+ARRAYS = (
+    "u_m", "v_m_s", "a_m_s2", "force_N", "current_A", "usable", "commanded_A", "unseen_v_m_s", "unseen_a_m_s2",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class MotionError:
+    """Standard errors of a motion that was found as a Fourier series.
+
+    Attributes:
+        rates_rad_s: angular frequencies of its harmonics (rad/s), shape (K,).
+        errors_m: standard error (m) of the cosine and of the sine of each, shape (K,).
+        mean_error_m: standard error of the mean (m).
+    """
+
+    rates_rad_s: FloatArray
+    errors_m: FloatArray
+    mean_error_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +58,9 @@ class Measurement:
         skew_std_s: standard uncertainty of the force-to-displacement skew left after correction (s).
         unseen_v_m_s: velocity (m/s) that sharp reversals may have beyond what the samples resolve; None when none.
         unseen_a_m_s2: acceleration (m/s^2) that goes with it.
+        motion_error: how well the motion is known; None where it is exact, or where that is unknown.
+        force_zero_std_N: standard uncertainty of the force sensor's zero, the same error in all tests (N).
+        force_step_N: quantisation step of the force (N); 0 where there is none.
         noise_N: standard deviation of the force from cycle to cycle (N); nan when it cannot be told.
         warnings: what the preparation found.
 
@@ -61,6 +87,9 @@ class Measurement:
     skew_std_s: float = 0.0
     unseen_v_m_s: FloatArray | None = None
     unseen_a_m_s2: FloatArray | None = None
+    motion_error: MotionError | None = None
+    force_zero_std_N: float = 0.0
+    force_step_N: float = 0.0
     noise_N: float = float("nan")
     warnings: tuple[str, ...] = field(default=())
 
@@ -91,5 +120,24 @@ class Measurement:
     @property
     def peak_force_N(self) -> float:
         """Greatest deviation of the measured force from its mean (N), the reference of the relative error."""
-        force = self.force_N[self.scored]
-        return float(np.max(np.abs(force - np.mean(force))))
+        force = self.force_N if self.usable is None else self.force_N[self.usable]
+        mean_N = float(np.mean(force))
+        return max(float(np.max(force)) - mean_N, mean_N - float(np.min(force)))
+
+    def rows(self, part: slice) -> Measurement:
+        """Some of the samples, next to each other, without a copy of them."""
+        piece = copy(self)
+        piece.__dict__.update({name: each[part] for name in ARRAYS if (each := getattr(self, name)) is not None})
+        return piece
+
+    def moved(self, u_m: FloatArray, v_m_s: FloatArray, a_m_s2: FloatArray) -> Measurement:
+        """The same with another motion, shape (n,) each."""
+        other = copy(self)
+        other.__dict__.update(u_m=u_m, v_m_s=v_m_s, a_m_s2=a_m_s2)
+        return other
+
+    def pieces(self) -> Iterator[slice]:
+        """Stretches of at most `PIECE` samples, one after the other."""
+        edges = np.linspace(0, self.u_m.size, max(1, math.ceil(self.u_m.size / PIECE)) + 1).astype(int).tolist()
+        for start, stop in pairwise(edges):
+            yield slice(start, stop)

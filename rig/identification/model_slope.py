@@ -17,6 +17,7 @@ FloatArray = NDArray[np.float64]
 RELATIVE_STEP = 1e-4
 TIME_STEP_S = 2e-6
 SCALE_STEP = 1e-5
+EXTENSION_STEP_M, SPEED_STEP_M_S, ACCELERATION_STEP_M_S2 = 1e-9, 1e-7, 1e-4
 
 
 def modelled_force(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
@@ -31,7 +32,11 @@ def modelled_force(model: DamperModel, values: Mapping[str, float], each: Measur
     if "eta" in model.names:
         complete.setdefault("eta", model.parameter("eta").start)
     if model.states == 0:
-        return model.force(complete, each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.dt_s)
+        whole: FloatArray = np.empty(each.u_m.size)
+        for rows in each.pieces():
+            motion = (each.u_m[rows], each.v_m_s[rows], each.a_m_s2[rows], each.current_A[rows])
+            whole[rows] = model.force(complete, *motion, each.dt_s)
+        return whole
     from rig.dampers.series import force_series
 
     state, motion = model.initial_state(float(each.u_m[0])), (each.u_m, each.v_m_s, each.a_m_s2, each.current_A)
@@ -60,7 +65,7 @@ def parameter_slopes(
         above = modelled_force(model, {**values, name: values[name] + step}, each)
         below = modelled_force(model, {**values, name: values[name] - step}, each)
         columns.append((above - below) / (2.0 * step))
-    return np.column_stack(columns)
+    return np.array(columns).T
 
 
 def _algebraic_slopes(
@@ -77,7 +82,7 @@ def _algebraic_slopes(
         columns |= {name: rate * slope for name, slope in zip(model.shape_names, slopes, strict=True)}
     if "eta" in names:
         columns["eta"] = _lag_column(model, values, each)
-    return np.column_stack([columns[name] for name in names])
+    return np.array([columns[name] for name in names]).T
 
 
 def _lag_column(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
@@ -117,15 +122,28 @@ def _motion_slope(
 ) -> FloatArray:
     forces = []
     for signed in (step, -step):
-        moved = Measurement(
-            id=each.id,
-            u_m=each.u_m + signed * direction[0],
-            v_m_s=each.v_m_s + signed * direction[1],
-            a_m_s2=each.a_m_s2 + signed * direction[2],
-            force_N=each.force_N,
-            current_A=each.current_A,
-            dt_s=each.dt_s,
-            samples_per_cycle=each.samples_per_cycle,
-        )
-        forces.append(modelled_force(model, values, moved))
+        motion = (each.u_m + signed * direction[0], each.v_m_s + signed * direction[1])
+        forces.append(modelled_force(model, values, each.moved(*motion, each.a_m_s2 + signed * direction[2])))
     return (forces[0] - forces[1]) / (2.0 * step)
+
+
+def motion_slopes(
+    model: DamperModel, values: Mapping[str, float], each: Measurement
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Change of an algebraic model's force with extension (N/m), speed (N s/m), acceleration (kg), (n,) each."""
+    one, none = np.ones_like(each.u_m), np.zeros_like(each.u_m)
+    return (
+        _motion_slope(model, values, each, (one, none, none), EXTENSION_STEP_M),
+        _motion_slope(model, values, each, (none, one, none), SPEED_STEP_M_S),
+        _motion_slope(model, values, each, (none, none, one), ACCELERATION_STEP_M_S2),
+    )
+
+
+def force_change(
+    model: DamperModel,
+    values: Mapping[str, float],
+    each: Measurement,
+    direction: tuple[FloatArray, FloatArray, FloatArray],
+) -> FloatArray:
+    """Change of the modelled force (N) with a small change of extension (m), speed (m/s) and acceleration, (n,)."""
+    return _motion_slope(model, values, each, direction, 1.0)

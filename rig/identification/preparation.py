@@ -8,7 +8,7 @@ where the point knows it, else the measured mean.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,13 @@ from protocols.quality import Quality
 from rig.errors import IdentificationFailed, RigError
 from rig.identification.coil import LEAST_STEP_A
 from rig.identification.consistency import some
-from rig.identification.measurement import Measurement
+from rig.identification.measurement import Measurement, MotionError
 from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
-from rig.recording.differentiation import Motion, harmonic, savitzky_golay
+from rig.recording.differentiation import HarmonicFit, Motion, harmonic, savitzky_golay, with_orders
 from rig.recording.loop_shape import noise_of
 from rig.recording.run import RecordedPoint
-from rig.recording.skew_pooling import Skew, pooled_skews
+from rig.recording.skew_pooling import PointSkew, pooled_skews
+from rig.recording.spectral_lines import coefficient_errors, quantisation_step
 
 FloatArray = NDArray[np.float64]
 
@@ -32,27 +33,55 @@ FEWEST_SAMPLES = 50
 STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its mean is better than its samples
 LARGEST_MISSING_SHARE = 0.2
 MEDIAN_OF_NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
+LOW_ORDERS = 7  # of the motion's series that are always in it
+HIGHEST_OF_RATE = 0.4  # frequency of the highest, as a share of the displacement's sampling rate
+SATURATED_OF_NEXT = 4.0  # samples at the extreme value over those one step from it: a smooth top has at most 2.5 times
 SATURATED_RUN = 5  # equal extreme values in a row that mean that the force stood at the end of its range
 
 
-def prepare_all(points: Iterable[RecordedPoint]) -> tuple[list[Measurement], list[str]]:
+Skews = Mapping[tuple[Path | None, str], PointSkew]
+"""What each campaign as a whole knows of its points' skew, by folder and point."""
+
+
+def campaign_skews(points: Iterable[RecordedPoint]) -> Skews:
+    """The skew of every point by all points of its campaign.
+
+    Args:
+        points: everything that was recorded, whatever it is for: what is fitted and what is held out lie on one time
+            base only when neither is aligned by itself.
+    """
+    runs: dict[Path | None, dict[str, RecordedPoint]] = {}
+    for point in points:
+        if point.verdict != "invalid":
+            runs.setdefault(_folder(point), {})[point.id] = point
+    return {
+        (folder, name): skew for folder, group in runs.items()
+        for name, skew in pooled_skews(list(group.values())).items()
+    }
+
+
+def _folder(point: RecordedPoint) -> Path | None:
+    return None if point.path is None else point.path.resolve().parent
+
+
+def prepare_all(
+    points: Iterable[RecordedPoint], skews: Skews | None = None
+) -> tuple[list[Measurement], list[str]]:
     """Measurements of all points that can be used, and one warning for each that cannot.
+
+    Args:
+        points: the points to prepare.
+        skews: of `campaign_skews`, of the whole campaigns that the points belong to; None: the points are all there is.
 
     Raises:
         IdentificationFailed: no point can be used; the message says why for each.
     """
     measurements, refusals = [], []
     given = list(points)
-    runs: dict[Path | None, list[RecordedPoint]] = {}
-    for point in given:
-        runs.setdefault(None if point.path is None else point.path.parent, []).append(point)
-    skews = {
-        folder: pooled_skews([point for point in group if point.verdict != "invalid"]) for folder, group in runs.items()
-    }
+    known = campaign_skews(given) if skews is None else skews
     for point in given:
         try:
-            folder = None if point.path is None else point.path.parent
-            measurements.append(prepare(point, skews[folder].get(point.id)))
+            measurements.append(prepare(point, known.get((_folder(point), point.id))))
         except RigError as error:
             refusals.append(f"{point.id} left out: {error}")
     if not measurements:
@@ -61,7 +90,7 @@ def prepare_all(points: Iterable[RecordedPoint]) -> tuple[list[Measurement], lis
     return measurements, refusals
 
 
-def prepare(point: RecordedPoint, skew: Skew | None = None) -> Measurement:
+def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     """A recorded point as a measurement.
 
     The inertia of the fixture between load cell and damper is taken off the force.
@@ -89,14 +118,15 @@ def prepare(point: RecordedPoint, skew: Skew | None = None) -> Measurement:
     grid_s, force_N, usable = _force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
     warned: list[str] = []
     current_A, commanded = _current(point, grid_s, warned)
-    motion = _motion(time_s, displacement_m, float(np.mean(cycles.frequency_Hz)), grid_s)
+    motion, motion_error = _motion(time_s, displacement_m, float(np.mean(cycles.frequency_Hz)), grid_s)
     if motion.harmonics is None:
         warnings.append(
             f"{point.id}: the motion does not repeat from cycle to cycle; a local polynomial gives the velocity"
         )
     mean_m = motion.harmonics.mean_m if motion.harmonics is not None else cycles.mean_m
     reference_m = mean_m if point.mid_stroke_m is None else point.mid_stroke_m
-    usable, saturated = _without_saturation(point.id, force_N, usable, len(cycles))
+    step_N = quantisation_step(force_N[usable])
+    usable, saturated = _without_saturation(point.id, force_N, usable, len(cycles), step_N)
     warnings += saturated
     dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
     per_cycle = round(float(np.mean(np.diff(cycles.start_s))) / dt_s)
@@ -119,9 +149,14 @@ def prepare(point: RecordedPoint, skew: Skew | None = None) -> Measurement:
         skew_std_s=point.skew_std_s if skew is None else skew.std_s,
         unseen_v_m_s=None if unseen is None else unseen[0],
         unseen_a_m_s2=None if unseen is None else unseen[1],
+        motion_error=motion_error,
+        force_zero_std_N=_stated(point, "force_zero_std_N"),
+        force_step_N=step_N,
         commanded_A=None if commanded is None else commanded[1],
         commanded_before_A=None if commanded is None else commanded[0],
-        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles) if commanded is None else noise_of(force_N[usable]),
+        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles, step_N)
+        if commanded is None
+        else noise_of(force_N[usable]),
         warnings=(*warnings, *warned),
     )
 
@@ -168,17 +203,39 @@ def _force_on_grid(
     return grid_s, force, usable
 
 
-def _motion(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, wanted_s: FloatArray) -> Motion:
-    """Motion at the wanted times: harmonic where it repeats, else a local polynomial over a tenth of a cycle."""
+def _motion(
+    time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, wanted_s: FloatArray
+) -> tuple[Motion, MotionError | None]:
+    """Motion at the wanted times and its errors: harmonic where it repeats, else a local polynomial.
+
+    The lowest orders are in the series whether they stand out of the noise or not: one that is left out biases the
+    parameters by an unknown amount, and one that is in adds an error that is known.
+    """
     fit = harmonic(time_s, displacement_m, frequency_Hz)
-    if fit.repeats:
-        return Motion(wanted_s, *fit.at(wanted_s), "harmonic", fit)
     whole = np.isfinite(displacement_m)
     spacing = float(np.median(np.diff(time_s)))
+    if fit.repeats:
+        highest = min(LOW_ORDERS, int(HIGHEST_OF_RATE / (spacing * frequency_Hz)))
+        orders = np.union1d(fit.orders, np.arange(1, highest + 1))
+        series = with_orders(fit, time_s[whole], displacement_m[whole], orders)
+        left_m = displacement_m[whole] - series.at(time_s[whole])[0]
+        error = _motion_error(series, time_s[whole], left_m, quantisation_step(displacement_m[whole]))
+        return Motion(wanted_s, *series.at(wanted_s), "harmonic", fit), error
     even_s = np.arange(time_s[0], time_s[-1] + spacing / 2.0, spacing)
     local = savitzky_golay(even_s, np.interp(even_s, time_s[whole], displacement_m[whole]), 0.1 / frequency_Hz)
     at = [np.interp(wanted_s, even_s, values) for values in (local.u_m, local.v_m_s, local.a_m_s2)]
-    return Motion(wanted_s, at[0], at[1], at[2], "savitzky_golay", None)
+    return Motion(wanted_s, at[0], at[1], at[2], "savitzky_golay", None), None
+
+
+def _motion_error(series: HarmonicFit, time_s: FloatArray, left_m: FloatArray, step_m: float) -> MotionError:
+    errors_m = coefficient_errors(time_s, left_m, series.omega_rad_s, series.orders, step_m)
+    return MotionError(np.asarray(series.orders * series.omega_rad_s, np.float64), errors_m[1:], float(errors_m[0]))
+
+
+def _stated(point: RecordedPoint, name: str) -> float:
+    """A number among a point's recorded qualities; 0 where it was not recorded."""
+    value = point.quality.get(name)
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
 
 
 def _current(
@@ -232,7 +289,7 @@ def _enough(good: int, count: int, what: str) -> None:
 
 
 def _without_saturation(
-    name: str, force_N: FloatArray, usable: NDArray[np.bool_], cycles: int
+    name: str, force_N: FloatArray, usable: NDArray[np.bool_], cycles: int, step_N: float
 ) -> tuple[NDArray[np.bool_], list[str]]:
     """Which samples remain where the force stands still at an extreme value in half of the cycles, and a warning.
 
@@ -250,6 +307,9 @@ def _without_saturation(
         standing = int(np.count_nonzero(stops - starts >= SATURATED_RUN))
         if standing < 2 or 2 * standing < cycles:
             continue
+        beside = np.abs(np.abs(force_N[usable] - extreme) - step_N) < 0.5 * step_N
+        if np.count_nonzero(same) < SATURATED_OF_NEXT * np.count_nonzero(beside):
+            continue
         for start, stop in zip(starts, stops, strict=True):
             margin = SATURATED_RUN + (stop - start) // 5 if stop - start >= SATURATED_RUN else 0
             kept[max(0, start - margin) : stop + margin] = False
@@ -262,14 +322,19 @@ def _without_saturation(
     return kept, warnings
 
 
-def cycle_scatter_N(force_N: FloatArray, usable: NDArray[np.bool_], time_s: FloatArray, cycles: Cycles) -> float:
+def cycle_scatter_N(
+    force_N: FloatArray, usable: NDArray[np.bool_], time_s: FloatArray, cycles: Cycles, step_N: float = 0.0
+) -> float:
     """Standard deviation (N) of the force at equal phase of successive cycles; nan with fewer than two cycles.
 
     Each sample is compared with the next cycle's force, interpolated at the same phase. The median of the differences
-    is taken, so that the corners of the loop, where interpolation errs, do not count.
+    is taken, so that the corners of the loop, where interpolation errs, do not count. A median of quantised values is
+    itself a whole number of steps, so each value first gets a random part of a step (the same in every call), whose
+    variance is taken off again.
     """
     if len(cycles) < 2:
         return math.nan
+    force_N = force_N + step_N * (np.random.default_rng(0).random(force_N.size) - 0.5)
     phase = np.interp(time_s, cycles.start_s, np.arange(cycles.start_s.size))
     position = np.interp(phase + 1.0, phase, np.arange(phase.size, dtype=float))
     inside = usable & (phase + 1.0 <= phase[-1])
@@ -279,8 +344,7 @@ def cycle_scatter_N(force_N: FloatArray, usable: NDArray[np.bool_], time_s: Floa
     later = force_N[low[inside]] * (1.0 - share) + force_N[low[inside] + 1] * share
     spread = np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
     differences = (force_N[inside] - later) / spread
-    return (
-        float(np.median(np.abs(differences - np.median(differences))) / 0.674489750196)
-        if differences.size
-        else math.nan
-    )
+    if differences.size == 0:
+        return math.nan
+    scatter_N = float(np.median(np.abs(differences - np.median(differences)))) / MEDIAN_OF_NORMAL
+    return math.sqrt(max(0.0, scatter_N**2 - step_N**2 / 12.0))

@@ -19,11 +19,16 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.identification.measurement import Measurement
+
 FloatArray = NDArray[np.float64]
 
 MOST_CYCLES = 50  # lags of whole cycles that are averaged
 MOST_LAGS = 20
 FEWEST_SAMPLES = 30
+LONGEST_PART = 1 << 16  # samples whose autocovariance is found at once
+FEWEST_CYCLES_A_PART = 8
+MOST_TESTED = 1 << 15  # samples on which whiteness is tested
 SIGNIFICANT = 3.0  # standard errors beyond which something repeats
 FALSE_ALARM = 0.01  # of all tests of a fit together
 LEAST_WIDENING = 1.25  # by which intervals must be widened before it is worth a warning
@@ -56,7 +61,9 @@ class Residual:
         return min(known, default=1.0)
 
 
-def judge(residual_N: FloatArray, counting: NDArray[np.bool_], u_m: FloatArray, dt_s: float) -> Residual:
+def judge(
+    residual_N: FloatArray, counting: NDArray[np.bool_], u_m: FloatArray, dt_s: float, *, known_power: float = 0.0
+) -> Residual:
     """Judge one test.
 
     Args:
@@ -64,26 +71,28 @@ def judge(residual_N: FloatArray, counting: NDArray[np.bool_], u_m: FloatArray, 
         counting: which samples count, shape (n,).
         u_m: extension about mid-stroke (m), whose crossings show the cycles, shape (n,).
         dt_s: sampling interval (s).
+        known_power: mean square (N^2) of what repeats and is counted elsewhere, such as errors of the motion.
     """
-    kept = residual_N[counting]
-    power = float(np.mean(kept**2)) if kept.size else 0.0
-    if kept.size < FEWEST_SAMPLES or power == 0.0:
+    count, whole = int(np.count_nonzero(counting)), residual_N.size
+    power = float(np.sum(np.square(residual_N), where=counting)) / max(1, count)
+    if count < FEWEST_SAMPLES or power == 0.0:
         return Residual(math.sqrt(power), 0.0, dt_s, math.nan, math.nan, 1.0)
-    gamma, pairs = autocovariance(np.where(counting, residual_N, 0.0), kept.size / residual_N.size)
     period = samples_a_cycle(u_m)
+    gamma, pairs = _autocovariance_of_parts(residual_N, counting, period)
     repeating, error = _repeating(gamma, pairs, period)
     half = repeating.size
     noise = gamma[:half] - repeating
-    limit = 2.0 / math.sqrt(kept.size)
+    limit = 2.0 / math.sqrt(count)
     memory = _memory(noise, limit)
     rest = noise[0] + 2.0 * float(np.sum(noise[1:memory]))
-    if repeating[0] > SIGNIFICANT * error:
+    if repeating[0] - known_power > SIGNIFICANT * error:
+        repeating *= 1.0 - known_power / repeating[0]
         misfit = repeating[0] + 2.0 * float(np.sum(repeating[1 : _memory(repeating, limit)]))
-        cycles = residual_N.size / period
+        cycles = whole / period
     else:
         misfit, cycles, repeating = 0.0, 0.0, np.zeros(half)
     stride = max(1, min(memory, round(half / 4)))
-    thinned = residual_N[::stride][counting[::stride]]
+    thinned = residual_N[::stride][counting[::stride]][:MOST_TESTED]
     return Residual(
         noise_N=math.sqrt(max(float(noise[0]), 0.0)),
         repeating_N=math.sqrt(float(repeating[0])),
@@ -92,6 +101,25 @@ def judge(residual_N: FloatArray, counting: NDArray[np.bool_], u_m: FloatArray, 
         runs_p=_runs(thinned),
         widening=max(1.0, (max(rest, 0.0) + cycles * max(misfit, 0.0)) / power),
     )
+
+
+def _autocovariance_of_parts(
+    residual_N: FloatArray, counting: NDArray[np.bool_], period: float
+) -> tuple[FloatArray, FloatArray]:
+    """Autocovariance and number of pairs, averaged over parts of a long test of at least a few cycles each."""
+    whole = residual_N.size
+    parts = max(1, min(whole // LONGEST_PART, int(whole / (FEWEST_CYCLES_A_PART * period))))
+    size = whole // parts
+    products, pairs = np.zeros(size), np.zeros(size)
+    for start in range(0, parts * size, size):
+        inside = counting[start : start + size]
+        share = float(np.mean(inside))
+        if share > 0.0:
+            kept = np.where(inside, residual_N[start : start + size], 0.0)
+            gamma, weight = autocovariance(kept, share)
+            products += gamma * weight
+            pairs += weight
+    return products / np.maximum(pairs, 1.0), pairs
 
 
 def autocovariance(values: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
@@ -111,15 +139,24 @@ def samples_a_cycle(u_m: FloatArray) -> float:
     The direction that has more of them counts: whole cycles cut at their upward crossings have none at their ends. The
     length where neither has two, as in a single cycle.
     """
-    about_mean = u_m - float(np.mean(u_m))
-    exact = max(_upward_crossings(about_mean), _upward_crossings(-about_mean), key=len)
+    exact = _crossings(u_m)
     return float(u_m.size) if exact.size < 2 else float((exact[-1] - exact[0]) / (exact.size - 1))
 
 
-def _upward_crossings(x: FloatArray) -> FloatArray:
-    """Where (in samples, not rounded) x rises through zero."""
-    rising = np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
-    return np.asarray(rising + x[rising] / (x[rising] - x[rising + 1]))
+def cycle_times_s(each: Measurement) -> FloatArray:
+    """How long each whole cycle of a test lasts (s), from the crossings that `samples_a_cycle` counts, shape (k,)."""
+    return np.asarray(np.diff(_crossings(each.u_m)) * each.dt_s)
+
+
+def _crossings(u_m: FloatArray) -> FloatArray:
+    """Where (in samples, not rounded) the mean is crossed upwards, or downwards where that is more often."""
+    mean_m = float(np.mean(u_m))
+    above = u_m > mean_m
+    upwards = np.flatnonzero(~above[:-1] & above[1:])
+    downwards = np.flatnonzero(above[:-1] & ~above[1:])
+    before = upwards if upwards.size >= downwards.size else downwards
+    low, high = u_m[before] - mean_m, u_m[before + 1] - mean_m
+    return np.asarray(before + low / (low - high))
 
 
 def _repeating(gamma: FloatArray, pairs: FloatArray, period: float) -> tuple[FloatArray, float]:
@@ -152,7 +189,8 @@ def _portmanteau(values: FloatArray) -> float:
     if lags < 3:
         return math.nan
     centred = values - float(np.mean(values))
-    rho = np.array([float(centred[k:] @ centred[:-k]) for k in range(1, lags + 1)]) / float(centred @ centred)
+    gamma, pairs = autocovariance(centred, 1.0)
+    rho = gamma[1 : lags + 1] * pairs[1 : lags + 1] / (gamma[0] * pairs[0])
     q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
     spread = 2.0 / (9.0 * lags)
     return 1.0 - NormalDist().cdf(((q / lags) ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread))

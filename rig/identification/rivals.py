@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.dampers.algebraic import TanhModel
+from rig.identification.leftover import pieces_of
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import parameter_slopes
 from rig.identification.projection import Weighting
@@ -63,8 +64,8 @@ def rivals(
     def bent(slope_s_m: float) -> Shape:
         return lambda each: np.tanh(slope_s_m * each.v_m_s)
 
-    def least(shape: Shape) -> tuple[float, float]:
-        return _least_squares(model, found.names, shape, measurements, weighting)
+    def least(*shapes: Shape) -> tuple[list[float], float]:
+        return _least_squares(model, found.names, shapes, measurements, weighting)
 
     def needed(side: Side) -> bool:
         whole, rest = (
@@ -73,15 +74,14 @@ def rivals(
         )
         return bool(np.any(rest > RESTS_ON**2 * whole))
 
-    best, power = least(fitted)
+    (best, everywhere, *sides), power = least(fitted, *(saturated(side) for side in (_everywhere, _towards, _away)))
     limit = best * (1.0 + TOLD_APART / found.freedom) + ROUNDING * power
-    steep = least(saturated(_everywhere))[0] < limit or any(
-        least(saturated(side))[0] < limit and needed(side) for side in (_towards, _away)
-    )
+    one_sided = zip(sides, (_towards, _away), strict=True)
+    steep = everywhere < limit or any(left < limit and needed(side) for left, side in one_sided)
     if not steep:
         return False, False
-    top_m_s = max(float(np.max(np.abs(each.v_m_s))) for each in measurements)
-    return True, any(least(bent(argument / top_m_s))[0] < limit for argument in BENT)
+    top_m_s = max(float(max(np.max(each.v_m_s), -np.min(each.v_m_s))) for each in measurements)
+    return True, min(least(*(bent(argument / top_m_s) for argument in BENT))[0]) < limit
 
 
 def _everywhere(each: Measurement) -> Mask:
@@ -101,23 +101,38 @@ def _away(each: Measurement) -> Mask:
 
 
 def _least_squares(
-    model: TanhModel, names: Sequence[str], shape: Shape, measurements: Sequence[Measurement], weighting: Weighting
-) -> tuple[float, float]:
-    """Least weighted sum of squares over the linear parameters among `names` for a yield shape; and the force's own."""
+    model: TanhModel,
+    names: Sequence[str],
+    shapes: Sequence[Shape],
+    measurements: Sequence[Measurement],
+    weighting: Weighting,
+) -> tuple[list[float], float]:
+    """Least weighted sum of squares over the linear parameters among `names` for each yield shape; the force's own."""
     free = [k for k, name in enumerate(model.fixed_names) if name in names]
     powers = [k for k, name in enumerate(model.yield_names) if name in names]
     size = len(free) + len(powers) + 1
-    sums = np.zeros((size, size))
+    sums = np.zeros((len(shapes), size, size))
     for index, each in enumerate(measurements):
-        weight = weighting.of(each, index)
-        fixed = model.fixed_columns(each.u_m, each.v_m_s, each.a_m_s2, each.current_A)[:, free]
-        gains = [shape(each) * each.current_A**k for k in powers]
-        columns = np.column_stack((fixed, *gains, np.where(weight > 0.0, each.force_N, 0.0))) * weight[:, None]
-        sums += columns.T @ columns
+        for rows, piece in pieces_of(model, each):
+            weight = weighting.of(each, index, rows)
+            columns = np.empty((piece.u_m.size, size))
+            fixed = model.fixed_columns(piece.u_m, piece.v_m_s, piece.a_m_s2, piece.current_A)
+            columns[:, : len(free)] = fixed[:, free] * weight[:, None]
+            columns[:, -1] = np.where(weight > 0.0, piece.force_N, 0.0) * weight
+            for k, shape in enumerate(shapes):
+                gain = shape(piece) * weight
+                for at, power in enumerate(powers, len(free)):
+                    columns[:, at] = gain * piece.current_A**power
+                sums[k] += columns.T @ columns
+    return [_left(each) for each in sums], float(sums[0, -1, -1])
+
+
+def _left(sums: FloatArray) -> float:
+    """Sum of squares that is left of the last column when the others are fitted to it, from their products."""
     scale = np.sqrt(np.maximum(np.diag(sums)[:-1], LEAST))
     right = sums[:-1, -1] / scale
     solution = np.linalg.lstsq(sums[:-1, :-1] / np.outer(scale, scale), right, rcond=1e-12)[0]
-    return float(sums[-1, -1] - right @ solution), float(sums[-1, -1])
+    return float(sums[-1, -1] - right @ solution)
 
 
 def _shape_variances(
@@ -132,9 +147,10 @@ def _shape_variances(
     shaping = [k for k, name in enumerate(names) if name in model.shape_names]
     normal = np.zeros((len(names), len(names)))
     for index, each in enumerate(measurements):
-        slopes = parameter_slopes(model, values, names, each) * weighting.of(each, index)[:, None]
-        slopes[:, shaping] *= ~without(each)[:, None]
-        normal += slopes.T @ slopes
+        for rows, piece in pieces_of(model, each):
+            slopes = parameter_slopes(model, values, names, piece) * weighting.of(each, index, rows)[:, None]
+            slopes[:, shaping] *= ~without(piece)[:, None]
+            normal += slopes.T @ slopes
     scale = np.sqrt(np.maximum(np.diag(normal), LEAST))
     scaled = normal / np.outer(scale, scale) + RIDGE * np.eye(len(names))
     variances: FloatArray = (np.diag(np.linalg.inv(scaled)) / scale**2)[shaping]

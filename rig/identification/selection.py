@@ -15,9 +15,10 @@ from rig.identification.identifiability import Findings, examine
 from rig.identification.measurement import Measurement
 from rig.identification.scoring import score
 from rig.identification.separable import Solution
-from rig.identification.shortening import first_cycle
+from rig.identification.shortening import first_cycle, spaced
 from rig.identification.solving import GUARD_S, Method, solve
 
+ENOUGH = 250  # samples of a cycle that rank models
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
 
 
@@ -91,7 +92,7 @@ def cross_validated_nrmse(
     One cycle of each test is used, and each fit starts from `near`, the values fitted to all tests, where the method
     can make use of a start: this ranks models, nothing else.
     """
-    measurements = [first_cycle(each) for each in measurements]
+    measurements = [spaced(first_cycle(each), ENOUGH) for each in measurements]
     groups = _groups(measurements)
     if len(groups) < 2:
         return None

@@ -8,13 +8,15 @@ objective is summed from the residuals themselves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.dampers.algebraic import AlgebraicModel, TanhModel
+from rig.errors import IdentificationFailed
 from rig.identification.measurement import Measurement
 from rig.identification.projection import AlgebraicForm, Projection, Weighting
 from rig.identification.reduction import Inner
@@ -30,7 +32,12 @@ ITERATIONS = 60
 TOLERANCE = 1e-9
 ROUGH = 1e-4  # tolerance on the thinned data, whose minimum is further than that from the one sought
 RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not the best on all data either,
+AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
 FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
+
+
+class GivenUp(IdentificationFailed):
+    """A model was not fitted to the end, because another one describes the tests far better already."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +48,8 @@ class Solution:
         values: parameter name to SI value, eta left out.
         objective: equation (12) at the solution, over the samples that count.
         evaluations: passes over all samples; those over thinned data count by their share.
-        at_bound: names of parameters held at a bound by a constraint.
+        at_bound: names of parameters that would be negative and are held at 0.
+        at_limit: names of parameters at which the search ended at a limit, and that limit in the parameter's unit.
         extra: square roots of the weights that a robust loss ended with, one array (n,) a test; None without.
     """
 
@@ -49,6 +57,7 @@ class Solution:
     objective: float
     evaluations: int
     at_bound: tuple[str, ...] = ()
+    at_limit: Mapping[str, float] = field(default_factory=dict)
     extra: tuple[FloatArray, ...] | None = None
 
 
@@ -95,7 +104,8 @@ def solve_separable(
     objective = full.plain(shape, inner.linear)
     pairs = (*zip(names, inner.linear, strict=True), *zip(model.shape_names, shape, strict=True))
     values = {name: float(value) for name, value in pairs}
-    return Solution(values, objective, full.evaluations + int(np.ceil(cost)), bound)
+    limits = limits_met(model.shape_names, shape, full.form.limits)
+    return Solution(values, objective, full.evaluations + int(np.ceil(cost)), bound, limits)
 
 
 def _without_shape(
@@ -116,6 +126,22 @@ def _without_shape(
         inner = whole.solve(np.zeros(0), slope=False)
     values = {name: float(value) for name, value in zip(names, inner.linear, strict=True)}
     return Solution(values, inner.objective, 1 + bool(bound), bound)
+
+
+def limits_met(names: Sequence[str], shape: FloatArray, limits: FloatArray) -> dict[str, float]:
+    """The shape parameters that lie at a limit of their search, with that limit.
+
+    Args:
+        names: of the shape parameters.
+        shape: where the search ended, shape (s,).
+        limits: lowest and highest value of each, shape (s, 2).
+    """
+    met = {}
+    for name, value, ends in zip(names, shape.tolist(), limits.tolist(), strict=True):
+        for end in ends:
+            if math.isfinite(end) and abs(value - end) <= AT_LIMIT * abs(end):
+                met[name] = end
+    return met
 
 
 def _negative(names: Sequence[str], inner: Inner, non_negative: frozenset[str]) -> tuple[str, ...]:

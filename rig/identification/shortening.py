@@ -22,3 +22,12 @@ def first_cycle(each: Measurement) -> Measurement:
         usable=None if each.usable is None else each.usable[:stop],
         commanded_A=None if each.commanded_A is None else each.commanded_A[:stop],
     )
+
+
+def spaced(each: Measurement, most: int) -> Measurement:
+    """Every so-many-th sample of a measurement, so that a cycle has at most about `most`."""
+    every = max(1, each.samples_per_cycle // most)
+    if every == 1:
+        return each
+    part = each.rows(slice(0, each.u_m.size, every))
+    return replace(part, dt_s=each.dt_s * every, samples_per_cycle=each.samples_per_cycle // every)

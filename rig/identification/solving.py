@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -89,6 +90,7 @@ def solve(
     method: Method,
     findings: Findings,
     start: Mapping[str, float] | None = None,
+    rival_N: float = math.inf,
 ) -> Solution:
     """Fit one model.
 
@@ -98,9 +100,11 @@ def solve(
         method: how.
         findings: parameters the tests cannot determine are held, at zero or where the findings fix them.
         start: values of a fit to nearly the same tests; `separable` then needs no global search.
+        rival_N: root mean square error of another model on the same tests (N).
 
     Raises:
         IdentificationFailed: the method is unknown, has not this loss for this model, or found nothing.
+        GivenUp: the rival is so much better that the model was not fitted to the end.
     """
     if method.loss != SQUARES and not (method.name == SEPARABLE and isinstance(model, AlgebraicModel)):
         raise IdentificationFailed(
@@ -110,7 +114,7 @@ def solve(
     if method.name == SEPARABLE:
         if isinstance(model, AlgebraicModel):
             return _separable(model, measurements, method, frozenset(findings.held), start)
-        return _with_states(model, measurements, method, frozenset(findings.held), start)
+        return _with_states(model, measurements, method, frozenset(findings.held), start, rival_N)
     if method.name == THREE_STEPS:
         from rig.identification.three_steps import solve_three_steps
 
@@ -153,6 +157,7 @@ def _with_states(
     method: Method,
     held: frozenset[str],
     near: Mapping[str, float] | None,
+    rival_N: float,
 ) -> Solution:
     """The models with internal states: those that separate in part, and those that do not."""
     if model.name in PARTLY_SEPARABLE:
@@ -161,7 +166,7 @@ def _with_states(
         return solve_bouc_wen(measurements, model, method.weighting(model), held, near)
     from rig.identification.state_models import solve_states
 
-    return solve_states(measurements, model, method.weighting(model), held, near)
+    return solve_states(measurements, model, method.weighting(model), held, near, rival_N)
 
 
 def _search(model: DamperModel, measurements: Sequence[Measurement], method: Method, findings: Findings) -> Solution:

@@ -4,10 +4,15 @@ Levenberg-Marquardt on the normal equations, sensitivities by differences, start
 model that each contains as a limit (Bouc-Wen with an infinitely stiff dashpot c1; Bingham without elasticity) with
 several values of the rest. Starts compete on one cycle of each test; the best is finished on all samples where it comes
 near the noise.
+
+The search is bounded by evaluations, on one cycle of each test of at most `SEARCHED` samples, and no state may be
+faster than the integration can follow; so its work is bounded whatever the data are, and the same on any machine.
+Beside a rival that fits twice as well it is given up after the starts.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -22,24 +27,28 @@ from rig.dampers.series import force_series
 from rig.identification.bouc_wen import LOWEST_EXPONENT, SIGMA_LIMITS, solve_bouc_wen
 from rig.identification.measurement import Measurement
 from rig.identification.projection import Weighting
-from rig.identification.separable import Solution, solve_separable
-from rig.identification.shortening import first_cycle
+from rig.identification.separable import GivenUp, Solution, solve_separable
+from rig.identification.shortening import first_cycle, spaced
 
 FloatArray = NDArray[np.float64]
 
 DIFFERENCE = 1e-4
 ITERATIONS, FIRST_ITERATIONS = 40, 15
-TOLERANCE = 1e-7
+TOLERANCE, ROUGH = 1e-7, 1e-5  # share of the objective that a step must promise: on all samples, while searching
+MOST_EVALUATIONS = 700  # of the search, on its few samples
+SEARCHED = 125  # samples of a cycle that the search sees
+HOPELESS = 2.0  # times a rival's root mean square error, after the starts
 STIFF_DASHPOTS = (5.0, 15.0, 40.0, 120.0)  # c1 over c0
 STIFFNESS_SHARE = 0.5  # k0 over k0 + k1
 BENDS = ((0.5, 1.0), (0.6, 0.3))  # sigma and n - 1 beside those of the Bouc-Wen solution
 LOWEST_BEND = 0.01  # of n - 1
+LEAST_BEND = 2e-3  # of n - 1, below which it is at its limit
 YIELD_SHARES = (0.004, 0.02, 0.1)  # deflection of the series spring at yield over the smallest amplitude
 SPRING_RATIOS = (0.03, 0.5)  # k1 over k2
 RETARDATIONS_S = (0.002, 0.02)  # c1 over k1
 FAMILY = 4  # successive starts of which the best is refined
 LONGEST_LOGARITHM = 1.0
-FASTEST = 10.0  # rate of the viscoelastic element, times the sampling interval, beyond which it is rigid
+FASTEST = 5.0  # rate of the viscoelastic element, times the sampling interval, beyond which it is rigid
 LAST_ITERATIONS = 15
 DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
 
@@ -103,6 +112,7 @@ class Sum:
         noise_N = [0.0 if np.isnan(each.noise_N) else each.noise_N for each in measurements]
         self.noise_power = sum(n**2 * float(w @ w) for n, (_, w) in zip(noise_N, self._data, strict=True)) or np.inf
         self.evaluations = 0
+        self.counting = sum(int(np.count_nonzero(w)) for _, w in self._data)
 
     def objective(self, theta: FloatArray) -> float:
         """Sum of squares; infinite where the force is not finite."""
@@ -134,15 +144,26 @@ class Sum:
         force: FloatArray = force_series(model.kind, vector, state, *motion, each.dt_s, each.samples_per_cycle)
         return force
 
-    def minimise(self, theta: FloatArray, iterations: int) -> tuple[FloatArray, float]:
-        """Levenberg-Marquardt from `theta`; the best unknowns and their objective."""
+    def minimise(
+        self, theta: FloatArray, iterations: int, tolerance: float = TOLERANCE, budget: int = MOST_EVALUATIONS
+    ) -> tuple[FloatArray, float]:
+        """Levenberg-Marquardt from `theta`; the best unknowns and their objective.
+
+        Args:
+            theta: where to start, shape (k,).
+            iterations: at most so many.
+            tolerance: it ends when a step promises less than this share of the objective,
+            budget: or when so many evaluations were made, those before included.
+        """
         value, damping = self.objective(theta), 1e-3
         curvature, gradient = self.slopes(theta)
         for _ in range(iterations):
+            if self.evaluations >= budget:
+                break
             scale = np.maximum(np.diag(curvature), 1e-12 * max(float(np.max(np.diag(curvature))), 1e-300))
             step = np.linalg.solve(curvature + damping * np.diag(scale), gradient)
             step = np.where(self._unknowns.logarithmic, np.clip(step, -LONGEST_LOGARITHM, LONGEST_LOGARITHM), step)
-            if not np.all(np.isfinite(step)) or float(step @ gradient) <= TOLERANCE * value:
+            if not np.all(np.isfinite(step)) or float(step @ gradient) <= tolerance * value:
                 break
             found = self.objective(theta + step) if self._admissible(theta + step) else np.inf
             if found < value:
@@ -167,6 +188,7 @@ class Sum:
             ]
             return (
                 min(dashpots) > 0.0
+                and _roll_off_rate(values, high, min(dashpots)) < self._fastest_1_s
                 and SIGMA_LIMITS[0] <= values["gamma"] / (values["gamma"] + values["beta"]) <= SIGMA_LIMITS[1]
             )
         viscous = min(values["c0"] + values["c0_b"] * amps for amps in (low, high))
@@ -182,6 +204,7 @@ def solve_states(
     weighting: Weighting,
     held: frozenset[str],
     start: Mapping[str, float] | None = None,
+    rival_N: float = math.inf,
 ) -> Solution:
     """Fit `modified_bouc_wen` or `viscoelastic_plastic`.
 
@@ -191,6 +214,10 @@ def solve_states(
         weighting: which samples count, and how much.
         held: parameters left out, held at zero.
         start: values to start from instead of the simpler model's.
+        rival_N: root mean square error of another model on the same tests (N).
+
+    Raises:
+        GivenUp: the rival is so much better that nothing more is tried.
     """
     modified = model.name == "modified_bouc_wen"
     starts = (
@@ -200,18 +227,44 @@ def solve_states(
         starts = [_normalised(start) if modified else dict(start)]
     unknowns = _unknowns(model, starts[0], held)
     single = [first_cycle(each) for each in measurements]
-    short, full = Sum(unknowns, single, weighting), Sum(unknowns, measurements, weighting)
+    short, full = (
+        Sum(unknowns, [spaced(each, SEARCHED) for each in single], weighting),
+        Sum(unknowns, measurements, weighting),
+    )
     families = [starts[k : k + FAMILY] for k in range(0, len(starts), FAMILY)]
     thetas = [min((unknowns.theta(each) for each in family), key=short.objective) for family in families]
-    tried = [short.minimise(theta, FIRST_ITERATIONS) for theta in thetas]
+    share = short.counting / max(1, full.counting)
+    part = MOST_EVALUATIONS // (2 * len(thetas))
+    tried = [short.minimise(theta, FIRST_ITERATIONS, ROUGH, short.evaluations + part) for theta in thetas]
     best = min(tried, key=lambda found: found[1])
-    theta, left = short.minimise(best[0], ITERATIONS)
-    finish = LAST_ITERATIONS if left <= DESCRIBED * short.noise_power else 0
+    reached_N = math.sqrt(best[1] / max(1, short.counting))
+    if reached_N > HOPELESS * rival_N:
+        raise GivenUp(
+            f"{model.name}: given up after {short.evaluations} evaluations on one cycle of each test: its error, "
+            f"{reached_N:.3g} N, is {reached_N / rival_N:.1f} times that of the best model before it, {rival_N:.3g} N"
+        )
+    theta, left = short.minimise(best[0], ITERATIONS, ROUGH)
+    finish = LAST_ITERATIONS if start is None and left <= DESCRIBED * short.noise_power else 0
     theta, objective = full.minimise(theta, finish) if finish else (theta, full.objective(theta))
+    at_limit = _at_limit(unknowns, theta)
     values = dict(zip(model.names, unknowns.vector(theta).tolist(), strict=True))
-    share = sum(each.u_m.size for each in single) / sum(each.u_m.size for each in measurements)
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
-    return Solution({name: value for name, value in values.items() if name != "eta"}, objective, evaluations)
+    known = {name: value for name, value in values.items() if name != "eta"}
+    return Solution(known, objective, evaluations, at_limit=at_limit)
+
+
+def _at_limit(unknowns: Unknowns, theta: FloatArray) -> dict[str, float]:
+    """The exponent, where it has gone to its limit."""
+    if "n - 1" not in unknowns.names:
+        return {}
+    bend = math.exp(float(theta[unknowns.names.index("n - 1")]))
+    return {"n": LOWEST_EXPONENT} if bend <= LEAST_BEND else {}
+
+
+def _roll_off_rate(values: Mapping[str, float], high_A: float, dashpots: float) -> float:
+    """Fastest rate (1/s) at which the roll-off of the modified Bouc-Wen model relaxes up to a current."""
+    hysteretic = max(abs(values["alpha_a"]), abs(values["alpha_a"] + values["alpha_b"] * high_A)) * values["A"]
+    return (hysteretic + abs(values["k0"])) / dashpots
 
 
 def _unknowns(model: DamperModel, start: Mapping[str, float], held: frozenset[str]) -> Unknowns:

@@ -4,9 +4,10 @@ Covariance of the weighted least-squares estimate (sandwich form):
 C = A^-1 (n/(n-p) sum_t q_t s_t^2 B_t + sum_k d_k d_k') A^-1, with A = sum J'W^2 J and B_t = J'W^4 J of test t, s_t its
 residual's root mean square, q_t >= 1 what correlation in time and misfit that repeats every cycle add to it
 (`residuals`), n the samples of all tests, each test's divided by its q_t, p the parameters, and d_k the effect
-J'W^2 dF/dk of each declared error k: the skew left in each test, the scale of force and displacement, the motion that
-the displacement's samples do not resolve at sharp reversals. A skew is taken as shared by all tests, which is the
-larger of the two possible effects; unresolved motion, whose effects on the tests may cancel, counts test by test. With
+J'W^2 dF/dk of each error k that is stated: the skew left in each test, the scale of force and displacement, the zero of
+the force, each coefficient of the motion's Fourier series (`motion_errors`), the motion that the displacement's samples
+do not resolve at sharp reversals. Skew and zero are taken as shared by all tests, which is the larger of the two
+possible effects; errors of the motion, whose effects on the tests may cancel, count test by test. With
 Huber's loss s_t is the root mean square of psi(r), the residual as the loss sees it, and A sums the samples whose psi'
 is 1 (Huber 1964).
 
@@ -26,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.dampers.model import DamperModel
+from rig.identification.leftover import leftovers, pieces_of
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import (
     modelled_force,
@@ -34,6 +36,7 @@ from rig.identification.model_slope import (
     time_slope,
     unseen_force,
 )
+from rig.identification.motion_errors import motion_effects, thinned
 from rig.identification.projection import Weighting
 from rig.identification.residuals import Residual, judge
 
@@ -74,6 +77,8 @@ class Information:
         step: how far each parameter lies from the least-squares solution, in its unit, (p,).
         residuals: what each test's residual consists of.
         freedom: independent residuals, less the parameters.
+        share: what one standard error of each parameter, by itself, does to the force, as a share of its root mean
+            square, (p,).
     """
 
     names: tuple[str, ...]
@@ -86,6 +91,7 @@ class Information:
     step: FloatArray
     residuals: tuple[Residual, ...]
     freedom: float
+    share: FloatArray
 
     def standard_error(self, name: str) -> float:
         """Standard error in the parameter's unit; infinite where it cannot be told from others."""
@@ -99,6 +105,7 @@ def information(
     measurements: Sequence[Measurement],
     weighting: Weighting,
     declared: DeclaredErrors | None = None,
+    left: Sequence[FloatArray] | None = None,
 ) -> Information:
     """Information about `names` at `values`.
 
@@ -109,41 +116,102 @@ def information(
         measurements: the tests of the fit.
         weighting: the weights of the fit.
         declared: errors the data do not show; none by default.
+        left: what the fit leaves of each test (`leftovers`), where that is known already.
     """
-    declared = declared or DeclaredErrors()
-    size = len(names)
-    normal, noise, gradient = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
-    residuals: list[Residual] = []
+    declared, size = declared or DeclaredErrors(), len(names)
+    left = leftovers(model, values, names, measurements, weighting) if left is None else left
+    total, residuals = _Sums(size), []
     independent, force_power = 0.0, 0.0
-    shared, unseen = np.zeros((3, size)), np.zeros((size, size))
     for index, each in enumerate(measurements):
-        squared = replace(weighting, extra=None).of(each, index) ** 2
-        robust = np.ones_like(squared) if weighting.extra is None else weighting.extra[index] ** 2
-        slopes = parameter_slopes(model, values, names, each)
-        force = modelled_force(model, values, each)
-        full = slopes * squared[:, None]
-        weighted = full * (robust >= 1.0)[:, None]
-        normal += slopes.T @ weighted
-        error, counting = robust * (each.force_N - force), squared > 0.0
-        gradient += full.T @ error
-        residual = judge(error, counting, each.u_m, each.dt_s)
+        sums = _sums(model, values, names, each, weighting, index, declared)
+        power = sums.power / max(1, sums.count)
+        counting = weighting.of(each, index) > 0.0
+        robust = 1.0 if weighting.extra is None else weighting.extra[index] ** 2
+        residual = judge(robust * left[index], counting, each.u_m, each.dt_s, known_power=sums.known_power)
         residuals.append(residual)
-        independent += np.count_nonzero(counting) / residual.widening
-        force_power += float(squared @ np.where(counting, each.force_N, 0.0) ** 2)
-        power = float(np.mean(error[counting] ** 2)) if np.any(counting) else 0.0
-        noise += residual.widening * power * (full.T @ full)
-        if each.skew_std_s > 0.0:
-            shared[0] += each.skew_std_s * (weighted.T @ time_slope(model, values, each))
-        if declared.force_gain > 0.0:
-            shared[1] += declared.force_gain * (weighted.T @ force)
-        if declared.displacement_gain > 0.0:
-            shared[2] += declared.displacement_gain * (weighted.T @ scale_slope(model, values, each))
-        if each.unseen_v_m_s is not None:
-            effect = weighted.T @ unseen_force(model, values, each)
-            unseen += np.outer(effect, effect)
+        independent += sums.count / residual.widening
+        force_power += sums.force_power
+        total.normal += sums.normal
+        total.noise += residual.widening * power * sums.noise
+        total.gradient += sums.gradient
+        total.shared += sums.shared
+        total.alone += sums.alone
     freedom = max(LEAST_FREEDOM, independent - size)
-    meat = noise * max(1.0, independent / freedom) + shared.T @ shared + unseen
-    return _invert(tuple(names), normal, meat, gradient, tuple(residuals), freedom, force_power)
+    meat = total.noise * max(1.0, independent / freedom) + total.shared.T @ total.shared + total.alone
+    return _invert(tuple(names), total.normal, meat, total.gradient, tuple(residuals), freedom, force_power)
+
+
+class _Sums:
+    """Sums over the samples of a test, or of all.
+
+    `normal` J'W^2 J, `noise` J'W^4 J, `gradient` J'W^2 r; `shared` the effects of skew, scale of the force, scale of
+    the displacement and zero of the force, (4, p); `alone` the outer products of the effects that each test has for
+    itself; `power` of the residual (N^2) over `count` samples, `known_power` the part of its mean square that the
+    motion's errors explain, `force_power` the weighted force's sum of squares.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.normal, self.noise, self.alone = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size))
+        self.gradient, self.shared = np.zeros(size), np.zeros((4, size))
+        self.power = self.force_power = self.known_power = 0.0
+        self.count = 0
+
+
+def _sums(
+    model: DamperModel,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    each: Measurement,
+    weighting: Weighting,
+    index: int,
+    declared: DeclaredErrors,
+) -> _Sums:
+    sums, unseen = _Sums(len(names)), np.zeros(len(names))
+    plain = replace(weighting, extra=None)
+    for rows, piece in pieces_of(model, each):
+        squared = plain.of(each, index, rows) ** 2
+        robust = np.ones_like(squared) if weighting.extra is None else weighting.extra[index][rows] ** 2
+        slopes, force = parameter_slopes(model, values, names, piece), modelled_force(model, values, piece)
+        full, counting = slopes * squared[:, None], squared > 0.0
+        weighted = full if weighting.extra is None else full * (robust >= 1.0)[:, None]
+        error = robust * (piece.force_N - force)
+        sums.normal += slopes.T @ weighted
+        sums.noise += full.T @ full
+        sums.gradient += full.T @ error
+        sums.power += float(error[counting] @ error[counting])
+        sums.count += int(np.count_nonzero(counting))
+        sums.force_power += float(squared @ np.where(counting, piece.force_N, 0.0) ** 2)
+        if each.skew_std_s > 0.0:
+            sums.shared[0] += each.skew_std_s * (weighted.T @ time_slope(model, values, piece))
+        if declared.force_gain > 0.0:
+            sums.shared[1] += declared.force_gain * (weighted.T @ force)
+        if declared.displacement_gain > 0.0:
+            sums.shared[2] += declared.displacement_gain * (weighted.T @ scale_slope(model, values, piece))
+        sums.shared[3] += each.force_zero_std_N * np.sum(weighted, axis=0)
+        if each.unseen_v_m_s is not None:
+            unseen += weighted.T @ unseen_force(model, values, piece)
+    sums.alone = np.outer(unseen, unseen)
+    if each.motion_error is not None:
+        effects, sums.known_power = _of_motion(model, values, names, each, weighting, index)
+        sums.alone += effects @ effects.T
+    return sums
+
+
+def _of_motion(
+    model: DamperModel,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    each: Measurement,
+    weighting: Weighting,
+    index: int,
+) -> tuple[FloatArray, float]:
+    """Effects of the motion's errors on J'W^2 r, shape (p, k), and the mean square force (N^2) they make."""
+    rows = thinned(each, model)
+    some = each.rows(rows)
+    squared = replace(weighting, extra=None).of(each, index, rows) ** 2
+    weighted = parameter_slopes(model, values, names, some) * squared[:, None]
+    effects, power = motion_effects(model, values, some, weighted, each.dt_s * rows.step)
+    return effects * rows.step, power
 
 
 def _invert(
@@ -174,6 +242,7 @@ def _invert(
     deviation = np.sqrt(np.diag(covariance))
     spread = np.where(deviation > 0.0, deviation, 1.0)
     correlation = covariance / np.outer(spread, spread)
+    share = deviation * scale / math.sqrt(force_power) if force_power > 0.0 else np.zeros(size)
     covariance[~told, ~told] = np.inf
     alone = np.zeros(size)
     full = np.diag((vectors * inverse) @ vectors.T)
@@ -182,7 +251,17 @@ def _invert(
     step = ((vectors * inverse) @ (vectors.T @ (gradient / safe))) / safe
     curvature = np.where(full > 0.0, safe**2 / np.where(full > 0.0, full, 1.0), 0.0)
     return Information(
-        names, covariance, correlation, alone, condition, partners, curvature, np.asarray(step), residuals, freedom
+        names,
+        covariance,
+        correlation,
+        alone,
+        condition,
+        partners,
+        curvature,
+        np.asarray(step),
+        residuals,
+        freedom,
+        share,
     )
 
 

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 import random
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from rig.bench.problems import load_section
-from rig.bench.quantity import Quantity, Section
+from rig.bench.problems import close_match, load_section
+from rig.bench.quantity import Quantity, Section, Wording
 from rig.matrix.methods import DEPENDENCES, METHODS
 from rig.matrix.point import TestPoint
+from rig.units import show
+
+V = TypeVar("V", str, float)
 
 POINT_LIMIT = 10_000
 NARROWEST_WINDOW_K = 2.0
@@ -29,7 +35,10 @@ CoilCurrent = Annotated[float, Quantity("current", "0 A", "20 A")]
 CoilTemperature = Annotated[float, Quantity("temperature", "-40 degC", "250 degC")]
 Cycles = Annotated[int, Field(ge=3, le=10_000, description="at full amplitude; first and last are dropped")]
 RampCycles = Annotated[float, Field(ge=0.5, le=20.0)]
-Identifier = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")]
+Identifier = Annotated[
+    str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"),
+    Wording("a letter or digit, then letters, digits, - or _ (32 at most)", "MR-001"),
+]  # fmt: skip
 
 
 class Specimen(Section):
@@ -55,7 +64,7 @@ class Specimen(Section):
         from rig.dampers.parameter_sets import PARAMETER_SETS
 
         if value is not None and value not in PARAMETER_SETS:
-            raise ValueError(f"unknown parameter set; known: {', '.join(sorted(PARAMETER_SETS))}")
+            raise ValueError(_unknown("parameter set", value, sorted(PARAMETER_SETS)))
         return value
 
     @model_validator(mode="after")
@@ -82,21 +91,36 @@ class Sweep(Section):
     repeats: int = Field(default=1, ge=1, le=1000)
     rest_s: Annotated[float, Quantity("time", "0 s", "24 h")] = Field(default=0.0, alias="rest")
 
-    @field_validator("waveform", "amplitude_m", "frequency_Hz", "current_A")
+    @field_validator("waveform")
     @classmethod
-    def _no_value_twice(cls, values: tuple[object, ...]) -> tuple[object, ...]:
-        if len(set(values)) < len(values):
-            raise ValueError("a value stands there twice; use repeats to run points again")
-        return values
+    def _no_waveform_twice(cls, values: tuple[str, ...]) -> tuple[str, ...]:
+        return _no_value_twice(values, str)
+
+    @field_validator("amplitude_m")
+    @classmethod
+    def _no_amplitude_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        return _no_value_twice(values, lambda value: show(value, "mm", 10))
+
+    @field_validator("frequency_Hz")
+    @classmethod
+    def _no_frequency_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        return _no_value_twice(values, lambda value: show(value, "Hz", 10))
+
+    @field_validator("current_A")
+    @classmethod
+    def _no_current_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        return _no_value_twice(values, lambda value: show(value, "A", 10))
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
         given = {"amplitude": self.amplitude_m, "frequency": self.frequency_Hz, "current": self.current_A}
         missing = [key for key, values in given.items() if not values]
         if missing and len(missing) < len(given):
-            raise PydanticCustomError("incomplete", "needs amplitude, frequency and current, or none of them")
+            raise PydanticCustomError(
+                "incomplete", f"{' and '.join(missing)} missing: give amplitude, frequency and current, or none of them"
+            )
         if self.order == "random" and self.seed is None:
-            raise PydanticCustomError("no_seed", 'order = "random" needs a seed, so that it can be repeated')
+            raise PydanticCustomError("no_seed", 'order = "random" needs a seed, for example seed = 1')
         return self
 
 
@@ -122,7 +146,7 @@ class WarmUp(Section):
 class Temperature(Section):
     """Between which coil temperatures a point may be measured, and how the damper warms and cools."""
 
-    window_degC: tuple[CoilTemperature, CoilTemperature] = Field(alias="window")
+    window_degC: tuple[CoilTemperature, CoilTemperature] = Field(alias="window", examples=[["25 degC", "45 degC"]])
     ambient_degC: CoilTemperature = Field(default=23.0, alias="ambient")
     heat_capacity_J_K: Annotated[float, Quantity("heat capacity", "1 J/K", "1000 kJ/K")] = Field(
         default=1500.0, alias="heat_capacity"
@@ -171,7 +195,7 @@ class CurrentStep(Section):
     @classmethod
     def _steps(cls, values: tuple[float, ...]) -> tuple[float, ...]:
         if any(first == second for first, second in itertools.pairwise(values)):
-            raise ValueError("two currents in turn are equal; that is no step")
+            raise ValueError("two currents in succession are equal; a step needs two different currents")
         return values
 
 
@@ -179,7 +203,7 @@ class Identify(Section):
     """What is fitted when the last point is recorded."""
 
     enabled: bool = True
-    model: str = Field(default="asymmetric", pattern=r"^[a-z_]+$")
+    model: str = "asymmetric"
     method: Literal[METHODS] = "separable"  # type: ignore[valid-type]  # one list serves the schema and the message
     holdout: str | None = Field(default=None, examples=["waveform=triangle", "frequency_Hz=2"])
     series_spring: bool = False
@@ -192,7 +216,7 @@ class Identify(Section):
 
         known = ["all", *MODELS]
         if value not in known:
-            raise ValueError(f"unknown model; known: {', '.join(known)}")
+            raise ValueError(_unknown("model", value, known))
         return value
 
 
@@ -308,12 +332,18 @@ class Matrix(Section):
     @model_validator(mode="after")
     def _has_points(self) -> Self:
         sweep = self.sweep
-        combinations = len(sweep.waveform) * len(sweep.amplitude_m) * len(sweep.frequency_Hz) * len(sweep.current_A)
-        count = (combinations + len(self.extra)) * sweep.repeats + len(self._special())
+        sizes = [len(values) for values in (sweep.waveform, sweep.current_A, sweep.amplitude_m, sweep.frequency_Hz)]
+        count = (math.prod(sizes) + len(self.extra)) * sweep.repeats
+        count += (self.friction is not None) + len(self.current_step)
         if count == 0:
-            raise PydanticCustomError("no_points", "no test point: fill [matrix] or add [[point]]")
+            raise PydanticCustomError("no_points", "no test point; fill [matrix] or add [[point]]")
         if count > POINT_LIMIT:
-            raise PydanticCustomError("too_many", f"{count} test points; allowed: at most {POINT_LIMIT}")
+            product_of = " x ".join(map(str, sizes))
+            raise PydanticCustomError(
+                "too_many",
+                f"{count} test points; allowed: at most {POINT_LIMIT}; they are ({product_of} waveforms x currents x "
+                f"amplitudes x frequencies + {len(self.extra)} [[point]]) x {sweep.repeats} repeats: divide the matrix",
+            )
         return self
 
     @model_validator(mode="after")
@@ -328,11 +358,34 @@ class Matrix(Section):
 
     @model_validator(mode="after")
     def _unique_ids(self) -> Self:
-        identifiers = [point.id.casefold() for point in self._written()]
-        twice = sorted({name for name in identifiers if identifiers.count(name) > 1})
+        counts = Counter(point.id.casefold() for point in self._written())
+        twice = sorted(name for name, count in counts.items() if count > 1)
         if twice:
-            raise PydanticCustomError("duplicate_id", f"two points are called {', '.join(twice)}; ids are unique")
+            shown = ", ".join(twice[:10]) + (", ..." if len(twice) > 10 else "")
+            raise PydanticCustomError(
+                "duplicate_id",
+                f"two points are called {shown}; give each [[point]] an id of its own (points without one are called "
+                "p001, p002 ...; repeats add -2, -3 ...; upper and lower case count as the same)",
+            )
         return self
+
+
+def _no_value_twice(values: tuple[V, ...], written: Callable[[V], str]) -> tuple[V, ...]:
+    """The values as they are.
+
+    Raises:
+        ValueError: one stands there twice; it is named as a user writes it.
+    """
+    for value, count in Counter(values).items():
+        if count > 1:
+            raise ValueError(f"duplicate value {written(value)}; to repeat points set `repeats = N`")
+    return values
+
+
+def _unknown(what: str, value: str, known: list[str]) -> str:
+    """An unknown name, the nearest known one, and all of them."""
+    match = close_match(value, known)
+    return f"unknown {what}{f'; did you mean {match}?' if match else ''}; known: {', '.join(known)}"
 
 
 def load_matrix(path: str | Path) -> Matrix:
@@ -341,4 +394,4 @@ def load_matrix(path: str | Path) -> Matrix:
     Raises:
         FileProblem: with every wrong entry of the file.
     """
-    return load_section(Path(path), Matrix)[0]
+    return load_section(Path(path), Matrix, "matrix")[0]

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 BETWEEN_POINTS_S = 0.5
 SEARCH_STEPS = 400_000
 """Points evaluated in the search from one order: about half a second."""
+MOST_GREEDY = 1000
+"""Beyond so many points the greedy order, whose time grows with their square, is left out: it would take seconds."""
 LEAST_GAIN_S = 1e-6
 UNREACHABLE_S = 1e7
 
@@ -147,7 +149,9 @@ def fastest_order(loads: Sequence[Load], thermal: Thermal) -> tuple[int, ...]:
         return thermal.total_s([loads[index] for index in order])
 
     rising = tuple(sorted(written, key=lambda index: loads[index].power_W))
-    starts = [written, rising, rising[::-1], _folded(rising), _greedy(loads, thermal)]
+    starts = [written, rising, rising[::-1], _folded(rising)]
+    if len(loads) <= MOST_GREEDY:
+        starts.append(_greedy(loads, thermal))
     starts += [_improved(order, total_s) for order in starts]
     best = min(starts, key=total_s)
     return written if total_s(written) <= total_s(best) + LEAST_GAIN_S else best

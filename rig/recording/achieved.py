@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,12 @@ PEAK_SHARE = 0.04
 """Half width, as a share of the period, of the parabola that finds a sine's peak."""
 TRIANGLE_FUNDAMENTAL = 8.0 / math.pi**2
 """Fundamental of the ideal triangle (2) relative to its amplitude."""
+MOST_FOLDED = 8000
+MOST_ORDERS = 100
+SERIES_SHARE = 0.4
+"""Of the orders that the widest gap between the phases of all samples would resolve."""
+LAST_ORDERS = 6
+GRID = 4000
 WORST_CONDITION = 5.0
 """Samples that fall on few phases of the period (1.4 when evenly spread) leave the phase open."""
 FEWEST_SAMPLES = 2 * HARMONICS + 4
@@ -29,9 +35,9 @@ class Waveform:
     """Each full cycle's shape, arrays (k,).
 
     Attributes:
-        amplitude_m: of a sine, half of peak to valley, each found by a parabola through the samples around it; of a
-            triangle, whose corners fall between samples and are rounded by any servo, that of the ideal triangle with
-            the measured fundamental, m.
+        amplitude_m: half of peak to valley, m: of a sine each found by a parabola through the samples around it; of a
+            triangle, whose corners fall between samples, the cycle's fundamental times what peak to valley is of it
+            over all cycles (`peak_of_fundamental`).
         mean_m: the cycle's mean (its zeroth harmonic), m.
         frequency_Hz: of each cycle.
         phase_rad: phase of the fundamental as a sine that begins at time 0 with the mean frequency, rad.
@@ -57,6 +63,8 @@ class Achieved:
         mean_m: mean displacement over the cycles.
         frequency_Hz: cycles per second.
         waveform: the single cycles.
+        fundamental_amplitude_m: amplitude of the ideal triangle with the measured fundamental, m; None of a sine.
+            Corners rounded by a servo make `amplitude_m` smaller and hardly change this.
     """
 
     cycles: int
@@ -67,6 +75,7 @@ class Achieved:
     mean_m: float
     frequency_Hz: float
     waveform: Waveform
+    fundamental_amplitude_m: float | None = None
 
 
 def achieved_motion(time_s: FloatArray, displacement_m: FloatArray, waveform: str = "sine") -> Achieved | None:
@@ -95,12 +104,53 @@ def achieved_motion(time_s: FloatArray, displacement_m: FloatArray, waveform: st
     ]
     columns = np.array(shapes, np.float64).reshape(len(shapes), 5).T
     cycles = Waveform(*columns)
+    fundamental_m = None
+    if waveform == "triangle" and np.any(np.isfinite(cycles.amplitude_m)):
+        fundamental_m = float(np.nanmean(cycles.amplitude_m))
+        phase = np.interp(t, full.start_s, np.arange(len(full) + 1.0), left=-1.0, right=-1.0)
+        inside = (t >= start_s) & (t < end_s)
+        rounded = TRIANGLE_FUNDAMENTAL * peak_of_fundamental(phase[inside] % 1.0, u[inside])
+        cycles = replace(cycles, amplitude_m=cycles.amplitude_m * rounded)
     known = cycles.amplitude_m[np.isfinite(cycles.amplitude_m)]
     amplitude_m = known if len(known) else full.amplitude_m
     return Achieved(
         cycles=len(full), start_s=start_s, end_s=end_s, amplitude_m=float(np.mean(amplitude_m)),
         amplitude_std_m=float(np.std(amplitude_m)), mean_m=full.mean_m, frequency_Hz=frequency_Hz, waveform=cycles,
+        fundamental_amplitude_m=fundamental_m,
     )
+
+
+def peak_of_fundamental(phase: FloatArray, values: FloatArray) -> float:
+    """Half of peak to valley of a triangle over the amplitude of its fundamental; ideally pi^2/8 (2).
+
+    The cycles together are one Fourier series, as long as the phases they were sampled at allow. Of a triangle with
+    sharp corners the harmonics beyond its end (1/k^2 of the fundamental each) are missing at the corner: they are added
+    in the proportion in which the series' last ones are those of the ideal triangle; of rounded corners none are left.
+
+    Args:
+        phase: of the samples in their cycle (n,), 0 to 1.
+        values: samples (n,), any unit.
+    """
+    every = -(-len(phase) // MOST_FOLDED)
+    phase, values = phase[::every], values[::every]
+    known = np.sort(phase)
+    widest = float(np.max(np.diff(known, append=known[0] + 1.0)))
+    orders = np.arange(1, max(HARMONICS, min(MOST_ORDERS, int(SERIES_SHARE / widest))) + 1)
+    if len(phase) < 2 * len(orders) + 4:
+        return 1.0 / TRIANGLE_FUNDAMENTAL
+    angles = math.tau * np.outer(phase, orders)
+    found, *_ = np.linalg.lstsq(np.column_stack((np.ones(len(phase)), np.sin(angles), np.cos(angles))), values, None)
+    harmonics = found[1 : len(orders) + 1] + 1j * found[len(orders) + 1 :]
+    first = complex(harmonics[0])
+    grid = np.linspace(0.0, 1.0, GRID, endpoint=False)
+    shown = np.real(np.exp(-2j * math.pi * np.outer(grid, orders)) @ (1j * harmonics))
+    odd = orders[orders % 2 == 1]
+    turned = np.real(harmonics[odd - 1] * np.exp(-1j * odd * math.atan2(first.imag, first.real))) / abs(first)
+    ideal = np.where((odd - 1) // 2 % 2 == 0, 1.0, -1.0) / odd**2
+    last = slice(-LAST_ORDERS, None)
+    sharp = float(np.clip(np.sum(turned[last] * ideal[last]) / np.sum(ideal[last] ** 2), 0.0, 1.0))
+    missing = sharp * (math.pi**2 / 8.0 - float(np.sum(1.0 / odd**2)))
+    return float(0.5 * np.ptp(shown)) / abs(first) + missing
 
 
 def fundamental_phase(time_s: FloatArray, values: FloatArray, frequency_Hz: float) -> float | None:

@@ -28,6 +28,7 @@ def motion_attributes(motion: Achieved | None, alignment: Alignment) -> dict[str
         "measured_cycles": motion.cycles,
         "measured_amplitude_m": motion.amplitude_m,
         "measured_amplitude_std_m": motion.amplitude_std_m,
+        "measured_fundamental_amplitude_m": motion.fundamental_amplitude_m,
         "measured_mean_m": motion.mean_m,
         "measured_frequency_Hz": motion.frequency_Hz,
         "cycles_start_s": motion.start_s,

@@ -7,6 +7,7 @@ are computed a part at a time (`rig.recording.column`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,9 +20,10 @@ from rig.recording.channel import NUMBER, RING_CHANNELS
 from rig.recording.clock_model import ARRIVAL, IDENTITY, ClockModel, HostMap, by_envelope, by_order, host_map
 from rig.recording.column import Column, Records, Values, first_after, mapped, overlapping, thinned
 from rig.recording.context import PointContext
-from rig.recording.interpolation import cubic_at, flags_at, status_at
+from rig.recording.interpolation import flags_at, monotone_at, status_at
 from rig.recording.layout import FloatArray
-from rig.recording.sensor_clock import SensorClock, timed_sensor
+from rig.recording.sensor_clock import SensorClock, timed_sensors
+from rig.recording.skew import Skew
 
 CONTROLLER_CHANNELS = range(NUMBER["position"], NUMBER["controller_force"] + 1)
 ECU_CLOCKED = ("coil_current", "ecu_state", "ecu_faults")
@@ -39,7 +41,8 @@ class TimedChannel:
     """A channel's records (n,) with each sample's time on the controller's clock, s; lost samples counted.
 
     `latency_s` is the median time from a sample to its arrival. `sensor` says how a sensor's clock was found; None for
-    status channels.
+    status channels. Samples whose device clock went back have no place in time: `disordered` counts them, and they are
+    in `received` (m,) only, flagged, with `received_s` NaN. Normally there are none, and both are `records`, `time_s`.
     """
 
     name: str
@@ -49,6 +52,18 @@ class TimedChannel:
     lost: int
     latency_s: float
     sensor: SensorClock | None = None
+    disordered: int = 0
+    disorder: tuple[Records, Values] | None = None
+
+    @property
+    def received(self) -> Records:
+        """Every record of the channel, as it came."""
+        return self.records if self.disorder is None else self.disorder[0]
+
+    @property
+    def received_s(self) -> Values:
+        """Time of each of them on the controller's clock, s; NaN where the device's clock went back."""
+        return self.time_s if self.disorder is None else self.disorder[1]
 
 
 @dataclass(frozen=True)
@@ -62,7 +77,9 @@ class Alignment:
         timed: every channel with its own sample times (still on the controller's clock).
         skew_s: by how much force lagged displacement beyond the declared delays, each on its device's own time base;
             taken out here. None where a clock could only be tied by signals or arrivals, which hide it.
-        skew_std_s: one standard deviation of what remains.
+        skew_std_s: one standard deviation of what remains, as the signals leave it open, whatever was declared.
+        skew_trusted_s: the same for somebody who trusts what the bench file declares.
+        delays: what is known of the sensors' delays.
         skew_checked: whether both sensors' delays were compared with the controller's own record of what they measure;
             else they are what the bench file declares, and `skew_std_s` what such a declaration is worth.
         skew_method: the clock models that were used.
@@ -78,18 +95,24 @@ class Alignment:
     timed: Mapping[str, TimedChannel]
     skew_s: float | None
     skew_std_s: float
+    skew_trusted_s: float
+    delays: Skew
     skew_checked: bool
     skew_method: str
     arrival_skew_s: float | None
     host: HostMap
 
 
-def align(records: NDArray[Any] | Mapping[str, Records], context: PointContext) -> Alignment:
-    """Align one point's records.
+def align(
+    records: NDArray[Any] | Mapping[str, Records], context: PointContext, delays: Skew | None = None,
+) -> Alignment:
+    """Align one point's records: the only way from what was received to aligned data.
 
     Args:
         records: (n,) of `RECORD_DTYPE` in the order of arrival, or already split by channel name.
         context: rates, declared delays and the device rate.
+        delays: the sensors' delays beyond the declared ones where they are known from all points of a campaign; None:
+            by what this point shows.
 
     Raises:
         NothingRecorded: displacement or force has no sample at all.
@@ -99,25 +122,28 @@ def align(records: NDArray[Any] | Mapping[str, Records], context: PointContext) 
         if name not in by_name:
             raise NothingRecorded(f"no {name} sample was recorded")
     host = _host_map(by_name, context.device_rate)
-    timed = {name: _timed(name, channel, by_name, host, context) for name, channel in by_name.items()}
+    sensors, delays = timed_sensors(by_name, host, context, delays)
+    timed = {
+        name: _sensor(name, channel, host, sensors[name]) if name in sensors
+        else _status(name, channel, by_name, host, context)
+        for name, channel in by_name.items()
+    }
     base, force = timed["displacement"], timed["force"]
     values, flags = _on_base(timed, context)
     origin_s = float(base.time_s[0])
+    tied = {base.clock.method, force.clock.method} == {"edges"}
+    tie_s = math.hypot(*(0.0 if channel.sensor is None else channel.sensor.tie_std_s for channel in (force, base)))
+    apart_s = float(np.hypot(force.clock.std_s, base.clock.std_s))
     return Alignment(
         time_s=mapped(base.time_s, lambda time_s: time_s - origin_s, np.float64), origin_s=origin_s, values=values,
-        flags=flags, timed=timed, skew_s=_skew_s(force, base),
-        skew_std_s=float(np.hypot(force.clock.std_s, base.clock.std_s)),
-        skew_checked=all(each.sensor is not None and each.sensor.checked for each in (force, base)),
+        flags=flags, timed=timed, skew_s=delays.value_s if tied else None,
+        skew_std_s=math.hypot(delays.std_s, tie_s) if tied else apart_s,
+        skew_trusted_s=math.hypot(delays.trusted_std_s, tie_s) if tied else apart_s,
+        delays=delays,
+        skew_checked=all(channel.sensor is not None and channel.sensor.checked for channel in (force, base)),
         skew_method=f"force by {force.clock.method}, displacement by {base.clock.method}",
         arrival_skew_s=force.latency_s - base.latency_s if context.device_rate == 1.0 else None, host=host,
     )
-
-
-def _skew_s(force: TimedChannel, base: TimedChannel) -> float | None:
-    """The lag of force beyond the declared delays, where both clocks are tied by edges."""
-    if force.sensor is None or base.sensor is None or {force.clock.method, base.clock.method} != {"edges"}:
-        return None
-    return force.sensor.undeclared_s - base.sensor.undeclared_s
 
 
 def split(records: NDArray[Any]) -> dict[str, Records]:
@@ -141,17 +167,19 @@ def _host_map(by_name: Mapping[str, Records], device_rate: float) -> HostMap:
     return host_map(np.asarray(polls["host_ns"]), np.asarray(polls["device_us"]), device_rate)
 
 
-def _timed(
+def _sensor(name: str, channel: Records, host: HostMap, sensor: SensorClock) -> TimedChannel:
+    ordered, time_s, disorder = _in_order(channel, sensor.time_s)
+    arrival_s = mapped(ordered["host_ns"], host.time_s, np.float64)
+    late_s = thinned(arrival_s, MOST_FOR_A_MEDIAN) - thinned(time_s, MOST_FOR_A_MEDIAN)
+    return TimedChannel(
+        name, ordered, time_s, sensor.clock, lost_samples(channel["sequence"]), float(np.median(late_s)), sensor,
+        len(channel) - len(ordered), disorder,
+    )
+
+
+def _status(
     name: str, channel: Records, by_name: Mapping[str, Records], host: HostMap, context: PointContext,
 ) -> TimedChannel:
-    sensor = context.sensors.get(name)
-    if sensor is not None:
-        found = timed_sensor(name, channel, by_name, host, sensor, context)
-        ordered, time_s = _increasing(channel, found.time_s)
-        arrival_s = mapped(ordered["host_ns"], host.time_s, np.float64)
-        late_s = thinned(arrival_s, MOST_FOR_A_MEDIAN) - thinned(time_s, MOST_FOR_A_MEDIAN)
-        lost = lost_samples(channel["sequence"])
-        return TimedChannel(name, ordered, time_s, found.clock, lost, float(np.median(late_s)), found)
     records = channel[:]
     arrival_s, device_s = host.time_s(records["host_ns"]), records["device_us"] * 1e-6
     if NUMBER.get(name) in CONTROLLER_CHANNELS and np.all(records["device_us"] >= 0):
@@ -178,13 +206,21 @@ def _ecu_clock(
     return by_envelope(device_s, arrival_s, device_rate=context.device_rate)
 
 
-def _increasing(records: Records, time_s: Values) -> tuple[Records, Values]:
-    """Records and times without the samples whose time does not come after all before; normally all of them."""
+def _in_order(records: Records, time_s: Values) -> tuple[Records, Values, tuple[Records, Values] | None]:
+    """Records and times of the samples in order, and, where some are not, all records flagged and all times.
+
+    What is out of order is the fewer of: those that do not come after all before, those that do not come before all
+    after. One wild step of a clock, forward or back, then costs one sample.
+    """
     if all(np.all(np.diff(time_s[rows]) > 0) for rows in overlapping(len(time_s))):
-        return records, time_s
+        return records, time_s, None
     times = np.asarray(time_s)
-    order = np.flatnonzero(np.concatenate(([True], np.diff(np.maximum.accumulate(times)) > 0)))
-    return records[:][order], times[order]
+    after = np.diff(np.maximum.accumulate(times), prepend=-np.inf) > 0
+    before = np.diff(np.minimum.accumulate(times[::-1]), prepend=np.inf)[::-1] < 0
+    keep = after if np.count_nonzero(after) >= np.count_nonzero(before) else before
+    received = np.array(records[:])
+    received["flags"][~keep] |= np.uint16(Quality.CLOCK_BACK)
+    return received[keep], times[keep], (received, np.where(keep, times, np.nan))
 
 
 def lost_samples(sequence: Values) -> int:
@@ -229,7 +265,7 @@ def _brought(base: TimedChannel, channel: TimedChannel, period_s: float) -> Valu
     def part(start: int, stop: int) -> FloatArray:
         wanted_s = np.asarray(base.time_s[start:stop])
         time_s, records = _near(channel, wanted_s)
-        return cubic_at(wanted_s, time_s, good_values(records), period_s)
+        return monotone_at(wanted_s, time_s, good_values(records), period_s)
 
     return _along(base, part)
 

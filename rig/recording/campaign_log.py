@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from pathlib import Path
@@ -9,9 +10,14 @@ from typing import Any
 
 from rig.clock import monotonic_ns, utc_now
 
+RESERVE_BYTES = 1 << 17
+
 
 class CampaignLog:
     """Appends events to `journal.jsonl`; each line is one unbuffered write, so a kill never leaves half of an old one.
+
+    Some room is taken beforehand (`journal.reserve`) and given back when the disk is full: how a campaign was stopped
+    by a full disk must still be told.
 
     Args:
         folder: the campaign's directory.
@@ -27,6 +33,10 @@ class CampaignLog:
         if torn:
             # A crash cut the last line off; the next one begins on its own.
             os.write(self._handle, b"\n")
+        self._torn = False
+        self._reserve = folder / "journal.reserve"
+        with contextlib.suppress(OSError):
+            self._reserve.write_bytes(bytes(RESERVE_BYTES))
 
     def write(self, event: str, **fields: object) -> None:
         """Append one event with its wall time (UTC), host time (monotonic ns) and fields that JSON can carry.
@@ -37,9 +47,22 @@ class CampaignLog:
         stamp = {"utc": utc_now().isoformat(timespec="milliseconds"), "host_ns": monotonic_ns()}
         line = {**stamp, "event": event, **fields}
         data = json.dumps(line, default=str).encode() + b"\n"
+        if self._torn:
+            data = b"\n" + data
         while data:
             # A disk that fills up takes a part first and refuses the rest.
-            data = data[os.write(self._handle, data) :]
+            data = data[self._append(data) :]
+        self._torn = False
+
+    def _append(self, data: bytes) -> int:
+        try:
+            return os.write(self._handle, data)
+        except OSError:
+            self._torn = True
+            if not self._reserve.exists():
+                raise
+            self._reserve.unlink()
+            return os.write(self._handle, data)
 
     def flush(self) -> None:
         """Make what was appended survive a power cut.
@@ -56,6 +79,7 @@ class CampaignLog:
             OSError: the disk refused the last lines.
         """
         try:
+            self._reserve.unlink(missing_ok=True)
             self.flush()
         finally:
             os.close(self._handle)

@@ -14,8 +14,9 @@ class SensorContext:
 
     `delay_s` is the declared group delay of its conditioner (None: not stated, taken as 0); `range_SI` the full scale
     (None: unknown); `sensitivity` is SI per unit on the wire, `offset` in SI; dates are ISO 8601 text.
-    `uncertainty_percent` is the standard uncertainty of the sensitivity (None: not stated); `overdue`: the calibration
-    was past its due date.
+    `bandwidth_Hz` is what its conditioner passes (-3 dB; None: not stated). `uncertainty_percent` is the standard
+    uncertainty of the sensitivity (None: not stated); `overdue`: the calibration was past its due date. `format` names
+    what it sends: a preset of `protocols.line_format`, or `frame16`.
     """
 
     sensor: str
@@ -31,6 +32,8 @@ class SensorContext:
     due: str = ""
     uncertainty_percent: float | None = None
     overdue: bool = False
+    format: str = ""
+    bandwidth_Hz: float | None = None
 
     @property
     def declared_s(self) -> float:
@@ -53,6 +56,8 @@ class PointContext:
         moving_mass_kg: mass between load cell and damper; its inertia is part of the measured force.
         current_tolerance_A: largest deviation of measured from wanted current in a valid point.
         simulated: True when no real damper was tested.
+        calibration: what is known of the instruments before the point, by attribute of `/entry/quality`: what the bench
+            allows them to differ by, and what they showed at rest before the first motion.
         provenance: flat text attributes: software version, bench and matrix names and hashes, device identities,
             start time (UTC, ISO 8601), operator.
     """
@@ -65,6 +70,7 @@ class PointContext:
     moving_mass_kg: float = 0.0
     current_tolerance_A: float = 0.02
     simulated: bool = False
+    calibration: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     def to_json(self) -> str:
@@ -81,6 +87,9 @@ class PointContext:
         try:
             raw = json.loads(text)
             sensors = {name: SensorContext(**entry) for name, entry in raw.pop("sensors").items()}
-            return cls(sensors=sensors, **raw)
-        except (AttributeError, KeyError, TypeError) as error:
+            context = cls(sensors=sensors, **raw)
+        except (AttributeError, KeyError, RecursionError, TypeError) as error:
             raise ValueError(f"journal header is not a point's context: {error}") from error
+        if not isinstance(context.point, dict) or not isinstance(context.provenance, dict):
+            raise ValueError("journal header is not a point's context: point and provenance are not both objects")
+        return context

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import RigError
+from rig.recording.spectral_lines import quantisation_step, significant_orders
 
 FloatArray = NDArray[np.float64]
 Method = Literal["harmonic", "savitzky_golay"]
 
 MAXIMUM_HARMONICS = 400
-SIGNIFICANT = 8.0  # a harmonic stays when its power exceeds this many times what noise alone puts there
 REPEATS = 0.003  # share of the amplitude
 TAIL_ORDERS = 4  # fewer harmonics in a half octave are single ones, not a series that goes on
 TAIL_SHARE = 0.3  # nor do they make a series when they are fewer than this share of its orders
@@ -153,13 +153,13 @@ def harmonic(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float
     spacing = float(np.median(np.diff(t)))
     count = int(max(1, min(MAXIMUM_HARMONICS, 0.4 / (spacing * frequency_Hz), (t.size - 4) // 4)))
     omega = 2.0 * np.pi * frequency_Hz
-    first = np.array([1], dtype=np.int64)
+    first, step = np.array([1], dtype=np.int64), quantisation_step(u)
     for _ in range(2):
         omega += _solve(t - origin, u, omega, first)[2]
     coefficients, residual, _ = _solve(t - origin, u, omega, first)
     orders = first
     for _ in range(ROUNDS):
-        found = np.setdiff1d(_significant(t - origin, residual, omega, count), orders)
+        found = np.setdiff1d(significant_orders(t - origin, residual, omega, count, step), orders)
         if found.size == 0:
             break
         orders = np.union1d(orders, found)
@@ -281,17 +281,6 @@ def _solve(
         slope_residual += float(slope @ residual[part])
     independent = slope_power - float(cross @ np.linalg.solve(normal, cross))
     return coefficients, residual, slope_residual / independent if independent > 0.0 else 0.0
-
-
-def _significant(t: FloatArray, residual: FloatArray, omega: float, count: int) -> NDArray[np.int64]:
-    """Orders from 2 to `count` whose power stands out of what noise would put there."""
-    turn = np.exp(1j * omega * t)
-    rotation, power = turn.copy(), np.zeros(count + 1)
-    for order in range(2, count + 1):
-        rotation *= turn
-        power[order] = 4.0 * abs(np.vdot(rotation, residual)) ** 2 / t.size**2
-    noise = max(float(np.mean(residual**2)) - float(np.sum(power)) / 2.0, 0.01 * float(np.mean(residual**2)))
-    return np.flatnonzero(power > SIGNIFICANT * 4.0 * noise / t.size)
 
 
 def _chunks(n: int) -> Iterator[slice]:

@@ -1,32 +1,179 @@
-"""Getting bytes onto the disk for good: flush a file, rename it, flush its directory."""
+"""The one place that puts a recording's files on the disk: whole or not at all, and a full disk is an error of ours.
+
+HDF5 does not survive a write that fails: the library raises, and the process then dies in it (SIGSEGV). So HDF5 never
+writes to a disk here. It writes to a `ReservedFile`, which takes room on the disk ahead of every write, never fails in
+the library's sight, remembers what the disk refused, and raises it as soon as our own code asks (`check`).
+"""
 
 from __future__ import annotations
 
+import errno
+import io
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer, WriteableBuffer
+
+SMALLEST_STEP_BYTES, LARGEST_STEP_BYTES = 1 << 16, 1 << 22
+"""By how much the reserved room grows at a time: by as much as is there, within these."""
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+"""Error numbers that say: no room."""
+NO_RESERVATION = {errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS}
+"""What a file system says that cannot reserve room; a full disk then shows at the write."""
 
 
-def flush_directory(folder: Path) -> None:
-    """Make renames and new names in a folder survive a power cut."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+class ReservedFile(io.RawIOBase):
+    """A new file to which a library may write: room is reserved ahead, no error reaches the library.
 
+    What is written after the first error stays in memory, so that the library finds all it wrote; ask `check` often.
 
-def replace_durably(partial: Path, final: Path) -> None:
-    """Flush `partial`, give it its final name in one step, flush the directory.
+    Args:
+        path: the file; one of that name is emptied.
 
     Raises:
-        OSError: the disk refused; the final name then still holds what it held before.
+        OSError: it cannot be made.
     """
-    handle = os.open(partial, os.O_RDONLY)
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        flags = os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW
+        self.path = path
+        self._error: OSError | None = None
+        self._position = self._size = self._room = 0
+        self._unwritten: list[tuple[int, bytes]] = []
+        self._handle = os.open(path, flags, 0o644)
+
+    def check(self) -> None:
+        """Raise what the disk has refused so far.
+
+        Raises:
+            OSError: with its error number (ENOSPC, EIO ...) and the file's name.
+        """
+        if self._error is not None:
+            raise OSError(self._error.errno, os.strerror(self._error.errno or 0), str(self.path)) from self._error
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Write at the place sought; the number of bytes. Never fails: see `check`."""
+        view = memoryview(data).cast("B")
+        end = self._position + len(view)
+        if self._error is None:
+            try:
+                self._reserve(end)
+                self._put(view, self._position)
+            except OSError as error:
+                self._error = error
+        if self._error is not None:
+            self._unwritten.append((self._position, bytes(view)))
+        self._position = end
+        self._size = max(self._size, end)
+        return len(view)
+
+    def _reserve(self, end: int) -> None:
+        """Have room on the disk up to `end`.
+
+        Raises:
+            OSError: there is none.
+        """
+        if end <= self._room or not hasattr(os, "posix_fallocate"):
+            return
+        room = end + min(max(end, SMALLEST_STEP_BYTES), LARGEST_STEP_BYTES)
+        try:
+            os.posix_fallocate(self._handle, self._room, room - self._room)
+        except OSError as error:
+            if error.errno not in NO_RESERVATION:
+                raise
+        self._room = room
+
+    def _put(self, view: memoryview, offset: int) -> None:
+        while view:
+            written = os.pwrite(self._handle, view, offset)
+            view, offset = view[written:], offset + written
+
+    def readinto(self, buffer: WriteableBuffer, /) -> int:
+        """Read back from the place sought; the number of bytes."""
+        view = memoryview(buffer).cast("B")
+        start, count = self._position, max(0, min(len(view), self._size - self._position))
+        data = os.pread(self._handle, count, start)
+        view[:count] = data + bytes(count - len(data))
+        for offset, kept in self._unwritten:
+            first, last = max(offset, start), min(offset + len(kept), start + count)
+            if first < last:
+                view[first - start : last - start] = kept[first - offset : last - offset]
+        self._position += count
+        return count
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        """Go to a place, from the start, from here or from the end; the place."""
+        base = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._size}[whence]
+        self._position = base + offset
+        return self._position
+
+    def tell(self) -> int:
+        """The place sought."""
+        return self._position
+
+    def truncate(self, size: int | None = None, /) -> int:
+        """Set where the file ends; room beyond stays reserved until `finish`."""
+        self._size = self._position if size is None else size
+        return self._size
+
+    def readable(self) -> bool:
+        """It is."""
+        return True
+
+    def writable(self) -> bool:
+        """It is."""
+        return True
+
+    def seekable(self) -> bool:
+        """It is."""
+        return True
+
+    def finish(self) -> None:
+        """Give back the room that was not needed and put everything on the disk.
+
+        Raises:
+            OSError: the disk has refused something.
+        """
+        self.check()
+        os.ftruncate(self._handle, self._size)
+        os.fsync(self._handle)
+
+    def close(self) -> None:
+        """Close the file; closing twice is harmless."""
+        if not self.closed:
+            os.close(self._handle)
+        super().close()
+
+
+def write_whole(
+    final: Path, fill: Callable[[ReservedFile], None], *, before_naming: Callable[[Path], None] | None = None,
+) -> None:
+    """Write a file complete or not at all: temporary name, flush, check, rename, flush of the directory.
+
+    Args:
+        final: its name; a file of that name is replaced in one step.
+        fill: writes the content.
+        before_naming: is given the temporary name when everything is on the disk; what it raises prevents the naming.
+
+    Raises:
+        OSError: the disk refused; `final` holds what it held before, and nothing is left beside it.
+    """
+    partial = final.with_name(final.name + ".tmp")
+    file = ReservedFile(partial)
     try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-    os.replace(partial, final)
+        with file:
+            fill(file)
+            file.finish()
+        if before_naming is not None:
+            before_naming(partial)
+        os.replace(partial, final)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
     flush_directory(final.parent)
 
 
@@ -36,6 +183,21 @@ def write_text_durably(path: Path, text: str) -> None:
     Raises:
         OSError: the place cannot be written.
     """
-    partial = path.with_name(path.name + ".tmp")
-    partial.write_text(text, encoding="utf-8")
-    replace_durably(partial, path)
+    write_whole(path, lambda file: _write_all(file, text.encode()))
+
+
+def _write_all(file: ReservedFile, data: bytes) -> None:
+    file.write(data)
+
+
+def flush_directory(folder: Path) -> None:
+    """Make renames and new names in a folder survive a power cut.
+
+    Raises:
+        OSError: the disk refused.
+    """
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -16,7 +16,9 @@ from rig.recording.column import Values
 from rig.recording.context import PointContext, SensorContext
 from rig.recording.journal import JournalContent
 from rig.recording.layout import FloatArray, parts
-from rig.recording.loop_shape import LoopShape, loop_shape, standing
+from rig.recording.loop_shape import LoopShape, Standing, loop_shape, standing
+from rig.recording.point_names import OUT_OF_TOLERANCE
+from rig.recording.reason import Kind, Reason
 from rig.recording.tracking import loop_error_A, steps_error_A
 from rig.recording.verdict import Findings, SensorCounts
 
@@ -24,7 +26,8 @@ SATURATION_SHARE = 0.999
 MOST_OVERVIEW_SAMPLES = 400_000
 FEWEST_A_CYCLE = 200
 TEMPERATURE_REACH_S = 0.5
-VERDICT_REMARKS = {"machine-cannot": "suspect"}
+LARGEST_DISORDER = 0.001
+VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT, OUT_OF_TOLERANCE: Kind.INVALID}
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
 
@@ -92,12 +95,15 @@ def examine(
         current_error_A=_steps_error_A(seen, point) if standing_rod
         else loop_error_A(seen.time_s, seen.current_A, float(point["current_A"]), starts),
         amplitude_tolerance=point.get("amplitude_tolerance") if loop else None,
-        extra=[(VERDICT_REMARKS[event.code], f"{event.code}: {event.text}") for event in content.events
-               if event.code in VERDICT_REMARKS],
+        extra=[
+            *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
+              if event.code in VERDICT_REMARKS),
+            *_disorder(context, alignment),
+        ],
         temperature_degC=_range(seen.temperature_degC[inside]),
         temperature_share=_share_known(seen.time_s, seen.temperature_degC, inside),
         temperature_window_degC=_window(point),
-        skew_std_s=0.0 if standing_rod else alignment.skew_std_s,
+        skew_std_s=0.0 if standing_rod else alignment.skew_trusted_s,
         scatter_N=None if shape is None else shape.scatter_N, change_N=None if shape is None else shape.change_N,
         span_N=None if shape is None else shape.span_N, free_play_m=0.0 if shape is None else shape.free_play_m,
         samples_a_cycle=float(period_samples), stopped_by=end.get("stopped_by"), interrupted=content.end is None,
@@ -105,6 +111,19 @@ def examine(
         damaged_bytes=content.damaged_bytes, tripped="trip" in alignment.timed,
     )
     return findings, shape
+
+
+def _disorder(context: PointContext, alignment: Alignment) -> list[Reason]:
+    """Sensors whose device clock went back too often: those samples are in no loop."""
+    channels = [alignment.timed[name] for name in context.sensors if name in alignment.timed]
+    return [
+        Reason(
+            "device-time", Kind.INVALID,
+            f"the device clock of {channel.disordered} of {len(channel.received)} {channel.name} samples went back "
+            f"({100 * channel.disordered / len(channel.received):.2g} %, limit {100 * LARGEST_DISORDER:g} %)",
+        )
+        for channel in channels if channel.disordered > LARGEST_DISORDER * len(channel.received)
+    ]
 
 
 def _window(point: Any) -> tuple[float, float] | None:  # noqa: ANN401 - a journal's mapping
@@ -136,7 +155,8 @@ def _steps_error_A(seen: Overview, point: Mapping[str, Any]) -> float | None:
 def _counts(
     channel: TimedChannel, sensor: SensorContext, alignment: Alignment, motion: Achieved | None,
 ) -> SensorCounts:
-    missing = saturated = overloaded = faulty = spikes = longest = at_extreme = 0
+    missing = saturated = overloaded = faulty = spikes = 0
+    stood: list[Standing] = []
     bounds = None if motion is None else (alignment.origin_s + motion.start_s, alignment.origin_s + motion.end_s)
     for rows in parts(len(channel.records)):
         records = channel.records[rows]
@@ -149,10 +169,14 @@ def _counts(
             saturated += int(np.count_nonzero(np.abs(values) >= SATURATION_SHARE * sensor.range_SI))
         if bounds is not None:
             time_s = np.asarray(channel.time_s[rows])
-            found = standing(values[(time_s >= bounds[0]) & (time_s < bounds[1])])
-            longest, at_extreme = max(longest, found.longest), max(at_extreme, found.at_extreme)
+            stood.append(standing(values[(time_s >= bounds[0]) & (time_s < bounds[1])]))
     return SensorCounts(
-        len(channel.records), channel.lost, missing, max(saturated, overloaded), faulty, spikes, longest, at_extreme,
+        len(channel.records), channel.lost, missing, max(saturated, overloaded), faulty, spikes,
+        standing=max((part.longest for part in stood), default=0),
+        flat=max((part.at_extreme for part in stood), default=0),
+        coarse=any(part.coarse for part in stood),
+        step=min((part.step for part in stood if part.step > 0.0), default=0.0),
+        span=max((part.span for part in stood), default=0.0), rate_Hz=sensor.rate_Hz, bandwidth_Hz=sensor.bandwidth_Hz,
     )
 
 

@@ -4,8 +4,9 @@
 
 reads one JSON object a line, `{"journal": path}`, and answers one line each with the fields of `FinishedPoint`. To
 `{"retime": points folder}` it answers one line for each file it wrote again (`rig.recording.retiming`) and a last one
-`{"retimed": error or ""}`. It ends when its input does, after the last journal it was given; so it also finishes what a
-killed application left.
+`{"retimed": error or ""}`. The work itself is done by a process below it (`rig.recording.converter`), so that a journal
+at which a library dies costs this point and no other. It ends when its input does, after the last journal it was given;
+so it also finishes what a killed application left.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ import contextlib
 import json
 import os
 import queue
+import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -24,13 +25,11 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, cast
 
 from rig.clock import monotonic_ns
-from rig.errors import RigError
+from rig.recording.converter import ConversionEnded, Converter
+from rig.recording.finished_point import FinishedPoint
 
 if TYPE_CHECKING:
-    from rig.recording.conversion import FinishedPoint
     from rig.recording.recorder import PointJournal
-
-NICENESS = 5
 
 
 class Finaliser:
@@ -72,14 +71,14 @@ class Finaliser:
 
     def submit(self, journal: PointJournal) -> None:
         """Hand in a point's journal. Should the process be gone, the answer says so and the journal stays."""
-        from rig.recording.conversion import FinishedPoint
-
         self._pending.append(journal.id)
         try:
             self._input.write(json.dumps({"journal": str(journal.path)}) + "\n")
             self._input.flush()
         except (OSError, ValueError) as error:
-            self._answers.put(FinishedPoint(journal.id, error=f"the finaliser process is gone: {error}"))
+            self._answers.put(FinishedPoint(
+                journal.id, error=f"the finaliser process is gone: {error}", error_slug="conversion-crashed"
+            ))
 
     def results(self) -> list[FinishedPoint]:
         """Points finished since the last call; returns at once."""
@@ -139,8 +138,9 @@ class Finaliser:
         self._reader.join(timeout_s)
 
     def kill(self) -> None:
-        """End the process at once, whatever it is doing; journals not yet finished stay for `rig recover`."""
-        self._process.kill()
+        """End the process and the one below it at once; journals not yet finished stay for `rig recover`."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)  # a session of its own: `start_new_session`
         self._process.wait()
         with contextlib.suppress(BrokenPipeError):
             self._input.close()
@@ -151,8 +151,6 @@ class Finaliser:
         return answer
 
     def _listen(self) -> None:
-        from rig.recording.conversion import FinishedPoint
-
         answered = set()
         with self._output:
             for line in self._output:
@@ -160,58 +158,38 @@ class Finaliser:
                 if "retimed" in answer:
                     self._retimed.put(answer["retimed"])
                     continue
-                answer["reasons"] = tuple(answer["reasons"])
                 answered.add(answer["id"])
-                self._answers.put(FinishedPoint(**answer))
+                self._answers.put(FinishedPoint.from_json(answer))
         gone = "the finaliser process ended before it was finished; `rig recover` will"
         for point_id in list(self._pending):
             if point_id not in answered:
-                self._answers.put(FinishedPoint(point_id, error=gone))
+                self._answers.put(FinishedPoint(point_id, error=gone, error_slug="conversion-crashed"))
         self._retimed.put("the finaliser process has ended")
-
-
-def warm_up() -> None:
-    """Load what the first point would wait for, and write one small file."""
-    import numpy as np
-
-    from rig.recording.conversion import prove
-    from rig.recording.layout import AlignedChannel, PointFile, write_file
-
-    time_s = np.arange(16) / 250.0
-    point = PointFile(
-        time_s, 250.0, [AlignedChannel("force", time_s, "N", "Force")],
-        test={"id": "p000", "waveform": "sine", "amplitude_m": 0.0, "frequency_Hz": 0.0, "current_A": 0.0},
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        write_file(Path(folder) / "p000.h5", point)
-        prove(Path(folder) / "p000.h5", point)
 
 
 def main() -> int:
     """Serve standard input until it ends."""
-    os.nice(NICENESS)
-    warm_up()
-    for line in sys.stdin:
-        for answer in _answers_to(json.loads(line)):
-            sys.stdout.write(json.dumps(answer) + "\n")
-            sys.stdout.flush()
+    with Converter() as converter:
+        converter.start()
+        for line in sys.stdin:
+            for answer in _answers_to(json.loads(line), converter):
+                sys.stdout.write(json.dumps(answer) + "\n")
+                sys.stdout.flush()
+            converter.start()
     return 0
 
 
-def _answers_to(request: dict[str, str]) -> Iterator[dict[str, object]]:
-    from rig.recording.recovery import finish_alone
-    from rig.recording.retiming import retime
-
+def _answers_to(request: dict[str, str], converter: Converter) -> Iterator[dict[str, object]]:
     if "journal" in request:
-        yield asdict(finish_alone(Path(request["journal"])))
+        yield asdict(converter.finish(Path(request["journal"])))
         return
+    problem = ""
     try:
-        for point in retime(Path(request["retime"])):
+        for point in converter.retime(Path(request["retime"])):
             yield asdict(point)
-    except (RigError, OSError, ValueError) as error:
-        yield {"retimed": f"{type(error).__name__}: {error}"}
-    else:
-        yield {"retimed": ""}
+    except ConversionEnded as ended:
+        problem = str(ended)
+    yield {"retimed": problem}
 
 
 if __name__ == "__main__":

@@ -1,14 +1,15 @@
 """HDF5 from outside is hostile: what a recording never contains is refused before a single value is read.
 
-Refused: external and soft links, external storage, virtual datasets, filters other than our own, declared sizes beyond
-what a point can have or beyond what the file can hold compressed, nesting deeper than the layout, object references.
+Refused: external and soft links, external storage, virtual datasets, filters other than our own or applied twice,
+chunks, elements, attributes and declared sizes beyond what a point can have or beyond what the file can hold, nesting
+deeper than the layout, more objects, links or attributes than the layout, references, types of other kinds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,12 +20,23 @@ if TYPE_CHECKING:
 
 LARGEST_SAMPLES = 100_000_000
 LARGEST_OBJECTS = 2_000
-LARGEST_RATIO = 2_000.0
+LARGEST_RATIO = 1_200.0
+"""Of declared bytes to the file's; deflate reaches 1,032."""
 SMALL_BYTES = 1 << 20
+LARGEST_CHUNK_BYTES = 1 << 23
+"""Memory that one value costs: HDF5 inflates a chunk whole. The recorder's chunks have 131 kB."""
+MOST_CHUNKS = 100_000
+LARGEST_NUMBER_BYTES, LARGEST_TEXT_BYTES = 8, 1 << 16
+MOST_ATTRIBUTES = 2_000
+LARGEST_ATTRIBUTE_BYTES = 1 << 22
 DEEPEST = 6
 MOST_REMEMBERED = 10_000
 ALLOWED_FILTERS = {1: "deflate", 2: "shuffle", 3: "fletcher32"}
 ALLOWED_KINDS = "iufS"
+DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError)
+"""What h5py raises for a file that holds something else than its structure says."""
+SCALE_ATTRIBUTES = frozenset({"DIMENSION_LIST", "REFERENCE_LIST"})
+"""Of dimension scales: references, which nothing here reads."""
 
 _checked: set[tuple[int, int, int, int]] = set()
 """Files already walked: device, inode, size and time of change."""
@@ -58,11 +70,12 @@ def check_file(path: Path, groups: Iterable[str] | None = None) -> h5py.File:
     if groups is not None:
         _check_groups(file, path, groups)
         return file
-    problems: list[str] = []
+    walk = _Walk(status.st_size)
     try:
-        _walk(file, "", status.st_size, problems, [0])
-    except (OSError, RuntimeError, KeyError, ValueError) as error:
-        problems.append(f"damaged: {error}")
+        walk.group(file, "")
+    except DAMAGE as error:
+        walk.problems.append(f"damaged: {error}")
+    problems = walk.problems + walk.bomb()
     if problems:
         file.close()
         raise FileProblem(str(path), problems)
@@ -73,7 +86,7 @@ def check_file(path: Path, groups: Iterable[str] | None = None) -> h5py.File:
 
 
 def _check_groups(file: h5py.File, path: Path, groups: Iterable[str]) -> None:
-    """Close the file and refuse it when one of the groups is a link elsewhere, or none.
+    """Close the file and refuse it when one of the groups is a link elsewhere, none, or has attributes beyond measure.
 
     Raises:
         FileProblem: one line for each of them.
@@ -81,61 +94,139 @@ def _check_groups(file: h5py.File, path: Path, groups: Iterable[str]) -> None:
     import h5py
 
     problems = []
-    for name in groups:
-        parts = name.split("/")
-        for depth in range(1, len(parts) + 1):
-            place = "/".join(parts[:depth])
-            if not isinstance(file.get(place, getlink=True), h5py.HardLink) or not isinstance(file[place], h5py.Group):
-                problems.append(f"/{place}: missing, or not a group of the file itself")
-                break
+    try:
+        problems += _attribute_problems(file)
+        for name in groups:
+            parts = name.split("/")
+            for depth in range(1, len(parts) + 1):
+                place = "/".join(parts[:depth])
+                link = file.get(place, getlink=True)
+                if not isinstance(link, h5py.HardLink) or not isinstance(file[place], h5py.Group):
+                    problems.append(f"/{place}: missing, or not a group of the file itself")
+                    break
+            else:
+                problems += [f"/{name}: {text}" for text in _attribute_problems(file[name])]
+    except DAMAGE as error:
+        problems.append(f"damaged: {error}")
     if problems:
         file.close()
         raise FileProblem(str(path), problems)
 
 
-def _walk(group: h5py.Group, place: str, file_bytes: int, problems: list[str], seen: list[int]) -> None:
-    import h5py
+class _Walk:
+    """All objects of a file, looked at without reading a value."""
 
-    if place.count("/") >= DEEPEST:
-        problems.append(f"{place}: nested deeper than {DEEPEST} groups")
-        return
-    for name in group:
-        seen[0] += 1
-        if seen[0] > LARGEST_OBJECTS:
-            problems.append(f"{place}: more than {LARGEST_OBJECTS} objects")
+    def __init__(self, file_bytes: int) -> None:
+        self.problems: list[str] = []
+        self._file_bytes = file_bytes
+        self._seen = self._declared = 0
+        self._walked: set[int] = set()
+
+    def group(self, group: h5py.Group, place: str) -> None:
+        import h5py
+
+        self.problems += [f"{place or '/'}: {text}" for text in _attribute_problems(group)]
+        if place.count("/") >= DEEPEST:
+            self.problems.append(f"{place}: nested deeper than {DEEPEST} groups")
             return
-        where = f"{place}/{name}"
-        link = group.get(name, getlink=True)
-        if not isinstance(link, h5py.HardLink):
-            problems.append(f"{where}: {type(link).__name__} refused; a recording holds its data itself")
-            continue
-        item = group[name]
-        if isinstance(item, h5py.Dataset):
-            problems += [f"{where}: {text}" for text in _dataset_problems(item, file_bytes)]
-        elif isinstance(item, h5py.Group):
-            _walk(item, where, file_bytes, problems, seen)
-        else:
-            problems.append(f"{where}: neither group nor dataset")
+        self._seen += len(group)  # before any name is read: there may be millions
+        if self._seen > LARGEST_OBJECTS:
+            self.problems.append(f"{place}: more than {LARGEST_OBJECTS} objects")
+            return
+        for name in group:
+            where = f"{place}/{_printable(name)}"
+            info = group.id.links.get_info(name.encode("utf-8", "surrogateescape"))
+            if info.type != h5py.h5l.TYPE_HARD:
+                kind = type(group.get(name, getlink=True)).__name__
+                self.problems.append(f"{where}: {kind} refused; a recording holds its data itself")
+                continue
+            if info.u in self._walked:
+                continue  # stamps that channels share are one dataset with many names
+            item = group[name]
+            if isinstance(item, h5py.Dataset):
+                self._walked.add(info.u)
+                self._dataset(item, where)
+            elif isinstance(item, h5py.Group):
+                self.group(item, where)
+            else:
+                self.problems.append(f"{where}: neither group nor dataset")
+
+    def bomb(self) -> list[str]:
+        """One line when all datasets together declare more than the file can hold compressed."""
+        if self._declared <= max(64 * SMALL_BYTES, LARGEST_RATIO * self._file_bytes):
+            return []
+        return [f"declares {self._declared} bytes in a file of {self._file_bytes}; refused as a decompression bomb"]
+
+    def _dataset(self, item: h5py.Dataset, where: str) -> None:
+        texts = _attribute_problems(item) + _storage_problems(item)
+        size = int(np.prod(item.shape, dtype=object)) if item.shape else 1
+        declared = size * item.dtype.itemsize
+        self._declared += declared
+        held = LARGEST_RATIO * self._file_bytes if item.chunks else self._file_bytes
+        if size > LARGEST_SAMPLES:
+            texts.append(f"declares {size} values; at most {LARGEST_SAMPLES}")
+        elif declared > SMALL_BYTES and declared > held:
+            texts.append(f"declares {declared} bytes in a file of {self._file_bytes}; refused as a decompression bomb")
+        self.problems += [f"{where}: {text}" for text in texts]
 
 
-def _dataset_problems(item: h5py.Dataset, file_bytes: int) -> list[str]:
-    found = []
+def _storage_problems(item: h5py.Dataset) -> list[str]:
+    texts = []
     if item.is_virtual:
-        found.append("virtual dataset refused")
+        texts.append("virtual dataset refused")
     if item.external:
-        found.append("external storage refused")
-    if item.dtype.kind not in ALLOWED_KINDS:
-        found.append(f"type {item.dtype} refused; expected numbers or fixed-length text")
+        texts.append("external storage refused")
+    texts += _type_problems(item.dtype)
     if item.ndim > 1:
-        found.append(f"{item.ndim} dimensions; expected 1")
+        texts.append(f"{item.ndim} dimensions; expected 1")
     plist = item.id.get_create_plist()
     filters = [plist.get_filter(n) for n in range(plist.get_nfilters())]
-    found += [f"filter {code} ({text!r}) refused; allowed: {', '.join(ALLOWED_FILTERS.values())}"
+    codes = [code for code, *_ in filters]
+    texts += [f"filter {code} ({text!r}) refused; allowed: {', '.join(ALLOWED_FILTERS.values())}"
               for code, _, _, text in filters if code not in ALLOWED_FILTERS]
-    size = int(np.prod(item.shape, dtype=object)) if item.shape else 1
-    declared = size * item.dtype.itemsize
-    if size > LARGEST_SAMPLES:
-        found.append(f"declares {size} values; at most {LARGEST_SAMPLES}")
-    elif declared > SMALL_BYTES and declared > LARGEST_RATIO * file_bytes:
-        found.append(f"declares {declared} bytes in a file of {file_bytes}; refused as a decompression bomb")
-    return found
+    if len(set(codes)) < len(codes):
+        texts.append(f"the same filter twice refused: {codes}")
+    if item.chunks:
+        chunk_bytes = int(np.prod(item.chunks, dtype=object)) * item.dtype.itemsize
+        if chunk_bytes > LARGEST_CHUNK_BYTES:
+            texts.append(f"chunks of {chunk_bytes} bytes; at most {LARGEST_CHUNK_BYTES}")
+        chunks = int(np.prod(item.shape, dtype=object)) // max(1, int(np.prod(item.chunks, dtype=object)))
+        if chunks > MOST_CHUNKS:
+            texts.append(f"{chunks} chunks; at most {MOST_CHUNKS}")
+    return texts
+
+
+def _type_problems(kind: np.dtype[Any]) -> list[str]:
+    if kind.kind not in ALLOWED_KINDS:
+        return [f"type {kind} refused; expected numbers or fixed-length text"]
+    largest = LARGEST_TEXT_BYTES if kind.kind == "S" else LARGEST_NUMBER_BYTES
+    return [f"elements of {kind.itemsize} bytes; at most {largest}"] if kind.itemsize > largest else []
+
+
+def _attribute_problems(place: h5py.Group | h5py.Dataset) -> list[str]:
+    """What is wrong with an object's attributes; none of them is read."""
+    import h5py
+
+    count = h5py.h5a.get_num_attrs(place.id)
+    if count > MOST_ATTRIBUTES:
+        return [f"{count} attributes; at most {MOST_ATTRIBUTES}"]
+    texts = []
+    for number in range(count):
+        item = h5py.h5a.open(place.id, index=number)
+        name = item.name.decode("utf-8", "replace")
+        if name in SCALE_ATTRIBUTES:
+            continue
+        size = item.get_storage_size()
+        if size > LARGEST_ATTRIBUTE_BYTES:
+            texts.append(f"attribute {_printable(name)}: {size} bytes; at most {LARGEST_ATTRIBUTE_BYTES}")
+        elif len(item.shape) > 1:
+            texts.append(f"attribute {_printable(name)}: {len(item.shape)} dimensions; expected at most 1")
+        elif item.shape or h5py.check_string_dtype(item.dtype) is None:
+            # One text of free length, as h5py writes it, is no longer than the file; many of them may be the same one.
+            texts += [f"attribute {_printable(name)}: {text}" for text in _type_problems(item.dtype)]
+    return texts
+
+
+def _printable(name: str) -> str:
+    """A name from the file as it may stand on a terminal."""
+    return name if name.isprintable() and len(name) <= 80 else f"{name[:80]!r}"

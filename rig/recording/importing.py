@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 import secrets
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,7 +87,24 @@ def import_tests(
     if problems:
         raise FileProblem("import", problems)
     folder = out / f"{utc_now():%Y%m%dT%H%M%SZ}-{NOT_IN_A_NAME.sub('-', specimen)}-{secrets.token_hex(2)}"
-    (folder / "points").mkdir(parents=True)
+    try:
+        (folder / "points").mkdir(parents=True)
+        _write_run(folder, tests, choices, waveform, specimen, mid_stroke_m)
+    except OSError as error:
+        shutil.rmtree(folder, ignore_errors=True)  # made here, a moment ago, by this very function
+        raise FileProblem(str(folder), [f"cannot be written: {error}; nothing was imported"]) from error
+    return folder
+
+
+def _write_run(
+    folder: Path, tests: Sequence[ImportedTest], choices: Mapping[str, ColumnChoice], waveform: str, specimen: str,
+    mid_stroke_m: float | None,
+) -> None:
+    """Write one file a test and the run's description.
+
+    Raises:
+        OSError: the disk refuses one of them.
+    """
     entries = []
     for name, test in zip(_names(tests), tests, strict=True):
         write_file(folder / "points" / f"{name}.h5", _point_file(name, test, choices, waveform, mid_stroke_m))
@@ -97,7 +115,6 @@ def import_tests(
         "points": entries,
     }
     write_text_durably(folder / "campaign.json", json.dumps(description, indent=1) + "\n")
-    return folder
 
 
 def _current_pattern(text: str | None) -> re.Pattern[str] | None:
@@ -229,7 +246,7 @@ def _point_file(
             "mid_stroke_m": mid_stroke_m, "imported": True,
         },
         quality={
-            "verdict": verdict.verdict, "reasons": verdict.reasons, "lost_samples": lost, "skew_s": 0.0,
+            **verdict.attributes, "lost_samples": lost, "skew_s": 0.0,
             "skew_std_s": 0.0, "skew_method": "as imported: one time base, not checked",
             "measured_cycles": 0 if motion is None else motion.cycles, **measured,
         },

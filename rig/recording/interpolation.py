@@ -46,6 +46,42 @@ def cubic_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, perio
     return result
 
 
+def monotone_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
+    """Cubic that never leaves the range of its two neighbours (Fritsch and Butland 1984); arguments as `cubic_at`.
+
+    At a sharp corner between samples it cuts the corner instead of overshooting it. Of a resolved sine with n samples a
+    cycle it misses at most 5/n^2 of the amplitude, at the peaks.
+
+    Returns:
+        (m,) values; NaN as `cubic_at`.
+    """
+    result = np.full(len(wanted_s), np.nan)
+    if len(time_s) < 4:
+        return result
+    right = np.searchsorted(time_s, wanted_s, side="right")
+    inside = (right >= 2) & (right <= len(time_s) - 2)
+    near = right[inside]
+    steps = [time_s[near + k] - time_s[near + k - 1] for k in (-1, 0, 1)]
+    slopes = [(values[near + k] - values[near + k - 1]) / step for k, step in zip((-1, 0, 1), steps, strict=True)]
+    whole = np.all([step <= LARGEST_STEP_PERIODS * period_s for step in steps], axis=0)
+    first, last = (_limited(steps[k], steps[k + 1], slopes[k], slopes[k + 1]) for k in (0, 1))
+    step, part = steps[1], (wanted_s[inside] - time_s[near - 1]) / steps[1]
+    rest = 1.0 - part
+    curve = values[near - 1] * rest**2 * (1.0 + 2.0 * part) + values[near] * part**2 * (3.0 - 2.0 * part)
+    curve += step * part * rest * (rest * first - part * last)
+    low, high = np.minimum(values[near - 1], values[near]), np.maximum(values[near - 1], values[near])
+    result[inside] = np.where(whole, np.clip(curve, low, high), np.nan)
+    return result
+
+
+def _limited(before: FloatArray, after: FloatArray, slope: FloatArray, next_slope: FloatArray) -> FloatArray:
+    """Slope at a sample between two steps: their weighted harmonic mean; 0 where they differ in sign."""
+    same = slope * next_slope > 0.0
+    weight = (before + 2.0 * after) / (3.0 * (before + after))
+    mixed = np.where(same, weight * next_slope + (1.0 - weight) * slope, 1.0)
+    return np.where(same, slope * next_slope / mixed, 0.0)
+
+
 def linear_at(wanted_s: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
     """Straight line between the two neighbours; arguments and result as `cubic_at`."""
     result = np.full(len(wanted_s), np.nan)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import json
+import mmap as memory
 import os
 import struct
 import threading
@@ -27,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.recording.durable import flush_directory
 from rig.recording.layout import RECORD_DTYPE, Event
 
 HEADER = struct.Struct("<8sII")
@@ -39,6 +41,8 @@ RECORDS, EVENT, END = 1, 2, 3
 FLUSH_PERIOD_S = 0.05
 LARGEST_BLOCK_BYTES = 1 << 26
 SCANNED_BYTES = 1 << 20
+RELEASED_BYTES = 1 << 24
+"""A mapped journal leaves memory in steps of so many bytes, once walked."""
 
 
 class JournalProblem(ValueError):
@@ -141,9 +145,11 @@ class JournalWriter:
         while True:
             last = self._closing.wait(FLUSH_PERIOD_S)
             if self._length > flushed:
-                flushed = self._length
+                first, flushed = flushed == 0, self._length
                 try:
                     os.fdatasync(self._handle)
+                    if first:
+                        flush_directory(self.path.parent)  # else a power cut could take the name
                 except OSError as error:
                     self._flush_error = error
                     return
@@ -192,6 +198,20 @@ def read_journal(path: Path) -> JournalContent:
     return parse_journal(path.read_bytes(), str(path))
 
 
+def read_header(path: Path) -> str:
+    """A journal's header alone.
+
+    Raises:
+        JournalProblem: it is no journal or its header is damaged.
+        OSError: the file cannot be read.
+    """
+    with path.open("rb") as file:
+        start = file.read(HEADER.size)
+        if len(start) == HEADER.size:
+            start += file.read(min(HEADER.unpack(start)[1], LARGEST_BLOCK_BYTES))
+    return _header(start, str(path))[0]
+
+
 def parse_journal(data: bytes, name: str = "journal") -> JournalContent:
     """The same for bytes already read.
 
@@ -219,7 +239,10 @@ def scan_journal(data: bytes | mmap, name: str, take: Callable[[NDArray[Any]], N
     """
     context, position = _header(data, name)
     found = _Found(take)
+    released = 0
     while position < len(data):
+        if position - released >= RELEASED_BYTES:
+            released = release(data, released, position)
         size = _take_block(data, position, found)
         if size == 0:
             following = data.find(BLOCK_MAGIC, position + 1)
@@ -228,6 +251,20 @@ def scan_journal(data: bytes | mmap, name: str, take: Callable[[NDArray[Any]], N
         position += size
     nothing = np.zeros(0, RECORD_DTYPE)
     return JournalContent(context, nothing, tuple(found.events), found.end, found.missing, found.damaged)
+
+
+def release(data: bytes | mmap, start: int, stop: int) -> int:
+    """Let the pages of a mapped journal between two places leave memory; gives the place up to which they did.
+
+    Args:
+        data: the journal, in memory or mapped.
+        start: a multiple of `RELEASED_BYTES`.
+        stop: rounded down to one.
+    """
+    stop -= stop % RELEASED_BYTES
+    if isinstance(data, mmap) and stop > start and hasattr(memory, "MADV_DONTNEED"):
+        data.madvise(memory.MADV_DONTNEED, start, stop - start)
+    return stop
 
 
 def _end_of_data(data: bytes | mmap, start: int) -> int:
@@ -251,25 +288,72 @@ def _header(data: bytes | mmap, name: str) -> tuple[str, int]:
         raise JournalProblem(f"{name}: not a journal: begins with {magic!r}, expected {HEADER_MAGIC!r}")
     if len(text) != length or zlib.crc32(text) != check:
         raise JournalProblem(f"{name}: the header is damaged or cut off")
-    return text.decode(), HEADER.size + length
+    return text.decode("utf-8", "replace"), HEADER.size + length
 
 
 def _take_block(data: bytes | mmap, position: int, found: _Found) -> int:
-    """Take the block at `position` if every check fits; return its size, 0 when there is no right block here."""
+    """Take the block at `position` if every check fits; return its size, 0 when there is no right block here.
+
+    Blocks never move, so a block's index cannot be greater than the room before it allows.
+    """
     if position + BLOCK.size > len(data):
         return 0
     magic, kind, zero, index, length, check = BLOCK.unpack_from(data, position)
-    body = data[position + BLOCK.size:position + BLOCK.size + length]
-    if magic != BLOCK_MAGIC or length > LARGEST_BLOCK_BYTES or len(body) != length or index < found.next_index:
+    if magic != BLOCK_MAGIC or length > LARGEST_BLOCK_BYTES or not found.next_index <= index <= position // BLOCK.size:
         return 0
-    if zlib.crc32(body, zlib.crc32(CHECKED.pack(kind, zero, index, length))) != check:
+    body = data[position + BLOCK.size:position + BLOCK.size + length]
+    if len(body) != length or zlib.crc32(body, zlib.crc32(CHECKED.pack(kind, zero, index, length))) != check:
+        return 0
+    if not _took(kind, body, found):
         return 0
     found.missing += index - found.next_index
     found.next_index = index + 1
-    if kind == RECORDS:
-        found.take(np.frombuffer(body, RECORD_DTYPE))
-    elif kind == EVENT:
-        found.events.append(Event(**json.loads(body)))
-    elif kind == END:
-        found.end = json.loads(body)
     return int(BLOCK.size + length)
+
+
+def _took(kind: int, body: bytes, found: _Found) -> bool:
+    """Take a block's content; False for content that no recorder writes, which is damage whatever its check says."""
+    if kind == RECORDS:
+        if len(body) % RECORD_DTYPE.itemsize:
+            return False
+        found.take(np.frombuffer(body, RECORD_DTYPE))
+        return True
+    if kind not in {EVENT, END}:
+        return True  # of a later version
+    try:
+        said = json.loads(body)
+        if kind == END:
+            found.end = _end(said)
+        else:
+            found.events.append(_event(said))
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return False
+    return True
+
+
+def _event(said: Any) -> Event:  # noqa: ANN401 - whatever JSON holds
+    """An event as `JournalWriter.event` writes it.
+
+    Raises:
+        ValueError: it is not.
+        TypeError: it is not even a JSON object.
+        KeyError: something of it is missing.
+    """
+    time_ns, code, text = said["time_ns"], said["code"], said["text"]
+    if type(time_ns) is not int or not 0 <= time_ns < 1 << 62 or not isinstance(code, str) or not isinstance(text, str):
+        raise ValueError(f"not an event: {said!r:.80}")
+    return Event(time_ns, code, text)
+
+
+def _end(said: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever JSON holds
+    """The end of a point as `JournalWriter.close` writes it.
+
+    Raises:
+        ValueError: it is not.
+        TypeError: it is not even a JSON object.
+        KeyError: something of it is missing.
+    """
+    stopped_by, lost = said["stopped_by"], said["lost_records"]
+    if not (stopped_by is None or isinstance(stopped_by, str)) or type(lost) is not int or not 0 <= lost < 1 << 62:
+        raise ValueError(f"not the end of a point: {said!r:.80}")
+    return {"stopped_by": stopped_by, "lost_records": lost}

@@ -176,10 +176,17 @@ def _rest_m(rising: FloatArray, displacement_m: FloatArray, at: int, quiet_N: fl
 
 @dataclass(frozen=True)
 class Standing:
-    """Longest runs of exactly equal neighbours: anywhere, and at the greatest or least value (samples)."""
+    """Longest runs of exactly equal neighbours: anywhere, and at the greatest or least value (samples).
+
+    `coarse`: besides the longest run and away from the extremes equal neighbours are usual: the resolution is coarse,
+    and a run at the extreme says nothing. `step` is the smallest difference of two neighbours, `span` peak to peak.
+    """
 
     longest: int
     at_extreme: int
+    coarse: bool = False
+    step: float = 0.0
+    span: float = 0.0
 
 
 def standing(values: FloatArray) -> Standing:
@@ -191,12 +198,18 @@ def standing(values: FloatArray) -> Standing:
     known = values[np.isfinite(values)]
     if len(known) < 2:
         return Standing(0, 0)
-    equal = known[1:] == known[:-1]
+    differences = np.abs(np.diff(known))
+    equal = differences == 0.0
+    low, high = float(np.min(known)), float(np.max(known))
+    step = float(np.min(differences[~equal])) if not np.all(equal) else 0.0
     bounds = np.flatnonzero(np.diff(np.concatenate(([0], equal.astype(np.int8), [0]))))
     starts, lengths = bounds[::2], np.diff(bounds)[::2] + 1
     if len(starts) == 0:
-        return Standing(0, 0)
-    extreme = (known[starts] == np.max(known)) | (known[starts] == np.min(known))
-    coarse = float(np.mean(equal)) > REPEATED_SHARE and int(np.max(lengths)) < len(known) // 20
+        return Standing(0, 0, step=step, span=high - low)
+    extreme = (known[starts] == high) | (known[starts] == low)
+    longest = int(np.argmax(lengths))
+    elsewhere = (known[1:] != high) & (known[1:] != low)
+    elsewhere[starts[longest] : starts[longest] + lengths[longest]] = False
+    coarse = bool(np.any(elsewhere)) and float(np.mean(equal[elsewhere])) > REPEATED_SHARE
     at_extreme = 0 if coarse or not np.any(extreme) else int(np.max(lengths[extreme]))
-    return Standing(int(np.max(lengths)), at_extreme)
+    return Standing(int(lengths[longest]), at_extreme, coarse, step, high - low)

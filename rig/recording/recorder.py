@@ -7,12 +7,14 @@ while a point is open. What it cannot write makes it unhealthy, and it says so; 
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rig.recording.context import PointContext
 from rig.recording.journal import JournalWriter
 from rig.recording.layout import RECORD_DTYPE
+from rig.recording.point_names import JOURNAL, free_out_of_tolerance_name, journal_name
 from rig.recording.ring_reader import RingReader
 
 WRITE_PERIOD_S = 0.02
@@ -31,6 +33,22 @@ class PointJournal:
     path: Path
     records: int
     lost_records: int
+
+
+def kept_apart(journal: PointJournal, ids: Collection[str]) -> PointJournal:
+    """Give the closed journal of a motion out of tolerance a name of its own, so that the point can be run again.
+
+    Args:
+        journal: as `PointRecorder.end` gave it, with a remark `point_names.OUT_OF_TOLERANCE` in it.
+        ids: of all points of the campaign.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    point_id, folder = journal_name(journal.path), journal.path.parent
+    path = folder / f"{free_out_of_tolerance_name(folder, point_id, ids)}{JOURNAL}"
+    journal.path.rename(path)
+    return replace(journal, id=journal_name(path), path=path)
 
 
 class PointRecorder:
@@ -90,7 +108,7 @@ class PointRecorder:
         if self._journal is not None:
             raise RuntimeError(f"point {self._id} is still being recorded: call end() first")
         self._id = str(context.point["id"])
-        path = self.folder / f"{self._id}.journal"
+        path = self.folder / f"{self._id}{JOURNAL}"
         try:
             journal = JournalWriter(path, context.to_json(), reserve_bytes=self._room(context, expected_s))
         except OSError as error:
@@ -142,14 +160,17 @@ class PointRecorder:
         return PointJournal(self._id, journal.path, journal.records, lost)
 
     def close(self) -> None:
-        """End the thread; a point still open is closed as interrupted."""
+        """End the thread; a point still open is closed as interrupted, and what the disk refuses of it is `failure`."""
         self._stop.set()
         self._thread.join(JOIN_TIMEOUT_S)
         with self._lock:
             if self._journal is not None:
                 self._drain()
                 journal, self._journal = self._journal, None
-                journal.close(stopped_by="interrupted", lost_records=self._ring.lost - self._lost_before)
+                try:
+                    journal.close(stopped_by="interrupted", lost_records=self._ring.lost - self._lost_before)
+                except OSError as error:
+                    self._error = self._error or error
             self._ring.close()
 
     def _work(self) -> None:

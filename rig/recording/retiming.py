@@ -1,46 +1,59 @@
-"""A campaign's points brought to one skew once all of them are recorded.
+"""A campaign's points brought to one skew, and to one judgement, once all of them are recorded.
 
 A delay that nobody declared is one constant of the rig, but each point's file is made when the point ends, by what that
 point alone could see. At the end of the campaign all of them together know it several times better
-(`rig.recording.skew_pooling`). A finished file is not touched lightly: only one whose loop is certainly wrong, or whose
-verdict changes because its skew is known now, is written again, in one step: force laid over displacement anew, the
-statements on skew and the verdict's reason about it replaced. What was received stays as it was.
+(`rig.recording.skew_pooling`), and so they do of the instruments (`rig.recording.calibration_check`). A finished file
+is not touched lightly: only one whose loop is certainly wrong, or whose verdict changes, is made again, from what was
+received, by the function that made it the first time (`conversion.build`), and says so in `/entry/provenance`.
 """
 
 from __future__ import annotations
 
-import math
-import shutil
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.quality import Quality
-from rig.recording.alignment import BAD_VALUE
-from rig.recording.clock_model import ARRIVAL
-from rig.recording.conversion import FinishedPoint, ReadBackDiffers
-from rig.recording.durable import replace_durably
-from rig.recording.interpolation import cubic_at, status_at
-from rig.recording.layout import FloatArray, check_of, parts, set_attributes
+from rig.clock import utc_now
+from rig.errors import FileProblem
+from rig.recording.calibration_check import campaign_verdicts
+from rig.recording.channel import NUMBER
+from rig.recording.context import PointContext
+from rig.recording.conversion import build, prove
+from rig.recording.finished_point import FinishedPoint
+from rig.recording.journal import JournalContent
+from rig.recording.layout import RECORD_DTYPE, Attribute, Event, parts, write_file
+from rig.recording.reading import opened
+from rig.recording.reason import Reason
+from rig.recording.reference_judgement import SLUGS
+from rig.recording.rejudging import judge_together
 from rig.recording.run import RecordedPoint
-from rig.recording.skew_pooling import Skew, pooled_skews
+from rig.recording.skew_pooling import PointSkew, pooled_skews
+from rig.recording.sorting import Sorter
 from rig.recording.verdict import Verdict, with_skew
-
-if TYPE_CHECKING:
-    import h5py
 
 CERTAIN = 2.0
 """Standard deviations of the pooled skew by which a file must be off ..."""
 MATTERS_S = 1e-4
 """... and by how much, which is what a skew is to be known to."""
-STATUS = {"current": "coil_current", "coil_temperature": "coil_temperature"}
+
+
+@dataclass(frozen=True)
+class Change:
+    """What is wrong with a finished point by what all points say: why it is made again, and with what."""
+
+    why: str
+    skew: PointSkew
+    instruments: Sequence[Reason] | None
 
 
 def retime(points_folder: Path) -> Iterator[FinishedPoint]:
-    """Write those points of a campaign again whose skew the campaign as a whole knows better; gives each as it is then.
+    """Make those points of a campaign again that all of its points together know better; gives each as it is then.
 
     Args:
         points_folder: the campaign's `points/`, in which nobody else is writing.
@@ -51,105 +64,103 @@ def retime(points_folder: Path) -> Iterator[FinishedPoint]:
     """
     points = [RecordedPoint.open(file, whole=False) for file in sorted(points_folder.glob("*.h5"))]
     skews = pooled_skews([point for point in points if point.verdict != "invalid"])
+    instruments = campaign_verdicts(points)
     for point in points:
-        skew = skews.get(point.id)
-        if skew is None or point.path is None:
-            continue
-        if _certainly_wrong(skew) or _judged(point, skew).verdict != point.verdict:
-            _write_again(point.path, RecordedPoint.open(point.path), skew)
-            yield _finished(RecordedPoint.open(point.path))
+        change = _change(point, skews.get(point.id), instruments.get(point.id))
+        if change is not None and point.path is not None and "context" in point.provenance:
+            yield make_again(point.path, change)
+    yield from judge_together(points_folder)
 
 
-def _certainly_wrong(skew: Skew) -> bool:
-    return abs(skew.shift_s) > max(CERTAIN * skew.std_s, MATTERS_S)
+def _change(point: RecordedPoint, skew: PointSkew | None, instruments: Verdict | None) -> Change | None:
+    """Why a point's samples are made again; None where they may stay, be it under another verdict (`rejudging`)."""
+    if skew is None:
+        return None
+    before = Verdict.stored(point.quality)
+    after = with_skew(before, skew.trusted_std_s, point.frequency_Hz)
+    judged = before if instruments is None else instruments
+    reasons = [reason for reason in judged.found if reason.slug in SLUGS]
+    if abs(skew.shift_s) > max(CERTAIN * skew.std_s, MATTERS_S):
+        why = f"all points together put its skew at {1e3 * skew.delays.value_s:.3f} +- {1e3 * skew.std_s:.2g} ms"
+        return Change(why, skew, reasons)
+    if after != before:
+        return Change(f"by all points together it is {after.verdict}, by itself it was {before.verdict}", skew, reasons)
+    return None
 
 
-def _judged(point: RecordedPoint, skew: Skew) -> Verdict:
-    return with_skew(Verdict(point.verdict, tuple(point.reasons)), skew.std_s, point.frequency_Hz)
+def make_again(path: Path, change: Change) -> FinishedPoint:
+    """Make a point's file from what it holds as received, with delays known from elsewhere; the old one is replaced.
 
+    Args:
+        path: the point's file.
+        change: why, the delays to take off, and what is said of the instruments.
 
-def _finished(point: RecordedPoint) -> FinishedPoint:
-    numbers = {key: float(value) for key, value in point.quality.items() if isinstance(value, (int, float))}
+    Raises:
+        FileProblem: the file does not hold what it was made from.
+        OSError: the disk refuses; the file is as it was.
+    """
+    old = RecordedPoint.open(path)
+    content = _journal_of(path, old)
+    context = PointContext.from_json(content.context_json)
+    with ExitStack() as held:
+        sorter = held.enter_context(Sorter(path.parent))
+        for records in _received(path):
+            sorter.take(records)
+        file, alignment, verdict = build(
+            content, context, sorter.channels(), recovered=bool(old.quality.get("recovered", False)),
+            journal_check=str(old.provenance.get("journal_check", "")), delays=change.skew.delays,
+            rewritten=_said(old, change), instruments=change.instruments,
+        )
+        write_file(path, file, before_naming=lambda partial: prove(partial, file))
+    numbers = {key: float(value) for key, value in file.quality.items() if isinstance(value, (int, float))}
     return FinishedPoint(
-        point.id, str(Path(str(point.path)).resolve()), point.verdict, point.reasons, point.lost_samples,
-        point.quality.get("skew_s"), point.skew_std_s, quality=numbers,
+        old.id, str(path.resolve()), verdict.verdict, verdict.reasons, old.lost_samples, alignment.skew_s,
+        alignment.skew_std_s, quality=numbers,
     )
 
 
-def _write_again(path: Path, point: RecordedPoint, skew: Skew) -> None:
-    import h5py
-
-    partial = path.with_name(path.name + ".tmp")
-    shutil.copyfile(path, partial)
-    with h5py.File(partial, "r+") as file:
-        _move(file["entry"], point, skew)
-    with h5py.File(partial, "r") as file:
-        for group in (file["entry/data"], *file["entry/raw"].values()):
-            for dataset in group.values():
-                if "crc32" in dataset.attrs and check_of(dataset[:]) != int(dataset.attrs["crc32"]):
-                    raise ReadBackDiffers(f"{path}: {dataset.name} read back differs from what was written again")
-    replace_durably(partial, path)
+def _said(old: RecordedPoint, change: Change) -> dict[str, Attribute]:
+    """What a file made again says of that in `/entry/provenance`."""
+    delays = change.skew.delays
+    return {
+        "rewritten": utc_now().isoformat(timespec="seconds"),
+        "rewritten_why": change.why,
+        "rewritten_from_force_delay_s": float(old.quality["force_undeclared_delay_s"]),
+        "rewritten_from_displacement_delay_s": float(old.quality["displacement_undeclared_delay_s"]),
+        "rewritten_to_force_delay_s": delays.force.value_s,
+        "rewritten_to_displacement_delay_s": delays.displacement.value_s,
+    }
 
 
-def _move(entry: h5py.Group, point: RecordedPoint, skew: Skew) -> None:
-    """Move every channel's samples on the displacement's time base, and all that is said about it."""
-    displacement_s = skew.displacement.value_s - float(point.quality["displacement_undeclared_delay_s"])
-    raw, data = entry["raw"], entry["data"]
-    for name, channel in raw.items():
-        shift_s = skew.shift_s if name == "force" else displacement_s
-        if name != "displacement" and "time" in channel and shift_s != 0.0:
-            _replace(channel["time"], channel["time"][:] + shift_s)
-    moved = {"force": "force"}
-    if displacement_s != 0.0:
-        moved |= {name: STATUS.get(name, name) for name in data if name in STATUS or name in raw}
-        moved.pop("displacement")
-    for name, source in moved.items():
-        if source in raw:
-            _replace(data[name], _brought(data, raw[source], name))
-    lost = np.isnan(data["force"][:]) | np.isnan(data["displacement"][:])
-    flags = data["flags"][:] & ~np.int8(Quality.NOT_A_NUMBER)
-    _replace(data["flags"], flags | (lost * np.int8(Quality.NOT_A_NUMBER)))
-    _say(entry, point, skew, displacement_s)
+def _journal_of(path: Path, old: RecordedPoint) -> JournalContent:
+    """What the point's journal said besides its samples.
+
+    Raises:
+        FileProblem: the file does not hold it.
+    """
+    provenance = old.provenance
+    with opened(path) as file:
+        group = file["entry/events"]
+        if "host_ns" not in group or "journal_end" not in provenance:
+            raise FileProblem(str(path), ["does not hold what it was made from; it stays as it is"])
+        times = group["host_ns"][:].tolist()
+        texts = [[text.decode("utf-8", "replace") for text in group[name][:].tolist()] for name in ("code", "text")]
+    events = tuple(Event(time_ns, code, text.strip()) for time_ns, code, text in zip(times, *texts, strict=True))
+    return JournalContent(
+        str(provenance["context"]), np.zeros(0, RECORD_DTYPE), events, json.loads(str(provenance["journal_end"])),
+        int(provenance.get("journal_missing_blocks", 0)), int(provenance.get("journal_damaged_bytes", 0)),
+    )
 
 
-def _brought(data: h5py.Group, channel: h5py.Group, name: str) -> FloatArray:
-    """A channel at the displacement's sample times (n,); NaN where nothing was measured."""
-    bad = (channel["flags"][:].astype(np.int64) & int(BAD_VALUE)) != 0
-    values, times_s = np.where(bad, np.nan, channel["value"][:]), channel["time"][:]
-    wanted_s = data["time"]
-    if name in STATUS:
-        by_arrival = channel.attrs.get("clock_method") == ARRIVAL
-        return np.concatenate([
-            status_at(wanted_s[rows], times_s, values, by_arrival=by_arrival) for rows in parts(len(wanted_s))
-        ])
-    increasing = np.diff(np.maximum.accumulate(times_s), prepend=-np.inf) > 0
-    values, times_s = values[increasing], times_s[increasing]
-    period_s = float(np.median(np.diff(times_s)))
-    return np.concatenate([cubic_at(wanted_s[rows], times_s, values, period_s) for rows in parts(len(wanted_s))])
-
-
-def _replace(dataset: h5py.Dataset, values: NDArray[np.generic]) -> None:
-    kept = np.asarray(values).astype(dataset.dtype)
-    dataset[...] = kept
-    dataset.attrs["crc32"] = check_of(kept)
-
-
-def _say(entry: h5py.Group, point: RecordedPoint, skew: Skew, displacement_s: float) -> None:
-    """The statements on skew, as `rig.recording.conversion` writes them."""
-    quality = entry["quality"].attrs
-    quality["skew_s"] = skew.force.value_s - skew.displacement.value_s
-    quality["skew_std_s"] = skew.std_s
-    quality["skew_checked"] = np.int8(skew.force.checked and skew.displacement.checked)
-    judged = _judged(point, skew)
-    for name in {"reasons", "blamed"} & quality.keys():
-        del quality[name]  # no reason left is no attribute
-    set_attributes(entry["quality"], {
-        "verdict": judged.verdict, "reasons": judged.reasons, "blamed": judged.blamed,
-    })
-    for name, delay in (("force", skew.force), ("displacement", skew.displacement)):
-        quality[f"{name}_undeclared_delay_s"] = delay.value_s
-        std_s = math.hypot(float(point.quality[f"{name}_tie_std_s"]), delay.std_s)
-        quality[f"{name}_clock_std_s"] = entry["raw"][name].attrs["clock_std_s"] = std_s
-    entry["test"].attrs["controller_clock_at_zero_s"] = float(
-        point.test["controller_clock_at_zero_s"]
-    ) - displacement_s
+def _received(path: Path) -> Iterator[NDArray[Any]]:
+    """Every record of a file, a part at a time, channel by channel, as they came out of the ring."""
+    with opened(path) as file:
+        raw = file["entry/raw"]
+        for name, channel in raw.items():
+            number = NUMBER[name] if name in NUMBER else int(name.removeprefix("channel_"))
+            for rows in parts(len(channel["value"])):
+                records = np.zeros(len(channel["value"][rows]), RECORD_DTYPE)
+                for key in ("host_ns", "device_us", "value", "sequence", "flags"):
+                    records[key] = channel[key][rows]
+                records["channel"] = number
+                yield records

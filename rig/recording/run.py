@@ -6,7 +6,6 @@ anything in it is believed.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,7 +17,9 @@ from numpy.typing import NDArray
 
 from rig.errors import FileProblem
 from rig.recording.layout import FloatArray
+from rig.recording.point_names import OUT_OF_TOLERANCE, unfinished
 from rig.recording.selection import Selection
+from rig.text_file import read_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,23 +119,29 @@ class RecordedPoint:
         """A point from a table as `to_pandas` gives it: the inverse of that.
 
         Args:
-            table: one row a sample, indexed by time (s); columns `displacement` (m), `force` (N) and, where there are,
-                `current` (A, measured), `commanded_current` (A) and any other channel.
+            table: one row a sample; columns `displacement` (m), `force` (N) and, where there are, `current` (A,
+                measured), `commanded_current` (A) and any other channel. The time is the index, or a column `time_s`
+                (`rig.recording.table_time`); row numbers are not taken for it.
             id: the point's id.
             current_A: the wanted coil current (A).
             waveform: `sine` or `triangle`.
             **description: other attributes; amplitude and frequency are measured where they are not given.
 
         Raises:
-            FileProblem: a column is missing, the time does not increase, or there is no motion to measure.
+            FileProblem: a column is missing or not numbers, there is no time or it does not increase, or there is no
+                motion to measure.
         """
         missing = [name for name in ("displacement", "force") if name not in table]
         if missing:
             raise FileProblem(id, [f"the table has no column {name!r}; it has {list(table)}" for name in missing])
-        time_s = table.index.to_numpy(np.float64)
-        if not np.all(np.diff(time_s) > 0.0):
-            raise FileProblem(id, ["the table's index must be the time in s, increasing"])
-        arrays = {"time": time_s, **{str(name): table[name].to_numpy(np.float64) for name in table}}
+        from rig.recording.table_time import table_time
+
+        time_s, time_column = table_time(table, id)
+        try:
+            channels = {str(name): table[name].to_numpy(np.float64) for name in table if name != time_column}
+        except (ValueError, TypeError) as error:
+            raise FileProblem(id, [f"the table's columns must hold numbers: {error}"]) from error
+        arrays = {**channels, "time": time_s}
         if "current" not in arrays:
             unknown = np.nan if "commanded_current" in arrays else current_A
             arrays["current"] = np.full(len(time_s), unknown)
@@ -166,6 +173,11 @@ class RecordedPoint:
     def kind(self) -> str:
         """What the point is for: `loop`, `friction` or `current_step`, as in `rig.matrix.point.TestPoint`."""
         return str(self.test.get("kind", "loop"))
+
+    @property
+    def kept_apart(self) -> bool:
+        """A motion that was not the wanted one, recorded before its point was run again: shown, never used."""
+        return any(reason.partition(":")[0] == OUT_OF_TOLERANCE for reason in self.reasons)
 
     @property
     def _file(self) -> Path:
@@ -218,15 +230,19 @@ class RecordedPoint:
     def force_samples(self) -> ForceSamples:
         """The measured force at its own sample times, not interpolated: best input for a fit.
 
-        Made from the aligned channel where a file has no raw force (imported tests, points made in memory).
+        Made from the aligned channel where a file has no raw force (imported tests, points made in memory). Samples
+        without a place in time (the device's clock went back) are not in it.
         """
         if self.arrays is None:
             from rig.recording.reading import read_raw
 
             raw = read_raw(self._file, "force")
             if raw is not None and "time" in raw:
-                flags = np.asarray(raw["flags"], np.int64)
-                return ForceSamples(np.asarray(raw["time"], np.float64), np.asarray(raw["value"], np.float64), flags)
+                placed = np.isfinite(raw["time"])
+                time_s, force_N, flags = (raw[name][placed] for name in ("time", "value", "flags"))
+                return ForceSamples(
+                    np.asarray(time_s, np.float64), np.asarray(force_N, np.float64), np.asarray(flags, np.int64)
+                )
         return ForceSamples(self.time_s, self.force_N, np.zeros(self.samples, np.int64))
 
     def raw(self, name: str) -> dict[str, NDArray[Any]] | None:
@@ -251,11 +267,15 @@ class RecordedPoint:
 
 @dataclass(frozen=True)
 class Run:
-    """A campaign's directory and its points in the order of their names."""
+    """A campaign's directory and its points in the order of their names.
+
+    `apart` are records of motions out of tolerance, after which the point was run again: originals that no fit uses.
+    """
 
     path: Path
     points: tuple[RecordedPoint, ...]
     campaign: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    apart: tuple[RecordedPoint, ...] = ()
 
     @classmethod
     def open(cls, path: Path | str) -> Run:
@@ -278,7 +298,8 @@ class Run:
                 problems += [f"points/{file.name}: {problem}" for problem in error.problems]
         if problems:
             raise FileProblem(str(place), problems)
-        return cls(place, tuple(points), read_campaign(place))
+        counted = tuple(point for point in points if not point.kept_apart)
+        return cls(place, counted, read_campaign(place), tuple(point for point in points if point.kept_apart))
 
     @property
     def valid(self) -> tuple[RecordedPoint, ...]:
@@ -308,14 +329,14 @@ class Run:
         return tuple(point for point in self.points if wanted.holds(point))
 
     def to_pandas(self) -> pd.DataFrame:
-        """One row a point: wanted values, verdict, reasons, losses and skew."""
+        """One row a point, those kept apart last: wanted values, verdict, reasons, losses and skew."""
         import pandas as pd
 
         fields = (
             "id", "waveform", "amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "verdict", "reasons",
             "lost_samples", "skew_s", "skew_std_s", "path",
         )
-        return pd.DataFrame([{name: getattr(point, name) for name in fields} for point in self.points])
+        return pd.DataFrame([{name: getattr(point, name) for name in fields} for point in (*self.points, *self.apart)])
 
 
 def read_campaign(folder: Path) -> dict[str, Any]:
@@ -327,19 +348,13 @@ def read_campaign(folder: Path) -> dict[str, Any]:
     file = folder / "campaign.json"
     if not file.is_file():
         return {}
-    try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise FileProblem(str(file), [f"not JSON: {error}"]) from error
-    if not isinstance(found, dict):
-        raise FileProblem(str(file), [f"expected a JSON object, got {type(found).__name__}"])
-    return found
+    return read_json(file)
 
 
 def _why_no_run(place: Path) -> str:
     if not place.exists():
         return "no such directory; give the directory of a campaign, as printed by `rig run` or listed by `rig runs`"
-    leftovers = sorted((place / "points").glob("*.journal"))
+    leftovers = unfinished(place / "points") if (place / "points").is_dir() else []
     if leftovers:
         return f"holds no finished point, but {len(leftovers)} journal(s): run `rig recover` on it first"
     inside = sorted(place.glob("*/points"))

@@ -1,12 +1,14 @@
-"""How a sensor's samples get their times on the controller's clock, and what is left uncertain.
+"""How the sensors' samples get their times on the controller's clock, and what is left uncertain.
 
 Best first: edges latched in both clocks; the signal itself, laid over the controller's own; arrivals. Where edges tie
-the clocks, the signal still shows whether the sensor's delay is the declared one: an edge does not pass through the
-conditioner's filter, the quantity does.
+the clocks, the signals still show whether the sensors' delays are the declared ones: an edge does not pass through the
+conditioner's filter, the quantity does. Both sensors are compared with the controller's inputs before either delay is
+weighed (`rig.recording.skew`), because what the two have in common is not known of either.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -26,10 +28,11 @@ from rig.recording.clock_model import (
 )
 from rig.recording.column import Records, Values, mapped
 from rig.recording.context import PointContext, SensorContext
-from rig.recording.cycle_match import Cycles, match_cycles
+from rig.recording.cycle_match import Cycles, cycle_series, match_cycles, refined
+from rig.recording.fourier import Series
 from rig.recording.layout import FloatArray, parts
 from rig.recording.signal_match import Match, match
-from rig.recording.skew import tolerance_s, undeclared
+from rig.recording.skew import Seen, Skew, at_likely_compliance, tolerance_s, weighed, weighed_alone_s
 
 EDGE_COUNT_MODULO = 256
 PULSE_COUNT_MODULO = 65536
@@ -40,6 +43,8 @@ DELAY_REACH_S = 0.03
 ARRIVAL_REACH = 4.0
 """Clocks known by arrivals only are looked for within so many of their standard deviations."""
 MATCHING_RATE_Hz = 1000.0
+MOST_MATCHED = 60_000
+"""Samples of the stretch of cycles that is compared; the first ones of a longer point."""
 FEWEST_FULL_CYCLES = 3.0
 MOST_SPREAD = 1.0 / np.sqrt(12.0)
 BAD = np.uint16(Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER | Quality.SPIKE)
@@ -65,7 +70,8 @@ class SensorClock:
         undeclared_s: delay beyond the declared one, taken off too (s).
         tie_std_s: standard deviation of the clock's tie alone (s).
         match: the sensor's signal laid over the controller's; None where that was not possible.
-        checked: whether the delay was compared with the controller's own record, and not only declared.
+        compared: whether the controller recorded the same quantity.
+        checked: whether the delay was compared with an input that may be relied on, and not only declared.
     """
 
     time_s: Values
@@ -74,23 +80,83 @@ class SensorClock:
     undeclared_s: float
     tie_std_s: float
     match: Match | None
+    compared: bool
     checked: bool
 
 
-def timed_sensor(
-    name: str, channel: Records, by_name: Mapping[str, Records], host: HostMap, sensor: SensorContext,
-    context: PointContext,
-) -> SensorClock:
-    """Find a sensor's clock and delay.
+@dataclass(frozen=True)
+class _Tie:
+    """A sensor's clock before its delay is known: local times (s), the model, and its samples thinned for a match."""
+
+    name: str
+    sensor: SensorContext
+    local_s: Values
+    clock: ClockModel
+    by_edges: bool
+    miscount_s: float
+    reference: Reference | None
+    thin_s: FloatArray
+    thin: FloatArray
+    period_s: float
+
+    def times_s(self, delay_s: float) -> Values:
+        """Sample times (n,) s with a delay taken off."""
+        return mapped(self.local_s, lambda part_s: self.clock.time_s(part_s) - delay_s, np.float64)
+
+
+def timed_sensors(
+    by_name: Mapping[str, Records], host: HostMap, context: PointContext, given: Skew | None = None,
+) -> tuple[dict[str, SensorClock], Skew]:
+    """Find the sensors' clocks and delays.
 
     Args:
-        name: `force`, `displacement`, `auxiliary_1` ...
-        channel: its records (n,).
-        by_name: all channels, for edges, pulses and the controller's own record.
+        by_name: all channels: the sensors', edges, pulses and the controller's own records.
         host: the map from host time to the controller's clock.
-        sensor: what the bench declares.
-        context: device rate and the delay of the controller's inputs.
+        context: what the bench declares of the sensors and of the controller's inputs, and the device rate.
+        given: delays known from elsewhere (all points of a campaign together); None: by what this point shows.
+
+    Returns:
+        The clock of each sensor that has samples, by name, and the delays that were taken off.
     """
+    ties = {
+        name: _tied(name, by_name, host, sensor, context)
+        for name, sensor in context.sensors.items() if name in by_name and len(by_name[name])
+    }
+    found = {name: _by_signal(tie, context) for name, tie in ties.items() if not tie.by_edges}
+    matches = _matches({name: tie for name, tie in ties.items() if tie.by_edges and tie.reference is not None})
+    skew = given
+    if skew is None:
+        force, displacement = (_seen(ties.get(name), matches.get(name)) for name in ("force", "displacement"))
+        skew = weighed(force, displacement, context.controller_delay_s)
+    for name, tie in ties.items():
+        if not tie.by_edges:
+            continue
+        delay = {"force": skew.force, "displacement": skew.displacement}.get(name)
+        value_s, std_s = (0.0, tolerance_s(tie.sensor.delay_s)) if delay is None else (delay.value_s, delay.std_s)
+        sure = replace(tie.clock, std_s=math.hypot(tie.clock.std_s, std_s))
+        found[name] = SensorClock(
+            tie.times_s(tie.sensor.declared_s + value_s), sure, tie.sensor.delay_s, value_s, tie.clock.std_s,
+            matches.get(name), tie.reference is not None, delay is not None and delay.checked,
+        )
+    return found, skew
+
+
+def _seen(tie: _Tie | None, match_: Match | None) -> Seen:
+    if tie is None or not tie.by_edges or tie.reference is None:
+        return Seen(None if tie is None else tie.sensor.delay_s, input=False)
+    if match_ is None:
+        return Seen(tie.sensor.delay_s)
+    lag_s, std_s = at_likely_compliance(
+        match_.lag_s, match_.lag_std_s, match_.compliance, match_.compliance_std, match_.coupling
+    )
+    return Seen(tie.sensor.delay_s, lag_s, math.hypot(std_s, tie.clock.std_s))
+
+
+def _tied(
+    name: str, by_name: Mapping[str, Records], host: HostMap, sensor: SensorContext, context: PointContext,
+) -> _Tie:
+    """A sensor's clock by edges where there are any, else by arrivals."""
+    channel = by_name[name]
     has_clock = all(bool(np.all(channel["device_us"][rows] >= 0)) for rows in parts(len(channel)))
     local_s: Values
     if has_clock:
@@ -99,56 +165,118 @@ def timed_sensor(
         local_s = unwrapped(np.asarray(channel["sequence"])) / sensor.rate_Hz
     reference = _reference(name, by_name, context)
     pairs = matched_edges(by_name.get(f"{name}_edge"), by_name.get("pulse"))
-    if has_clock and len(pairs):
+    edges, miscount_s = has_clock and len(pairs) > 0, 0.0
+    if edges:
         clock = by_edges(pairs[:, 0], pairs[:, 1])
         clock = replace(clock, std_s=float(np.hypot(clock.std_s, clock.rate_std * MOST_SPREAD * _span_s(local_s))))
-        return _by_edges(clock, local_s, channel, sensor, reference)
-    arrival_s = mapped(channel["host_ns"], host.time_s, np.float64)
-    clock = by_envelope(local_s, arrival_s, device_rate=context.device_rate)
-    if has_clock:
-        return _by_signal(clock, local_s, channel, sensor, reference, context.device_rate)
-    miscount_s = miscount_std_s(local_s, arrival_s, 1.0 / sensor.rate_Hz, device_rate=context.device_rate)
-    found = _by_signal(
-        replace(clock, method="nominal rate"), local_s, channel, sensor, reference, context.device_rate
-    )
-    return replace(found, clock=replace(found.clock, std_s=float(np.hypot(found.clock.std_s, miscount_s))))
+    else:
+        arrival_s = mapped(channel["host_ns"], host.time_s, np.float64)
+        clock = by_envelope(local_s, arrival_s, device_rate=context.device_rate)
+        if not has_clock:
+            clock = replace(clock, method="nominal rate")
+            miscount_s = miscount_std_s(local_s, arrival_s, 1.0 / sensor.rate_Hz, device_rate=context.device_rate)
+    tie = _Tie(name, sensor, local_s, clock, edges, miscount_s, reference, np.zeros(0), np.zeros(0), 0.0)
+    if reference is None:
+        return tie
+    thin_s, thin, period_s = _coarsened(tie.times_s(sensor.declared_s if edges else 0.0), channel, sensor.rate_Hz)
+    return replace(tie, thin_s=thin_s, thin=thin, period_s=period_s)
 
 
-def _by_edges(
-    clock: ClockModel, local_s: Values, channel: Records, sensor: SensorContext,
-    reference: Reference | None,
-) -> SensorClock:
-    time_s = _times(local_s, clock, sensor.declared_s)
-    found = _match(reference, time_s, channel, sensor, DELAY_REACH_S, with_drift=False)
-    measured = (None, 0.0) if found is None else (found.lag_s, found.lag_std_s)
-    delay = undeclared(tolerance_s(sensor.delay_s), *measured, stated=sensor.delay_s is not None)
-    sure = replace(clock, std_s=float(np.hypot(clock.std_s, delay.std_s)))
-    return SensorClock(
-        _times(local_s, clock, sensor.declared_s + delay.value_s), sure, sensor.delay_s, delay.value_s, clock.std_s,
-        found, delay.checked,
-    )
+def _matches(ties: Mapping[str, _Tie]) -> dict[str, Match]:
+    """Each sensor's signal over the controller's: all cycles together where they repeat; else sample by sample."""
+    found: dict[str, Match] = {}
+    series: dict[str, Series] = {}
+    cycles = _common_cycles(ties)
+    if cycles is not None:
+        for name, tie in ties.items():
+            of_sensor = cycle_series(tie.thin_s, tie.thin, cycles)
+            if of_sensor is not None:
+                series[name] = of_sensor
+    for name, tie in ties.items():
+        reference = tie.reference
+        if reference is None:
+            continue
+        laid: Match | None = None
+        if cycles is not None and name in series:
+            force = series.get("force") if name == "displacement" else None
+            laid = match_cycles(
+                reference.time_s, reference.values, series[name], cycles, reach_s=DELAY_REACH_S, force=force,
+            )
+        else:
+            laid = _sample_by_sample(tie, reference, DELAY_REACH_S, cycles, with_drift=False)
+        if laid is not None:
+            found[name] = laid
+    return found
 
 
-def _by_signal(
-    clock: ClockModel, local_s: Values, channel: Records, sensor: SensorContext,
-    reference: Reference | None, device_rate: float,
-) -> SensorClock:
+def _common_cycles(ties: Mapping[str, _Tie]) -> Cycles | None:
+    """The stretch of cycles to compare over, its period as the displacement shows it; None for no cycles."""
+    for name in ("displacement", "force"):
+        tie = ties.get(name)
+        if tie is None or tie.reference is None or tie.reference.cycles is None:
+            continue
+        cycles = tie.reference.cycles
+        if len(tie.thin_s) > MOST_MATCHED:
+            begin = int(np.searchsorted(tie.thin_s, cycles.start_s))
+            last_s = float(tie.thin_s[min(begin + MOST_MATCHED, len(tie.thin_s) - 1)])
+            least_s = cycles.start_s + FEWEST_FULL_CYCLES * cycles.period_s
+            cycles = replace(cycles, end_s=min(cycles.end_s, max(last_s, least_s)))
+        return refined(cycles, tie.thin_s, tie.thin)
+    return None
+
+
+def _by_signal(tie: _Tie, context: PointContext) -> SensorClock:
     """Without edges: the signal laid over the controller's, which takes in every delay; else arrivals as they are."""
-    reach_s = ARRIVAL_REACH * max(clock.std_s, UNKNOWN_LATENCY_S * device_rate)
-    found = _match(reference, _times(local_s, clock, 0.0), channel, sensor, reach_s, with_drift=True)
+    reach_s = ARRIVAL_REACH * max(tie.clock.std_s, UNKNOWN_LATENCY_S * context.device_rate)
+    sensor, found = tie.sensor, None
+    if tie.reference is not None and context.controller_delay_s is not None:
+        found = _drifting(tie, tie.reference, reach_s)
     if found is None or abs(found.drift) > LARGEST_DRIFT:
-        unchecked = undeclared(tolerance_s(sensor.delay_s), None, 0.0, stated=sensor.delay_s is not None)
-        sure = replace(clock, std_s=float(np.hypot(clock.std_s, unchecked.std_s)))
-        time_s = _times(local_s, clock, sensor.declared_s)
-        return SensorClock(time_s, sure, sensor.delay_s, 0.0, clock.std_s, None, checked=False)
-    spread_s = MOST_SPREAD * _span_s(local_s)
-    std_s = float(np.hypot(found.lag_std_s, found.drift_std * spread_s))
-    moved = clock.moved(found.lag_s, found.drift, found.middle_s, std_s, found.drift_std)
-    return SensorClock(_times(local_s, moved, 0.0), moved, 0.0, 0.0, std_s, found, checked=True)
+        doubt_s = math.hypot(weighed_alone_s(sensor.delay_s), tie.miscount_s)
+        sure = replace(tie.clock, std_s=math.hypot(tie.clock.std_s, doubt_s))
+        return SensorClock(
+            tie.times_s(sensor.declared_s), sure, sensor.delay_s, 0.0, tie.clock.std_s, None,
+            tie.reference is not None, checked=False,
+        )
+    std_s = math.hypot(
+        found.lag_std_s, found.drift_std * MOST_SPREAD * _span_s(tie.local_s), tolerance_s(context.controller_delay_s),
+        tie.miscount_s,
+    )
+    moved = tie.clock.moved(found.lag_s, found.drift, found.middle_s, std_s, found.drift_std)
+    return SensorClock(
+        replace(tie, clock=moved).times_s(0.0), moved, 0.0, 0.0, std_s, found, compared=True, checked=True,
+    )
 
 
-def _times(local_s: Values, clock: ClockModel, delay_s: float) -> Values:
-    return mapped(local_s, lambda part_s: clock.time_s(part_s) - delay_s, np.float64)
+def _drifting(tie: _Tie, reference: Reference, reach_s: float) -> Match | None:
+    """The signal over the controller's with a clock that drifts: sample by sample, then all cycles together."""
+    cycles = reference.cycles
+    rough = _sample_by_sample(tie, reference, reach_s, cycles, with_drift=True)
+    if rough is None or cycles is None:
+        return rough
+    moved_s = tie.thin_s - rough.lag_s - rough.drift * (tie.thin_s - rough.middle_s)
+    cycles = refined(cycles, moved_s, tie.thin)
+    series = cycle_series(moved_s, tie.thin, cycles)
+    if series is None:
+        return rough
+    left = match_cycles(
+        reference.time_s, reference.values, series, cycles, reach_s=DELAY_REACH_S, with_drift=True,
+    )
+    if left is None or not left.lag_std_s < rough.lag_std_s:
+        return rough
+    return replace(
+        left, lag_s=left.lag_s + rough.lag_s + rough.drift * (left.middle_s - rough.middle_s),
+        drift=left.drift + rough.drift,
+    )
+
+
+def _sample_by_sample(
+    tie: _Tie, reference: Reference, reach_s: float, cycles: Cycles | None, *, with_drift: bool,
+) -> Match | None:
+    return match(
+        reference.time_s, reference.values, tie.thin_s, tie.thin, tie.period_s, reach_s=reach_s, with_drift=with_drift,
+        cycle_s=np.inf if cycles is None else cycles.period_s,
+    )
 
 
 def _span_s(local_s: Values) -> float:
@@ -156,14 +284,16 @@ def _span_s(local_s: Values) -> float:
 
 
 def _reference(name: str, by_name: Mapping[str, Records], context: PointContext) -> Reference | None:
-    """The controller's own record; None where it may not be relied on."""
+    """The controller's own record, its declared delay taken off; None where there is none, or it never changes."""
     record = by_name.get(REFERENCES.get(name, ""))
-    if record is None or context.controller_delay_s is None:
+    if record is None:
         return None
     records = record[:]
     records = records[records["device_us"] >= 0]
-    time_s = records["device_us"] * 1e-6 - context.controller_delay_s
+    time_s = records["device_us"] * 1e-6 - (context.controller_delay_s or 0.0)
     fresh = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0)) if len(time_s) else np.zeros(0, bool)
+    if np.count_nonzero(fresh) < 2 or np.ptp(records["value"][fresh]) == 0.0:
+        return None
     return Reference(time_s[fresh], records["value"][fresh], _full_cycles(by_name.get("phase"), context))
 
 
@@ -178,27 +308,6 @@ def _full_cycles(phase: Records | None, context: PointContext) -> Cycles | None:
     if len(full_s) == 0 or (full_s[-1] - full_s[0]) * frequency_Hz < FEWEST_FULL_CYCLES:
         return None
     return Cycles(float(full_s[0]) + 1.0 / frequency_Hz, float(full_s[-1]), 1.0 / frequency_Hz)
-
-
-def _match(
-    reference: Reference | None, time_s: Values, channel: Records, sensor: SensorContext, reach_s: float,
-    *, with_drift: bool,
-) -> Match | None:
-    """All cycles together where they repeat, which sees several times more; else sample by sample."""
-    if reference is None:
-        return None
-    coarse_s, values, period_s = _coarsened(time_s, channel, sensor.rate_Hz)
-    cycles = reference.cycles
-    laid = (reference.time_s, reference.values, coarse_s, values)
-    if cycles is not None and not with_drift:
-        found = match_cycles(*laid, cycles, reach_s=reach_s)
-        if found is not None:
-            return found
-    cycle_s = np.inf if cycles is None else cycles.period_s
-    rough = match(*laid, period_s, reach_s=reach_s, with_drift=with_drift, cycle_s=cycle_s)
-    if rough is None or cycles is None or not with_drift:
-        return rough
-    return match_cycles(*laid, cycles, reach_s=reach_s, start=rough) or rough
 
 
 def _coarsened(time_s: Values, channel: Records, rate_Hz: float) -> tuple[FloatArray, FloatArray, float]:

@@ -8,7 +8,8 @@ to see a delay that a sensor's conditioner does not declare.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,10 @@ class Match:
         middle_s: time of mid-record on the reference's clock (s).
         correlation: of the two signals once laid over each other.
         samples: reference samples that were used.
+        gain: sensor = gain * reference + offset + compliance * force; `gain_std` its standard deviation.
+        offset: at a reference of 0, in the sensor's unit; `offset_std` its standard deviation.
+        compliance: how far the sensor moves against the reference for one newton (m/N); None where it was not fitted;
+            `compliance_std` its standard deviation, `coupling` the covariance of lag and compliance (s m/N).
     """
 
     lag_s: float
@@ -54,6 +59,29 @@ class Match:
     middle_s: float
     correlation: float
     samples: int
+    gain: float = 1.0
+    gain_std: float = math.inf
+    offset: float = 0.0
+    offset_std: float = math.inf
+    compliance: float | None = None
+    compliance_std: float = math.inf
+    coupling: float = 0.0
+
+    def widened(self, lag_std_s: float) -> Match:
+        """The same with a larger standard deviation of the lag (s), its correlation with the compliance kept."""
+        factor = lag_std_s / self.lag_std_s
+        return replace(self, lag_std_s=lag_std_s, coupling=self.coupling * factor)
+
+
+def student(freedom: int) -> float:
+    """By how much Student's t of so many degrees of freedom is wider than a normal distribution, for 95 % of it."""
+    if freedom < 1:
+        return math.inf
+    # Cornish and Fisher (1938), for the quantile of a normal distribution z.
+    z = 1.959964
+    first, second = (z**3 + z) / 4.0, (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0
+    third = (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / 384.0
+    return (z + first / freedom + second / freedom**2 + third / freedom**3) / z
 
 
 def match(

@@ -1,7 +1,9 @@
 """One delay for one sensor: what each point saw of the sensors' delays, taken together over a campaign.
 
-A point alone sees an undeclared delay to a fraction of a millisecond where the controller is polled seldom; twenty
-points of the same sensors see it several times better, and what remains is one error shared by all of them.
+A point alone sees an undeclared delay to a fraction of a millisecond where the controller is polled seldom, and hardly
+at all where the force is small; twenty points of the same sensors see it several times better, and what remains is one
+error shared by all of them. The load train's compliance is one constant of the bench too: speed and force differ from
+point to point, which tells it from a delay of the displacement.
 """
 
 from __future__ import annotations
@@ -10,60 +12,111 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from rig.recording.run import RecordedPoint
-from rig.recording.skew import Delay, pooled, tolerance_s, undeclared
+from rig.recording.skew import Delay, Seen, Skew, at_likely_compliance, weighed
+
+SENSORS = ("force", "displacement")
 
 
 @dataclass(frozen=True)
-class Skew:
+class PointSkew:
     """What to do to one point's force samples: move them by `shift_s`; `std_s` is then left uncertain (s).
 
-    `force` and `displacement` are the delays beyond the declared ones that the campaign as a whole found.
+    `trusted_std_s` is left for somebody who trusts what was declared; `delays` is what the campaign found.
     """
 
     shift_s: float
     std_s: float
-    force: Delay
-    displacement: Delay
+    trusted_std_s: float
+    delays: Skew
+
+    @property
+    def force(self) -> Delay:
+        """Delay of the force beyond the declared one."""
+        return self.delays.force
+
+    @property
+    def displacement(self) -> Delay:
+        """Delay of the displacement beyond the declared one."""
+        return self.delays.displacement
 
 
-def pooled_skews(points: Sequence[RecordedPoint]) -> dict[str, Skew]:
-    """Shift and uncertainty for each point whose sensors could be checked, by the point's id.
+def pooled_skews(points: Sequence[RecordedPoint]) -> dict[str, PointSkew]:
+    """Shift and uncertainty for each point whose clocks are tied by edges, by the point's id.
 
     Points whose file says nothing about it are not in the answer: they keep what they have.
+
+    Args:
+        points: all points of a campaign, whatever they are used for: every one knows something of the same sensors.
     """
     groups: dict[tuple[object, ...], list[RecordedPoint]] = {}
     for point in points:
-        if "force_tie_std_s" in point.quality and "displacement_tie_std_s" in point.quality:
+        if all(f"{name}_tie_std_s" in point.quality for name in SENSORS):
             groups.setdefault(_sensors(point), []).append(point)
-    found: dict[str, Skew] = {}
+    found: dict[str, PointSkew] = {}
     for group in groups.values():
-        if len(group) > 1:
-            force, displacement = _delay("force", group), _delay("displacement", group)
-            found |= {point.id: _skew(point, force, displacement) for point in group}
+        delays = weighed(_seen("force", group), _seen("displacement", group), _input_delay_s(group[0]))
+        found |= {point.id: _of_point(point, delays) for point in group}
     return found
 
 
 def _sensors(point: RecordedPoint) -> tuple[object, ...]:
     """What makes two points' delays the same: the bench, and the delays it declared."""
-    names = ("force_declared_delay_s", "displacement_declared_delay_s")
-    return (point.provenance.get("bench_hash"), *(point.quality.get(name) for name in names))
+    names = (f"{name}_declared_delay_s" for name in SENSORS)
+    return (point.provenance.get("bench_hash"), _input_delay_s(point), *(point.quality.get(name) for name in names))
 
 
-def _delay(name: str, group: Sequence[RecordedPoint]) -> Delay:
-    seen = [
-        (float(point.quality[f"{name}_matched_lag_s"]), float(point.quality[f"{name}_matched_lag_std_s"]))
-        for point in group
-        if f"{name}_matched_lag_s" in point.quality
-    ]
-    measured = pooled(seen)
+def _input_delay_s(point: RecordedPoint) -> float | None:
+    found = point.test.get("controller_input_delay_s")
+    return None if found is None else float(found)
+
+
+def _seen(name: str, group: Sequence[RecordedPoint]) -> Seen:
     declared_s = group[0].quality.get(f"{name}_declared_delay_s")
-    measured_s, std_s = (None, 0.0) if measured is None else measured
-    return undeclared(tolerance_s(declared_s), measured_s, std_s, stated=declared_s is not None)
+    tie_s = math.sqrt(sum(float(point.quality[f"{name}_tie_std_s"]) ** 2 for point in group)) / len(group)
+    pooled = _pooled(name, group)
+    if pooled is not None:
+        return Seen(declared_s, pooled[0], math.hypot(pooled[1], tie_s))
+    return Seen(declared_s, input=any(bool(point.quality.get(f"{name}_compared", False)) for point in group))
 
 
-def _skew(point: RecordedPoint, force: Delay, displacement: Delay) -> Skew:
-    applied = {name: float(point.quality[f"{name}_undeclared_delay_s"]) for name in ("force", "displacement")}
-    ties = [float(point.quality[f"{name}_tie_std_s"]) for name in ("force", "displacement")]
-    shift_s = (applied["force"] - force.value_s) - (applied["displacement"] - displacement.value_s)
-    return Skew(shift_s, math.hypot(force.std_s, displacement.std_s, *ties), force, displacement)
+def _pooled(name: str, group: Sequence[RecordedPoint]) -> tuple[float, float] | None:
+    """Lag and its standard deviation by all points; wider where they scatter more than they say; None without any."""
+    information, weighted, seen = np.zeros((2, 2)), np.zeros(2), []
+    for point in group:
+        quality = point.quality
+        if f"{name}_matched_lag_s" not in quality or not float(quality[f"{name}_matched_lag_std_s"]) > 0.0:
+            continue
+        lag_s, std_s = float(quality[f"{name}_matched_lag_s"]), float(quality[f"{name}_matched_lag_std_s"])
+        values, inverse = np.array([lag_s, 0.0]), np.diag([std_s**-2, 0.0])
+        if f"{name}_matched_coupling" in quality:
+            compliance_std = float(quality[f"{name}_reference_compliance_std_m_N"])
+            coupling = float(quality[f"{name}_matched_coupling"])
+            values[1] = float(quality[f"{name}_reference_compliance_m_N"])
+            inverse = np.linalg.inv(np.array([[std_s**2, coupling], [coupling, compliance_std**2]]))
+        seen.append((values, inverse))
+        information += inverse
+        weighted += inverse @ values
+    if not seen:
+        return None
+    known = 2 if information[1, 1] > 0.0 else 1
+    covariance = np.linalg.inv(information[:known, :known])
+    together = np.zeros(2)
+    together[:known] = covariance @ weighted[:known]
+    chi = sum(float((values - together) @ inverse @ (values - together)) for values, inverse in seen)
+    widening = max(1.0, chi / (known * (len(seen) - 1))) if len(seen) > 1 else 1.0
+    std = np.sqrt(widening * np.diag(covariance))
+    if known == 1:
+        return float(together[0]), float(std[0])
+    return at_likely_compliance(
+        float(together[0]), float(std[0]), float(together[1]), float(std[1]), widening * float(covariance[0, 1])
+    )
+
+
+def _of_point(point: RecordedPoint, delays: Skew) -> PointSkew:
+    applied = {name: float(point.quality[f"{name}_undeclared_delay_s"]) for name in SENSORS}
+    tie_s = math.hypot(*(float(point.quality[f"{name}_tie_std_s"]) for name in SENSORS))
+    shift_s = (applied["force"] - delays.force.value_s) - (applied["displacement"] - delays.displacement.value_s)
+    return PointSkew(shift_s, math.hypot(delays.std_s, tie_s), math.hypot(delays.trusted_std_s, tie_s), delays)

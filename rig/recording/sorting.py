@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from rig.recording.alignment import channel_name
 from rig.recording.column import Records, StoredRecords
+from rig.recording.journal import JournalProblem
 
 MOST_BYTES_IN_MEMORY = 48_000_000
+MOST_CHANNELS = 128
+"""The ring has 51; more are the numbers of no rig, and each would be a file."""
 
 
 class Sorter:
@@ -27,14 +30,19 @@ class Sorter:
         self._folder = folder
         self._blocks: dict[int, list[NDArray[Any]]] = {}
         self._stored: dict[int, StoredRecords] = {}
+        self._numbers: set[int] = set()
         self._bytes = 0
 
     def take(self, records: NDArray[Any]) -> None:
         """Add a block of records (n,) of `RECORD_DTYPE`.
 
         Raises:
+            JournalProblem: there are more channels than any rig has.
             OSError: there is no room for the temporary files.
         """
+        self._numbers.update(np.unique(records["channel"]).tolist())
+        if len(self._numbers) > MOST_CHANNELS:
+            raise JournalProblem(f"records of {len(self._numbers)} and more channels, expected at most {MOST_CHANNELS}")
         if self._stored or self._bytes + records.nbytes > MOST_BYTES_IN_MEMORY:
             self._spill()
             for number, part in _by_number(records):

@@ -5,34 +5,62 @@ It is for looking at a recording. A fit differentiates again from displacement (
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from rig.recording.layout import FloatArray
 
 HALF_WIDTH = 4
-METHOD = f"local parabola through {2 * HALF_WIDTH + 1} samples"
+WIDTH = 2 * HALF_WIDTH + 1
+MARGIN = 4 * HALF_WIDTH
+"""Samples beyond a part on each side, with which its velocity is that of the whole."""
+GAP_STEPS = 1.5
+METHOD = f"local parabola through {WIDTH} samples"
 
 
 def velocity_of(time_s: FloatArray, displacement_m: FloatArray) -> tuple[FloatArray, str]:
     """Velocity (n,) in m/s and the method's name.
 
     Args:
-        time_s: (n,) s, increasing, nearly uniform.
-        displacement_m: (n,) m.
+        time_s: (n,) s, increasing, nearly uniform but for gaps.
+        displacement_m: (n,) m; NaN where nothing was measured.
 
     Returns:
-        NaN within `HALF_WIDTH` samples of an end, of a gap or of a missing value. The slope at the middle of a
-        least-squares parabola over uniform samples is `sum(k x_k) / (dt sum(k^2))`.
+        NaN where the displacement is, and only there (a single sample has no velocity). The slope at the middle of a
+        least-squares parabola over uniform samples is `sum(k x_k) / (dt sum(k^2))`; at the ends, and beside a gap, it
+        is the slope of the parabola through the nearest samples on that side.
     """
-    count = len(time_s)
-    velocity = np.full(count, np.nan)
-    width = 2 * HALF_WIDTH + 1
-    if count < width:
+    velocity = np.full(len(time_s), np.nan)
+    known = np.flatnonzero(np.isfinite(displacement_m))
+    if len(known) < 2:
         return velocity, METHOD
-    offsets = np.arange(-HALF_WIDTH, HALF_WIDTH + 1, dtype=np.float64)
-    spans = time_s[width - 1:] - time_s[:count - width + 1]
-    slopes = np.correlate(displacement_m, offsets, "valid") / float(np.sum(offsets**2)) / (spans / (width - 1))
-    typical = float(np.median(spans))
-    slopes[spans > typical * (1.0 + 0.5 / (width - 1))] = np.nan
-    velocity[HALF_WIDTH:count - HALF_WIDTH] = slopes
+    steps = np.diff(time_s[known])
+    typical_s = float(np.median(steps))
+    bounds = [0, *(np.flatnonzero(steps > GAP_STEPS * typical_s) + 1).tolist(), len(known)]
+    for first, last in itertools.pairwise(bounds):
+        rows = known[first:last]
+        if len(rows) > 2:
+            velocity[rows] = _stretch(time_s[rows], displacement_m[rows])
+            continue
+        beside = known[max(0, first - 1) : last + 1]
+        velocity[rows] = np.polyfit(time_s[beside] - time_s[rows[0]], displacement_m[beside], 1)[0]
     return velocity, METHOD
+
+
+def _stretch(time_s: FloatArray, displacement_m: FloatArray) -> FloatArray:
+    """Velocity (m,) of at least three samples without a gap."""
+    count = len(time_s)
+    width = min(WIDTH, count)
+    velocity = np.empty(count)
+    if count >= WIDTH:
+        offsets = np.arange(-HALF_WIDTH, HALF_WIDTH + 1, dtype=np.float64)
+        spans_s = time_s[WIDTH - 1 :] - time_s[: count - WIDTH + 1]
+        sums = np.correlate(displacement_m, offsets, "valid")
+        velocity[HALF_WIDTH : count - HALF_WIDTH] = sums / float(np.sum(offsets**2)) / (spans_s / (WIDTH - 1))
+    ends = ((slice(0, width), slice(0, HALF_WIDTH)), (slice(count - width, count), slice(-HALF_WIDTH, None)))
+    for rows, wanted in ends if count >= WIDTH else ((slice(0, count), slice(0, count)),):
+        centre_s = float(np.mean(time_s[rows]))
+        curve, slope, _ = np.polyfit(time_s[rows] - centre_s, displacement_m[rows], 2)
+        velocity[wanted] = slope + 2.0 * curve * (time_s[wanted] - centre_s)
+    return velocity

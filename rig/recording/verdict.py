@@ -1,12 +1,17 @@
-"""Valid, suspect or invalid, and why: each reason begins with its slug and carries the numbers it was judged by.
+"""Valid, suspect or invalid, and why: each reason has a slug and carries the numbers it was judged by.
 
-Every slug belongs to the specimen, the bench or the test (`BLAMED`): who has to do something about it.
+Every slug belongs to the specimen, the bench or the test (`rig.recording.reason`): who has to do something about it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
+
+from rig.recording.reason import Kind, Reason, blamed, invalid, stored_reasons, suspect
+
+__all__ = ["Findings", "SensorCounts", "Verdict", "blamed", "judge", "with_skew"]
 
 LARGEST_LOSS_SHARE = 0.001
 LARGEST_NAN_SHARE = 0.001
@@ -20,6 +25,14 @@ FREQUENCY_SUSPECT = 0.03
 SKEW_SUSPECT_PERIODS = 0.003
 STUCK_SHARE = 0.1
 """Of a cycle, during which no quantity of a moving rig stands still."""
+COARSE_STUCK_SHARE = 0.75
+"""... which one of a coarse resolution may well seem to do for half of a cycle, but never for a whole one."""
+RESOLUTION_SUSPECT = 0.05
+"""Of a channel's span: a step of so much leaves 1.4 % of it uncertain everywhere, and no noise averages it away."""
+SAMPLES_A_CYCLE = 25
+"""As the plan asks for: harmonics up to the twelfth are below half the sampling rate."""
+HARMONICS_NEEDED = 10
+"""A first-order filter at ten times the test's frequency takes half a percent off its fundamental."""
 FLAT_SAMPLES = 5
 """Equal neighbours at the greatest or least value: the amplifier's end, not the signal's."""
 TEMPERATURE_SUSPECT_K, TEMPERATURE_INVALID_K = 5.0, 10.0
@@ -30,37 +43,13 @@ SCATTER_SUSPECT, SCATTER_INVALID = 0.02, 0.05
 CHANGE_SUSPECT, CHANGE_INVALID = 0.03, 0.08
 AMPLITUDE_SCATTER = 0.01
 
-BLAMED: dict[str, str] = {
-    "free-play": "bench",
-    "force-scatter": "specimen",
-    "force-change": "specimen",
-    "temperature-drift": "test",
-    "temperature-window": "test",
-    "too-few-cycles": "test",
-    "amplitude": "bench",
-    "amplitude-scatter": "bench",
-    "frequency": "bench",
-    "INTERRUPTED": "test",
-    "interrupted": "test",
-    "operator": "test",
-    "sigint": "test",
-    "sigterm": "test",
-    "wrong-damper": "specimen",
-    "load-train": "bench",
-    "host-late": "test",
-    "ecu-overtemp": "test",
-}
-"""Slug of a reason -> who is at fault; every other slug is the bench's."""
-
-Reason = tuple[str, str]
-"""`invalid` or `suspect`, and the text."""
-
-
 @dataclass(frozen=True)
 class SensorCounts:
     """What one sensor channel delivered: samples, and how many were lost or flagged.
 
-    `standing` is the longest run of equal samples during the full cycles, `flat` the longest at the extreme values.
+    `standing` is the longest run of equal samples during the full cycles, `flat` the longest at the extreme values;
+    `coarse`: equal neighbours are usual, as the channel comes in steps of `step` (its `span` is peak to peak, SI).
+    `rate_Hz` is its sampling rate, `bandwidth_Hz` what its conditioner is declared to pass (None: not stated).
     """
 
     samples: int
@@ -71,6 +60,11 @@ class SensorCounts:
     spikes: int = 0
     standing: int = 0
     flat: int = 0
+    coarse: bool = False
+    step: float = 0.0
+    span: float = 0.0
+    rate_Hz: float | None = None
+    bandwidth_Hz: float | None = None
 
 
 @dataclass(frozen=True)
@@ -116,33 +110,60 @@ class Findings:
 
 @dataclass(frozen=True)
 class Verdict:
-    """`verdict` is `valid`, `suspect` or `invalid`; `reasons` one line each, worst first."""
+    """What a point's reasons, worst first, make of it."""
 
-    verdict: str
-    reasons: tuple[str, ...]
+    found: tuple[Reason, ...] = ()
+
+    @classmethod
+    def of(cls, reasons: Iterable[Reason]) -> Verdict:
+        """The verdict by these reasons, which keep their order among equals."""
+        return cls(tuple(sorted(reasons, key=lambda reason: -reason.kind)))
+
+    @classmethod
+    def stored(cls, quality: Mapping[str, Any]) -> Verdict:
+        """The verdict that the attributes of a file's `/entry/quality` tell of."""
+        verdict, lines = str(quality.get("verdict", "valid")), tuple(quality.get("reasons", ()))
+        return cls.of(stored_reasons(verdict, lines, tuple(quality.get("reason_kinds", ()))))
+
+    @property
+    def attributes(self) -> dict[str, str | tuple[str, ...]]:
+        """What `/entry/quality` holds of it; lists without an entry are to be left out."""
+        return {
+            "verdict": self.verdict, "reasons": self.reasons, "reason_kinds": self.kinds, "blamed": self.blamed,
+        }
+
+    @property
+    def verdict(self) -> str:
+        """`valid`, `suspect` or `invalid`: one bad finding is enough."""
+        return self.found[0].kind.word if self.found else "valid"
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """One line each."""
+        return tuple(str(reason) for reason in self.found)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What each reason alone would make of the point: `suspect` or `invalid`."""
+        return tuple(reason.kind.word for reason in self.found)
 
     @property
     def blamed(self) -> tuple[str, ...]:
         """Who is at fault, for each reason: `specimen`, `bench` or `test`."""
-        return tuple(blamed(reason) for reason in self.reasons)
+        return tuple(reason.blamed for reason in self.found)
 
-
-def blamed(reason: str) -> str:
-    """Whether a reason lies in the `specimen`, the `bench` or the `test`."""
-    return BLAMED.get(reason.partition(":")[0], "bench")
+    def replaced(self, slugs: Collection[str], by: Iterable[Reason]) -> Verdict:
+        """The same verdict with all reasons of these slugs judged anew; nothing else is touched."""
+        return Verdict.of((*(reason for reason in self.found if reason.slug not in slugs), *by))
 
 
 def judge(findings: Findings) -> Verdict:
     """Judge a point by everything that was found; one bad finding is enough."""
-    reasons = [
+    return Verdict.of((
         *_ending(findings), *_sensor_reasons(findings), *_motion(findings), *_current(findings),
         *_temperature(findings), *_specimen(findings), *_skew(findings.skew_std_s, findings.wanted_frequency_Hz),
         *findings.extra,
-    ]
-    invalid = [text for kind, text in reasons if kind == "invalid"]
-    suspect = [text for kind, text in reasons if kind == "suspect"]
-    verdict = "invalid" if invalid else "suspect" if suspect else "valid"
-    return Verdict(verdict, tuple(invalid + suspect))
+    ))
 
 
 def with_skew(judged: Verdict, skew_std_s: float, frequency_Hz: float) -> Verdict:
@@ -153,27 +174,22 @@ def with_skew(judged: Verdict, skew_std_s: float, frequency_Hz: float) -> Verdic
         skew_std_s: what is left uncertain now (s).
         frequency_Hz: the point's wanted frequency; 0 without one.
     """
-    others = tuple(reason for reason in judged.reasons if not reason.startswith("skew:"))
-    reasons = (*others, *(text for _, text in _skew(skew_std_s, frequency_Hz)))
-    if judged.verdict == "invalid":
-        return Verdict("invalid", reasons)
-    return Verdict("suspect" if reasons else "valid", reasons)
+    return judged.replaced({"skew"}, _skew(skew_std_s, frequency_Hz))
 
 
 def _ending(found: Findings) -> list[Reason]:
     reasons = []
     if found.stopped_by is not None:
-        reasons.append(("invalid", f"{found.stopped_by}: the point was stopped before its end"))
+        reasons.append(invalid(found.stopped_by, "the point was stopped before its end"))
     elif found.tripped:
-        reasons.append(("invalid", "trip: an interlock tripped during the point"))
+        reasons.append(invalid("trip", "an interlock tripped during the point"))
     if found.interrupted:
-        reasons.append(("invalid", "INTERRUPTED: recording was cut off; recovered from the journal"))
+        reasons.append(invalid("INTERRUPTED", "recording was cut off; recovered from the journal"))
     if found.overrun_records:
-        reasons.append(("invalid", f"slow-consumer: {found.overrun_records} records overwritten before being read"))
+        reasons.append(invalid("slow-consumer", f"{found.overrun_records} records overwritten before being read"))
     if found.missing_blocks or found.damaged_bytes:
-        reasons.append((
-            "invalid",
-            f"journal-damaged: {found.missing_blocks} blocks missing, {found.damaged_bytes} bytes unreadable",
+        reasons.append(invalid(
+            "journal-damaged", f"{found.missing_blocks} blocks missing, {found.damaged_bytes} bytes unreadable",
         ))
     return reasons
 
@@ -183,74 +199,110 @@ def _sensor_reasons(found: Findings) -> list[Reason]:
     for name, counts in found.sensors.items():
         total = counts.samples + counts.lost
         if total == 0:
-            reasons.append(("invalid", f"no-samples: {name} delivered nothing"))
+            reasons.append(invalid("no-samples", f"{name} delivered nothing"))
             continue
         if counts.lost > LARGEST_LOSS_SHARE * total:
-            reasons.append(("invalid", _share("sample-gap", name, counts.lost, total, "lost", LARGEST_LOSS_SHARE)))
+            reasons.append(_share("sample-gap", name, counts.lost, total, "lost", LARGEST_LOSS_SHARE))
         if counts.not_a_number > LARGEST_NAN_SHARE * total:
-            share = _share("sensor-nan", name, counts.not_a_number, total, "not a number", LARGEST_NAN_SHARE)
-            reasons.append(("invalid", share))
+            reasons.append(_share("sensor-nan", name, counts.not_a_number, total, "not a number", LARGEST_NAN_SHARE))
         reasons += _standing(name, counts, found.samples_a_cycle)
         if counts.faulty:
-            reasons.append(("invalid", f"sensor-fault: {counts.faulty} {name} samples reported faulty by the sensor"))
+            reasons.append(invalid("sensor-fault", f"{counts.faulty} {name} samples reported faulty by the sensor"))
         if counts.spikes:
-            reasons.append(("suspect", f"sensor-spike: {counts.spikes} {name} samples jump beyond the machine's speed"))
+            reasons.append(suspect("sensor-spike", f"{counts.spikes} {name} samples jump beyond the machine's speed"))
+        reasons += _bandwidth(name, counts, found.wanted_frequency_Hz)
     return reasons
 
 
 def _standing(name: str, counts: SensorCounts, samples_a_cycle: float) -> list[Reason]:
     if counts.saturated >= SATURATED_SAMPLES:
-        return [("invalid", f"sensor-saturated: {counts.saturated} {name} samples at the end of the range")]
-    if counts.standing > max(STUCK_SHARE * samples_a_cycle, FLAT_SAMPLES) and counts.flat < counts.standing:
-        return [("invalid", f"sensor-stuck: {counts.standing} {name} samples in a row are equal while the rig moves")]
+        return [invalid("sensor-saturated", f"{counts.saturated} {name} samples at the end of the range")]
+    share = COARSE_STUCK_SHARE if counts.coarse else STUCK_SHARE
+    if counts.standing > max(share * samples_a_cycle, FLAT_SAMPLES) and counts.flat < counts.standing:
+        return [invalid("sensor-stuck", f"{counts.standing} {name} samples in a row are equal while the rig moves")]
     if name == "force" and counts.flat >= FLAT_SAMPLES:
-        return [(
-            "invalid",
-            f"sensor-saturated: the {name} stands at its extreme value for {counts.flat} samples: the amplifier's end",
+        return [invalid(
+            "sensor-saturated",
+            f"the {name} stands at its extreme value for {counts.flat} samples: the amplifier's end",
+        )]
+    if counts.coarse and counts.step > RESOLUTION_SUSPECT * counts.span > 0.0:
+        return [suspect(
+            "sensor-resolution",
+            f"the {name} comes in steps of {100 * counts.step / counts.span:.2g} % of its span "
+            f"(limit {100 * RESOLUTION_SUSPECT:g} %): a finer range or resolution is needed",
+            step=counts.step, span=counts.span,
         )]
     return []
 
 
-def _share(slug: str, name: str, count: int, total: int, what: str, limit: float) -> str:
-    return f"{slug}: {count} of {total} {name} samples {what} ({100 * count / total:.2g} %, limit {100 * limit:g} %)"
+def _bandwidth(name: str, counts: SensorCounts, frequency_Hz: float) -> list[Reason]:
+    """Whether a sensor samples and passes enough of the cycle: its fundamental and the harmonics that shape it."""
+    if not (frequency_Hz > 0.0 and name in {"force", "displacement"}):
+        return []
+    reasons = []
+    if counts.rate_Hz is not None and counts.rate_Hz < SAMPLES_A_CYCLE * frequency_Hz:
+        a_cycle = counts.rate_Hz / frequency_Hz
+        reasons.append(suspect(
+            "bandwidth",
+            f"{name} at {counts.rate_Hz:g} Hz gives {a_cycle:.3g} samples a cycle of {frequency_Hz:g} Hz, harmonics up "
+            f"to order {0.5 * a_cycle:.3g} only ({SAMPLES_A_CYCLE} samples would do)",
+            rate_Hz=counts.rate_Hz, frequency_Hz=frequency_Hz,
+        ))
+    if counts.bandwidth_Hz is not None and counts.bandwidth_Hz < HARMONICS_NEEDED * frequency_Hz:
+        reasons.append(suspect(
+            "bandwidth",
+            f"{name} passes {counts.bandwidth_Hz:g} Hz only, {counts.bandwidth_Hz / frequency_Hz:.3g} times the test's "
+            f"{frequency_Hz:g} Hz ({HARMONICS_NEEDED} times would do)",
+            bandwidth_Hz=counts.bandwidth_Hz, frequency_Hz=frequency_Hz,
+        ))
+    return reasons
+
+
+def _share(slug: str, name: str, count: int, total: int, what: str, limit: float) -> Reason:
+    return invalid(
+        slug, f"{count} of {total} {name} samples {what} ({100 * count / total:.2g} %, limit {100 * limit:g} %)",
+        count=float(count), total=float(total),
+    )
 
 
 def _motion(found: Findings) -> list[Reason]:
     if found.wanted_cycles <= 0:
         return []
     if found.measured_cycles is None or found.measured_cycles < found.wanted_cycles - TOLERATED_CYCLES:
+        if found.stopped_by is not None:
+            # Nobody's fault: the point was stopped, and that is said already.
+            return []
         counted = "none" if found.measured_cycles is None else f"{found.measured_cycles:g}"
-        return [("invalid", f"too-few-cycles: {counted} full cycles measured, {found.wanted_cycles:g} wanted")]
+        return [invalid("too-few-cycles", f"{counted} full cycles measured, {found.wanted_cycles:g} wanted")]
     reasons = []
     if found.measured_amplitude_m is not None and found.wanted_amplitude_m > 0:
         error = found.measured_amplitude_m / found.wanted_amplitude_m - 1.0
         text = (
-            f"amplitude: {1e3 * found.measured_amplitude_m:.4g} mm measured, {1e3 * found.wanted_amplitude_m:.4g} mm "
+            f"{1e3 * found.measured_amplitude_m:.4g} mm measured, {1e3 * found.wanted_amplitude_m:.4g} mm "
             f"wanted ({100 * error:+.1f} %)"
         )
         tolerance = found.amplitude_tolerance
-        suspect = AMPLITUDE_SUSPECT if tolerance is None else tolerance * (1.0 + TOLERANCE_ROUNDING)
-        if abs(error) > max(AMPLITUDE_INVALID, suspect):
-            reasons.append(("invalid", text))
-        elif abs(error) > suspect:
-            reasons.append(("suspect", text))
+        allowed = AMPLITUDE_SUSPECT if tolerance is None else tolerance * (1.0 + TOLERANCE_ROUNDING)
+        if abs(error) > allowed:
+            kind = Kind.INVALID if abs(error) > max(AMPLITUDE_INVALID, allowed) else Kind.SUSPECT
+            reasons.append(Reason("amplitude", kind, text, {"error": error, "allowed": allowed}))
     if found.measured_frequency_Hz is not None and found.wanted_frequency_Hz > 0:
         error = found.measured_frequency_Hz / found.wanted_frequency_Hz - 1.0
         if abs(error) > FREQUENCY_SUSPECT:
-            reasons.append((
-                "suspect",
-                f"frequency: {found.measured_frequency_Hz:.4g} Hz measured, {found.wanted_frequency_Hz:.4g} Hz wanted",
+            reasons.append(suspect(
+                "frequency",
+                f"{found.measured_frequency_Hz:.4g} Hz measured, {found.wanted_frequency_Hz:.4g} Hz wanted",
             ))
     return reasons
 
 
 def _current(found: Findings) -> list[Reason]:
     if found.current_error_A is None:
-        return [("suspect", "no-current: the coil current was not measured during the kept cycles")]
+        return [suspect("no-current", "the coil current was not measured during the kept cycles")]
     if found.current_error_A > found.current_tolerance_A:
-        return [(
-            "invalid",
-            f"current-tracking: measured current off by {1e3 * found.current_error_A:.3g} mA "
+        return [invalid(
+            "current-tracking",
+            f"measured current off by {1e3 * found.current_error_A:.3g} mA "
             f"(limit {1e3 * found.current_tolerance_A:.3g} mA)",
         )]
     return []
@@ -261,9 +313,9 @@ def _temperature(found: Findings) -> list[Reason]:
     window, share = found.temperature_window_degC, found.temperature_share
     if window is not None and (found.temperature_degC is None or share < TEMPERATURE_KNOWN_SHARE):
         measured = 0.0 if found.temperature_degC is None else 100.0 * share
-        reasons.append((
-            "suspect",
-            f"no-temperature: the coil temperature was measured over {measured:.2g} % of the kept cycles only, window "
+        reasons.append(suspect(
+            "no-temperature",
+            f"the coil temperature was measured over {measured:.2g} % of the kept cycles only, window "
             f"{window[0]:g} to {window[1]:g} degC",
         ))
     if found.temperature_degC is None:
@@ -271,23 +323,23 @@ def _temperature(found: Findings) -> list[Reason]:
     low, high = found.temperature_degC
     shown = f"coil at {low:.1f} to {high:.1f} degC"
     if high - low > TEMPERATURE_SUSPECT_K:
-        kind = "invalid" if high - low > TEMPERATURE_INVALID_K else "suspect"
-        reasons.append((
-            kind, f"temperature-drift: {shown} during the point (limit {TEMPERATURE_INVALID_K:g} K of change)",
+        reasons.append(Reason(
+            "temperature-drift", _worse(high - low > TEMPERATURE_INVALID_K),
+            f"{shown} during the point (limit {TEMPERATURE_INVALID_K:g} K of change)",
         ))
     if window is not None and (
         low < window[0] - TEMPERATURE_RESOLUTION_K or high > window[1] + TEMPERATURE_RESOLUTION_K
     ):
-        reasons.append(("invalid", f"temperature-window: {shown}, window {window[0]:g} to {window[1]:g} degC"))
+        reasons.append(invalid("temperature-window", f"{shown}, window {window[0]:g} to {window[1]:g} degC"))
     return reasons
 
 
 def _specimen(found: Findings) -> list[Reason]:
     reasons: list[Reason] = []
     if found.free_play_m > 0.0:
-        reasons.append((
-            "invalid",
-            f"free-play: the force rests at zero over about {1e3 * found.free_play_m:.2g} mm after it changes sign: "
+        reasons.append(invalid(
+            "free-play",
+            f"the force rests at zero over about {1e3 * found.free_play_m:.2g} mm after it changes sign: "
             "a fixture or joint slips",
         ))
     if found.span_N is None or found.scatter_N is None or found.change_N is None or not found.span_N > 0.0:
@@ -296,18 +348,21 @@ def _specimen(found: Findings) -> list[Reason]:
     if scatter > SCATTER_SUSPECT:
         wobbles = _amplitude_scatter(found) > AMPLITUDE_SCATTER
         slug, what = ("amplitude-scatter", "motion and force differ") if wobbles else ("force-scatter", "force differs")
-        kind = "invalid" if scatter > SCATTER_INVALID else "suspect"
-        reasons.append((
-            kind, f"{slug}: {what} from cycle to cycle by {100 * scatter:.2g} % of its span "
+        reasons.append(Reason(
+            slug, _worse(scatter > SCATTER_INVALID), f"{what} from cycle to cycle by {100 * scatter:.2g} % of its span "
             f"(limit {100 * SCATTER_INVALID:g} %)",
         ))
     if change > CHANGE_SUSPECT:
-        kind = "invalid" if change > CHANGE_INVALID else "suspect"
-        reasons.append((
-            kind, f"force-change: the loop's span changed by {100 * found.change_N / found.span_N:+.2g} % over the "
+        reasons.append(Reason(
+            "force-change", _worse(change > CHANGE_INVALID),
+            f"the loop's span changed by {100 * found.change_N / found.span_N:+.2g} % over the "
             f"point (limit {100 * CHANGE_INVALID:g} %)",
         ))
     return reasons
+
+
+def _worse(invalid_too: bool) -> Kind:
+    return Kind.INVALID if invalid_too else Kind.SUSPECT
 
 
 def _amplitude_scatter(found: Findings) -> float:
@@ -319,9 +374,10 @@ def _amplitude_scatter(found: Findings) -> float:
 def _skew(skew_std_s: float, frequency_Hz: float) -> list[Reason]:
     limit_s = SKEW_SUSPECT_PERIODS / frequency_Hz if frequency_Hz > 0 else 0.0
     if limit_s and skew_std_s > limit_s:
-        return [(
-            "suspect",
-            f"skew: force and displacement are tied together to {1e3 * skew_std_s:.2g} ms only "
+        return [suspect(
+            "skew",
+            f"force and displacement are tied together to {1e3 * skew_std_s:.2g} ms only "
             f"({1e3 * limit_s:.2g} ms would do at {frequency_Hz:g} Hz)",
+            skew_std_s=skew_std_s, limit_s=limit_s,
         )]
     return []

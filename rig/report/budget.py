@@ -10,8 +10,10 @@ import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics
 from rig.identification.measurement import Measurement
+from rig.recording.calibration_check import checked, instruments_of
 from rig.recording.loop_shape import noise_of
 from rig.recording.reading import channel_attributes
+from rig.recording.reference_judgement import deviations, trusted, zero_change
 from rig.recording.run import RecordedPoint
 from rig.report.fragment import NOTHING, number, table, text
 from rig.report.view import PointView
@@ -65,28 +67,45 @@ def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> 
         "What nobody stated is shown as not stated and is not in the sum."
     )
     parts = [f'<h2>Uncertainty budget</h2><p class="lead">{note}</p>']
-    parts += [_table(channel) for channel in channels_of(point, measured, steepest[point.id])]
+    drift_N = _drift_N([view.point for view in views])
+    parts += [_table(channel) for channel in channels_of(point, measured, steepest[point.id], drift_N)]
     return "".join(parts)
 
 
-def channels_of(point: RecordedPoint, measured: Measurement, steepest_N_s: float) -> list[Channel]:
+def channels_of(
+    point: RecordedPoint, measured: Measurement, steepest_N_s: float, drift_N: float = NOT_STATED,
+) -> list[Channel]:
     """The budget of every channel of a point, the uncertainties in the unit that the channel is shown in.
 
     Args:
         point: the point.
         measured: its measurement, with the skew that is left.
         steepest_N_s: greatest rate of change of its mean cycle's force, N/s.
+        drift_N: standard uncertainty by the zero's drift over the campaign (N); NaN: nobody could tell.
     """
-    return [_force(point, measured, steepest_N_s), _displacement(point, measured), *_current(point),
+    return [_force(point, measured, steepest_N_s, drift_N), _displacement(point, measured), *_current(point),
             *_temperature(point), *_auxiliaries(point)]
 
 
-def _force(point: RecordedPoint, measured: Measurement, steepest_N_s: float) -> Channel:
+def _drift_N(points: Sequence[RecordedPoint]) -> float:
+    """Standard uncertainty (N) by the load cell's drifting zero: anywhere in what it moved by over the campaign."""
+    group = max(instruments_of(points).values(), key=len, default=[])
+    if not group:
+        return NOT_STATED
+    change = zero_change(trusted([checked(each.id, each.test, each.quality) for each in group]), deviations(len(group)))
+    if change is None or not change.over_time_N.known:
+        return NOT_STATED
+    return UNIFORM * math.hypot(change.over_time_N.value, change.over_time_N.std)
+
+
+def _force(point: RecordedPoint, measured: Measurement, steepest_N_s: float, drift_N: float) -> Channel:
     quality = point.quality
     peak_N = 0.5 * float(quality["force_span_N"])
     timing_N = steepest_N_s * measured.skew_std_s
     return Channel("Force", "N", peak_N, (
         _certificate(peak_N, point.test.get("force_uncertainty_percent")),
+        Share("zero", float(quality.get("force_zero_std_N", math.nan)), "rest before the first motion: length, noise"),
+        Share("drift of the zero", drift_N, "against the controller's force input, over the campaign"),
         Share("noise of one sample", float(quality.get("force_noise_N", math.nan)), "neighbouring samples"),
         Share("timing, at the reversals", timing_N, "skew left, times the force's steepest measured change"),
         Share("scatter between cycles", float(quality.get("force_scatter_N", math.nan)), "cycle against cycle"),

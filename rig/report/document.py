@@ -19,8 +19,10 @@ from rig.report import loops, measurement, section, standard
 from rig.report.budget import budget
 from rig.report.conditions import conditions
 from rig.report.fragment import box, text
+from rig.report.instruments import doubts_of, instruments
 from rig.report.style import STYLE_SHEET
 from rig.report.view import PointView, view_of
+from rig.text_file import read_json
 
 
 def write_report(run_dir: Path) -> Path:
@@ -42,7 +44,7 @@ def write_report(run_dir: Path) -> Path:
     fit = read_fit(run.path)
     views, remark = views_of(run, fit)
     found = characterise(run, {view.point.id: view.measured for view in views if view.measured is not None})
-    parts = [section.header(run, fit), section.warnings(run, fit), remark, loops.overview(views)]
+    parts = [section.header(run, fit), doubts_of(run), section.warnings(run, fit), remark, loops.overview(views)]
     if fit is not None:
         parts.append(fit_part.parameters(fit))
     parts.append(loops.details(views, fitted=any(_has_fit(view) for view in views)))
@@ -50,8 +52,8 @@ def write_report(run_dir: Path) -> Path:
         parts.append(fit_part.quality(fit))
     parts += [
         standard.standard_tests(found), section.points_table(views), standard.achieved_table(run.points),
-        conditions(run), measurement.time_base(run), budget(views, found.loops), measurement.calibrations(run),
-        section.provenance(run, fit),
+        conditions(run), instruments(run), measurement.time_base(run), budget(views, found.loops),
+        measurement.calibrations(run), section.provenance(run, fit),
     ]
     write_text_durably(run.path / "characteristics.json", json.dumps(found.to_json(), indent=1, allow_nan=False) + "\n")
     path = run.path / "report.html"
@@ -77,11 +79,8 @@ def read_fit(folder: Path) -> dict[str, Any] | None:
     file = folder / "fit.json"
     if not file.is_file():
         return None
-    try:
-        fit = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise FileProblem(str(file), [f"not JSON: {error}"]) from error
-    if not isinstance(fit, dict) or not isinstance(fit.get("parameters"), dict):
+    fit = read_json(file)
+    if not isinstance(fit.get("parameters"), dict):
         raise FileProblem(str(file), ["not a fit: expected a JSON object with `model` and `parameters`"])
     return fit
 

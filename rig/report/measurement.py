@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rig.recording.reading import channel_attributes
 from rig.recording.run import RecordedPoint, Run
-from rig.recording.skew import pooled
 from rig.recording.skew_pooling import pooled_skews
 from rig.report.fragment import NOTHING, box, number, table, text
 
@@ -76,24 +74,18 @@ def _scaled(value: object, factor: float) -> float | None:
 
 def _pooled(points: Sequence[RecordedPoint]) -> str:
     """One sentence on the skew of all points together."""
-    usable = [point for point in points if point.verdict != "invalid"]
-    seen = {
-        name: pooled((float(point.quality[f"{name}_matched_lag_s"]), float(point.quality[f"{name}_matched_lag_std_s"]))
-                     for point in usable if f"{name}_matched_lag_s" in point.quality)
-        for name in ("force", "displacement")
-    }
-    force, displacement = seen["force"], seen["displacement"]
-    if force is None or displacement is None:
-        return (
-            "<p>The declared delays could not be checked against the controller's own force and position "
-            "(<code>[actuator] input_delay</code> in the bench file says that they may be relied on).</p>"
-        )
-    skew_s, std_s = force[0] - displacement[0], math.hypot(force[1], displacement[1])
-    used = next(iter(pooled_skews(usable).values()), None)
-    left = "" if used is None else f" The fit uses all points together; {PLUS_MINUS} {_ms(used.std_s)} ms are left."
+    used = next(iter(pooled_skews([point for point in points if point.verdict != "invalid"]).values()), None)
+    if used is None or used.delays.measured_s is None or used.delays.interval_s is None:
+        return "<p>The declared delays could not be checked against the controller's own force and position.</p>"
+    low_s, high_s = used.delays.interval_s
+    stated = "" if used.delays.checked else (
+        " The bench file states no delay of the controller's own inputs (<code>[actuator] input_delay</code>): what "
+        "they may be late by is in it."
+    )
     return (
-        f"<p>All points together: by its own signal, force lags displacement by <b>{number(1e3 * skew_s, 3)} "
-        f"{PLUS_MINUS} {_ms(std_s)} ms</b> beyond the declared delays.{left}</p>"
+        f"<p>All points together: by their own signals, force lags displacement by {number(1e3 * low_s, 3)} to "
+        f"<b>{number(1e3 * high_s, 3)} ms</b> beyond the declared delays.{stated} Taken out: "
+        f"{number(1e3 * used.delays.value_s, 3)} ms; {PLUS_MINUS} {_ms(used.std_s)} ms are left, in the fit too.</p>"
     )
 
 

@@ -29,8 +29,7 @@ def header(run: Run, fit: JsonObject | None) -> str:
         _fact(str(_count(run, verdict)), f"points {verdict}", kind)
         for verdict, kind in (("suspect", "fair"), ("invalid", "poor")) if _count(run, verdict)
     ]
-    lost = sum(point.lost_samples for point in run.points)
-    facts.append(_fact(str(lost), "samples lost", _kind(lost == 0)))
+    facts.append(_lost(run))
     if fit is not None:
         error = fit.get("error") or {}
         facts.append(_fact(text(fit.get("model", NOTHING)), f"model, by {text(fit.get('method', NOTHING))}"))
@@ -54,6 +53,19 @@ def _verdict(fit: JsonObject | None) -> list[str]:
         return [_fact("Not judged", "no test has two whole cycles, whose scatter the fit could be held against")]
     known = f"{len(fit['parameters']) - unknown} of {len(fit['parameters'])} parameters identified"
     return [_fact("Fits", f"to the tests' scatter; {known}", "good")]
+
+
+def _lost(run: Run) -> str:
+    """Lost samples; a count of 0 is good news only where a loss would have been counted."""
+    lost = sum(point.lost_samples for point in run.points)
+    by = {str(point.quality.get("loss_counted_by", "")) for point in run.points if not point.imported}
+    if lost or by == {"sequence"}:
+        return _fact(str(lost), "samples lost", _kind(lost == 0))
+    if by <= {"sequence", "rate"} and by:
+        return _fact(str(lost), "samples lost, counted against the nominal rate: a single one may be missed")
+    if not by:
+        return _fact(str(lost), "rows missing")
+    return _fact("not known", "samples lost: a sensor's format has no sequence, so nobody can tell", "fair")
 
 
 def _fact(value: str, meaning: str, kind: str = "") -> str:
@@ -107,7 +119,7 @@ def points_table(views: Sequence[PointView]) -> str:
             number(quality.get("measured_frequency_Hz")), number(point.current_A),
             number(quality.get("measured_cycles"), 3), str(point.lost_samples), _skew(point),
             chip(point.verdict, point.verdict), number(view.error.get("nrmse_percent_of_peak"), 3),
-            "<br>".join(text(remark) for remark in remarks),
+            f'<div class="remark">{"<br>".join(text(remark) for remark in remarks)}</div>',
         ]))
     note = "Error: 100 \N{MULTIPLICATION SIGN} RMS error / largest deviation of the force from its mean."
     if not all(view.point.imported for view in views):

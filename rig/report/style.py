@@ -37,6 +37,7 @@ tr:last-child td {{ border-bottom:0; }}
 th {{ background:var(--shade); font-weight:600; white-space:nowrap; }}
 td.n,th.n {{ text-align:right; font-variant-numeric:tabular-nums; white-space:nowrap; }}
 tr.no td {{ color:var(--soft); background:#faf7f2; }}
+.remark {{ min-width:320px; }} .remark:empty {{ min-width:0; }}
 .chip {{ display:inline-block; border-radius:5px; padding:0 8px; font-size:14px; font-weight:600; white-space:nowrap; }}
 .valid {{ background:#d9f2e3; color:#0b5d33; }}
 .suspect {{ background:#fdf0c4; color:#6b4e00; }}

@@ -15,7 +15,7 @@ from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
 from rig.identification.preparation import prepare
 from rig.recording.run import RecordedPoint
-from rig.recording.skew_pooling import Skew
+from rig.recording.skew_pooling import PointSkew
 from rig.report.chart import FloatArray, thinned
 
 
@@ -47,7 +47,7 @@ class PointView:
 
 def view_of(
     point: RecordedPoint, model: DamperModel | None, values: Mapping[str, float], error: Mapping[str, Any] | None,
-    *, held_out: bool = False, skew: Skew | None = None,
+    *, held_out: bool = False, skew: PointSkew | None = None,
 ) -> PointView:
     """Prepare a point for drawing; what keeps it from being drawn is said, never hidden.
 

@@ -198,10 +198,16 @@ class MotionJudge:
         self._span = max(CONSECUTIVE, round(SPEED_WINDOW_S * rate_Hz))
         self._recent: deque[tuple[float, float]] = deque(maxlen=self._span)
         self._over = 0
+        self._unusable = 0
         self._anchor_m = math.nan
         self._anchor_s = math.nan
         self._latest_s = math.nan
         self.speed_m_s = math.nan
+
+    @property
+    def blind(self) -> bool:
+        """The sensor sends, but nothing that says where the rod is: its last samples are no measurements."""
+        return self._unusable >= CONSECUTIVE
 
     @property
     def still_s(self) -> float:
@@ -219,8 +225,11 @@ class MotionJudge:
         """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
         findings: list[Finding] = []
         for host_ns, device_us, value, sequence, _, flags in records:
+            if flags & BAD:
+                self._miss()
             if flags & (BAD | Quality.SPIKE):
                 continue
+            self._unusable = 0
             t_s = device_us * 1e-6 if device_us >= 0 else sequence * self._period_s
             if self._recent and t_s <= self._recent[-1][0]:
                 self._recent.clear()
@@ -234,6 +243,14 @@ class MotionJudge:
             if not abs(value - self._anchor_m) <= STILL_TOLERANCE_M:
                 self._anchor_m, self._anchor_s = value, t_s
         return findings
+
+    def _miss(self) -> None:
+        """A sample that is no measurement; after a few in a row speed and standstill are unknown."""
+        self._unusable += 1
+        if self.blind:
+            self._recent.clear()
+            self.speed_m_s = math.nan
+            self.restart_still()
 
     def _judge_speed(self, host_ns: int, findings: list[Finding]) -> None:
         speed_m_s = abs(self.speed_m_s)

@@ -115,7 +115,7 @@ class Station:
         self.devices.close()
         self.supervisor.end()
         self.link.end()
-        self.ring.close()
+        self.ring.remove()  # also where the application, which would do it, was killed
         return code
 
     def _wait_safe(self) -> bool:

@@ -308,8 +308,9 @@ class SensorThread(DeviceThread):
         return self.value(now_ns)
 
     def still_s(self, now_ns: int) -> float | None:
-        """Device seconds of standstill, None when stale or when this is not the LVDT."""
-        return self.motion.still_s if self.motion is not None and self.fresh(now_ns) and self.samples else None
+        """Device seconds of standstill; None when stale, without measurements, or when this is not the LVDT."""
+        sees = self.motion is not None and not self.motion.blind and self.fresh(now_ns) and self.samples > 0
+        return self.motion.still_s if self.motion is not None and sees else None
 
     def restart_still(self) -> None:
         """Begin the proof of standstill anew."""

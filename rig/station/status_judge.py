@@ -14,6 +14,10 @@ MEASURED = ("position_m", "velocity_m_s", "force_N")
 """What the controller measures; without a finite number of each, nothing it says about the rod is to be trusted."""
 MOVING_STATES = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
 FROZEN_TRAVEL_M = 0.002
+FROZEN_POLLS = 2
+"""So often, at later times of its clock, the controller repeats a position that is frozen: two equal readings of a
+quantised register are none yet, nor two of the same instant.
+"""
 PATH_STEP_M = 0.05e-3
 """Less than this is the transducer's noise."""
 OVERRUN_S = 0.07
@@ -71,6 +75,7 @@ class ControllerJudge:
         self.clock_s = 0.0
         self._beat_ns = 0
         self._held_m = math.nan
+        self._repeats = 0
         self._lvdt_low_m = math.inf
         self._lvdt_high_m = -math.inf
         self._apart = 0
@@ -203,15 +208,17 @@ class ControllerJudge:
     def _compare(self, status: ActuatorStatus, lvdt_m: float, speed_m_s: float, findings: list[Finding]) -> None:
         t_ns = status.received_ns
         if status.position_m == self._held_m:
+            self._repeats += self.status is not None and status.clock_us != self.status.clock_us
             self._lvdt_low_m = min(self._lvdt_low_m, lvdt_m)
             self._lvdt_high_m = max(self._lvdt_high_m, lvdt_m)
             travel_m = self._lvdt_high_m - self._lvdt_low_m
-            if travel_m > FROZEN_TRAVEL_M:
+            if travel_m > FROZEN_TRAVEL_M and self._repeats >= FROZEN_POLLS:
                 detail = (
                     f"controller position stands at {status.position_m:.6g} m while the LVDT moved {travel_m:.4g} m"
                 )
                 findings.append(Finding("actuator-frozen", detail, t_ns, travel_m, FROZEN_TRAVEL_M))
         else:
+            self._repeats = 0
             self._held_m, self._lvdt_low_m, self._lvdt_high_m = status.position_m, lvdt_m, lvdt_m
         speeds = [abs(status.velocity_m_s), 0.0 if math.isnan(speed_m_s) else abs(speed_m_s)]
         allowed_m = self.disagreement_m + max(speeds) * self.lag_s

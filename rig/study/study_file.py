@@ -177,7 +177,7 @@ def load_study(path: Path) -> StudyFile:
     Raises:
         FileProblem: with every wrong entry of the file at once.
     """
-    study, source = load_section(path, StudyFile)
+    study, source = load_section(path, StudyFile, "study")
     known = _known_models()
     named = {"comparison": study.comparison.models, "parallel": study.parallel.models if study.parallel else ()}
     problems = [

@@ -2,8 +2,9 @@
 
 Set-point (PHYSICS section 1): sine `A sin(2 pi f t)`, the exact triangle or a table, under an envelope that rises
 linearly in phase over the ramp-in cycles and falls over the ramp-out cycles. Servo (section 11):
-`x'' = wn^2 (r - x) - 2 zeta wn x'`, integrated by the trapezoidal rule, its speed limited to
-`rated sqrt((Ps - |pL|)/Ps)` with `pL = F/area`, its acceleration to the controller's limit.
+`x'' = g wn^2 (r - F/k - x) - 2 zeta wn x'`, integrated by the trapezoidal rule: the valve's gain
+`g = sqrt((P - |pL|)/Ps)` falls with the accumulator's pressure P and the load `pL = F/area`, and force pushes the rod
+against the loop's stiffness k. Its speed is limited to `rated g`, its acceleration to the controller's limit.
 
 Nothing here is cached by itself: the cached loop of `step.py` contains it.
 """
@@ -32,6 +33,9 @@ from simulators.plant.records import (
 
 SMALLEST_M_S = 1e-15
 """Slower than this is standstill: subnormal numbers would cost the loop ten times its speed."""
+
+REST_M_S = 2e-4
+"""In HOLD a slower rod stays where it is within the valve's overlap."""
 
 Record = Any
 """A numpy record of `records`, seen by the compiler; Python's type checker has no name for its fields."""
@@ -166,12 +170,29 @@ def _move_setpoint(p: Record, c: Record, s: Record) -> None:
 move_setpoint = njit(cache=False)(_move_setpoint)
 
 
-def _closed_loop(p: Record, c: Record, s: Record, before_m: float, speed_limit_m_s: float) -> float:
+def _pushed(p: Record, s: Record) -> float:
+    """How far force and friction push the rod away from its set-point (m)."""
+    if p.servo_stiffness_N_m <= 0.0:
+        return 0.0
+    friction_N = p.actuator_friction_N * math.tanh(s.velocity_m_s / p.actuator_friction_speed_m_s)
+    away: float = (s.cell_force_N + friction_N) / p.servo_stiffness_N_m
+    return away
+
+
+pushed = njit(cache=False)(_pushed)
+
+
+def _closed_loop(p: Record, c: Record, s: Record, before_m: float, valve_gain: float) -> float:
     """Velocity at the end of the step under position control (m/s)."""
     h, wn, zeta = p.dt_s, p.servo_rad_s, p.servo_damping
-    mean = 0.5 * (before_m + s.setpoint_m)
-    reach = h * h * wn * wn / 4.0
-    v = s.velocity_m_s * (1.0 - h * zeta * wn - reach) + h * wn * wn * (mean - s.position_m)
+    speed_limit_m_s = p.rated_speed_m_s * valve_gain
+    mean = (0.5 * (before_m + s.setpoint_m) - p.position_zero_m) / p.position_gain - pushed(p, s)
+    if c.mode == MODE_HOLD and abs(s.velocity_m_s) < REST_M_S and abs(mean - s.position_m) < p.overlap_m:
+        s.saturated = 0
+        return 0.0
+    stiff = wn * wn * valve_gain
+    reach = h * h * stiff / 4.0
+    v = s.velocity_m_s * (1.0 - h * zeta * wn - reach) + h * stiff * (mean - s.position_m)
     v /= 1.0 + h * zeta * wn + reach
     largest = c.acceleration_max_m_s2 * h
     v = max(s.velocity_m_s - largest, min(s.velocity_m_s + largest, v))
@@ -214,8 +235,8 @@ def _move_rod(p: Record, c: Record, s: Record, table: Record, end_s: float, even
         v = open_loop(p, c, s)
     else:
         load_Pa = abs(s.cell_force_N) / p.piston_area_m2
-        limit = p.rated_speed_m_s * math.sqrt(max(0.0, (s.accumulator_Pa - load_Pa) / p.supply_Pa))
-        v = closed_loop(p, c, s, before_m, limit)
+        valve_gain = math.sqrt(max(0.0, (s.accumulator_Pa - load_Pa) / p.supply_Pa))
+        v = closed_loop(p, c, s, before_m, valve_gain)
     s.acceleration_m_s2 = (v - s.velocity_m_s) / p.dt_s
     s.position_m += 0.5 * (s.velocity_m_s + v) * p.dt_s
     s.velocity_m_s = v
@@ -223,7 +244,7 @@ def _move_rod(p: Record, c: Record, s: Record, table: Record, end_s: float, even
         s.position_m = math.copysign(p.half_stroke_m, s.position_m)
         s.velocity_m_s = 0.0
     if c.mode in (MODE_OFF, MODE_HALT, MODE_LOCKED):
-        s.setpoint_m = s.position_m
+        s.setpoint_m = p.position_gain * s.position_m + p.position_zero_m
         s.setpoint_velocity_m_s = 0.0
     fed = p.supply_Pa if c.pressure == 2 else p.low_pressure_Pa if c.pressure == 1 else 0.0
     settle_s = p.accumulator_bleed_s if c.pressure == 0 else p.accumulator_recovery_s

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from rig import dampers
 from rig.dampers import DamperModel
+from simulators.controller_input import ControllerInput
 from simulators.options import DamperOptions, RigOptions
 from simulators.plant.records import COMMAND, CONSTANTS, EVENT_CAPACITY, MODE_OFF, STATE
-from simulators.plant.step import COLUMNS, run_slice
+from simulators.plant.step import COLUMNS, FORCE, PISTON, run_slice
 
 FloatArray = NDArray[np.float64]
 
@@ -35,6 +36,7 @@ class Plant:
         model: the damper's model; `values` its parameters by name.
         out: outputs of the last slice, (steps, `step.COLUMNS`).
         first_step: number of the step before the last slice's first row.
+        position_input, force_input: what the controller's own electronics make of piston position and force.
     """
 
     def __init__(self, options: RigOptions) -> None:
@@ -50,6 +52,8 @@ class Plant:
         self.table: FloatArray = np.zeros(1)
         self._fill_constants(options)
         self._fill_state(options)
+        self.position_input = ControllerInput(options.position_input, self.dt_s, self.value("position_m"))
+        self.force_input = ControllerInput(options.force_input, self.dt_s, 0.0)
         self._damper = self._base.copy()
         self._damper_state = np.ascontiguousarray(self.model.initial_state(float(self.state["damper_u_m"][0])))
         self._scratch = np.zeros_like(self._damper_state)
@@ -80,6 +84,8 @@ class Plant:
             self._scratch, self.table, self._buffer, self._events,
         )
         self.out = self._buffer[:steps]
+        self.position_input.take(self.out[:, PISTON])
+        self.force_input.take(self.out[:, FORCE])
         return [(float(time_s), int(kind), float(value)) for time_s, kind, value in self._events[:count]]
 
     def value(self, name: str) -> float:
@@ -109,6 +115,11 @@ class Plant:
             "dt_s": self.dt_s,
             "servo_rad_s": 2.0 * math.pi * servo.bandwidth_Hz,
             "servo_damping": servo.damping,
+            "servo_stiffness_N_m": servo.stiffness_N_m,
+            "actuator_friction_N": servo.friction_N,
+            "actuator_friction_speed_m_s": servo.friction_speed_m_s,
+            "position_gain": options.position_input.gain,
+            "position_zero_m": options.position_input.zero,
             "mid_stroke_m": options.specimen.mid_stroke_m,
             "half_specimen_stroke_m": 0.5 * options.specimen.stroke_m,
             "bump_stiffness_N_m": options.specimen.bump_stiffness_N_m,
@@ -129,9 +140,11 @@ class Plant:
     def _fill_state(self, options: RigOptions) -> None:
         start_m = options.servo.start_position_m
         damper = options.damper
-        self.state["position_m"] = self.state["setpoint_m"] = start_m
+        self.state["position_m"] = self.state["specimen_m"] = start_m
+        self.state["setpoint_m"] = options.position_input.gain * start_m + options.position_input.zero
         self.state["damper_u_m"] = start_m - options.specimen.mid_stroke_m
-        self.state["temperature_degC"] = damper.ambient_degC if math.isnan(damper.start_degC) else damper.start_degC
+        start_degC = damper.ambient_degC if math.isnan(damper.start_degC) else damper.start_degC
+        self.state["temperature_degC"] = self.state["coil_degC"] = start_degC
         self.order(
             mode=MODE_OFF,
             move_acceleration_m_s2=options.controller.move_acceleration_m_s2,

@@ -48,6 +48,13 @@ CONSTANTS = np.dtype(
         ("accumulator_recovery_s", "f8"),
         ("accumulator_bleed_s", "f8"),
         ("accumulator_sag_Pa_m3", "f8"),  # pressure lost for each cubic metre drawn
+        ("servo_stiffness_N_m", "f8"),  # 0: infinitely stiff
+        ("actuator_friction_N", "f8"),
+        ("actuator_friction_speed_m_s", "f8"),
+        ("position_gain", "f8"),  # of the position loop's own feedback
+        ("position_zero_m", "f8"),
+        ("overlap_m", "f8"),  # in HOLD a smaller error moves nothing
+        ("load_train_stiffness_N_m", "f8"),  # 0: rigid
         ("drift_m_s", "f8"),
         ("valve_closing_s", "f8"),
         ("half_stroke_m", "f8"),
@@ -63,6 +70,8 @@ CONSTANTS = np.dtype(
         ("force_scale", "f8"),
         ("heat_capacity_J_K", "f8"),
         ("heat_loss_W_K", "f8"),
+        ("coil_heat_capacity_J_K", "f8"),
+        ("coil_to_body_W_K", "f8"),
         ("ambient_degC", "f8"),
         ("coil_ohm", "f8"),
         ("coil_ohm_per_K", "f8"),  # relative to 20 degC
@@ -101,7 +110,9 @@ STATE = np.dtype(
     [
         ("step", "i8"),
         ("program_step", "i8"),
-        ("position_m", "f8"),
+        ("position_m", "f8"),  # of the piston
+        ("specimen_m", "f8"),  # behind the load train, where the LVDT sits
+        ("specimen_m_s", "f8"),
         ("velocity_m_s", "f8"),
         ("acceleration_m_s2", "f8"),
         ("setpoint_m", "f8"),
@@ -120,7 +131,8 @@ STATE = np.dtype(
         ("damper_force_N", "f8"),
         ("cell_force_N", "f8"),
         ("current_A", "f8"),
-        ("temperature_degC", "f8"),
+        ("temperature_degC", "f8"),  # of the damper's body
+        ("coil_degC", "f8"),
         ("dissipated_J", "f8"),
         ("last_pulse_s", "f8"),
     ]

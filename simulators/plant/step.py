@@ -34,8 +34,13 @@ from simulators.plant.records import (
     MODE_PROGRAM,
 )
 
-COLUMNS = 6
-"""Columns of the output: position (m), velocity (m/s), load-cell force (N), current (A), temperature (degC), mode."""
+COLUMNS = 11
+"""Columns of the output: displacement (m) and velocity (m/s) where the LVDT sits, load-cell force (N), current (A),
+coil temperature (degC), mode; piston position (m), the damper's own force (N) and its displacement about its mid-stroke
+(m), accumulator pressure (Pa), body temperature (degC).
+"""
+DISPLACEMENT, VELOCITY, FORCE, CURRENT, COIL_TEMPERATURE, MODE = range(6)
+PISTON, DAMPER_FORCE, DAMPER_DISPLACEMENT, ACCUMULATOR, BODY_TEMPERATURE = range(6, COLUMNS)
 
 SPEED_MARGIN_M_S = 0.02
 _MOUNT_ITERATIONS = 40
@@ -54,11 +59,14 @@ fittings_force = njit(cache=False)(_fittings_force)
 
 
 def _mount_force(p: Record, stretch_m: float) -> float:
-    """Force through the mounting for its elastic stretch: nothing inside the free play, then a spring (N)."""
+    """Force (N) through mounting and load train for their stretch: nothing inside the free play, then two springs."""
     gap = 0.5 * p.free_play_m
     if abs(stretch_m) <= gap:
         return 0.0
-    force: float = p.mount_stiffness_N_m * (stretch_m - math.copysign(gap, stretch_m))
+    compliance = 1.0 / p.mount_stiffness_N_m if p.mount_stiffness_N_m > 0.0 else 0.0
+    if p.load_train_stiffness_N_m > 0.0:
+        compliance += 1.0 / p.load_train_stiffness_N_m
+    force: float = (stretch_m - math.copysign(gap, stretch_m)) / compliance
     return force
 
 
@@ -107,17 +115,31 @@ def _mounted_force(p: Record, s: Record, kind: int, dp: Record, ds: Record, scra
 mounted_force = njit(cache=False)(_mounted_force)
 
 
+def _specimen_end(p: Record, s: Record) -> None:
+    """Where the specimen's end is: behind the load train, which the force stretches."""
+    before_m = s.specimen_m
+    s.specimen_m = s.position_m
+    s.specimen_m_s = s.velocity_m_s
+    if p.load_train_stiffness_N_m > 0.0:
+        s.specimen_m -= s.cell_force_N / p.load_train_stiffness_N_m
+        s.specimen_m_s = (s.specimen_m - before_m) / p.dt_s
+
+
+specimen_end = njit(cache=False)(_specimen_end)
+
+
 def _coil_and_heat(p: Record, c: Record, s: Record) -> None:
-    """Coil lag `I' = -eta (I - Icmd)`, exact over the step (9); heat from `F v` and `I^2 R` (PHYSICS section 11)."""
-    ohm = p.coil_ohm * (1.0 + p.coil_ohm_per_K * (s.temperature_degC - 20.0))
+    """Coil lag `I' = -eta (I - Icmd)`, exact over the step (9); `F v` heats the body, `I^2 R` the coil."""
+    ohm = p.coil_ohm * (1.0 + p.coil_ohm_per_K * (s.coil_degC - 20.0))
     largest = p.coil_voltage_V / ohm
     wanted = max(-largest, min(largest, c.coil_A))
     s.current_A = wanted + (s.current_A - wanted) * math.exp(-p.coil_eta_1_s * p.dt_s)
     power_W = s.damper_force_N * s.damper_v_m_s
     s.dissipated_J += power_W * p.dt_s
-    heat_W = power_W + s.current_A * s.current_A * ohm
-    heat_W -= p.heat_loss_W_K * (s.temperature_degC - p.ambient_degC)
-    s.temperature_degC += heat_W * p.dt_s / p.heat_capacity_J_K
+    passed_W = p.coil_to_body_W_K * (s.coil_degC - s.temperature_degC)
+    lost_W = p.heat_loss_W_K * (s.temperature_degC - p.ambient_degC)
+    s.coil_degC += (s.current_A * s.current_A * ohm - passed_W) * p.dt_s / p.coil_heat_capacity_J_K
+    s.temperature_degC += (power_W + passed_W - lost_W) * p.dt_s / p.heat_capacity_J_K
 
 
 coil_and_heat = njit(cache=False)(_coil_and_heat)
@@ -186,19 +208,25 @@ def _build(fingerprint: int) -> Callable[..., int]:
             s.step += 1
             end_s = s.step * p.dt_s
             count = move_rod(p, c, s, table, end_s, events, count)
-            if p.mount_stiffness_N_m > 0.0:
+            if p.mount_stiffness_N_m > 0.0 or p.load_train_stiffness_N_m > 0.0:
                 s.damper_force_N = mounted_force(p, s, kind, damper, damper_state, scratch)
             else:
                 s.damper_force_N = rigid_force(p, s, kind, damper, damper_state)
             s.cell_force_N = s.damper_force_N + p.moving_mass_kg * s.acceleration_m_s2
+            specimen_end(p, s)
             coil_and_heat(p, c, s)
             count = guard(c, s, end_s, events, count)
-            out[i, 0] = s.position_m
-            out[i, 1] = s.velocity_m_s
-            out[i, 2] = s.cell_force_N
-            out[i, 3] = s.current_A
-            out[i, 4] = s.temperature_degC
-            out[i, 5] = c.mode + 16 * s.tripped
+            out[i, DISPLACEMENT] = s.specimen_m
+            out[i, VELOCITY] = s.specimen_m_s
+            out[i, FORCE] = s.cell_force_N
+            out[i, CURRENT] = s.current_A
+            out[i, COIL_TEMPERATURE] = s.coil_degC
+            out[i, MODE] = c.mode + 16 * s.tripped
+            out[i, PISTON] = s.position_m
+            out[i, DAMPER_FORCE] = s.damper_force_N
+            out[i, DAMPER_DISPLACEMENT] = s.damper_u_m
+            out[i, ACCUMULATOR] = s.accumulator_Pa
+            out[i, BODY_TEMPERATURE] = s.temperature_degC
         return count
 
     compiled: Any = njit(cache=True, error_model="numpy")(run)

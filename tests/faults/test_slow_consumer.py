@@ -24,7 +24,7 @@ def test_what_the_recorder_could_not_take_spoils_the_point_and_nothing_else(tmp_
     script = Path(__file__).with_name("slow_disk.py")
     done = subprocess.run(
         [sys.executable, str(script), "run", str(matrix), "--simulate", "--speed", "1", "--seed", "1", "--no-identify",
-         "--json", "--out", str(out), "--", "--no-real-time"],
+         "--json", "--out", str(out), "--", "--no-real-time", "--drop-unread"],
         capture_output=True, text=True, check=False, timeout=150, cwd=tmp_path,
     )  # fmt: skip
     answer = json.loads(done.stdout)

@@ -18,10 +18,11 @@ from true_states import Truth
 from rig.clock import monotonic_ns
 from rig.recording.campaign_log import read_log
 from rig.recording.run import RecordedPoint
+from simulators.truth import ROW
 
 RIG = str(Path(sys.executable).with_name("rig"))
 FINISH_S = 150.0
-TRUTH_ROW_BYTES = 30
+TRUTH_ROW_BYTES = ROW.itemsize
 TRUTH_RATE_HZ = 1000.0
 
 

@@ -100,7 +100,7 @@ def test_a_program_reports_its_phases_and_returns_to_centre(bench: Bench) -> Non
     assert seen[-1][0] == State.HOLD
     assert seen[-1][2] == 5
     assert bench.status().pulse_count == 6
-    assert abs(bench.plant.value("position_m")) < 1e-6
+    assert bench.plant.value("position_m") == pytest.approx(0.0, abs=bench.options.servo.overlap_m)
 
 
 def test_move_keeps_its_speed_and_arrives(bench: Bench) -> None:
@@ -108,7 +108,7 @@ def test_move_keeps_its_speed_and_arrives(bench: Bench) -> None:
     rows = bench.run(3.0)
     assert np.median(rows[800:8000, V]) == pytest.approx(0.02, rel=1e-3)
     assert rows[:, V].max() < 0.02 * 1.05
-    assert rows[-1, X] == pytest.approx(0.03, abs=1e-6)
+    assert rows[-1, X] == pytest.approx(0.03, abs=bench.options.servo.overlap_m)
     assert bench.status().state == State.HOLD
 
 

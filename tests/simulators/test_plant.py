@@ -7,17 +7,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from protocols.actuator import Command
 from rig import dampers
 from rig.errors import RigError
 from simulators.options import DamperOptions, RigOptions, with_option
 from simulators.plant.plant import MAXIMUM_STEPS, Plant, specimen_model
 from simulators.plant.records import EVENT_PULSE
+from simulators.plant.step import (
+    BODY_TEMPERATURE,
+    COIL_TEMPERATURE,
+    DAMPER_DISPLACEMENT,
+    DISPLACEMENT,
+    FORCE,
+    PISTON,
+    VELOCITY,
+)
 
 if TYPE_CHECKING:
     from tests.simulators.conftest import Bench
 
 
 T, X, V, F, CURRENT, TEMPERATURE = range(6)
+
+
+UNLOADED = ("servo.stiffness_N_m=0", "servo.piston_area_m2=1e3", "servo.accumulator_sag_Pa_m3=0")
+"""Neither force nor flow changes what the servo does."""
 
 
 def harmonic(time_s: np.ndarray, x: np.ndarray, frequency_Hz: float) -> tuple[float, float]:
@@ -29,7 +43,10 @@ def harmonic(time_s: np.ndarray, x: np.ndarray, frequency_Hz: float) -> tuple[fl
 
 
 @pytest.mark.parametrize("frequency_Hz", [1.0, 2.0, 5.0, 10.0])
-def test_servo_droops_and_lags_as_its_second_order_loop_says(bench: Bench, frequency_Hz: float) -> None:
+def test_servo_droops_and_lags_as_its_second_order_loop_says(
+    make_bench: Callable[..., Bench], frequency_Hz: float
+) -> None:
+    bench = make_bench(*UNLOADED).ready()
     bench.start(0.005, frequency_Hz, 8)
     began_s = bench.plant.time_s
     rows = bench.run(10 / frequency_Hz)
@@ -106,7 +123,7 @@ def test_coil_follows_its_first_order_lag_exactly(bench: Bench) -> None:
 def test_coil_current_is_bounded_by_supply_over_resistance(bench: Bench) -> None:
     bench.plant.order(coil_A=20.0)
     bench.run(1.0)
-    warmer_K = bench.plant.value("temperature_degC") - 20.0
+    warmer_K = bench.plant.value("coil_degC") - 20.0
     assert bench.plant.value("current_A") == pytest.approx(13.5 / (1.5 * (1 + 0.0039 * warmer_K)), rel=1e-3)
 
 
@@ -117,6 +134,94 @@ def test_load_cell_sees_the_moving_mass(make_bench: Callable[..., Bench]) -> Non
     a, b = light.run(2.5), heavy.run(2.5)
     acceleration = np.diff(b[:, V], prepend=b[0, V]) / heavy.plant.dt_s
     assert (b[:, F] - a[:, F])[1:] == pytest.approx(10.0 * acceleration[1:], abs=0.5)
+
+
+def test_force_pushes_the_rod_against_the_loops_stiffness(make_bench: Callable[..., Bench]) -> None:
+    """What a current changes of the force, it changes of the motion too: once over the stiffness."""
+    amplitudes_m = []
+    for current_A in (0.0, 2.0):
+        bench = make_bench("servo.friction_N=0").ready()
+        bench.plant.order(coil_A=current_A)
+        bench.run(0.5)
+        bench.start(0.005, 1.0, 4)
+        rows = bench.run(7.0)
+        inside = (rows[:, T] > rows[0, T] + 2.0) & (rows[:, T] <= rows[0, T] + 5.0)
+        amplitudes_m.append(np.ptp(rows[inside, X]) / 2.0)
+    assert 10e-6 < amplitudes_m[0] - amplitudes_m[1] < 40e-6
+
+
+@pytest.mark.parametrize("current_A", [0.0, 0.5, 1.0, 2.0])
+def test_a_rod_at_rest_is_at_rest_within_the_valves_overlap(bench: Bench, current_A: float) -> None:
+    """Models with `sgn(u)` jump at mid-stroke: a loop that answers the least error would chatter there."""
+    bench.plant.order(coil_A=current_A)
+    bench.run(0.5)
+    bench.start(0.005, 1.0, 2)
+    bench.run(5.0)
+    rows = bench.run(1.0)[:, 1:]
+    assert np.ptp(rows[:, FORCE]) < 1e-6
+    assert not np.any(rows[:, VELOCITY])
+    assert abs(rows[-1, PISTON]) < 50e-6
+
+
+def test_an_infinitely_stiff_loop_moves_alike_at_every_current(make_bench: Callable[..., Bench]) -> None:
+    motions = []
+    for current_A in (0.0, 2.0):
+        bench = make_bench(*UNLOADED).ready()
+        bench.plant.order(coil_A=current_A)
+        bench.run(0.5)
+        bench.start(0.005, 1.0, 4)
+        motions.append(bench.run(6.0)[:, X])
+    assert motions[0] == pytest.approx(motions[1], abs=1e-10)
+
+
+def test_a_loaded_valve_has_less_gain_so_the_rod_lags_more(make_bench: Callable[..., Bench]) -> None:
+    lags = []
+    for area in ("1e-3", "0.1e-3"):
+        bench = make_bench(f"servo.piston_area_m2={area}", "servo.stiffness_N_m=0").ready()
+        began_s = bench.plant.time_s
+        bench.start(0.005, 5.0, 8)
+        rows = bench.run(2.0)
+        inside = (rows[:, T] > began_s + 0.4) & (rows[:, T] <= began_s + 1.6)
+        lags.append(-harmonic(rows[inside, T] - began_s, rows[inside, X], 5.0)[1])
+    assert lags[1] > 1.05 * lags[0]
+
+
+def test_a_compliant_load_train_stretches_between_piston_and_lvdt_by_force_over_stiffness(
+    make_bench: Callable[..., Bench]
+) -> None:
+    bench = make_bench("servo.load_train_stiffness_N_m=10e6", "plant_rate_Hz=4000.0").ready()
+    bench.plant.order(coil_A=1.0)
+    bench.run(0.5)
+    bench.start(0.01, 1.0, 2)
+    rows = bench.run(3.5)[:, 1:]
+    stretch_m = rows[:, PISTON] - rows[:, DISPLACEMENT]
+    assert stretch_m == pytest.approx(rows[:, FORCE] / 10e6, abs=1e-12)
+    assert np.ptp(stretch_m) > 40e-6
+    assert rows[:, DAMPER_DISPLACEMENT] == pytest.approx(rows[:, DISPLACEMENT], abs=1e-7)
+    assert np.diff(rows[:, DISPLACEMENT])[100:] / bench.plant.dt_s == pytest.approx(rows[101:, VELOCITY], abs=1e-9)
+
+
+def test_friction_of_the_piston_moves_the_rod_but_not_the_load_cell(make_bench: Callable[..., Bench]) -> None:
+    lost_m = []
+    for friction_N in (0.0, 400.0):
+        bench = make_bench(f"servo.friction_N={friction_N}", "servo.stiffness_N_m=20e6").ready()
+        bench.command(Command.MOVE_TO, target_position=0.02, speed=0.01)
+        bench.run(1.0)
+        forwards = bench.plant.value("setpoint_m") - bench.plant.value("position_m")
+        lost_m.append(forwards - bench.plant.value("cell_force_N") / 20e6)
+    assert lost_m[1] - lost_m[0] == pytest.approx(400.0 / 20e6, rel=0.05)
+
+
+def test_current_heats_the_coil_first_and_the_body_through_it(bench: Bench) -> None:
+    """Two nodes: the coil rises by I^2 R over its conductance above the body, with its own time constant of 20 s."""
+    bench.plant.order(coil_A=2.0)
+    rows = bench.run(120.0)[:, 1:]
+    coil, body = rows[:, COIL_TEMPERATURE], rows[:, BODY_TEMPERATURE]
+    assert coil[-1] - body[-1] == pytest.approx(4.0 * 1.5 / 3.0, rel=0.05)
+    after_20_s = round(20.0 / bench.plant.dt_s)
+    assert (coil - body)[after_20_s] == pytest.approx((1 - math.exp(-1)) * (coil[-1] - body[-1]), rel=0.06)
+    in_J, out_J = 4.0 * 1.5 * 120.0, 5.0 * 120.0 * (body.mean() - 23.0)
+    assert 1500.0 * (body[-1] - 23.0) + 60.0 * (coil[-1] - 23.0) == pytest.approx(in_J - out_J, rel=0.03)
 
 
 def test_low_pressure_and_load_limit_the_speed(make_bench: Callable[..., Bench]) -> None:

@@ -189,8 +189,9 @@ def test_an_unread_port_drops_and_counts_while_the_rig_runs_on(start: Callable[.
     process.end()
     with h5py.File(process.truth) as file:
         simulated_s = file["entry/data/time"][-1]
-        dropped = int(file["entry/quality"].attrs["dropped_load_cell"])
-    assert dropped == pytest.approx(simulated_s * 250 - 4095 // 16, abs=30)
+        unheard = int(file["entry/quality"].attrs["unheard_frames"])
+        assert file["entry/quality"].attrs["dropped_load_cell"] == 0
+    assert unheard == pytest.approx(2 * (simulated_s * 250 - 4095 // 16), abs=60)
 
 
 def test_a_fault_given_from_the_start_meets_the_first_client(start: Callable[..., Process]) -> None:
@@ -258,11 +259,15 @@ def test_it_outlives_its_parent_until_standstill_and_completes_its_truth(tmp_pat
         assert abs(file["entry/data/velocity"][-1]) < 1e-3
 
 
-def test_the_fault_list_names_all_rows() -> None:
+def test_the_fault_list_names_all_sixty_one_rows() -> None:
     answer = subprocess.run([*COMMAND, "--list-faults", "--json"], capture_output=True, check=True, text=True)
     rows = json.loads(answer.stdout)
     assert len(rows) == 61
-    assert set(rows[0]) == {"slug", "where", "place", "reaction", "limit", "exit_code", "tested", "test", "reason"}
+    assert set(rows[0]) == {
+        "slug", "where", "place", "reaction", "limit", "exit_code", "tested", "test", "reason", "variants",
+    }
+    (stuck,) = (row for row in rows if row["slug"] == "sensor-stuck")
+    assert stuck["variants"] == ["sensor-stuck:lvdt"]
 
 
 @pytest.mark.parametrize(

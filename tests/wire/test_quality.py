@@ -87,6 +87,10 @@ def test_it_took_at_most_three_corrections_and_no_motion_twice(quality: Ended) -
     corrections = [text for text in texts if "correction" in text]
     assert 1 <= len(corrections) <= 3
     assert [line["point"] for line in quality.story if line["event"] == "dropped"] == ["p001"]
+    (apart,) = quality.run.apart
+    assert (apart.id, apart.verdict) == ("p001-out-of-tolerance1", "invalid"), "the original is kept, and is not used"
+    assert apart.quality["measured_amplitude_m"] < 0.95 * apart.amplitude_m
+    assert any(reason.startswith("out-of-tolerance: p001: ") for reason in apart.reasons)
 
 
 def test_the_hot_damper_cooled_before_it_was_measured_and_stayed_in_the_window(quality: Ended) -> None:

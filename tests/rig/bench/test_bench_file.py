@@ -87,8 +87,8 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
         ("bitrate = 500000", 'bitrate = "500000"', "must be a whole number"),
         ("bitrate = 500000", "bitrate = true", "must be a whole number"),
         ("bitrate = 500000", "bitrate = 5.0", "must be a whole number"),
-        ("sensitivity = 0.001", "sensitivity = 0.0", "lvdt.calibration.sensitivity = 0.0: must be greater than 0"),
-        ("sensitivity = 0.001", "sensitivity = -0.001", "must be greater than 0"),
+        ("sensitivity = 0.001", "sensitivity = 0.0", "sensitivity = 0.0: too small (allowed: more than 0)"),
+        ("sensitivity = 0.001", "sensitivity = -0.001", 'write sensitivity = 0.001 and polarity = "reversed"'),
         ("sensitivity = 0.001", "sensitivity = inf", "lvdt.calibration.sensitivity = inf"),
         ('offset = "0 mm"', 'offset = "0 N"', 'lvdt.calibration.offset = "0 N": 0 N is a force'),
         ("due = 2030-01-01", 'due = "2030-01-01"', "must be a date such as 2030-01-01"),
@@ -130,7 +130,7 @@ def test_a_missing_key_is_shown_with_an_example_at_its_section(problems: Edit) -
 def test_a_missing_section_is_named(problems: Edit) -> None:
     start, end = TEXT.index("[ecu]"), TEXT.index("[load_cell]")
     (found,) = problems((TEXT[start:end], ""))
-    assert found == "ecu: missing"
+    assert found == "ecu: missing; write a table [ecu] with interface, channel"
 
 
 @pytest.mark.parametrize(("line", "delay_s"), [('delay = "0 ms"\n', 0.0), ("", None)])

@@ -19,8 +19,13 @@ from rig.campaign.preflight import AtRest, RestLimits, judge_rest
 from rig.recording.layout import RECORD_DTYPE
 
 LIMITS = RestLimits(
-    force_N=5000.0, position_min_m=-0.085, position_max_m=0.085, disagreement_m=0.005, range_N=10_000.0
+    force_N=5000.0, position_min_m=-0.085, position_max_m=0.085, disagreement_m=0.005, range_N=10_000.0,
+    zero_N=25.0,
 )
+
+
+def zeros(seen: AtRest) -> ev.Event:
+    return ev.ZerosJudged(judge_rest(seen, LIMITS))
 
 
 def records(*rows: tuple[Channel, int, float]) -> NDArray[Any]:
@@ -76,6 +81,36 @@ def test_a_program_has_ended_only_when_every_sensor_was_read_after_it() -> None:
     assert observer.observe(records((Channel.DISPLACEMENT, 330, 0.0))) == ev.ProgramEnded(at_centre=True)
 
 
+def ended(done: float, *early: State) -> ev.ProgramEnded:
+    """How a program of 1 + 6 + 1 cycles ends that went through these states and shows so many cycles at its end."""
+    observer = Observer()
+    observer.observe(status(50, State.HOLD))
+    observer.await_program(0.0, since_ns=100, ordered_cycles=8.0)
+    for host_ns, state in enumerate((State.RUNNING, *early), start=200):
+        assert observer.observe(status(host_ns, state)) is None
+    observer.observe(records((Channel.CYCLES_DONE, 299, done)))
+    event = observer.observe(status(300, State.HOLD))
+    assert isinstance(event, ev.ProgramEnded)
+    return event
+
+
+@pytest.mark.parametrize(
+    ("done", "early", "said"),
+    [
+        (8.0, (), ""),
+        (7.0, (), "7 of 8 ordered cycles done"),
+        (0.0, (), "0 of 8 ordered cycles done"),
+        (8.0, (State.FADING,), "the controller was FADING"),
+        (8.0, (State.HALTING,), "the controller was HALTING"),
+        (3.0, (State.FADING,), "the controller was FADING"),
+    ],
+)
+def test_a_program_that_nobody_here_stopped_shows_when_it_was_cut_short(
+    done: float, early: tuple[State, ...], said: str
+) -> None:
+    assert ended(done, *early).cut_short == said
+
+
 def test_cycles_of_the_program_before_are_not_counted() -> None:
     observer = Observer()
     observer.observe(records((Channel.STATE, 50, State.HOLD), (Channel.CYCLES_DONE, 50, 12.0)))
@@ -122,33 +157,33 @@ def test_standstill_is_a_position_that_stays_for_a_moment_of_the_controllers_clo
 def test_zeros_are_judged_over_the_rest_window() -> None:
     observer = Observer()
     observer.observe(status(1_000_000_000, State.OFF))
-    observer.await_zeros(LIMITS)
+    observer.await_zeros(zeros)
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     block = [(channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
     assert observer.observe(records(*block)) is None
-    assert observer.observe(status(1_300_000_000, State.OFF)) == ev.ZerosJudged(None)
+    assert observer.observe(status(1_600_000_000, State.OFF)) == ev.ZerosJudged(None)
 
 
 def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None:
     observer = Observer()
-    observer.await_zeros(LIMITS)
+    observer.await_zeros(zeros)
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     assert observer.observe(status(7_000_000_000, State.OFF)) is None
     block = [(channel, 7_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
     assert observer.observe(records(*block)) is None
-    assert observer.observe(status(7_150_000_000, State.OFF)) is None
-    assert observer.observe(status(7_210_000_000, State.OFF)) == ev.ZerosJudged(None)
+    assert observer.observe(status(7_450_000_000, State.OFF)) is None
+    assert observer.observe(status(7_510_000_000, State.OFF)) == ev.ZerosJudged(None)
 
 
 def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_they_look_well() -> None:
     observer = Observer()
-    observer.await_zeros(LIMITS)
+    observer.await_zeros(zeros)
     observer.observe(status(1_000_000_000, State.OFF))
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     block = records(*((channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels))
     block["flags"][block["channel"] == Channel.FORCE] = Quality.SENSOR_FAULT
     observer.observe(block)
-    judged = observer.observe(status(1_300_000_000, State.OFF))
+    judged = observer.observe(status(1_600_000_000, State.OFF))
     assert isinstance(judged, ev.ZerosJudged)
     assert judged.cause is not None
     assert "load cell: 20 samples at rest" in judged.cause.detail
@@ -180,10 +215,10 @@ def test_a_tared_rig_with_gas_force_passes() -> None:
     [
         (rest(force_N=1200.0), "load cell at rest"),
         (rest(noise_N=150.0), "load cell's noise"),
-        (rest(force_N=230.0, controller_N=-270.0), "load cell against the controller's force: 500 N"),
+        (rest(force_N=230.0, controller_N=-270.0), "load cell against the controller's own force input: +500"),
         (
             replace(rest(force_N=230.0, controller_N=-270.0, lvdt_m=2e-6), position_m=np.full(20, -2e-6)),
-            "load cell against the controller's force: 500 N",
+            "load cell against the controller's own force input: +500",
         ),
         (rest(lvdt_m=0.006), "LVDT against controller"),
         (rest(lvdt_noise_m=1e-3), "LVDT's noise"),

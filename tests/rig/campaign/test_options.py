@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from rig.campaign import CampaignResult, PointResult
 from rig.campaign.cause import Cause
 from rig.campaign.guarded_display import GuardedDisplay
-from rig.campaign.ledger import Ledger, attempt_name
+from rig.campaign.ledger import Ledger
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
 
@@ -55,8 +56,34 @@ def test_a_broken_display_goes_dark_and_is_not_asked_again() -> None:
     display.phase("running")
     display.phase("stopping")
     display.message("error", "anything")
+    display.close(5.0)
     assert broken.calls == 1
     assert "no terminal" in display.failed
+
+
+class Standing(Broken):
+    """A terminal held by Ctrl-S."""
+
+    def __init__(self) -> None:
+        self.going_on = threading.Event()
+        self.shown: list[str] = []
+
+    def message(self, level: str, text: str) -> None:
+        self.going_on.wait(10.0)
+        self.shown.append(text)
+
+
+def test_a_display_that_stands_still_keeps_nobody_waiting_and_shows_everything_in_order_later() -> None:
+    standing = Standing()
+    display = GuardedDisplay(standing)
+    for number in range(100):
+        display.message("info", str(number))
+    assert standing.shown == []
+    standing.going_on.set()
+    display.close(5.0)
+    assert standing.shown == [str(number) for number in range(100)]
+    display.message("info", "too late")
+    assert len(standing.shown) == 100
 
 
 def test_a_point_never_begun_is_in_the_books_as_not_run() -> None:
@@ -85,10 +112,6 @@ def test_wall_time_runs_from_the_first_points_start_to_the_last_points_end() -> 
     ledger.ended(POINTS[1], 6_500_000_000)
     assert ledger.wall_s == pytest.approx(5.5)
     assert ledger.motion_s == pytest.approx(6.0 + 12.0)
-
-
-def test_every_attempt_has_files_of_its_own() -> None:
-    assert [attempt_name(POINTS[0], attempt) for attempt in (1, 2, 3)] == ["p001", "p001-attempt2", "p001-attempt3"]
 
 
 def test_a_points_json_has_an_absolute_file_and_plain_lists(tmp_path: Path) -> None:

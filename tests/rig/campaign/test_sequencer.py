@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections import deque
-from collections.abc import Iterator
+from collections import defaultdict, deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import pytest
@@ -61,6 +61,8 @@ EVENTS: tuple[ev.Event, ...] = (
     ev.CurrentSettled(),
     ev.ProgramEnded(at_centre=True),
     ev.ProgramEnded(at_centre=False),
+    ev.ProgramEnded(at_centre=True, cut_short="the controller was FADING"),
+    ev.ZerosReturned(),
     ev.RestOver(),
     ev.Standstill(),
     *(ev.Judged(point.id, valid) for point in POINTS for valid in (True, False)),
@@ -138,18 +140,26 @@ CASES = {
 }
 
 
+FULL = Cause("disk-full", "no space left")
+
+
 def explore(case: Case) -> list[Edge]:
-    events = case.events
+    """Every reachable state with every event of the case, and with the failure of every action that led to it."""
     first = start_state(case.points, case.retries, case.conditions)
-    seen, waiting, edges = {first}, deque([first]), []
+    failures: defaultdict[State, set[ev.Event]] = defaultdict(set)
+    waiting: deque[tuple[State, Iterable[ev.Event]]] = deque([(first, case.events)])
+    seen, edges = {first}, []
     while waiting:
-        state = waiting.popleft()
+        state, events = waiting.popleft()
         for event in events:
             after, actions = step(state, event)
             edges.append(Edge(state, event, after, actions))
+            fresh = {ev.ActionFailed(action, after.phase, FULL) for action in actions} - failures[after]
+            failures[after] |= fresh
             if after not in seen:
                 seen.add(after)
-                waiting.append(after)
+                waiting.append((after, case.events))
+            waiting.append((after, tuple(fresh)))
     return edges
 
 
@@ -169,12 +179,14 @@ def moving(edge: Edge) -> bool:
 OPTIONAL_PHASES = frozenset().union(*(case.phases for case in CASES.values())) | {Phase.RESTING}
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_exploration_reaches_every_phase(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exploration_reaches_every_phase(
+    edges: list[Edge], request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = request.node.callspec.params["edges"]
     case = CASES[name]
-    edges = explore(case)
     states = {edge.before for edge in edges}
-    explored = f"{len(states)} states x {len(case.events)} events = {len(edges)} transitions"
+    failed = sum(isinstance(edge.event, ev.ActionFailed) for edge in edges)
+    explored = f"{len(states)} states x {len(case.events)} events + {failed} failing actions = {len(edges)} transitions"
     with capsys.disabled():
         sys.stdout.write(f"\nsequencer, {name}: {explored}\n")
     rests = {Phase.RESTING} if any(point.rest_s for point in case.points) else set()
@@ -221,7 +233,8 @@ def test_no_restart_follows_an_operators_stop_or_a_fault_that_forbids_it(edges: 
                 after, actions = step(edge.after, event)
                 assert act.Ask(Request.RESET) not in actions
                 assert after.latch is not None
-                assert after.phase is edge.after.phase or after.phase in {Phase.FINISHING, Phase.ENDED}
+                ends = {Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED}
+                assert after.phase is edge.after.phase or after.phase in ends
 
 
 def test_every_fault_or_abort_of_an_armed_rig_latches_or_ends(edges: list[Edge]) -> None:
@@ -254,7 +267,8 @@ def test_a_valid_recording_never_contains_a_fault(edges: list[Edge]) -> None:
 
 def test_recordings_begin_and_end_in_turn(edges: list[Edge]) -> None:
     for edge in edges:
-        opened = edge.before.recording
+        failed = isinstance(edge.event, ev.ActionFailed) and isinstance(edge.event.action, act.BeginRecording)
+        opened = edge.before.recording and not failed
         for action in edge.actions:
             if isinstance(action, act.BeginRecording):
                 assert not opened
@@ -296,7 +310,9 @@ def test_at_the_end_the_pressure_is_gone_or_a_stop_was_proved_or_the_rigs_state_
     for edge in edges:
         if edge.after.phase is Phase.ENDED and edge.after.pressurised:
             held = edge.after.stopped and edge.after.latch is not None
-            assert held or edge.after.rig_state is RigState.UNKNOWN
+            left = edge.after.left_to_station
+            assert held or left or edge.after.rig_state is RigState.UNKNOWN
+            assert (act.LeaveToStation() in edge.actions) == (left and edge.before.phase is not Phase.ENDED)
 
 
 def test_a_stop_counts_as_proved_only_by_the_stations_word_since_the_latch(edges: list[Edge]) -> None:
@@ -329,6 +345,64 @@ def test_every_state_can_still_reach_the_end(edges: list[Edge]) -> None:
     assert reaching == {edge.before for edge in edges}
 
 
+def test_every_phase_begins_with_a_deadline(edges: list[Edge]) -> None:
+    entered = [edge for edge in edges if edge.after.phase not in {edge.before.phase, Phase.ENDED}]
+    assert entered
+    for edge in entered:
+        limits = [action for action in edge.actions if isinstance(action, act.Deadline)]
+        assert [limit.phase for limit in limits] == [edge.after.phase]
+        assert 0.0 < limits[0].device_s + limits[0].wall_s < float("inf")
+
+
+def test_deadlines_alone_end_every_campaign_at_rest_or_left_to_its_station(edges: list[Edge]) -> None:
+    ended: set[State] = set()
+    for state in {edge.before for edge in edges if edge.before.phase is not Phase.NEW}:
+        passed = [state]
+        while passed[-1] not in ended and passed[-1].phase is not Phase.ENDED:
+            passed.append(step(passed[-1], ev.TimedOut(passed[-1].phase))[0])
+            assert len(passed) < 60, state
+        ended.update(passed)
+        last = passed[-1]
+        if last.phase is Phase.ENDED:
+            proved = not last.pressurised or last.stopped
+            assert proved or last.left_to_station or last.rig_state is RigState.UNKNOWN, state
+
+
+def test_the_operator_is_obeyed_in_every_phase(edges: list[Edge]) -> None:
+    for state in {edge.before for edge in edges}:
+        after, actions = step(state, ev.Abort(StopKind.S1, Cause("sigterm")))
+        ending = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
+        assert after.phase in ending
+        assert not any(act.energises(action) for action in actions)
+
+
+def test_an_action_that_fails_stops_the_rig_and_energises_nothing(edges: list[Edge]) -> None:
+    failed = [edge for edge in edges if isinstance(edge.event, ev.ActionFailed)]
+    assert {type(edge.event.action) for edge in failed if isinstance(edge.event, ev.ActionFailed)} >= {
+        act.Ask, act.Move, act.SetCurrent, act.Start, act.Stop, act.WatchZeros, act.ProveSensors, act.AwaitStandstill,
+        act.BeginRecording, act.EndRecording, act.Deadline, act.Note,
+    }
+    for edge in failed:
+        assert not any(act.energises(action) for action in edge.actions)
+        if edge.before.phase is not Phase.ENDED:
+            ending = {Phase.STOPPING, Phase.RESETTING, Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED}
+            assert edge.after.phase in ending
+            assert edge.after.latch is not None or edge.after.refused is not None or edge.before.phase in ending
+
+
+def test_what_fails_before_its_stop_is_asked_for_is_left_to_the_station(edges: list[Edge]) -> None:
+    essential = act.Stop | act.Deadline
+    lost = [
+        edge for edge in edges
+        if isinstance(edge.event, ev.ActionFailed) and isinstance(edge.event.action, essential)
+        and edge.before.armed and edge.before.phase is Phase.STOPPING and edge.event.phase == Phase.STOPPING
+    ]
+    assert lost
+    for edge in lost:
+        assert edge.after.left_to_station
+        assert edge.actions[0] == act.LeaveToStation()
+
+
 def test_a_refusal_before_motion_names_its_cause_and_stops_nothing_that_never_moved(edges: list[Edge]) -> None:
     refused = [edge for edge in edges if edge.before.refused is None and edge.after.refused is not None]
     assert refused
@@ -359,6 +433,7 @@ def answers(state: State) -> Iterator[ev.Event]:
         Phase.RESTING: ev.RestOver(),
         Phase.COOLING_DOWN: ev.RestOver(),
         Phase.STANDING: ev.Standstill(),
+        Phase.CHECKING_RETURN: ev.ZerosReturned(),
         Phase.STOPPING: ev.Safe(),
         Phase.PAUSED: ev.ResumeAsked(),
     }
@@ -513,3 +588,50 @@ def test_an_operator_or_a_fault_ends_a_restart_under_way(event: ev.Event) -> Non
     state, actions = play(state)
     assert not any(isinstance(action, act.BeginRecording) for action in actions)
     assert state.latch is not None
+
+
+def test_a_journal_that_cannot_be_opened_stops_the_rig_and_the_end_is_reached() -> None:
+    state, _ = play(start_state(POINTS, 0), until=Phase.SETTLING)
+    state, actions = step(state, ev.CurrentSettled())
+    begin = next(action for action in actions if isinstance(action, act.BeginRecording))
+    state, actions = step(state, ev.ActionFailed(begin, state.phase, FULL))
+    assert act.Stop(StopKind.S2, FULL) in actions
+    state, actions = play(state)
+    assert not any(isinstance(action, act.EndRecording) for action in actions)
+    assert act.Ask(Request.DISARM) in actions
+    assert (state.rig_state, state.pressurised, state.armed) == (RigState.SAFE, False, False)
+    assert state.latch is not None
+    assert state.latch.cause == FULL
+
+
+@pytest.mark.parametrize("phase", [Phase.RUNNING])
+def test_a_program_that_somebody_else_ended_stops_the_campaign_as_a_second_master(phase: Phase) -> None:
+    state, _ = play(start_state(POINTS, 2), until=phase)
+    state, actions = step(state, ev.ProgramEnded(at_centre=True, cut_short="3 of 5 ordered cycles done"))
+    assert [action.cause.slug for action in actions if isinstance(action, act.Stop)] == ["second-master"]
+    state, actions = play(state)
+    assert [action.fault.slug for action in actions if isinstance(action, act.EndRecording)] == ["second-master"]
+    assert not any(isinstance(action, act.MOTION_ACTIONS) for action in actions)
+    assert state.latch is not None
+
+
+def test_at_the_end_the_zeros_are_checked_again_before_the_pressure_goes() -> None:
+    _, actions = play(start_state(POINTS, 0))
+    again, off = actions.index(act.WatchZeros(again=True)), actions.index(act.Ask(Request.DISARM))
+    assert again < off
+
+
+@pytest.mark.parametrize(("stop", "checked"), [(StopKind.S2, True), (StopKind.S1, False), (StopKind.SO, False)])
+def test_after_a_stop_the_zeros_are_only_checked_where_the_rod_is_held(stop: StopKind, checked: bool) -> None:
+    state, _ = play(start_state(POINTS, 0), until=Phase.RUNNING)
+    state, _ = step(state, ev.Tripped(stop, FINAL))
+    _, actions = play(state)
+    assert (act.WatchZeros(again=True) in actions) is checked
+
+
+def test_zeros_that_do_not_come_keep_nobody_from_taking_the_pressure_away() -> None:
+    state, _ = play(start_state(POINTS, 0), until=Phase.CHECKING_RETURN)
+    for event in (ev.TimedOut(Phase.CHECKING_RETURN), ev.ActionFailed(act.WatchZeros(again=True), state.phase, FULL)):
+        after, actions = step(state, event)
+        assert after.phase is Phase.FINISHING
+        assert act.Ask(Request.DISARM) in actions

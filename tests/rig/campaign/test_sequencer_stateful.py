@@ -22,7 +22,9 @@ CAUSES = st.sampled_from(
     ["ecu-silent", "ecu-crc", "ecu-overtemp", "estop", "coil-open-short", "serial-garbage", "stroke-limit"]
 )
 KINDS = st.sampled_from([StopKind.S2, StopKind.S1, StopKind.SO])
-ENDS = {Phase.STOPPING, Phase.COOLING_DOWN, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
+ENDS = {
+    Phase.STOPPING, Phase.COOLING_DOWN, Phase.RESETTING, Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED,
+}  # fmt: skip
 
 
 class Rig(RuleBasedStateMachine):
@@ -32,6 +34,7 @@ class Rig(RuleBasedStateMachine):
     def begin(self, retries: int) -> None:
         self.state = start_state(POINTS, retries)
         self.open: tuple[str, int] | None = None
+        self.last: tuple[Action, ...] = ()
         self.faults_in_open = False
         self.valid: list[str] = []
         self.take(ev.Begin())
@@ -54,7 +57,21 @@ class Rig(RuleBasedStateMachine):
                 if action.fault is None:
                     self.valid.append(action.point.id)
                 self.open = None
+        self.last = actions or self.last
         return actions
+
+    @precondition(lambda self: bool(self.last))
+    @rule(which=st.integers(0, 5))
+    def what_was_to_be_done_fails(self, which: int) -> None:
+        action = self.last[which % len(self.last)]
+        if isinstance(action, act.BeginRecording) and self.state.recording:
+            self.open = None
+        self.faults_in_open = self.faults_in_open or self.open is not None
+        armed, phase = self.state.armed, self.state.phase
+        self.last = ()
+        self.take(ev.ActionFailed(action, phase, Cause("disk-full")))
+        if armed:
+            assert self.state.phase in ENDS
 
     @rule()
     def the_rig_does_what_it_was_asked(self) -> None:
@@ -67,7 +84,8 @@ class Rig(RuleBasedStateMachine):
             Phase.CHECKING_ZEROS: ev.ZerosJudged(None), Phase.PROVING_SENSORS: ev.ProofJudged(None),
             Phase.CENTRING: ev.Centred(), Phase.SETTLING: ev.CurrentSettled(), Phase.CLEARING: ev.CurrentSettled(),
             Phase.RUNNING: ev.ProgramEnded(at_centre=True), Phase.RESTING: ev.RestOver(),
-            Phase.STANDING: ev.Standstill(), Phase.STOPPING: ev.Safe(), Phase.PAUSED: ev.ResumeAsked(),
+            Phase.STANDING: ev.Standstill(), Phase.CHECKING_RETURN: ev.ZerosReturned(), Phase.STOPPING: ev.Safe(),
+            Phase.PAUSED: ev.ResumeAsked(),
             Phase.COOLING_DOWN: ev.RestOver(),
         }  # fmt: skip
         if self.state.phase in requests:
@@ -128,8 +146,8 @@ class Rig(RuleBasedStateMachine):
     @invariant()
     def the_end_is_safe_or_said_to_be_unknown(self) -> None:
         if hasattr(self, "state") and self.state.phase is Phase.ENDED:
-            stopped = getattr(self.state, "stopped", False)
-            assert not self.state.pressurised or self.state.rig_state is RigState.UNKNOWN or stopped
+            known = self.state.stopped or self.state.left_to_station
+            assert not self.state.pressurised or self.state.rig_state is RigState.UNKNOWN or known
 
 
 Rig.TestCase.settings = settings(max_examples=150, stateful_step_count=60, deadline=None)

@@ -121,11 +121,11 @@ def test_two_campaigns_on_one_rig_are_refused_and_two_rigs_are_not(tmp_path: Pat
 
 def test_room_on_the_disk_is_forecast(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     accepted = plan(matrix(tmp_path), bench(tmp_path))
-    check_room(tmp_path, accepted, bench(tmp_path))
+    check_room(tmp_path, accepted, bench(tmp_path), matrix(tmp_path))
     total, used, _ = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(total, used, 1_000_000))
     with pytest.raises(Refused, match="1 MB free") as caught:
-        check_room(tmp_path, accepted, bench(tmp_path))
+        check_room(tmp_path, accepted, bench(tmp_path), matrix(tmp_path))
     assert caught.value.slug == "disk-full"
 
 
@@ -133,7 +133,7 @@ def test_a_temperature_window_with_unknown_heat_asks_for_no_more_room(tmp_path: 
     path = tmp_path / "window.toml"
     window = '[temperature]\nwindow = ["25 degC", "45 degC"]\n'
     path.write_text(MATRIX.format(stroke="120 mm") + window, encoding="utf-8")
-    check_room(tmp_path, plan(load_matrix(path), bench(tmp_path)), bench(tmp_path))
+    check_room(tmp_path, plan(load_matrix(path), bench(tmp_path)), bench(tmp_path), load_matrix(path))
 
 
 def test_the_campaigns_hash_counts_physics_and_not_addresses(tmp_path: Path) -> None:

@@ -90,7 +90,7 @@ def test_the_plan_accepts_table_1_on_the_demo_bench_and_gives_the_documented_key
     [
         (("plan", "none.toml", "--bench", DEMO), "none.toml: there is no such file"),
         (("plan", TABLE1), "Missing option '--bench'"),
-        (("plan", DEMO, "--bench", DEMO), ": unknown key"),
+        (("plan", DEMO, "--bench", DEMO), "this is a bench file, where a matrix file is wanted"),
         (("rum",), "No such command 'rum'"),
         (("run", TABLE1), "give either --bench FILE or --simulate"),
         (("run", TABLE1, "--simulate", "--bench", DEMO), "give either --bench FILE or --simulate"),
@@ -123,9 +123,11 @@ def test_bad_usage_and_bad_files_end_in_exit_2_with_one_message_and_no_traceback
     assert error["exit_code"] == 2
 
 
-def test_every_problem_of_a_file_is_in_the_json() -> None:
-    error = one_object(rig("plan", DEMO, "--bench", DEMO, "--json"))
-    assert error["file"] == DEMO
+def test_every_problem_of_a_file_is_in_the_json(tmp_path: Path) -> None:
+    wrong = tmp_path / "bench.toml"
+    wrong.write_text("format = 1\n[limits]\n")
+    error = one_object(rig("plan", TABLE1, "--bench", str(wrong), "--json"))
+    assert error["file"] == str(wrong)
     assert len(error["problems"]) > 5
 
 

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig.bench.model import Bench
-from rig.cli.tables import plan_table
+from rig.cli.plan_text import PlanText
 from rig.dampers import model, parameter_set
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
@@ -207,7 +207,7 @@ def test_unknown_heat_gives_no_forecast_and_the_room_is_that_of_the_recorded_poi
     assert json.loads(json.dumps(result.to_json()))["duration_s"] is None
     (item,) = result.points
     assert item.point.motion_s < result.recorded_s < item.point.motion_s + 2.0
-    assert "unknown" in "".join(str(part) for part in plan_table(result))
+    assert "unknown" in str(PlanText(result))
 
 
 def test_a_point_that_ends_too_hot_even_from_ambient_is_refused() -> None:

@@ -37,6 +37,33 @@ def test_amplitude_is_known_to_a_tenth_of_a_percent(shape: str, amplitude_m: flo
     assert len(motion.waveform.amplitude_m) == motion.cycles
 
 
+@pytest.mark.parametrize(
+    ("frequency_Hz", "rate_Hz"), [(0.5, 250.0), (1.0, 250.0), (2.0, 250.0), (2.0, 1000.0), (4.7, 250.0)],
+)
+@pytest.mark.parametrize("bandwidth_Hz", [20.0, 30.0, 60.0])
+def test_the_amplitude_of_a_triangle_is_that_of_its_rounded_corners(
+    frequency_Hz: float, rate_Hz: float, bandwidth_Hz: float
+) -> None:
+    fine_s = np.arange(0.0, 10.0 / frequency_Hz, 1e-4)
+    phase = fine_s * frequency_Hz
+    told = 0.02 * np.clip(np.minimum(phase, 10 - phase), 0.0, 1.0) * 2 / math.pi * np.arcsin(np.sin(math.tau * phase))
+    moved = np.zeros((2, len(told)))
+    for k in range(1, len(told)):
+        # A servo of second order with damping 0.7, semi-implicit Euler.
+        pull = (math.tau * bandwidth_Hz) ** 2 * (told[k] - moved[0, k - 1])
+        moved[1, k] = moved[1, k - 1] + 1e-4 * (pull - 1.4 * math.tau * bandwidth_Hz * moved[1, k - 1])
+        moved[0, k] = moved[0, k - 1] + 1e-4 * moved[1, k]
+    steady = (phase > 3.0) & (phase < 7.0)
+    peak_m = 0.5 * float(np.ptp(moved[0][steady]))
+    time_s = np.arange(1.3e-3, fine_s[-1], 1.0 / rate_Hz)
+    noise_m = 5e-6 * np.random.default_rng(3).standard_normal(len(time_s))
+    motion = achieved_motion(time_s, np.interp(time_s, fine_s, moved[0]) + noise_m, "triangle")
+    assert motion is not None
+    assert motion.amplitude_m == pytest.approx(peak_m, rel=4e-3)
+    assert motion.fundamental_amplitude_m == pytest.approx(0.02, rel=5e-3)
+    assert motion.amplitude_m < motion.fundamental_amplitude_m
+
+
 def test_an_ideal_waveform_has_no_distortion_and_the_wrong_one_has() -> None:
     time_s, displacement_m = ramped(0.03, 1.0, "triangle")
     as_triangle = achieved_motion(time_s, displacement_m, "triangle")

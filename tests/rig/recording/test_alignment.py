@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,10 +10,14 @@ from synthetic_rig import SyntheticRig, with_controller_record
 from drivers.ring import Channel
 from drivers.sample_stream import SampleStream
 from protocols.line_format import LineDecoder, preset
+from protocols.quality import Quality
 from rig.recording.alignment import Alignment, NothingRecorded, align, lost_samples
 from rig.recording.clock_model import by_edges
 from rig.recording.context import SensorContext
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.conversion import build
+from rig.recording.journal import JournalContent
+from rig.recording.layout import RECORD_DTYPE, write_file
+from rig.recording.run import RecordedPoint
 from rig.recording.sensor_clock import matched_edges
 
 
@@ -204,3 +209,51 @@ def test_a_point_cut_off_after_a_few_samples_of_a_fast_sensor_can_still_be_align
     found = align(np.delete(records, spare), rig.context(controller_delay_s=0.0))
     assert len(found.time_s) == kept
     assert found.timed["force"].sensor.match is None
+
+
+def with_clock_steps(rig: SyntheticRig, back: dict[int, int]) -> np.ndarray:
+    """The rig's records, the device clock of some force samples off by so many microseconds."""
+    records = rig.records()
+    force = np.flatnonzero(records["channel"] == 1)
+    for at, step_us in back.items():
+        records["device_us"][force[at]] += step_us
+    return records
+
+
+@pytest.mark.parametrize("step_us", [-900_000, 900_000], ids=["back", "forward"])
+def test_samples_whose_clock_steps_stay_in_what_was_received_flagged_and_counted(step_us: int) -> None:
+    rig = SyntheticRig()
+    whole, found = (align(with_clock_steps(rig, back), rig.context()) for back in ({}, {400: step_us, 700: step_us}))
+    force = found.timed["force"]
+    assert (force.disordered, force.lost) == (2, 0)
+    assert len(force.received) == len(whole.timed["force"].records) == len(force.records) + 2
+    marked = np.flatnonzero(force.received["flags"] & Quality.CLOCK_BACK)
+    assert marked.tolist() == [400, 700]
+    assert np.array_equal(np.flatnonzero(np.isnan(force.received_s)), marked)
+    assert np.all(np.diff(force.time_s) > 0.0)
+    same = np.isfinite(found.values["force"])
+    assert np.count_nonzero(~same) - np.count_nonzero(np.isnan(whole.values["force"])) <= 8
+    assert np.nanmax(np.abs(found.values["force"] - whole.values["force"])[same]) < 1e-6
+
+
+def test_a_file_holds_every_sample_that_came_and_says_how_many_have_no_place_in_time(tmp_path: Path) -> None:
+    rig = SyntheticRig()
+    records = with_clock_steps(rig, {400: -900_000})
+    content = JournalContent("", records, end={"stopped_by": None, "lost_records": 0})
+    file, _, verdict = build(content, rig.context())
+    write_file(tmp_path / "p001.h5", file)
+    point = RecordedPoint.open(tmp_path / "p001.h5")
+    assert len(point.raw("force")["value"]) == np.count_nonzero(records["channel"] == 1)
+    assert point.quality["force_disordered_samples"] == 1
+    assert point.lost_samples == 0
+    assert np.all(np.diff(point.force_samples.time_s) > 0.0)
+    assert verdict.verdict == "valid", verdict.reasons
+
+
+def test_every_resampled_channel_says_by_which_method(tmp_path: Path) -> None:
+    rig = SyntheticRig()
+    content = JournalContent("", rig.records(), end={"stopped_by": None, "lost_records": 0})
+    file, _, _ = build(content, rig.context())
+    methods = {channel.name: channel.attributes.get("method") for channel in file.channels}
+    assert all(methods.values()), methods
+    assert "never beyond its two neighbours" in methods["force"]

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import random
+import tracemalloc
+import zlib
 from pathlib import Path
 
 import h5py
@@ -81,6 +83,100 @@ def test_more_samples_than_any_point_has_are_refused(file: Path) -> None:
     with h5py.File(file, "a") as opened:
         opened["entry/data"].create_dataset("velocity", (10**12,), "f8", chunks=(1000,))
     assert "declares 1000000000000 values" in refused(file)
+
+
+def test_a_small_file_with_a_chunk_of_gigabytes_is_refused_before_anything_is_inflated(tmp_path: Path) -> None:
+    path = tmp_path / "p001.h5"
+    samples = 80_000_000
+    write_file(path, PointFile(np.arange(500) / 250.0, 250.0, [], test=TEST))
+    with h5py.File(path, "a") as opened:
+        data = opened["entry/data"]
+        data.create_dataset("velocity", (samples,), "f8", chunks=(samples,), compression="gzip", shuffle=True)
+        deflated = zlib.compressobj(9)
+        zeros = bytes(1 << 20)
+        chunk = b"".join(deflated.compress(zeros) for _ in range(8 * samples >> 20)) + deflated.flush()
+        data["velocity"].id.write_direct_chunk((0,), chunk)
+    tracemalloc.start()
+    message = refused(path)
+    assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()
+    assert f"/entry/data/velocity: chunks of {8 * samples} bytes; at most 8388608" in message
+
+
+def test_many_small_bombs_are_refused_together(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        for number in range(900):
+            opened["entry/raw"].create_dataset(f"c{number}", (130_000,), "f8", chunks=(130_000,), compression="gzip")
+    assert "refused as a decompression bomb" in refused(file)
+
+
+def test_a_filter_applied_twice_is_refused(file: Path) -> None:
+    wanted = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    wanted.set_chunk((500,))
+    wanted.set_deflate(9)
+    wanted.set_deflate(9)
+    with h5py.File(file, "a") as opened:
+        space, kind = h5py.h5s.create_simple((500,)), h5py.h5t.py_create(np.dtype("f8"))
+        h5py.h5d.create(opened["entry/data"].id, b"velocity", kind, space, dcpl=wanted)
+    assert "the same filter twice refused: [1, 1]" in refused(file)
+
+
+def test_elements_larger_than_any_text_or_number_are_refused(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened["entry/data"].create_dataset("velocity", (3,), "S1000000")
+        opened["entry/data"].create_dataset("other", (3,), np.longdouble)
+    message = refused(file)
+    assert "elements of 1000000 bytes; at most 65536" in message
+    assert "elements of 16 bytes; at most 8" in message
+
+
+def test_attributes_are_looked_at_before_they_are_read(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        test = opened["entry/test"].attrs
+        test["big"] = np.zeros(1_000_000)
+        test["square"] = np.zeros((3, 3))
+        test["reference"] = opened["entry"].ref
+        test["many"] = np.array(["a", "b"], h5py.string_dtype())
+        test["text"] = "as h5py writes it"
+        opened["entry/data/force"].attrs["region"] = opened["entry/data/force"].regionref[:2]
+    message = refused(file)
+    assert "/entry/test: attribute big: 8000000 bytes; at most 4194304" in message
+    assert "/entry/test: attribute square: 2 dimensions" in message
+    assert "/entry/test: attribute reference: type object refused" in message
+    assert "/entry/test: attribute many: type object refused" in message
+    assert "/entry/data/force: attribute region: type object refused" in message
+    assert "attribute text" not in message
+    with pytest.raises(FileProblem, match="attribute big"):
+        RecordedPoint.open(file, whole=False)
+
+
+def test_more_attributes_and_links_than_the_layout_has_are_counted_and_not_read(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        for number in range(2_100):
+            opened["entry/quality"].attrs[f"a{number}"] = number
+            opened[f"entry/raw/link{number}"] = opened["entry/data"]
+    message = refused(file)
+    assert "/entry/quality: 2" in message
+    assert "attributes; at most 2000" in message
+    assert "/entry/raw: more than 2000 objects" in message
+
+
+def test_a_group_that_holds_itself_ends_the_walk(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened["entry/raw/again"] = opened["entry"]
+    assert "nested deeper than 6 groups" in refused(file)
+
+
+def test_contiguous_data_larger_than_the_file_are_refused(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened["entry/data"].create_dataset("velocity", (1_000_000,), "f8")
+    assert "declares 8000000 bytes in a file of" in refused(file)
+
+
+def test_a_name_that_would_drive_a_terminal_is_shown_as_text(file: Path) -> None:
+    with h5py.File(file, "a") as opened:
+        opened["entry/data/\x1b[2Jgone"] = h5py.SoftLink("/x")
+    assert "\x1b" not in refused(file)
 
 
 def test_references_and_nested_arrays_are_refused(file: Path) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import shutil
 import subprocess
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rig.recording import hdf5_image
 from rig.recording.layout import RECORD_DTYPE, AlignedChannel, Event, PointFile, RawChannel, write_file
 from rig.recording.run import RecordedPoint
 
@@ -68,6 +70,110 @@ def test_every_dataset_states_its_units_and_time_is_a_dimension_scale(file: Path
         assert data["force"].fletcher32
 
 
+def everything(file: h5py.File) -> dict[str, h5py.Group | h5py.Dataset]:
+    found: dict[str, h5py.Group | h5py.Dataset] = {"/": file["/"]}
+    file.visititems(lambda name, item: found.update({name: item}))
+    return found
+
+
+def test_every_group_says_which_nexus_class_it_is(file: Path) -> None:
+    with h5py.File(file) as opened:
+        groups = {name: item for name, item in everything(opened).items() if isinstance(item, h5py.Group)}
+        assert {item.attrs.get("NX_class", b"").decode() for item in groups.values()} == {
+            "NXroot", "NXentry", "NXdata", "NXcollection",
+        }
+        assert opened.attrs["default"] == b"entry"
+        assert opened["entry"].attrs["default"] == b"data"
+        data = opened["entry/data"]
+        assert data.attrs["signal"].decode() in data
+        assert data.attrs["axes"].decode() in data
+        assert data.attrs["time_indices"] == 0
+
+
+def overhead_bytes(path: Path) -> int:
+    """A file's size without the values it holds and without what its attributes say."""
+    with h5py.File(path) as opened:
+        unique = {h5py.h5o.get_info(item.id).addr: item for item in everything(opened).values()}.values()
+        stored = sum(item.id.get_storage_size() for item in unique if isinstance(item, h5py.Dataset))
+        said = sum(len(name) + h5py.h5a.open(item.id, name.encode()).get_storage_size()
+                   for item in unique for name in item.attrs)
+    return path.stat().st_size - stored - said
+
+
+def test_a_short_point_costs_little_beyond_its_values(tmp_path: Path) -> None:
+    """Thirty channels as a real point has; twelve of them of one poll, three of one frame."""
+    samples, polls = 3000, 1200
+    plain = a_point(samples)
+    raw = [RawChannel(name, plain.raw[0].records, "N", name, plain.time_s) for name in ("force", "displacement")]
+    rng = np.random.default_rng(1)
+    for group, channels in enumerate((12, 3, 4, 1, 1, 1)):
+        stamps = np.zeros(polls, RECORD_DTYPE)
+        stamps["host_ns"] = np.cumsum(rng.integers(9_900_000, 10_100_000, polls))
+        stamps["device_us"] = np.arange(polls) * 10_000 + group
+        for number in range(channels):
+            records = stamps.copy()
+            records["value"] = rng.standard_normal(polls).astype(np.float32)
+            raw.append(RawChannel(f"c{group}_{number}", records, "1", "status", stamps["device_us"] * 1e-6,
+                                  {"clock_method": "controller", "clock_std_s": 1e-5, "lost_samples": 0}))
+    quality = {f"some_quantity_of_the_point_{number}": 0.1 * number for number in range(60)}
+    path = tmp_path / "p.h5"
+    write_file(path, dataclasses.replace(plain, raw=raw, quality=quality))
+    assert overhead_bytes(path) <= 50_000
+    point = RecordedPoint.open(path)
+    for channel in raw:
+        kept = point.raw(channel.name)
+        assert kept is not None
+        assert np.array_equal(kept["value"], channel.records["value"], equal_nan=True)
+        assert all(np.array_equal(kept[name], channel.records[name]) for name in ("host_ns", "device_us", "sequence"))
+
+
+def test_stamps_that_channels_share_are_stored_once_and_others_are_not(file: Path, tmp_path: Path) -> None:
+    records = a_point().raw[0].records
+    later = records.copy()
+    later["host_ns"][7] += 1
+    raw = [RawChannel(name, each, "1", name) for name, each in (("a", records), ("b", records), ("c", later))]
+    write_file(tmp_path / "p.h5", dataclasses.replace(a_point(), raw=raw))
+    with h5py.File(tmp_path / "p.h5") as opened:
+        a, b, c = (opened[f"entry/raw/{name}"] for name in "abc")
+        assert a["host_ns"] == b["host_ns"]
+        assert a["host_ns"] != c["host_ns"]
+        assert c["host_ns"][7] == later["host_ns"][7]
+        assert a["value"] != b["value"]
+
+
+@pytest.mark.parametrize("samples", [1, 31, 33, 16384, 16385, 100_000])
+def test_files_of_any_length_are_read_back(tmp_path: Path, samples: int) -> None:
+    write_file(tmp_path / "p.h5", a_point(max(samples, 4)))
+    point = RecordedPoint.open(tmp_path / "p.h5")
+    assert np.array_equal(point.force_N, a_point(max(samples, 4)).channels[1].values.astype(np.float32), equal_nan=True)
+
+
+def test_the_index_of_a_long_file_grows_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hdf5_image, "CHUNK_SAMPLES", 4)
+    point = dataclasses.replace(a_point(20_000), raw=())
+    write_file(tmp_path / "p.h5", point)
+    read = RecordedPoint.open(tmp_path / "p.h5")
+    assert np.array_equal(read.force_N, point.channels[1].values.astype(np.float32), equal_nan=True)
+
+
+def test_attributes_that_hdf5_cannot_hold_are_cut_or_kept_as_text_and_never_cost_the_file(tmp_path: Path) -> None:
+    cycles = tuple(f"{number:.6g}" for number in range(10_000))
+    provenance = {"operator": "é" * 100_000, "half": "a\ud800b", "zero": "a\0b", "large": 10**30, "cycles": cycles}
+    write_file(tmp_path / "p.h5", dataclasses.replace(a_point(), provenance=provenance))
+    kept = RecordedPoint.open(tmp_path / "p.h5").provenance
+    assert kept["operator"].endswith("[cut: 200000 bytes]")
+    assert kept["operator"].startswith("é" * 15_000)
+    assert (kept["half"], kept["zero"], kept["large"]) == ("a?b", "a?b", str(10**30))
+    assert kept["cycles"] == cycles
+
+
+def test_a_file_of_the_first_version_still_opens() -> None:
+    point = RecordedPoint.open(Path(__file__).with_name("first_version.h5"))
+    assert (point.id, point.verdict, point.samples) == ("p001", "valid", 64)
+    assert point.force_samples.flags.tolist() == [0] * 64
+    assert point.force_N[5] == pytest.approx(100.0 * np.cos(5 / 250.0), rel=1e-6)
+
+
 def test_nothing_in_the_file_needs_compound_boolean_or_variable_length_types(file: Path) -> None:
     kinds = set()
 
@@ -107,9 +213,14 @@ def test_h5dump_reads_every_value(file: Path) -> None:
 
 
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
-def test_octave_loads_it(file: Path) -> None:
-    command = f"x = load('{file}'); printf('%g', numel(x.entry.data.force));"
-    assert subprocess.run(["octave-cli", "--eval", command], capture_output=True, text=True).stdout == "1000"
+def test_octave_loads_all_of_it_numbers_and_texts(file: Path) -> None:
+    command = f"""x = load('{file}'); e = x.entry;
+        printf('%d|%.6f|%d|%s|%s|', numel(e.data.force), e.data.time(1000), e.raw.pulse.host_ns(1),
+               strtrim(e.events.code(2,:)), strtrim(e.events.text(1,:)));
+        printf('%d', numel(e.raw.force.value));"""
+    command = command.replace("e.raw.pulse.host_ns(1)", "numel(e.raw.pulse.host_ns)")
+    done = subprocess.run(["octave-cli", "--eval", command], capture_output=True, text=True, check=False)
+    assert done.stdout == "1000|3.996000|0|stop|über alles|1000", done.stderr
 
 
 def test_channels_of_another_length_than_the_time_are_refused_and_nothing_is_left(tmp_path: Path) -> None:

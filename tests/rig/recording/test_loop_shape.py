@@ -73,3 +73,31 @@ def test_an_amplifier_at_its_end_and_a_stuck_value_are_told_apart() -> None:
     assert standing(stuck).longest == 60
     assert standing(stuck).at_extreme < 5
     assert standing(np.round(3.0 * np.sin(PHASE))).at_extreme == 0
+
+
+def coarse_force(step_N: float, noise_N: float, frequency_Hz: float = 1.0) -> np.ndarray:
+    """Four cycles at 250 Hz of a force that rises quickly and stays, rounded to a step (n,)."""
+    time_s = np.arange(0.0, 4.0 / frequency_Hz, 0.004)
+    force_N = 300.0 * np.tanh(8.0 * np.cos(2.0 * np.pi * frequency_Hz * time_s))
+    force_N += noise_N * np.random.default_rng(5).standard_normal(len(time_s))
+    return np.round(force_N / step_N) * step_N
+
+
+@pytest.mark.parametrize(("step_N", "noise_N", "frequency_Hz"), [(20.0, 5.0, 1.0), (20.0, 1.0, 0.5), (50.0, 5.0, 1.0)])
+def test_a_coarse_resolution_is_neither_stuck_nor_saturated(step_N: float, noise_N: float, frequency_Hz: float) -> None:
+    found = standing(coarse_force(step_N, noise_N, frequency_Hz))
+    assert found.coarse
+    assert found.at_extreme == 0
+    assert found.step == pytest.approx(step_N)
+    assert found.longest < 0.75 * 250.0 / frequency_Hz
+
+
+def test_a_sensor_that_sticks_or_clips_is_not_taken_for_a_coarse_one() -> None:
+    fine = coarse_force(0.05, 5.0)
+    stuck, clipped, coarse = fine.copy(), np.clip(fine, -250.0, 250.0), coarse_force(20.0, 5.0)
+    stuck[300:400] = stuck[300]
+    coarse[300:600] = coarse[300]
+    assert (standing(stuck).longest, standing(stuck).coarse) == (100, False)
+    assert not standing(clipped).coarse
+    assert standing(clipped).at_extreme > 20
+    assert standing(coarse).longest >= 300

@@ -10,9 +10,11 @@ import pytest
 from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
+from rig.recording.context import SensorContext
 from rig.recording.conversion import ReadBackDiffers, build
 from rig.recording.journal import JournalContent
-from rig.recording.layout import write_file
+from rig.recording.layout import Event, write_file
+from rig.recording.reading import read_events
 from rig.recording.retiming import retime
 from rig.recording.run import RecordedPoint
 
@@ -21,7 +23,9 @@ KEPT_POLLS = 3
 """Every third status, so that one point knows the lag to a few tenths of a millisecond."""
 
 
-def write_points(folder: Path, lag_s: float, count: int = 5, frequency_Hz: float = 2.0) -> dict[str, SyntheticRig]:
+def write_points(
+    folder: Path, lag_s: float, count: int = 5, frequency_Hz: float = 2.0, delay_s: float | None = 0.0,
+) -> dict[str, SyntheticRig]:
     rigs = {}
     for number in range(1, count + 1):
         rig = SyntheticRig(
@@ -30,9 +34,14 @@ def write_points(folder: Path, lag_s: float, count: int = 5, frequency_Hz: float
         records = with_controller_record(rig, lag_s)
         polls = np.isin(records["channel"], (Channel.POSITION, Channel.CONTROLLER_FORCE))
         keep = ~polls | (np.cumsum(polls) % (2 * KEPT_POLLS) < 2)
-        context = rig.context(controller_delay_s=0.0, provenance={"bench_hash": "one bench"})
+        sensors = {
+            name: SensorContext(sensor, 250.0, delay_s, unit)
+            for name, sensor, unit in (("force", "load_cell", 10_000.0), ("displacement", "lvdt", 0.1))
+        }
+        context = rig.context(controller_delay_s=0.0, sensors=sensors, provenance={"bench_hash": "one bench"})
         context.point["id"] = f"p{number:03}"
-        content = JournalContent("", records[keep], end={"stopped_by": None, "lost_records": 0})
+        noted = (Event(int(records["host_ns"][900]), "note", "halfway, über alles"),)
+        content = JournalContent("", records[keep], noted, end={"stopped_by": None, "lost_records": 0})
         file, _, _ = build(content, context)
         write_file(folder / f"p{number:03}.h5", file)
         rigs[f"p{number:03}"] = rig
@@ -68,7 +77,7 @@ def test_points_that_saw_too_little_take_over_what_all_of_them_know(tmp_path: Pa
 
 
 def test_a_point_that_was_suspect_for_its_skew_alone_is_valid_once_all_points_know_it(tmp_path: Path) -> None:
-    write_points(tmp_path, LAG_S, frequency_Hz=3.0)
+    write_points(tmp_path, LAG_S, frequency_Hz=3.0, delay_s=None)
     suspects = {point.id for point in opened(tmp_path) if point.verdict == "suspect"}
     assert suspects
     told = {finished.id: (finished.verdict, finished.reasons) for finished in retime(tmp_path)}
@@ -99,18 +108,74 @@ def test_points_that_agree_with_the_declaration_are_not_written_again(tmp_path: 
     assert {file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.h5")} == before
 
 
-def test_a_sample_time_that_was_not_written_as_meant_is_noticed_and_the_file_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("lost", ["force/time", "velocity"])
+def test_a_value_that_was_not_written_as_meant_is_noticed_and_the_file_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str
 ) -> None:
     write_points(tmp_path, LAG_S)
     before = {file.name: file.read_bytes() for file in sorted(tmp_path.glob("*.h5"))}
     write = h5py.Dataset.__setitem__
 
     def forgetful(dataset: h5py.Dataset, rows: object, values: np.ndarray) -> None:
-        if dataset.name != "/entry/raw/force/time":
+        if not dataset.name.endswith(lost):
             write(dataset, rows, values)
 
     monkeypatch.setattr(h5py.Dataset, "__setitem__", forgetful)
-    with pytest.raises(ReadBackDiffers, match="/entry/raw/force/time"):
+    with pytest.raises(ReadBackDiffers, match=lost):
         list(retime(tmp_path))
     assert {file.name: file.read_bytes() for file in sorted(tmp_path.glob("*.h5"))} == before
+
+
+def changed_points(folder: Path) -> list[RecordedPoint]:
+    written = {point.id for point in retime(folder)}
+    assert written
+    return [point for point in opened(folder) if point.id in written]
+
+
+def test_velocity_of_a_file_made_again_is_the_derivative_of_its_displacement(tmp_path: Path) -> None:
+    write_points(tmp_path, LAG_S)
+    for point in changed_points(tmp_path):
+        velocity, derivative = point.velocity_m_s, np.gradient(point.displacement_m, point.time_s)
+        peak = np.nanmax(np.abs(derivative))
+        assert np.nanmax(np.abs(velocity - derivative)) < 0.03 * peak, point.id
+        assert np.array_equal(np.isnan(velocity), np.isnan(point.displacement_m))
+
+
+def test_a_file_made_again_is_the_file_that_would_have_been_made_with_these_delays(tmp_path: Path) -> None:
+    rigs = write_points(tmp_path, LAG_S)
+    before = {point.id: point for point in opened(tmp_path)}
+    for point in changed_points(tmp_path):
+        old, rig = before[point.id], rigs[point.id]
+        late_s = float(point.quality["displacement_undeclared_delay_s"])
+        assert float(point.test["controller_clock_at_zero_s"]) == pytest.approx(
+            float(old.test["controller_clock_at_zero_s"]) - late_s, abs=1e-5
+        )
+        wanted = rig.damping * point.velocity_m_s + rig.stiffness * point.displacement_m
+        inside = (point.time_s > 1.0) & (point.time_s < 4.5)
+        assert np.sqrt(np.nanmean((point.force_N - wanted)[inside] ** 2)) < 0.05 * np.ptp(wanted[inside]), point.id
+        assert set(point.quality) >= set(old.quality) - {"reasons", "blamed"}
+        for name in ("force_noise_N", "force_scatter_N", "phase_deg", "measured_amplitude_m", "free_play_m"):
+            assert (name in point.quality) == (name in old.quality)
+
+
+def test_a_file_made_again_says_when_and_why_and_from_which_delays(tmp_path: Path) -> None:
+    write_points(tmp_path, LAG_S)
+    before = {point.id: point for point in opened(tmp_path)}
+    for point in changed_points(tmp_path):
+        said = point.provenance
+        assert said["rewritten"].startswith("20")
+        assert "all points together" in said["rewritten_why"]
+        assert said["rewritten_from_force_delay_s"] == before[point.id].quality["force_undeclared_delay_s"]
+        assert said["rewritten_to_force_delay_s"] == point.quality["force_undeclared_delay_s"]
+        assert said["journal_check"] == before[point.id].provenance["journal_check"]
+    for point in opened(tmp_path):
+        assert ("rewritten" in point.provenance) == (point.provenance != before[point.id].provenance)
+
+
+def test_what_was_noted_keeps_its_place_among_the_samples(tmp_path: Path) -> None:
+    write_points(tmp_path, LAG_S)
+    before = {file.stem: read_events(file) for file in tmp_path.glob("*.h5")}
+    for point in changed_points(tmp_path):
+        (now,), (then,) = read_events(point.path), before[point.id]
+        assert now[1:] == then[1:] == ("note", "halfway, über alles")
+        assert abs(now[0] - then[0]) < 5_000_000

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from rig.recording.verdict import Findings, SensorCounts, blamed, judge, with_skew
+from rig.recording.verdict import Findings, SensorCounts, Verdict, blamed, judge, with_skew
 
 GOOD = Findings(
     sensors={"force": SensorCounts(2500), "displacement": SensorCounts(2500)}, wanted_cycles=10,
@@ -13,8 +13,9 @@ GOOD = Findings(
 )
 
 
-def with_force(**counts: int) -> Findings:
-    return replace(GOOD, sensors={"force": SensorCounts(2500, **counts), "displacement": SensorCounts(2500)})
+def with_force(samples_a_cycle: float = float("inf"), **counts: float) -> Findings:
+    force = replace(SensorCounts(2500), **counts)
+    return replace(GOOD, sensors={"force": force, "displacement": SensorCounts(2500)}, samples_a_cycle=samples_a_cycle)
 
 
 def test_a_point_with_nothing_found_is_valid() -> None:
@@ -65,6 +66,14 @@ def test_a_point_with_nothing_found_is_valid() -> None:
     (replace(GOOD, span_N=1000.0, scatter_N=60.0, change_N=0.0, amplitude_std_m=1e-3), "invalid", "amplitude-scatter"),
     (replace(GOOD, span_N=1000.0, scatter_N=0.0, change_N=-100.0), "invalid", "force-change"),
     (replace(GOOD, skew_std_s=0.002), "valid", ""),
+    (with_force(standing=60, coarse=True, step=20.0, span=600.0, samples_a_cycle=250.0), "valid", ""),
+    (with_force(standing=200, coarse=True, step=20.0, span=600.0, samples_a_cycle=250.0), "invalid", "sensor-stuck"),
+    (with_force(standing=60, coarse=True, step=20.0, span=300.0, samples_a_cycle=250.0), "suspect",
+     "sensor-resolution"),
+    (with_force(rate_Hz=24.0), "suspect", "bandwidth"),
+    (with_force(rate_Hz=26.0), "valid", ""),
+    (with_force(rate_Hz=250.0, bandwidth_Hz=9.0), "suspect", "bandwidth"),
+    (with_force(rate_Hz=250.0, bandwidth_Hz=11.0), "valid", ""),
 ])
 def test_each_finding_has_its_verdict_and_its_slug(findings: Findings, verdict: str, slug: str) -> None:
     found = judge(findings)
@@ -99,3 +108,19 @@ def test_skew_known_better_or_worse_changes_what_was_judged_by_it_and_nothing_el
     found = with_skew(judge(findings), std_s, findings.wanted_frequency_Hz)
     assert found.verdict == verdict
     assert [reason.split(":")[0] for reason in found.reasons] == slugs
+
+
+def test_a_verdict_survives_the_file_and_can_be_judged_on() -> None:
+    judged = judge(replace(GOOD, stopped_by="estop", skew_std_s=0.004, current_error_A=None))
+    stored = Verdict.stored(judged.attributes)
+    assert stored == judged
+    left = stored.replaced({"estop"}, ())
+    assert (left.verdict, [reason.slug for reason in left.found]) == ("suspect", ["no-current", "skew"])
+
+
+def test_a_file_without_kinds_keeps_the_verdict_it_has() -> None:
+    stored = Verdict.stored({"verdict": "invalid", "reasons": ("estop: held", "skew: 4 ms")})
+    assert stored.verdict == "invalid"
+    assert stored.reasons == ("estop: held", "skew: 4 ms")
+    assert Verdict.stored({"verdict": "suspect"}).verdict == "suspect"
+    assert Verdict.stored({"verdict": "suspect", "reasons": ("a: b",), "reason_kinds": ("worse",)}).verdict == "suspect"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,18 @@ def test_the_skews_share_is_that_of_the_reversals(run: Run) -> None:
     assert shares["timing, at the reversals"] == pytest.approx(steepest_N_s * SKEW_STD_S, rel=0.1)
     assert shares["timing, at the reversals"] > 5.0 * YIELD_N * 2.0 * math.pi * SKEW_STD_S
     assert shares["calibration"] == pytest.approx(5.0)
-    assert force.together == pytest.approx(math.hypot(*shares.values()))
+    known = [value for value in shares.values() if math.isfinite(value)]
+    assert force.together == pytest.approx(math.hypot(*known))
+    assert math.isnan(shares["zero"])
+    assert math.isnan(shares["drift of the zero"])
+
+
+def test_the_zero_and_its_drift_are_in_the_forces_budget(run: Run) -> None:
+    force = channels_of(run.points[0], prepare(run.points[0]), 1.0, 4.0)[0]
+    assert {share.what: share.value for share in force.shares}["drift of the zero"] == 4.0
+    known = replace(run.points[0], quality={**run.points[0].quality, "force_zero_std_N": 0.7})
+    force = channels_of(known, prepare(known), 1.0)[0]
+    assert {share.what: share.value for share in force.shares}["zero"] == 0.7
 
 
 def test_current_temperature_and_calibrated_auxiliaries_have_budgets_of_their_own(run: Run) -> None:

@@ -101,6 +101,7 @@ def test_shutdown_ends_it_with_exit_code_0(client: StationClient) -> None:
 def test_end_of_the_link_ends_a_station_that_is_not_armed(tmp_path: Path) -> None:
     client = StationClient.start(config_in(tmp_path), tmp_path)
     assert client.close() == 0
+    assert not (tmp_path / "ring").exists(), "nobody else may be there to remove it"
     with pytest.raises(StationLost):
         client.beat(True)
 

@@ -112,6 +112,19 @@ def test_position_register_that_stands_while_the_lvdt_moves_is_frozen() -> None:
     assert "actuator-frozen" in found[-1]
 
 
+def test_two_equal_readings_of_a_quantised_register_are_not_frozen() -> None:
+    made = judge()
+    places_m = [0.010, 0.010, 0.014, 0.018, 0.018, 0.022]
+    found = [slugs(made, status(10 * k, position_m=x), 0.01 + 4e-3 * k, 0.4) for k, x in enumerate(places_m)]
+    assert not any("actuator-frozen" in names for names in found)
+
+
+def test_a_controller_asked_twice_at_the_same_instant_of_its_clock_is_not_frozen() -> None:
+    made = judge()
+    found = [slugs(made, status(ms, position_m=0.01, clock_us=10**6), 0.01 + ms * 1e-4, 0.1) for ms in range(0, 60, 10)]
+    assert not any("actuator-frozen" in names for names in found)
+
+
 def test_rod_at_rest_is_not_frozen() -> None:
     made = judge()
     assert all(slugs(made, status(ms, position_m=0.01), 0.01 + 1e-5 * (ms % 20), 0.0) == [] for ms in range(0, 900, 10))

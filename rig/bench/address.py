@@ -1,0 +1,96 @@
+"""Where a device is, as a bench file says it: serial ports, CAN interfaces, Modbus addresses. Nothing is opened."""
+
+from __future__ import annotations
+
+import difflib
+from urllib.parse import urlsplit
+
+SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
+"""What pyserial's `serial_for_url` takes before "://"; a test compares this list with it."""
+_WITH_HOST = frozenset({"socket", "rfc2217"})
+
+INTERFACES = (
+    "socketcan", "slcan", "pcan", "kvaser", "vector", "ixxat", "canalystii", "cantact", "etas", "gs_usb", "iscan",
+    "neousys", "neovi", "nican", "nixnet", "robotell", "seeedstudio", "serial", "socketcand", "systec", "udp_multicast",
+    "usb2can", "virtual",
+)  # fmt: skip
+"""python-can's own interfaces; a test compares this list with it, because importing python-can takes long."""
+
+_PLUGINS = "can.interface"
+_MAKERS = {"peak": "pcan", "pcan_usb": "pcan", "can0": "socketcan", "vcan": "socketcan", "candle": "gs_usb"}
+"""What people call an interface, and its name in python-can."""
+
+
+def serial_url(text: str) -> str:
+    """Check a serial port's name or URL.
+
+    Raises:
+        ValueError: an unknown scheme, or no host and port where the scheme needs them.
+    """
+    scheme, separator, _ = text.partition("://")
+    if not separator:
+        name, colon, rest = text.partition(":")
+        if colon and (name in SCHEMES or (rest.isdigit() and "/" not in name)):
+            raise ValueError(f'not a serial port; a serial device server is written "socket://{_address(text)}"')
+        return text
+    if scheme not in SCHEMES:
+        hint = _close(scheme, SCHEMES)
+        known = f'did you mean "{hint}://"?' if hint else f"known: {', '.join(f'{name}://' for name in SCHEMES)}"
+        raise ValueError(f"unknown kind of port {scheme}:// ({known}); a local port is written like /dev/ttyUSB0")
+    if scheme in _WITH_HOST:
+        _host_and_port(text, f"{scheme}://192.168.0.7:4001")
+    return text
+
+
+def modbus_url(text: str) -> str:
+    """Check the controller's address.
+
+    Raises:
+        ValueError: neither `modbus-tcp://host:port` nor `modbus-rtu:` and a serial port.
+    """
+    if text.startswith("modbus-tcp://"):
+        _host_and_port(text, "modbus-tcp://192.168.0.10:502")
+    elif text.startswith("modbus-rtu:") and text != "modbus-rtu:":
+        serial_url(text.removeprefix("modbus-rtu:"))
+    else:
+        raise ValueError('must be like "modbus-tcp://192.168.0.10:502" or "modbus-rtu:/dev/ttyUSB0"')
+    return text
+
+
+def can_interface(text: str) -> str:
+    """Check the name of a CAN interface against what python-can and its plugins provide.
+
+    Raises:
+        ValueError: unknown; the nearest name is suggested.
+    """
+    if text in INTERFACES:
+        return text
+    from importlib.metadata import entry_points
+
+    known = (*INTERFACES, *(entry.name for entry in entry_points(group=_PLUGINS)))
+    if text in known:
+        return text
+    folded = text.casefold()
+    hint = folded if folded in known else _MAKERS.get(folded) or _close(folded, known)
+    said = f'did you mean "{hint}"? ' if hint else ""
+    raise ValueError(f"python-can has no such interface; {said}known: {', '.join(known)}")
+
+
+def _host_and_port(text: str, example: str) -> None:
+    try:
+        parts = urlsplit(text)
+        host, port = parts.hostname, parts.port
+    except ValueError as error:
+        raise ValueError(f'{str(error)[:1].lower()}{str(error)[1:]}; written like "{example}"') from error
+    if not host or not port:
+        raise ValueError(f'needs a host and a port from 1 to 65535, written like "{example}"')
+
+
+def _address(text: str) -> str:
+    """What follows a scheme written without its slashes."""
+    name, _, rest = text.partition(":")
+    return rest.lstrip("/") if name in SCHEMES else text
+
+
+def _close(name: str, known: tuple[str, ...]) -> str | None:
+    return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=0.6)), None)

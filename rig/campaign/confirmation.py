@@ -1,0 +1,132 @@
+"""What a resumed campaign has to be told first, by the fault matrix's classes of resuming.
+
+After a stop of class `c` somebody has to have looked: typing `--resume` says so, and what it says is printed. After one
+of class `n` (e-stop, broken coil, load train ...) the specimen is requalified, and `--requalified TEXT` says how. Both
+are kept in the journal, so that what was confirmed once need not be confirmed again.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rig.campaign.cause import OPERATOR
+from rig.errors import Refused
+from rig.fault_matrix import MATRIX
+from rig.recording.campaign_log import read_log
+
+REQUALIFY = "n"
+CONFIRM = "c"
+LONGEST_TEXT = 500
+
+LOOK_AT = {
+    "modbus": "the link to the controller, its cable and who else uses it",
+    "rtu": "the serial line to the controller, its termination and who else uses it",
+    "controller": "the controller: its state, its settings, its messages, who else commands it",
+    "can": "the CAN bus: cable, termination, other nodes",
+    "ecu": "the current ECU, its supply, and the coil with its cable",
+    "sensor": "the sensor, its cable, plug and adapter",
+    "specimen": "the damper, its joints and its mounting",
+    "signal": "the rig: at rest, nothing loose, nobody in it",
+    "disk": "the disk: free space and rights",
+    "silence": "the machine: what kept the programs from running",
+    "starvation": "the machine: what kept the programs from running",
+    "clock": "the machine: why its clock jumped or it slept",
+    "process": "the machine: logs of the programs that ended",
+}
+"""By the place of the fault matrix's row."""
+LOOK_AT_THE_RIG = "the rig and station.log: what the stop's words name"
+
+
+@dataclass(frozen=True)
+class EarlierStop:
+    """A stop of an earlier session: its cause, how it stopped, when (UTC), what was said, what to look at."""
+
+    slug: str
+    stop: str
+    utc: str
+    detail: str
+    look_at: str
+    resume: str
+
+    @property
+    def text(self) -> str:
+        """For the operator."""
+        return f"{self.slug} ({self.stop}, {self.utc}): {self.detail or 'no detail'}; look at {self.look_at}"
+
+    def to_json(self) -> dict[str, str]:
+        """One entry of `confirmed` in `rig run --json`."""
+        return {key: str(value) for key, value in asdict(self).items()}
+
+
+def resume_class(slug: str) -> str:
+    """`n` where the specimen must be requalified, else `c`: that the operator resumes at all confirms the rest."""
+    return REQUALIFY if slug in MATRIX and MATRIX[slug].resume == REQUALIFY else CONFIRM
+
+
+def look_at(slug: str) -> str:
+    """What somebody should have looked at after this stop."""
+    row = MATRIX.get(slug)
+    if row is None:
+        return LOOK_AT_THE_RIG
+    what = LOOK_AT.get(row.place, LOOK_AT_THE_RIG)
+    return what if slug in OPERATOR else f"{what} ({row.fault})"
+
+
+def open_stops(folder: Path) -> tuple[EarlierStop, ...]:
+    """What stopped earlier sessions of a campaign and was not confirmed since, first causes and later ones.
+
+    Raises:
+        OSError: the journal cannot be read.
+    """
+    return unconfirmed(read_log(folder)) if (folder / "journal.jsonl").is_file() else ()
+
+
+def unconfirmed(lines: Iterable[Mapping[str, Any]]) -> tuple[EarlierStop, ...]:
+    """The same for the lines of a journal: a later `resumed` or `requalified` line confirms what came before it."""
+    stops: dict[str, EarlierStop] = {}
+    for line in lines:
+        event, what = line.get("event"), line.get("what")
+        if event == "requalified":
+            stops = {slug: stop for slug, stop in stops.items() if stop.resume != REQUALIFY}
+        elif event == "resumed":
+            stops = {slug: stop for slug, stop in stops.items() if stop.resume == REQUALIFY}
+        elif event == "station" and what in {"trip", "also"}:
+            _enter(stops, str(line.get("slug")), line, str(line.get("stop")), str(line.get("detail", "")))
+        elif event == "result" and line.get("stopped_by") and not line.get("refused"):
+            _enter(stops, str(line["stopped_by"]), line, "stop", str(line.get("detail", "")))
+    return tuple(stops.values())
+
+
+def _enter(stops: dict[str, EarlierStop], slug: str, line: Mapping[str, Any], stop: str, detail: str) -> None:
+    if slug not in stops:
+        stops[slug] = EarlierStop(slug, stop, str(line.get("utc", "")), detail, look_at(slug), resume_class(slug))
+
+
+def confirm(stops: Iterable[EarlierStop], requalified: str) -> None:
+    """Refuse to resume after a stop that demands a requalification, unless there is one.
+
+    Args:
+        stops: what was not confirmed yet.
+        requalified: what was checked or replaced, in the operator's words.
+
+    Raises:
+        Refused: none is given (slug `requalify`); nothing was connected.
+    """
+    grave = [stop for stop in stops if stop.resume == REQUALIFY]
+    if grave and not requalified:
+        named = "\n".join(stop.text for stop in grave)
+        raise Refused(
+            "requalify",
+            f"the campaign was stopped by something after which the specimen must be requalified:\n{named}\n"
+            'Nothing was connected. Check it, then say what was checked or replaced: --requalified "TEXT"',
+        )
+
+
+def resume_command(folder: Path, resume: str = CONFIRM) -> str:
+    """What to type to go on with a campaign after a stop of this class."""
+    command = f"rig run --resume {shlex.quote(str(folder))}"
+    return f'{command} --requalified "WHAT WAS CHECKED"' if resume == REQUALIFY else command

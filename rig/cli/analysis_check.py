@@ -1,0 +1,92 @@
+"""What the end of a campaign needs, checked before its start: would the matrix's `[identify]` work on its points?
+
+Numbers of the tests can still make an identification fail; names, filters and combinations cannot after this.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+from rig.errors import FileProblem
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rig.matrix.model import Identify, Matrix
+    from rig.matrix.point import TestPoint
+
+ALL = "all"
+AFFINE = "affine"
+THREE_STEPS = "zhu_three_step"
+MODEL_OF_THREE_STEPS = "normalized_bouc_wen"
+SAME_CURRENT_A = 1e-6
+
+
+def check_analysis(path: Path, matrix: Matrix) -> None:
+    """Refuse a matrix whose identification must fail after the last point.
+
+    Args:
+        path: the matrix file, for the message.
+        matrix: what it says; with `[identify] enabled = false` nothing is checked.
+
+    Raises:
+        FileProblem: one line for each thing that cannot work.
+    """
+    if not matrix.identify.enabled:
+        return
+    problems = analysis_problems(matrix.identify, matrix.points())
+    if problems:
+        raise FileProblem(str(path), [f"identify.{text}" for text in problems])
+
+
+def analysis_problems(wanted: Identify, points: Iterable[TestPoint]) -> list[str]:
+    """The same as lines of text; none when the identification can begin."""
+    loops = [point for point in points if point.kind == "loop"]
+    if not loops:
+        return ["enabled: the matrix has no loop to fit a model to; add points, or set enabled = false"]
+    problems, fitted = _holdout(wanted.holdout, loops)
+    problems += _combination(wanted)
+    currents_A = sorted({round(point.current_A / SAME_CURRENT_A) for point in fitted})
+    if wanted.current != AFFINE and len(currents_A) == 1:
+        problems.append(f'current = "{wanted.current}": needs fitted tests at two or more currents, and all have one')
+    return problems
+
+
+def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[TestPoint]]:
+    """What is wrong with the filter, and the points that it leaves to be fitted."""
+    if text is None:
+        return [], loops
+    if Path(text).exists():
+        if (Path(text) / "points").is_dir():
+            return [], loops
+        return [f'holdout = "{text}": exists, but is no run (a campaign\'s directory)'], loops
+    from rig.recording.selection import Selection
+
+    try:
+        wanted = Selection.parse(text)
+    except FileProblem as error:
+        return [f'holdout = "{text}": {problem}' for problem in error.problems], loops
+    # Only valid points are fitted or scored.
+    held_out = [wanted.holds(SimpleNamespace(**vars(point), verdict="valid")) for point in loops]
+    fitted = [point for point, out in zip(loops, held_out, strict=True) if not out]
+    if len(fitted) == len(loops):
+        return [f'holdout = "{text}": matches none of the {len(loops)} points; nothing would be held out'], loops
+    if not fitted:
+        return [f'holdout = "{text}": matches all {len(loops)} points; nothing would be left to fit'], loops
+    return [], fitted
+
+
+def _combination(wanted: Identify) -> list[str]:
+    """Models and methods that do not go together."""
+    problems = []
+    if wanted.method == THREE_STEPS and wanted.model != MODEL_OF_THREE_STEPS:
+        problems.append(
+            f'method = "{THREE_STEPS}": identifies {MODEL_OF_THREE_STEPS} only; set model = "{MODEL_OF_THREE_STEPS}"'
+        )
+    if wanted.current != AFFINE and (wanted.model == ALL or wanted.series_spring):
+        problems.append(f'current = "{wanted.current}": goes with one model and without series_spring')
+    if wanted.series_spring and wanted.model == ALL:
+        problems.append('series_spring: goes with one model; name it, such as model = "asymmetric"')
+    return problems

@@ -1,0 +1,172 @@
+"""Whether one point can be run: every limit of machine and specimen, and the amplitude that would fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from rig.bench.model import Bench
+from rig.matrix.forecast import Forecast
+from rig.matrix.model import Matrix
+from rig.matrix.point import TestPoint
+from rig.units import show
+
+SAMPLES_A_CYCLE = 25
+"""Fewer force samples in a cycle draw no loop."""
+
+HEADROOM_M = 1e-3
+"""Travel left to every position limit, for the servo's overshoot and the sensors' noise: the limits themselves trip."""
+
+FORCE_HEADROOM = 0.05
+"""Share of the force limit that a predicted force leaves, for the prediction's error and the load cell's noise."""
+
+AMPLITUDE_STEP_M = 1e-5
+"""Amplitudes that would fit are rounded down to this."""
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why a point cannot be run.
+
+    `slug` is one of `speed`, `acceleration`, `position`, `stroke`, `force`, `heat`, `current`, `specimen-current`,
+    `sampling`, `warm-up`; `text` has the numbers.
+    """
+
+    slug: str
+    text: str
+
+
+def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
+    """Every limit of bench and specimen that the motion or its current would exceed; heat apart."""
+    limits, specimen = bench.limits, matrix.specimen
+    if _beyond(point.peak_speed_m_s, limits.speed_m_s):
+        reached, limit = point.peak_speed_m_s, limits.speed_m_s
+        yield Reason("speed", f"speed {reached:.3g} m/s is above the bench's {limit:.3g} m/s")
+    if _beyond(point.peak_acceleration_m_s2, limits.acceleration_m_s2):
+        reached, limit = point.peak_acceleration_m_s2, limits.acceleration_m_s2
+        yield Reason("acceleration", f"acceleration {reached:.3g} m/s^2 is above the bench's {limit:.3g} m/s^2")
+    low, high = limits.position_m
+    room = f"; {show(HEADROOM_M, 'mm')} must be left at each end"
+    if _beyond(point.amplitude_m, _room_m(point, bench)):
+        text = f"{_span(point)} leaves the bench's {show(low, 'mm')} to {show(high, 'mm')}{room}"
+        yield Reason("position", text)
+    if _beyond(point.amplitude_m, specimen.stroke_m / 2.0 - HEADROOM_M):
+        travel_m, stroke_m = 2.0 * point.amplitude_m, specimen.stroke_m
+        text = f"{show(travel_m, 'mm')} of travel exceed the specimen's stroke {show(stroke_m, 'mm')}{room}"
+        yield Reason("stroke", text)
+    if force_N is not None and _beyond(force_N, _allowed_force_N(bench)):
+        yield Reason(
+            "force",
+            f"predicted force {force_N:.4g} N is above the bench's {limits.force_N:.4g} N less "
+            f"{100 * FORCE_HEADROOM:g} % of headroom",
+        )
+    yield from _independent_of_amplitude(point, matrix, bench)
+
+
+def command_limit(point: TestPoint, bench: Bench) -> tuple[float, str]:
+    """The largest amplitude (m) that speed and acceleration let be commanded for a point's motion, and which of them.
+
+    The same limits as the plan's. The force's is none of them: that follows the motion reached, not the one commanded.
+    """
+    limits, one_metre = bench.limits, replace(point, amplitude_m=1.0)
+    allowed = {
+        f"the bench's speed limit, {limits.speed_m_s:.3g} m/s": limits.speed_m_s / one_metre.peak_speed_m_s,
+        f"the bench's acceleration limit, {limits.acceleration_m_s2:.3g} m/s^2": limits.acceleration_m_s2
+        / one_metre.peak_acceleration_m_s2,
+    }
+    what = min(allowed, key=lambda name: allowed[name])
+    return allowed[what], what
+
+
+def command_room(matrix: Matrix, bench: Bench) -> tuple[float, float, str]:
+    """Lowest and highest position (m) that may be commanded, headroom taken off, and what sets them, in words."""
+    (low_m, high_m), specimen = bench.limits.position_m, matrix.specimen
+    half_m = 0.5 * specimen.stroke_m
+    low_m, high_m = max(low_m, specimen.mid_stroke_m - half_m), min(high_m, specimen.mid_stroke_m + half_m)
+    where = f"the positions that bench and specimen allow, {show(low_m, 'mm')} to {show(high_m, 'mm')}"
+    return low_m + HEADROOM_M, high_m - HEADROOM_M, where
+
+
+def too_hot(point: TestPoint, energy_J: float | None, matrix: Matrix) -> Iterator[Reason]:
+    """Whether a point's heat alone takes the damper through its temperature window."""
+    temperature = matrix.temperature
+    if temperature is None or energy_J is None:
+        return
+    low_degC, high_degC = temperature.window_degC
+    coldest_degC = max(low_degC, temperature.ambient_degC)
+    rise_K, width_K = energy_J / temperature.heat_capacity_J_K, high_degC - coldest_degC
+    if _beyond(rise_K, width_K):
+        wide = "wide above ambient" if coldest_degC > low_degC else "wide"
+        text = f"its heat would warm the damper by {rise_K:.3g} K; the temperature window is {width_K:.3g} K {wide}"
+        yield Reason("heat", text)
+
+
+def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) -> Iterator[Reason]:
+    if _beyond(point.current_A, bench.limits.current_A):
+        text = f"current {point.current_A:.3g} A is above the bench's {bench.limits.current_A:.3g} A"
+        yield Reason("current", text)
+    own = matrix.specimen.max_current_A
+    if own is not None and _beyond(point.current_A, own):
+        yield Reason("specimen-current", f"current {point.current_A:.3g} A is above the specimen's {own:.3g} A")
+    if point.kind == "current_step":
+        return
+    rate_Hz = min(bench.load_cell.rate_Hz, bench.lvdt.rate_Hz)
+    if _beyond(SAMPLES_A_CYCLE * point.frequency_Hz, rate_Hz):
+        samples = rate_Hz / point.frequency_Hz
+        text = f"{samples:.3g} samples a cycle at {rate_Hz:.4g} Hz; a loop needs {SAMPLES_A_CYCLE}"
+        yield Reason("sampling", text)
+
+
+def _room_m(point: TestPoint, bench: Bench) -> float:
+    """The largest amplitude the bench's position limits leave about the point's centre (m)."""
+    low, high = bench.limits.position_m
+    return min(high - point.centre_m, point.centre_m - low) - HEADROOM_M
+
+
+def _allowed_force_N(bench: Bench) -> float:
+    return bench.limits.force_N * (1.0 - FORCE_HEADROOM)
+
+
+def _span(point: TestPoint) -> str:
+    return f"{show(point.centre_m - point.amplitude_m, 'mm')} to {show(point.centre_m + point.amplitude_m, 'mm')}"
+
+
+def _beyond(value: float, limit: float) -> bool:
+    """Above the limit by more than rounding."""
+    return value > limit + 1e-9 * max(1.0, abs(limit))
+
+
+def would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> float | None:
+    """The largest amplitude, rounded down, with which the point becomes feasible; None when none does."""
+    if any(True for _ in _independent_of_amplitude(point, matrix, bench)):
+        return None
+    one_metre = replace(point, amplitude_m=1.0)
+    amplitude_m = min(
+        point.amplitude_m,
+        bench.limits.speed_m_s / one_metre.peak_speed_m_s,
+        bench.limits.acceleration_m_s2 / one_metre.peak_acceleration_m_s2,
+        _room_m(point, bench),
+        matrix.specimen.stroke_m / 2.0 - HEADROOM_M,
+    )
+    steps = math.floor(amplitude_m / AMPLITUDE_STEP_M + 1e-6)
+    steps = _largest_within_force(point, steps, matrix, bench, predict)
+    return None if steps <= 0 else round(steps * AMPLITUDE_STEP_M, 6)
+
+
+def _largest_within_force(point: TestPoint, steps: int, matrix: Matrix, bench: Bench, predict: Forecast) -> int:
+    """Bisect for the largest number of amplitude steps whose predicted force and heat are allowed; 0 when none is."""
+
+    def fits(count: int) -> bool:
+        smaller = replace(point, amplitude_m=count * AMPLITUDE_STEP_M)
+        force_N, energy_J = predict(smaller)
+        cool = not any(True for _ in too_hot(smaller, energy_J, matrix))
+        return cool and (force_N is None or not _beyond(force_N, _allowed_force_N(bench)))
+
+    if steps <= 0 or fits(steps):
+        return steps
+    low, high = 0, steps
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return low

@@ -1,0 +1,83 @@
+"""The report's statement on the bench's own instruments: what was compared with what, and what nobody could compare."""
+
+from __future__ import annotations
+
+import math
+
+from rig.campaign.zero_return import read_zero_checks
+from rig.recording.calibration_check import checked, doubts, instruments_of
+from rig.recording.cross_check import AGREES, DISAGREES, UNCHECKED, CrossCheck, cross_checks
+from rig.recording.estimate import Estimate
+from rig.recording.reading import channel_attributes
+from rig.recording.run import Run
+from rig.report.fragment import NOTHING, box, chip, table, text
+
+MOST_AUXILIARIES = 7
+REST = {"load cell": "force input", "LVDT": "position input"}
+
+
+def instruments(run: Run) -> str:
+    """A table of all instruments; empty where nothing was recorded on a bench."""
+    rows = [_row(check) for check in (*checks_of(run), *zero_returns(run))]
+    if not rows:
+        return ""
+    note = (
+        "Load cell and LVDT against the controller's own force and position inputs, all points together; "
+        "\N{PLUS-MINUS SIGN} is one standard deviation. Two instruments that agree may both be wrong alike: this is no "
+        "calibration. What is allowed stands in the bench file's <code>[checks]</code>."
+    )
+    head = ["Instrument", "Property", "Compared with", "Found", "Allowed", "Result"]
+    heading = f'<h2>What this bench can cross-check</h2><p class="lead">{note}</p>'
+    return heading + table(head, rows, (3,))
+
+
+def checks_of(run: Run) -> tuple[CrossCheck, ...]:
+    """What the largest group of the run's points that one bench measured says of its instruments."""
+    group = max(instruments_of(run.points).values(), key=len, default=[])
+    if not group or not any("tolerance_force_gain" in point.quality for point in group):
+        return ()
+    first = group[0]
+    names = [] if first.path is None else [
+        str(found.get("sensor") or name) for name in (f"auxiliary_{n}" for n in range(1, MOST_AUXILIARIES + 1))
+        if "serial_number" in (found := channel_attributes(first.path, name))
+    ]
+    return cross_checks([checked(point.id, point.test, point.quality) for point in group], names)
+
+
+def zero_returns(run: Run) -> tuple[CrossCheck, ...]:
+    """Load cell and LVDT at rest after each session's motion against before, by the controller's own inputs."""
+    found = []
+    for session, check in enumerate(read_zero_checks(run.path), start=1):
+        if check.start is None or check.end is None:
+            continue
+        first, last = check.start, check.end
+        disagree = {finding.instruments[0] for finding in check.findings()}
+        for name, unit, scale, readings in (
+            ("load cell", "N", 1.0,
+             (first.force_N, first.controller_force_N, last.force_N, last.controller_force_N)),
+            ("LVDT", "mm", 1e3, (first.displacement_m, first.position_m, last.displacement_m, last.position_m)),
+        ):
+            before, before_own, after, after_own = (reading.mean for reading in readings)
+            error = math.hypot(*(reading.std / math.sqrt(max(reading.count, 1)) for reading in readings))
+            moved = Estimate((after - after_own) - (before - before_own), error)
+            found.append(CrossCheck(
+                name, f"return of its zero after session {session}",
+                f"controller's {REST[name]}, at rest before and after",
+                f"{moved.times(scale).signed} {unit}", "1 % of the largest measured, or its noise",
+                DISAGREES if name in disagree else AGREES,
+            ))
+    return tuple(found)
+
+
+def doubts_of(run: Run) -> str:
+    """What must be known before any number is believed: the calibrations that the files themselves contradict."""
+    return "".join(box("bad", f"<b>Calibration in doubt (bench).</b> {text(line)}") for line in doubts(run.points))
+
+
+def _row(check: CrossCheck) -> tuple[str, list[str]]:
+    kind = {DISAGREES: "suspect", UNCHECKED: "plain"}.get(check.state, "valid")
+    found = text(check.found).replace("+-", "\N{PLUS-MINUS SIGN}") or NOTHING
+    return ("no" if check.state == UNCHECKED else "", [
+        text(check.instrument), text(check.what), text(check.against), found, text(check.allowed) or NOTHING,
+        chip(check.state, kind),
+    ])

@@ -1,0 +1,92 @@
+"""Small files that people write or hand on, read without trust: regular files only, bounded, UTF-8."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+from pathlib import Path
+from typing import Any
+
+from rig.errors import FileProblem
+
+JSON_LIMIT_BYTES = 32_000_000
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+def read_text(path: Path, limit_bytes: int) -> str:
+    """The text of a regular file, without a byte order mark, lines ended by newlines.
+
+    Args:
+        path: where it is; a pipe or device is refused without waiting for it.
+        limit_bytes: the largest size.
+
+    Raises:
+        FileProblem: missing, unreadable, not a regular file, too large, or not UTF-8 (with the line).
+    """
+    raw = _read_bytes(path, limit_bytes)
+    if raw[:2] in _UTF16:
+        raise FileProblem(str(path), ["the file is UTF-16 text; save it as UTF-8"])
+    try:
+        return raw.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line, byte = raw.count(b"\n", 0, error.start) + 1, raw[error.start]
+        problem = f"line {line}: not UTF-8 text (byte 0x{byte:02x} at {error.start}); save the file as UTF-8"
+        raise FileProblem(str(path), [problem]) from error
+
+
+def read_json(path: Path, limit_bytes: int = JSON_LIMIT_BYTES) -> dict[str, Any]:
+    """The object of a JSON file.
+
+    Raises:
+        FileProblem: as `read_text`; not JSON, nested too deeply, or not an object.
+    """
+    try:
+        value = json.loads(read_text(path, limit_bytes))
+    except (ValueError, RecursionError) as error:
+        why = "nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise FileProblem(str(path), [f"not valid JSON: {why}"]) from error
+    if not isinstance(value, dict):
+        raise FileProblem(str(path), [f"expected a JSON object, got {type(value).__name__}"])
+    return value
+
+
+def _read_bytes(path: Path, limit_bytes: int) -> bytes:
+    try:
+        # Without O_NONBLOCK, opening a pipe nobody writes to would wait for ever.
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        try:
+            mode = os.fstat(descriptor).st_mode
+            if not stat.S_ISREG(mode):
+                raise FileProblem(str(path), [f"is {_kind(mode)}, not a file"])
+            raw = _up_to(descriptor, limit_bytes + 1)
+        finally:
+            os.close(descriptor)
+    except FileNotFoundError as error:
+        raise FileProblem(str(path), ["there is no such file"]) from error
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise FileProblem(str(path), [f"cannot be read: {why}"]) from error
+    if len(raw) > limit_bytes:
+        size = f"{limit_bytes // 1024} KiB" if limit_bytes < 1_000_000 else f"{limit_bytes / 1e6:g} MB"
+        raise FileProblem(str(path), [f"larger than {size}: not a file written for the rig"])
+    return raw
+
+
+def _up_to(descriptor: int, size: int) -> bytes:
+    parts: list[bytes] = []
+    while size > 0 and (part := os.read(descriptor, min(size, 1 << 20))):
+        parts.append(part)
+        size -= len(part)
+    return b"".join(parts)
+
+
+def _kind(mode: int) -> str:
+    return next((name for is_kind, name in _KINDS if is_kind(mode)), "something else")

@@ -1,0 +1,198 @@
+"""Ends of a campaign that nothing may keep it from: a disk, a folder, a terminal, a display, another master."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import signal
+import socket
+import struct
+import subprocess
+import termios
+import threading
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from matrices import LONG_SECOND_POINT, TWO_POINTS
+from process_faults import fill_disk
+from true_states import Truth
+from watched_campaign import FINISH_S, RIG, Campaign, Ending, assert_completed, resumed, told, wait_until
+
+from protocols.actuator import Command, State
+from rig.clock import monotonic_ns
+from rig.recording.campaign_log import read_log
+
+if TYPE_CHECKING:
+    from conftest import InMotion, Run, Start
+
+pytestmark = pytest.mark.wire
+
+RESTING = TWO_POINTS.replace("cycles = 6", 'cycles = 6\nrest = "15 s"')
+"""At speed 5 there are 3 s of wall time between the points."""
+
+
+def assert_ended_without_pressure(ending: Ending, slug: str, since_ns: int) -> None:
+    """Exit 4 by name within a minute; nothing started, the pressure is gone in truth."""
+    assert (monotonic_ns() - since_ns) / 1e9 < 60.0
+    assert ending.exit_code == 4, ending.said
+    assert (ending.answer["stopped_by"], ending.answer["rig_state"]) == (slug, "safe")
+    assert ending.truth.state[-1] == State.OFF
+    assert len(ending.truth.all("START")) == 1
+    assert ending.truth.all("HYDRAULICS_OFF", text="DONE")
+
+
+def after_the_first_point(start: Start) -> Campaign:
+    """A campaign between its two points: the first one's file is there."""
+    campaign = start(matrix=RESTING)
+    campaign.wait_for("START")
+    wait_until((campaign.folder / "points" / "p001.h5").exists, "p001.h5")
+    assert not campaign.happened("START", count=2)
+    return campaign
+
+
+def test_a_disk_that_fills_between_two_points_ends_the_campaign_with_the_pressure_off(start: Start) -> None:
+    campaign = after_the_first_point(start)
+    ending = campaign.finish(full_ns := fill_disk(campaign))
+    assert_ended_without_pressure(ending, "disk-full", full_ns)
+    assert "p002 not finished" in ending.said
+    assert f"rig run --resume {ending.folder}" in ending.said
+    assert_completed(ending.folder)
+
+
+def test_a_folder_that_is_taken_away_ends_the_campaign_with_the_pressure_off(start: Start) -> None:
+    campaign = after_the_first_point(start)
+    points, since_ns = campaign.folder / "points", monotonic_ns()
+    points.rename(points.with_name("taken"))
+    ending = campaign.finish(since_ns)
+    points.with_name("taken").rename(points)
+    assert_ended_without_pressure(ending, "dir-readonly", since_ns)
+    assert_completed(ending.folder)
+
+
+def write_stop(url: str, sequence: int) -> None:
+    """Another Modbus client's FADE_STOP: registers 300 and 301 of device 1, as bytes."""
+    host, port = url.removeprefix("modbus-tcp://").split(":")
+    values = struct.pack(">2H", Command.FADE_STOP, sequence)
+    pdu = struct.pack(">BBHHB", 1, 16, 300, 2, len(values)) + values
+    with socket.create_connection((host, int(port)), timeout=5.0) as client:
+        client.sendall(struct.pack(">3H", 7, 0, len(pdu)) + pdu)
+        assert client.recv(64)[7] == 16
+
+
+@pytest.mark.parametrize("speed", [1.0, 5.0])
+def test_another_clients_stop_ends_the_campaign_and_nothing_starts_after_it(start: Start, speed: float) -> None:
+    campaign = start(speed=speed, matrix=TWO_POINTS)
+    campaign.wait_for("START")
+    campaign.run_on(1.2)
+    bench = tomllib.loads((campaign.folder / "bench.toml").read_text(encoding="utf-8"))
+    write_stop(bench["actuator"]["url"], 40_000)
+    ending = campaign.finish()
+    assert ending.exit_code == 4, ending.said
+    assert (ending.answer["stopped_by"], ending.answer["rig_state"]) == ("second-master", "safe")
+    assert len(ending.truth.all("START")) == 1
+    assert ending.verdicts() == {"p001": "invalid", "p002": "not run"}
+
+
+def on_a_terminal(tmp_path: Path) -> tuple[subprocess.Popen[bytes], int, Path]:
+    """`rig run` in the foreground of a terminal of its own: the process, the terminal's other end, where it writes."""
+    matrix, out = tmp_path / "matrix.toml", tmp_path / "out"
+    matrix.write_text(LONG_SECOND_POINT, encoding="utf-8")
+    out.mkdir()
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [RIG, "run", str(matrix), "--simulate", "--speed", "5", "--no-identify", "--out", str(out), "--",
+         "--no-real-time"],
+        stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )  # fmt: skip
+    os.close(theirs)
+    return process, ours, out
+
+
+def test_a_terminal_that_is_closed_stops_the_rig_and_the_exit_code_says_so(tmp_path: Path) -> None:
+    process, ours, out = on_a_terminal(tmp_path)
+    shown = bytearray()
+    open_still = threading.Event()
+    open_still.set()
+
+    def read() -> None:
+        while open_still.is_set():
+            shown.extend(os.read(ours, 4096))
+
+    threading.Thread(target=read, daemon=True).start()
+    campaign = Campaign(process, out)  # type: ignore[arg-type]
+    wait_until(lambda: campaign.happened("START") if any(out.iterdir()) else False, "the first point")
+    campaign.run_on(0.5)
+    open_still.clear()
+    wait_until(lambda: not threading.active_count() or len(shown) > 0, "the display")
+    os.close(ours)
+    assert process.wait(FINISH_S) == 4
+    folder = campaign.folder
+    wait_until((folder / "truth.h5").exists, "truth.h5")
+    truth = Truth.load(folder / "truth.h5")
+    assert truth.state[-1] == State.OFF
+    result = next(line for line in read_log(folder) if line["event"] == "result")
+    assert (result["stopped_by"], result["rig_state"]) == ("sigterm", "safe")
+
+
+def test_a_display_that_nobody_reads_does_not_keep_the_operator_from_stopping(tmp_path: Path) -> None:
+    matrix, out = tmp_path / "matrix.toml", tmp_path / "out"
+    matrix.write_text(LONG_SECOND_POINT, encoding="utf-8")
+    out.mkdir()
+    reading, writing = os.pipe()
+    fcntl.fcntl(writing, fcntl.F_SETPIPE_SZ, 4096)
+    os.write(writing, bytes(4096))
+    process = subprocess.Popen(
+        [RIG, "run", str(matrix), "--simulate", "--speed", "5", "--no-identify", "--out", str(out), "--",
+         "--no-real-time"],
+        stdout=writing, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    os.close(writing)
+    campaign = Campaign(process, out)  # type: ignore[arg-type]
+    wait_until(lambda: campaign.happened("START") if any(out.iterdir()) else False, "the first point")
+    campaign.run_on(0.5)
+    process.send_signal(signal.SIGINT)
+    wait_until(lambda: any(line["event"] == "result" for line in read_log(campaign.folder)), "the result")
+    with os.fdopen(reading, "rb") as pipe:
+        pipe.read()
+    assert process.wait(FINISH_S) == 4
+    truth = Truth.load(campaign.folder / "truth.h5")
+    assert truth.state[-1] == State.OFF
+    assert [line["slug"] for line in read_log(campaign.folder) if line.get("what") == "trip"] == ["sigint"]
+
+
+def test_ctrl_c_is_told_as_what_it_is_and_how_to_go_on(in_motion: InMotion) -> None:
+    campaign = in_motion()
+    campaign.process.send_signal(signal.SIGINT)
+    ending = campaign.finish()
+    assert (
+        "Stopped by operator (Ctrl-C): motion faded out, coil at 0 A, hydraulics off. p002 not finished. "
+        f"Continue with: rig run --resume {ending.folder}"
+    ) in ending.said
+    assert "error" not in ending.said
+    assert "full cycles" not in ending.said
+    assert ending.said.index("p002") < ending.said.index("ended")
+    code, answer = resumed(ending.folder)
+    assert code == 0, answer
+    assert [stop["slug"] for stop in answer["confirmed"]] == ["sigint"]
+
+
+def test_after_an_e_stop_a_campaign_is_only_resumed_once_the_specimen_is_requalified(run: Run) -> None:
+    ending = run("estop@5")
+    assert ending.exit_code == 4, ending.said
+    assert "--requalified" in ending.said
+    code, refused = resumed(ending.folder)
+    assert (code, refused["slug"]) == (3, "requalify")
+    assert "estop" in refused["error"]
+    assert not [line for line in read_log(ending.folder) if line["event"] == "resumed"]
+    words = "joints checked, 0 A signature repeated"
+    code, answer = resumed(ending.folder, "--requalified", words)
+    assert code == 0, answer
+    assert "estop" in [stop["slug"] for stop in answer["confirmed"]]
+    assert [line["text"] for line in read_log(ending.folder) if line["event"] == "requalified"] == [words]
+    assert words in (ending.folder / "campaign.json").read_text(encoding="utf-8")
+    code, answer = told("--resume", str(ending.folder), "--no-identify")
+    assert (code, answer["confirmed"]) == (0, [])

@@ -1,0 +1,74 @@
+"""What has to be said before a campaign is resumed: by the fault matrix's classes, from the journal."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.campaign.confirmation import confirm, open_stops, resume_class, resume_command, unconfirmed
+from rig.errors import EXIT_REFUSED, Refused
+from rig.fault_matrix import MATRIX
+
+
+def trip(slug: str, what: str = "trip", stop: str = "S2") -> dict[str, Any]:
+    return {"event": "station", "what": what, "slug": slug, "stop": stop, "detail": f"{slug} seen", "utc": "2026-01-02"}
+
+
+def slugs(*lines: dict[str, Any]) -> list[str]:
+    return [stop.slug for stop in unconfirmed(lines)]
+
+
+REQUALIFY = sorted(slug for slug, row in MATRIX.items() if row.resume == "n")
+
+
+def test_the_matrix_decides_what_needs_a_requalification() -> None:
+    grave = {"estop", "coil-open-short", "current-stuck", "stop-ignored", "load-train", "actuator-reboot"}
+    assert grave <= set(REQUALIFY)
+    assert {resume_class(slug) for slug in REQUALIFY} == {"n"}
+    assert resume_class("stroke-limit") == "c"
+
+
+@pytest.mark.parametrize("slug", REQUALIFY)
+@pytest.mark.parametrize("what", ["trip", "also"])
+def test_a_grave_stop_is_refused_without_words_and_accepted_with_them(slug: str, what: str) -> None:
+    stops = unconfirmed([trip("sigint"), trip(slug, what)])
+    with pytest.raises(Refused, match=f"(?s){slug} .*--requalified") as caught:
+        confirm(stops, "")
+    assert (caught.value.slug, caught.value.exit_code) == ("requalify", EXIT_REFUSED)
+    confirm(stops, "coil replaced")
+
+
+@pytest.mark.parametrize("slug", sorted(slug for slug, row in MATRIX.items() if row.resume == "c"))
+def test_resuming_confirms_every_other_stop_and_says_what_to_look_at(slug: str) -> None:
+    stops = unconfirmed([trip(slug)])
+    confirm(stops, "")
+    (stop,) = stops
+    assert f"{slug} (S2, 2026-01-02): {slug} seen; look at " in stop.text
+    assert len(stop.look_at) > 10
+
+
+def test_what_was_confirmed_once_is_not_asked_for_again_but_a_later_stop_is() -> None:
+    begun = {"event": "resumed"}
+    assert slugs(trip("sigint"), begun) == []
+    assert slugs(trip("estop"), begun) == ["estop"], "resuming alone requalifies nothing"
+    assert slugs(trip("estop"), {"event": "requalified", "text": "x"}, begun) == []
+    assert slugs(trip("estop"), {"event": "requalified"}, begun, trip("estop")) == ["estop"]
+
+
+def test_a_stop_before_arming_is_known_by_the_result() -> None:
+    assert slugs({"event": "result", "stopped_by": "sigint", "detail": "Ctrl-C"}) == ["sigint"]
+    assert slugs({"event": "result", "stopped_by": None}) == []
+
+
+def test_an_empty_or_torn_journal_confirms_nothing(tmp_path: Path) -> None:
+    assert open_stops(tmp_path) == ()
+    (tmp_path / "journal.jsonl").write_text(json.dumps(trip("estop")) + "\n{\"event\": \"requal", encoding="utf-8")
+    assert [stop.slug for stop in open_stops(tmp_path)] == ["estop"]
+
+
+def test_the_command_to_go_on_can_be_pasted_into_a_shell() -> None:
+    assert resume_command(Path("logs/a b")) == "rig run --resume 'logs/a b'"
+    assert resume_command(Path("logs/a"), "n").startswith("rig run --resume logs/a --requalified ")

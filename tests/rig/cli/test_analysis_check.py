@@ -1,0 +1,69 @@
+"""What must fail at the end of a campaign is refused before its start, by `rig plan` and `rig run`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rig.cli.analysis_check import analysis_problems
+from rig.cli.main import main
+from rig.matrix.methods import METHODS
+from rig.matrix.model import Identify, load_matrix
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+QUICK = (EXAMPLES / "quick.toml").read_text(encoding="utf-8")
+BENCH = str(EXAMPLES / "demo-bench.toml")
+POINTS = load_matrix(EXAMPLES / "quick.toml").points()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "said"),
+    [
+        ({"holdout": "waveform=triangle"}, "matches none of the 2 points"),
+        ({"holdout": "current_A=7"}, "matches none of the 2 points"),
+        ({"holdout": "waveform=sine"}, "matches all 2 points"),
+        ({"holdout": "current_A=0.5|1.5"}, "matches all 2 points"),
+        ({"holdout": "verdict=valid"}, "matches all 2 points"),
+        ({"holdout": "curent_A=1"}, "did you mean current_A"),
+        ({"holdout": "current_A"}, "is not a condition"),
+        ({"holdout": "current_A=fast"}, "is not a number"),
+        ({"holdout": str(EXAMPLES)}, "is no run"),
+        ({"method": "zhu_three_step"}, "normalized_bouc_wen only"),
+        ({"model": "all", "series_spring": True}, "goes with one model"),
+        ({"model": "all", "current": "per-current-affine"}, "goes with one model"),
+        ({"holdout": "current_A=1.5", "current": "per-current-affine"}, "two or more currents"),
+    ],
+)
+def test_what_cannot_be_identified_is_said_with_its_key(wanted: dict[str, object], said: str) -> None:
+    (problem,) = analysis_problems(Identify.model_validate(wanted), POINTS)
+    assert said in problem
+    assert problem.partition(" ")[0].rstrip(":") in {"holdout", "method", "series_spring", "current"}
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        {},
+        {"holdout": "current_A=1.5"},
+        {"holdout": "id=p002"},
+        {"method": "zhu_three_step", "model": "normalized_bouc_wen"},
+        {"model": "all"},
+        {"current": "per-current-lagrange"},
+        *({"method": method} for method in METHODS if method != "zhu_three_step"),
+    ],
+)
+def test_what_can_be_identified_is_not_refused(wanted: dict[str, object]) -> None:
+    assert analysis_problems(Identify.model_validate(wanted), POINTS) == []
+
+
+@pytest.mark.parametrize("command", [("plan", "--bench", BENCH), ("run", "--simulate")], ids=["plan", "run"])
+def test_plan_and_run_refuse_a_holdout_that_matches_nothing_before_anything_starts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: tuple[str, ...]
+) -> None:
+    matrix, out = tmp_path / "matrix.toml", tmp_path / "out"
+    matrix.write_text(QUICK + '\n[identify]\nholdout = "waveform=triangle"\n', encoding="utf-8")
+    arguments = [command[0], str(matrix), *command[1:]]
+    assert main([*arguments, *(["--out", str(out)] if command[0] == "run" else [])]) == 2
+    assert 'identify.holdout = "waveform=triangle": matches none of the 2 points' in capsys.readouterr().err
+    assert not out.exists()

@@ -1,0 +1,182 @@
+"""`rig plan` as text: verdict first, nothing lost at any width, long plans by groups."""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from rig.bench.model import Bench
+from rig.cli.main import main
+from rig.cli.plan_text import PlanText, duration, energy
+from rig.errors import EXIT_DONE, EXIT_REFUSED
+from rig.matrix.model import Matrix, load_matrix
+from rig.matrix.plan import Plan, plan
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+DEMO = Bench.load(EXAMPLES / "demo-bench.toml")
+REFUSED = plan(load_matrix(EXAMPLES / "table1.toml"), Bench.load(EXAMPLES / "paper-bench.toml"))
+WIDTHS = [40, 41, 57, 66, 79, 80, 81, 100, 132, 200]
+
+
+def long_matrix(**changes: object) -> Matrix:
+    """5,000 sines: 20 amplitudes, 50 frequencies, 5 currents; some too fast."""
+    sweep = {
+        "amplitude": tuple(f"{2 * number} mm" for number in range(1, 21)),
+        "frequency": tuple(f"{0.1 * number:g} Hz" for number in range(1, 51)),
+        "current": tuple(f"{0.5 * number} A" for number in range(5)),
+        "cycles": 25,
+    }
+    specimen = {"serial_number": "MR-001", "stroke": "170 mm", "max_force": "3 kN"}
+    return Matrix.model_validate({"format": 1, "specimen": specimen, "matrix": {**sweep, **changes}})
+
+
+LONG = plan(long_matrix(), DEMO)
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_the_verdict_comes_first_and_no_value_or_reason_is_lost(width: int) -> None:
+    lines = [text for text, _ in PlanText(REFUSED).lines(width)]
+    assert lines[0] == "20 of 20 points infeasible"
+    assert max(map(len, lines)) <= width
+    text = words("\n".join(lines))
+    assert "MR-001 on paper bench, 0.15 m/s; 4 min 20 s of rig time; 21 kJ of heat" in text
+    for item in REFUSED.points:
+        (reason,) = item.reasons
+        assert f"{item.point.id}: {reason}; {1e3 * (item.would_fit_m or 0.0):.2f} mm would fit" in text
+        for value in (f"{item.predicted_force_N:.4g}", f"{item.energy_J:.4g}", f"{item.point.peak_speed_m_s:.3f}"):
+            assert value in text
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_names_as_long_as_they_may_be_fit_at_every_width(width: int) -> None:
+    item = replace(REFUSED.points[0], point=replace(REFUSED.points[0].point, id="p" * 32))
+    lines = [text for text, _ in PlanText(replace(REFUSED, points=(item,), bench_name="b" * 64)).lines(width)]
+    assert max(map(len, lines)) <= width
+    assert "".join(lines).replace(" ", "").count("b" * 64) == 1
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_a_long_plan_is_shown_by_groups_with_its_hours(width: int) -> None:
+    lines = [text for text, _ in PlanText(LONG).lines(width)]
+    bad = sum(not item.feasible for item in LONG.points)
+    assert 0 < bad < 5000
+    assert lines[0] == f"{bad} of 5000 points infeasible"
+    assert len(lines) < 100
+    assert max(map(len, lines)) <= width
+    text = words("\n".join(lines))
+    assert LONG.duration_s is not None
+    assert f"{int(LONG.duration_s / 3600)} h {round(LONG.duration_s / 60) % 60} min of rig time" in text
+    assert f"feasible: {5000 - bad} points, 2 to 40 mm, 0.1 to 5 Hz, 0 to 2 A" in text
+    for group in {item.causes[0].slug for item in LONG.points if item.causes}:
+        assert f"infeasible ({group}" in text
+    assert "rows shown; --all shows all of them, --json as data" in text
+
+
+def test_with_all_every_row_and_every_reason_is_shown() -> None:
+    text = "\n".join(line for line, _ in PlanText(LONG, everything=True).lines(132))
+    assert all(f"\n{item.point.id} " in text for item in LONG.points)
+    assert text.count("would fit") == sum(not item.feasible for item in LONG.points)
+
+
+def test_piped_output_does_not_depend_on_the_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["plan", str(EXAMPLES / "table1.toml"), "--bench", str(EXAMPLES / "paper-bench.toml")]
+    shown = []
+    for columns, terminal in (("40", "dumb"), ("200", "xterm-256color")):
+        monkeypatch.setenv("COLUMNS", columns)
+        monkeypatch.setenv("TERM", terminal)
+        assert main(arguments) == EXIT_REFUSED
+        shown.append(capsys.readouterr().out)
+    assert shown[0] == shown[1]
+    assert shown[0].isascii()
+    assert "\x1b" not in shown[0]
+
+
+def test_a_console_prints_the_plan_at_its_own_width() -> None:
+    file = io.StringIO()
+    Console(file=file, width=47, force_terminal=True, color_system="truecolor").print(PlanText(REFUSED))
+    assert "20 of 20 points infeasible" in file.getvalue()
+    assert "\x1b[31m" in file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.0, "0.0 s"), (9.94, "9.9 s"), (9.96, "10 s"), (99.4, "99 s"), (99.6, "1 min 40 s"), (3599.6, "1 h 0 min"),
+     (34 * 3600 + 12 * 60, "34 h 12 min"), (7199.9, "2 h 0 min"), (400 * 3600, "400 h 0 min")],
+)  # fmt: skip
+def test_durations_are_said_as_people_say_them(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("joule", "text"), [(0.0172, "0.0172 J"), (613.4, "613 J"), (999.7, "1 kJ"), (35_200.0, "35.2 kJ"), (2e6, "2 MJ")]
+)
+def test_energies_are_said_in_short(joule: float, text: str) -> None:
+    assert energy(joule) == text
+
+
+def hints(amplitude: str, frequency: str, waveform: str = "sine", bench: Bench = DEMO) -> Plan:
+    changes = {"amplitude": (amplitude,), "frequency": (frequency,), "current": ("0 A",), "waveform": (waveform,)}
+    return plan(long_matrix(**changes), bench)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "waveform", "warned"),
+    [("5 Hz", "sine", False), ("5.2 Hz", "sine", True), ("3.1 Hz", "triangle", False), ("3.2 Hz", "triangle", True)],
+)
+def test_too_few_samples_for_identification_are_a_warning_with_the_limit(
+    frequency: str, waveform: str, warned: bool
+) -> None:
+    result = hints("2 mm", frequency, waveform)
+    assert result.feasible
+    assert bool(result.warnings) is warned
+    needed = {"sine": 50, "triangle": 80}[waveform]
+    for warning, sensor in zip(result.warnings, ("load cell", "LVDT"), strict=False):
+        fewest = 250 / float(frequency.split()[0])
+        assert warning.startswith(f"p001: down to {fewest:.3g} samples a cycle of the {sensor}")
+        assert f"needs {needed}, that is" in warning
+
+
+def test_the_limit_of_fifty_samples_is_where_the_recorded_velocity_loses_three_percent() -> None:
+    def loss(samples: int) -> float:
+        step = math.tau / samples
+        return 1.0 - sum(k * math.sin(k * step) for k in range(-4, 5)) / (60.0 * step)
+
+    assert loss(51) < 0.031 < loss(49) + 0.001
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"bandwidth_Hz": 60.0}, "p001: the load cell (declared bandwidth 60 Hz) passes 15 harmonics of 4 Hz"),
+        ({"delay_s": 0.00225}, None),
+        ({"delay_s": 0.0045}, "(declared delay 4.5 ms, about 50 Hz) passes 12 harmonics of 4 Hz; the shape of"),
+        ({"bandwidth_Hz": 1000.0}, "load cell: declared bandwidth 1000 Hz is above half its rate, 125 Hz (Nyquist)"),
+        ({"bandwidth_Hz": 110.0, "delay_s": 0.1}, None),
+    ],
+)
+def test_a_declared_bandwidth_is_compared_with_the_points_and_the_rate(
+    changes: dict[str, float], expected: str | None
+) -> None:
+    bench = DEMO.model_copy(update={"load_cell": DEMO.load_cell.model_copy(update=changes)})
+    warnings = hints("2 mm", "4 Hz", bench=bench).warnings
+    assert len(warnings) == (expected is not None)
+    if expected is not None:
+        assert expected in warnings[0]
+
+
+def test_warnings_refuse_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (EXAMPLES / "quick.toml").read_text().replace('"2 Hz"', '"5.5 Hz"').replace('"30 mm"', '"5 mm"')
+    (tmp_path / "m.toml").write_text(text)
+    assert main(["plan", str(tmp_path / "m.toml"), "--bench", str(EXAMPLES / "demo-bench.toml")]) == EXIT_DONE
+    assert "warning: p001, p002: down to 45.5 samples a cycle" in capsys.readouterr().out
