@@ -208,9 +208,9 @@ class SimulatedRig:
         """
         now_ns = monotonic_ns()
         before_s, served_s = self._served.now_s, self._served.tick(now_ns)
+        self._inject_due()
         self.actuator.tick(served_s)
         self.ecu.tick(served_s)
-        self._inject_due()
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])

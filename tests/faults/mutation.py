@@ -55,8 +55,7 @@ BLIND_RECORDER = (
 
 HALVES = {
     "overcurrent": "test_coil_and_bus.py::test_more_current_than_the_bench_allows_stops_the_rig",
-    "can-lost":
-        "test_coil_and_bus.py::test_an_adapter_that_is_gone_is_named_as_that_and_the_ecu_goes_to_zero_by_itself",
+    "can-lost": "test_coil_and_bus.py::test_an_adapter_that_is_gone_is_named_and_the_ecu_goes_to_zero_by_itself",
     "auxiliary-pulled": "test_sensors.py::test_a_pulled_auxiliary_sensor_stops_the_rig_in_its_own_name",
 }
 """Slugs of the station that share a row of the matrix with another one, and the tests that prove them."""

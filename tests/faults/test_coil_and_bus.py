@@ -22,7 +22,7 @@ def test_bus_off_is_told_from_a_silent_ecu(run: Run, assert_stopped: Judge) -> N
 
 
 @pytest.mark.row("can-busoff")
-def test_an_adapter_that_is_gone_is_named_as_that_and_the_ecu_goes_to_zero_by_itself(
+def test_an_adapter_that_is_gone_is_named_and_the_ecu_goes_to_zero_by_itself(
     run: Run, assert_stopped: Judge
 ) -> None:
     ending = run("can-busoff:lost@6.3")
