@@ -47,13 +47,17 @@ def random_setting(random: np.random.Generator, name: str = "demo") -> Setting:
     currents = np.round(np.sort(random.choice(np.arange(0.0, 2.01, 0.25), random.integers(2, 5), replace=False)), 3)
     frequencies = np.sort(random.choice((0.5, 0.75, 1.0, 1.5, 2.0, 2.5), random.integers(3, 5), replace=False))
     return Setting(
-        values=values, model=truth.model,
-        currents_A=tuple(currents.tolist()), frequencies_Hz=tuple(frequencies.tolist()),
+        values=values,
+        model=truth.model,
+        currents_A=tuple(currents.tolist()),
+        frequencies_Hz=tuple(frequencies.tolist()),
         amplitude_m=float(np.exp(random.uniform(np.log(0.015), np.log(0.05)))),
-        cycles=int(random.integers(5, 11)), rate_Hz=float(random.choice((250.0, 500.0, 1000.0))),
+        cycles=int(random.integers(5, 11)),
+        rate_Hz=float(random.choice((250.0, 500.0, 1000.0))),
         noise_N=float(np.exp(random.uniform(np.log(1.0), np.log(10.0)))),
         noise_m=float(np.exp(random.uniform(np.log(0.5e-6), np.log(10e-6)))),
-        step_N=float(random.choice((0.05, 0.5, 2.0, 5.0))), step_m=float(random.choice((0.1e-6, 1e-6, 5e-6))),
+        step_N=float(random.choice((0.05, 0.5, 2.0, 5.0))),
+        step_m=float(random.choice((0.1e-6, 1e-6, 5e-6))),
         skew_std_s=float(np.exp(random.uniform(np.log(2e-6), np.log(50e-6)))),
         harmonics=float(random.choice((0.0, 1e-4, 1e-3))),
     )
@@ -72,7 +76,12 @@ def record(setting: Setting, random: np.random.Generator) -> list[RecordedPoint]
 
 
 def _point(
-    setting: Setting, random: np.random.Generator, name: str, current_A: float, frequency_Hz: float, skew_s: float,
+    setting: Setting,
+    random: np.random.Generator,
+    name: str,
+    current_A: float,
+    frequency_Hz: float,
+    skew_s: float,
     zero_N: float,
 ) -> RecordedPoint:
     cosine_m, sine_m = _series(setting, random, frequency_Hz)
@@ -85,9 +94,17 @@ def _point(
     measured_N = _measured(random, force_N + zero_N, setting.noise_N, setting.step_N)
     measured_m = _measured(random, clean_m, setting.noise_m, setting.step_m)
     point = RecordedPoint.from_arrays(
-        id=name, time_s=u_s, displacement_m=measured_m, force_N=np.interp(u_s, f_s, measured_N),
-        waveform=setting.waveform, amplitude_m=setting.amplitude_m, cycles=setting.cycles, frequency_Hz=frequency_Hz,
-        current_A=current_A, mid_stroke_m=0.0, skew_std_s=setting.skew_std_s,
+        id=name,
+        time_s=u_s,
+        displacement_m=measured_m,
+        force_N=np.interp(u_s, f_s, measured_N),
+        waveform=setting.waveform,
+        amplitude_m=setting.amplitude_m,
+        cycles=setting.cycles,
+        frequency_Hz=frequency_Hz,
+        current_A=current_A,
+        mid_stroke_m=0.0,
+        skew_std_s=setting.skew_std_s,
         quality={"force_zero_std_N": setting.zero_std_N} if setting.zero_std_N > 0.0 else {},
     )
     point.__dict__["force_samples"] = ForceSamples(f_s, measured_N, np.zeros(f_s.size, dtype=np.int64))
@@ -95,7 +112,7 @@ def _point(
 
 
 def _series(setting: Setting, random: np.random.Generator, frequency_Hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cosine and sine amplitudes (m) of `ORDERS`: the waveform behind a second-order servo, and its own harmonics."""
+    """Cosine and sine amplitudes (m) of `ORDERS`: the waveform behind a servo, and harmonics of its own."""
     complex_m = np.zeros(ORDERS.size, complex)
     if setting.waveform == "sine":
         complex_m[0] = -1j * setting.amplitude_m

@@ -190,7 +190,7 @@ _ROWS = (
     FaultRow(
         "ecu-overtemp", "ECU over-temp/undervoltage", "wire", "ecu", "status bits",
         "20ms", "S2, cool", "S2", "J", "a",
-        "test_coil_and_bus.py::test_a_hot_ecu_stops_the_rig",
+        "test_coil_and_bus.py::test_a_hot_ecu_and_one_without_supply_stop_the_rig",
     ),
     FaultRow(
         "coil-open-short", "Coil open/short", "wire", "ecu", "bits, measured current",
@@ -239,7 +239,7 @@ _ROWS = (
     FaultRow(
         "sensor-saturated", "Saturation", "wire", "sensor", "rail/NE 43 band, 3 samples",
         "12ms", "S2", "S2", "J", "c",
-        "test_sensors.py::test_three_saturated_samples_stop_the_rig",
+        "test_sensors.py::test_three_saturated_samples_stop_the_rig_and_prove_nothing_of_its_standstill",
     ),
     FaultRow(
         "sensor-spike", "Spike", "wire", "sensor", "slew; flag one, trip on 3",
@@ -280,7 +280,7 @@ _ROWS = (
     FaultRow(
         "not-tared", "Not tared, LVDT unplugged", "wire", "sensor", "rest window, shunt cal",
         "preflight", "R", "R", "N", "c",
-        "test_sensors.py::test_a_load_cell_that_was_not_tared_is_refused_before_arming",
+        "test_sensors.py::test_a_sensor_that_was_not_tared_is_refused_before_arming",
     ),
     FaultRow(
         "sigint", "SIGINT", "process", "signal", "handler posts event", "50ms", "S2", "S2", "J", "c",

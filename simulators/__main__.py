@@ -27,11 +27,15 @@ Example:
 
 def list_faults(as_json: bool) -> None:
     """Print the fault matrix: slug, where, whether the fault suite proves it, and if not, why."""
+    from simulators.injection import VARIANTS
+
     rows = []
     for slug, row in MATRIX.items():
+        variants = [name for name in VARIANTS if name.startswith(f"{slug}:")]
         entry = {
             "slug": slug, "where": row.where, "place": row.place, "reaction": row.reaction, "limit": row.limit,
             "exit_code": row.exit_code, "tested": row.tested, "test": row.test, "reason": row.missing,
+            "variants": variants,
         }
         rows.append(entry)
     if as_json:
@@ -39,6 +43,9 @@ def list_faults(as_json: bool) -> None:
         return
     for entry in rows:
         click.echo(f"{entry['slug']:18} {entry['where']:8} {entry['reaction']:28} {entry['reason'] or 'tested'}")
+        for name in VARIANTS:
+            if name.startswith(f"{entry['slug']}:"):
+                click.echo(f"  {name}")
 
 
 def hints(bench: Path, text: str) -> str:
@@ -113,6 +120,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     """
     from dataclasses import replace
 
+    from simulators.injection import NEEDS_AUXILIARY
     from simulators.options import RigOptions, load_options, with_option
     from simulators.rig import RunOptions
     from simulators.settings import with_settings
@@ -133,6 +141,9 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         options = replace(options, load_cell=replace(options.load_cell, format="signed-decimal"))
     written = tuple(parse_fault(text) for text in values["fault"])
     wiring = wiring_for(written, values["actuator"], values["ports"])
+    for fault in written:
+        if fault.name in NEEDS_AUXILIARY and not values["auxiliary"]:
+            raise FileProblem("--fault", [f"{fault.name!r} needs a sensor of that kind: add --auxiliary 1"])
     run = RunOptions(
         speed=values["speed"],
         seed=values["seed"],
@@ -207,7 +218,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
               help="Ports drop and count what is not read in time, as real ones do; without it the rig's clock waits "
                    "for its readers (about half a second at most).")
 @setting_options
-@click.option("--fault", metavar="SLUG[@T[+D]]", multiple=True,
+@click.option("--fault", metavar="SLUG[:VARIANT][@T[+D]]", multiple=True,
               help="Inject a fault T s of simulated time after the first cycle begins, for D s (repeatable).")
 @click.option("--fault-seed", type=click.IntRange(0), metavar="N",
               help="Draw one to three random faults, told at the start as --fault; the same N draws the same.")

@@ -1,5 +1,7 @@
 """How each fault is put into the running rig: an attribute, or one small function, a slug.
 
+A row that stands for several faults has variants: `sensor-stuck` is the load cell's, `sensor-stuck:lvdt` the LVDT's.
+
 Some faults can be taken away again (`ecu-silent@5+0.2`): their injectors hand back how. The others stay, because they
 changed what happened (a reboot, a pulled cable), or because they are there before anything is connected.
 """
@@ -29,6 +31,8 @@ BABBLED_FRAMES_S = 4200.0
 MOST_BABBLED = 200
 DRIFT_PPM = 500.0
 TRACKING_GAIN = 0.7
+OVERCURRENT_GAIN = 3.0
+LOW_SUPPLY_V = 7.0
 WRONG_DAMPER_SCALE = 1.6
 LOOSE_PLAY_M = 2e-3
 LOOSE_STIFFNESS_N_M = 5e6
@@ -70,8 +74,16 @@ def _ecu(rig: SimulatedRig) -> object:
     return rig.ecu.faults
 
 
+def _ecu_itself(rig: SimulatedRig) -> object:
+    return rig.ecu
+
+
 def _load_cell(rig: SimulatedRig) -> object:
     return rig.channel("load_cell").sensor.faults
+
+
+def _lvdt(rig: SimulatedRig) -> object:
+    return rig.channel("lvdt").sensor.faults
 
 
 def _modbus_reset(rig: SimulatedRig) -> None:
@@ -169,26 +181,37 @@ def _ecu_restart(rig: SimulatedRig) -> None:
     rig.ecu.restart()
 
 
-def _loadcell_pulled(rig: SimulatedRig) -> None:
-    rig.channel("load_cell").port.close()
+def _can_lost(rig: SimulatedRig) -> None:
+    """The CAN adapter is gone: its connection ends and cannot be had again."""
+    rig.bus.close()
 
 
-def _lvdt_pulled(rig: SimulatedRig) -> None:
-    rig.channel("lvdt").port.close()
+def _pulled(sensor: str) -> LastingInjector:
+    """A sensor's cable is pulled."""
+    return lambda rig: rig.channel(sensor).port.close()
 
 
-def _usb_renumber(rig: SimulatedRig) -> None:
-    """The adapter comes up under another number; without a name that follows it (`--ports by-id`) it is just gone."""
-    port = rig.channel("load_cell").port
-    if isinstance(port, NamedPort):
-        port.renumber()
-    else:
-        port.close()
+def _renumbered(sensor: str) -> LastingInjector:
+    """A sensor's adapter comes up under another number; without a name that follows it it is just gone."""
+
+    def renumber(rig: SimulatedRig) -> None:
+        port = rig.channel(sensor).port
+        if isinstance(port, NamedPort):
+            port.renumber()
+        else:
+            port.close()
+
+    return renumber
 
 
-def _clock_drift(rig: SimulatedRig) -> None:
-    sensor = rig.channel("load_cell").sensor
-    sensor.clock.drift(sensor.clock.ppm + DRIFT_PPM, rig.plant.time_s)
+def _drifting(name: str) -> LastingInjector:
+    """A sensor's clock goes wrong."""
+
+    def drift(rig: SimulatedRig) -> None:
+        sensor = rig.channel(name).sensor
+        sensor.clock.drift(sensor.clock.ppm + DRIFT_PPM, rig.plant.time_s)
+
+    return drift
 
 
 def _sensors_swapped(rig: SimulatedRig) -> None:
@@ -198,9 +221,14 @@ def _sensors_swapped(rig: SimulatedRig) -> None:
     load_cell.column, lvdt.column = lvdt.column, load_cell.column
 
 
-def _not_tared(rig: SimulatedRig) -> None:
-    sensor = rig.channel("load_cell").sensor
-    sensor.faults.zero_offset = ZERO_SHARE * sensor.options.range
+def _not_tared(name: str) -> LastingInjector:
+    """A sensor shows a share of its range at zero."""
+
+    def untare(rig: SimulatedRig) -> None:
+        sensor = rig.channel(name).sensor
+        sensor.faults.zero_offset = ZERO_SHARE * sensor.options.range
+
+    return untare
 
 
 def _wrong_damper(rig: SimulatedRig) -> None:
@@ -232,13 +260,20 @@ LASTING: dict[str, LastingInjector] = {
     "estop": _estop,
     "can-busoff": _can_busoff,
     "ecu-restart": _ecu_restart,
-    "loadcell-pulled": _loadcell_pulled,
-    "lvdt-pulled": _lvdt_pulled,
-    "usb-renumber": _usb_renumber,
-    "clock-drift": _clock_drift,
+    "loadcell-pulled": _pulled("load_cell"),
+    "lvdt-pulled": _pulled("lvdt"),
+    "usb-renumber": _renumbered("load_cell"),
+    "clock-drift": _drifting("load_cell"),
     "sensors-swapped": _sensors_swapped,
-    "not-tared": _not_tared,
+    "not-tared": _not_tared("load_cell"),
     "wrong-damper": _wrong_damper,
+}
+LASTING_VARIANTS: dict[str, LastingInjector] = {
+    "can-busoff:lost": _can_lost,
+    "loadcell-pulled:auxiliary": _pulled("auxiliary_1"),
+    "usb-renumber:lvdt": _renumbered("lvdt"),
+    "clock-drift:lvdt": _drifting("lvdt"),
+    "not-tared:lvdt": _not_tared("lvdt"),
 }
 PASSING: dict[str, PassingInjector] = {
     "modbus-busy": _switched(_link, "busy"),
@@ -269,4 +304,22 @@ PASSING: dict[str, PassingInjector] = {
     "load-train": _load_train,
 }
 """Injectors whose fault can be taken away again."""
+PASSING_VARIANTS: dict[str, PassingInjector] = {
+    "ecu-overtemp:undervoltage": _switched(_ecu_itself, "supply_V", LOW_SUPPLY_V),
+    "coil-open-short:short": _switched(_ecu, "coil_short"),
+    "current-tracking:over": _switched(_ecu, "gain", OVERCURRENT_GAIN),
+    "serial-garbage:lvdt": _switched(_lvdt, "garbage"),
+    "serial-baud:lvdt": _switched(_lvdt, "wrong_baud"),
+    "sensor-stuck:lvdt": _switched(_lvdt, "stuck"),
+    "sensor-saturated:lvdt": _switched(_lvdt, "saturated"),
+    "sensor-spike:lvdt": _switched(_lvdt, "spikes"),
+    "sensor-nan:lvdt": _switched(_lvdt, "not_a_number"),
+    "sample-gap:lvdt": _switched(_lvdt, "gaps"),
+    "sample-gap:backwards": _switched(_load_cell, "time_backwards"),
+    "sample-gap:lvdt-backwards": _switched(_lvdt, "time_backwards"),
+}
 INJECTORS: dict[str, Callable[[SimulatedRig], Undo | None]] = {**LASTING, **PASSING}
+"""One for each row of the fault matrix that is hit on the wire."""
+VARIANTS: dict[str, Callable[[SimulatedRig], Undo | None]] = {**LASTING_VARIANTS, **PASSING_VARIANTS}
+"""`SLUG:VARIANT`: other faults that the same row stands for."""
+NEEDS_AUXILIARY = frozenset({"loadcell-pulled:auxiliary"})

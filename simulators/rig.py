@@ -22,7 +22,7 @@ from simulators.clock import DeviceClock, ServedTime
 from simulators.conditioner import condition
 from simulators.ecu import Ecu
 from simulators.frames import encode_frames
-from simulators.injection import INJECTORS, Undo
+from simulators.injection import INJECTORS, VARIANTS, Undo
 from simulators.modbus_server import ModbusServer
 from simulators.named_port import NamedPort
 from simulators.options import RigOptions, SensorOptions
@@ -208,9 +208,9 @@ class SimulatedRig:
         """
         now_ns = monotonic_ns()
         before_s, served_s = self._served.now_s, self._served.tick(now_ns)
+        self._inject_due()
         self.actuator.tick(served_s)
         self.ecu.tick(served_s)
-        self._inject_due()
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])
@@ -303,10 +303,10 @@ class SimulatedRig:
                 continue
             self._pending_faults.remove(fault)
             self._faulty = True
-            self.note("FAULT", fault.slug)
-            undo = INJECTORS[fault.slug](self)
+            self.note("FAULT", fault.name)
+            undo = (VARIANTS if fault.variant else INJECTORS)[fault.name](self)
             if undo is not None and fault.lasts_s < math.inf:
-                self._undoings.append((self.plant.time_s + fault.lasts_s, fault.slug, undo))
+                self._undoings.append((self.plant.time_s + fault.lasts_s, fault.name, undo))
         for undoing in [each for each in self._undoings if each[0] <= self.plant.time_s]:
             self._undoings.remove(undoing)
             self.note("FAULT_ENDS", undoing[1])

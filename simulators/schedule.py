@@ -1,8 +1,9 @@
 """When faults come and go: written one by one, or drawn from a seed.
 
-`--fault SLUG@T` switches a fault on T seconds of simulated time after the first program's first cycle begins; without
-`@T` it is there from the start. `SLUG@T+D` takes it away again D seconds later. `--fault-seed N` draws one to three
-faults of the rig as it is; the same N draws the same ones, and what was drawn is told in the words of `--fault`.
+`--fault SLUG@T` (or `SLUG:VARIANT@T`) switches a fault on T seconds of simulated time after the first program's first
+cycle begins; without `@T` it is there from the start. `SLUG@T+D` takes it away again D seconds later. `--fault-seed N`
+draws one to three faults of the rig as it is; the same N draws the same ones, and what was drawn is told in the words
+of `--fault`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 
 from rig.errors import FileProblem
 from rig.fault_matrix import MATRIX
-from simulators.injection import INJECTORS, PASSING
+from simulators.injection import INJECTORS, NEEDS_AUXILIARY, PASSING, PASSING_VARIANTS, VARIANTS
 
 MOST_DRAWN = 3
 WITHIN_S = 10.0
@@ -33,25 +34,42 @@ ONLY_ON = {
 
 @dataclass(frozen=True)
 class ScheduledFault:
-    """A fault, when it begins (simulated seconds after the first cycle, None from the start), how long it lasts."""
+    """A fault, when it begins (simulated seconds after the first cycle, None from the start), how long it lasts.
+
+    Attributes:
+        slug: the row of the fault matrix.
+        variant: which of the row's faults; empty for the one that every row has.
+    """
 
     slug: str
     after_s: float | None
     lasts_s: float = math.inf
+    variant: str = ""
+
+    @property
+    def name(self) -> str:
+        """`SLUG` or `SLUG:VARIANT`."""
+        return f"{self.slug}:{self.variant}" if self.variant else self.slug
+
+    @property
+    def passes(self) -> bool:
+        """Whether it can be taken away again."""
+        return self.name in PASSING or self.name in PASSING_VARIANTS
 
     def __str__(self) -> str:
         at = "" if self.after_s is None else f"@{self.after_s:g}"
-        return f"{self.slug}{at}" + ("" if math.isinf(self.lasts_s) else f"+{self.lasts_s:g}")
+        return f"{self.name}{at}" + ("" if math.isinf(self.lasts_s) else f"+{self.lasts_s:g}")
 
 
 def parse_fault(text: str) -> ScheduledFault:
-    """`SLUG`, `SLUG@T` or `SLUG@T+D`.
+    """`SLUG`, `SLUG@T` or `SLUG@T+D`, with `SLUG:VARIANT` for another fault of the row.
 
     Raises:
-        FileProblem: an unknown slug, one without an injector here, a time that is no number, or an end for a fault that
-            cannot be taken away.
+        FileProblem: an unknown slug or variant, a slug without an injector here, a time that is no number, or an end
+            for a fault that cannot be taken away.
     """
-    slug, at, times = text.partition("@")
+    name, at, times = text.partition("@")
+    slug, _, variant = name.partition(":")
     if slug not in MATRIX:
         close = difflib.get_close_matches(slug, MATRIX, n=1)
         hint = f"; did you mean {close[0]!r}?" if close else "; --list-faults names them all"
@@ -62,21 +80,25 @@ def parse_fault(text: str) -> ScheduledFault:
             [f"{slug!r} has no injector in the simulated rig: where = process, the fault suite injects it around the "
              "processes"],
         )  # fmt: skip
+    if name != slug and name not in VARIANTS:
+        known = ", ".join(each for each in sorted(VARIANTS) if each.startswith(f"{slug}:"))
+        raise FileProblem("--fault", [f"{name!r}: {f'{slug} has {known}' if known else f'{slug} has no variants'}"])
     begin, plus, duration = times.partition("+")
     try:
         after_s = float(begin) if at else None
         lasts_s = float(duration) if plus else math.inf
     except ValueError:
         raise FileProblem(
-            "--fault", [f"{text!r}: {times!r} is not a number of seconds; write {slug}@5, or {slug}@5+0.1"]
+            "--fault", [f"{text!r}: {times!r} is not a number of seconds; write {name}@5, or {name}@5+0.1"]
         ) from None
     if after_s is not None and not 0 <= after_s < math.inf:
         raise FileProblem("--fault", [f"{text!r}: the time must be 0 s or more"])
     if not lasts_s > 0:
         raise FileProblem("--fault", [f"{text!r}: the duration must be above 0 s"])
-    if plus and slug not in PASSING:
-        raise FileProblem("--fault", [f"{text!r}: {slug} does not pass by itself; write {slug}@{begin}"])
-    return ScheduledFault(slug, after_s, lasts_s)
+    fault = ScheduledFault(slug, after_s, lasts_s, variant)
+    if plus and not fault.passes:
+        raise FileProblem("--fault", [f"{text!r}: {name} does not pass by itself; write {name}@{begin}"])
+    return fault
 
 
 @dataclass(frozen=True)
@@ -119,7 +141,7 @@ def wiring_for(faults: Iterable[ScheduledFault], actuator: str | None = None, po
 
 
 def drawn_faults(seed: int, kinds: frozenset[str], within_s: float = WITHIN_S) -> tuple[ScheduledFault, ...]:
-    """One to three different faults in the order of their times; a preflight fault is there from the start.
+    """One to three faults of different rows in the order of their times; a preflight fault is there from the start.
 
     Args:
         seed: the same seed draws the same faults, for the same `kinds` and `within_s`.
@@ -134,7 +156,14 @@ def drawn_faults(seed: int, kinds: frozenset[str], within_s: float = WITHIN_S) -
 
 def _drawn(slug: str, chance: random.Random, within_s: float) -> ScheduledFault:
     after_s, lasts_s = round(chance.uniform(0.0, within_s), 2), round(chance.uniform(SHORTEST_S, LONGEST_S), 2)
+    variant = _variant(slug, random.Random(f"{slug} {after_s}"))
     passes = slug in PASSING and chance.random() < PASSING_SHARE
     if MATRIX[slug].stop == "R":
-        return ScheduledFault(slug, None)
-    return ScheduledFault(slug, after_s, lasts_s if passes else math.inf)
+        return ScheduledFault(slug, None, variant=variant)
+    return ScheduledFault(slug, after_s, lasts_s if passes else math.inf, variant)
+
+
+def _variant(slug: str, chance: random.Random) -> str:
+    """One of the row's faults, each as likely; its own is empty."""
+    names = [name.partition(":")[2] for name in sorted(VARIANTS) if name.startswith(f"{slug}:")]
+    return chance.choice(["", *(name for name in names if f"{slug}:{name}" not in NEEDS_AUXILIARY)])

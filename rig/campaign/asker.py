@@ -83,4 +83,6 @@ class Asker:
             outcome = Outcome(request, 0, send(do, timeout_s=timeout_s, **fixed, **arguments))
         except (StationRefused, StationLost) as error:
             outcome = Outcome(request, 0, error=error)
+        except (OSError, ValueError) as error:
+            outcome = Outcome(request, 0, error=StationLost(f"{do}: {error}"))
         self._outcomes.put((era, Outcome(request, monotonic_ns(), outcome.answer, outcome.error)))

@@ -15,13 +15,14 @@ from rig.campaign import resume
 from rig.campaign.baseline import Baseline
 from rig.campaign.calibration import check_calibrations
 from rig.campaign.clocks import check_clocks
-from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class, resume_command
+from rig.campaign.confirmation import confirm, open_stops, resume_command
 from rig.campaign.crew import Crew
 from rig.campaign.guarded_display import GuardedDisplay
 from rig.campaign.hands import disk_slug
 from rig.campaign.ledger import Ledger
 from rig.campaign.locks import locked
-from rig.campaign.options import CampaignOptions, CampaignResult, Display, StopReport
+from rig.campaign.options import CampaignOptions, CampaignResult, Display
+from rig.campaign.outcome import result_of
 from rig.campaign.ring_place import ring_path_for
 from rig.campaign.runner import Runner
 from rig.campaign.setup import (
@@ -326,7 +327,7 @@ def _run(
 ) -> CampaignResult:
     with ring_path_for(start.folder.name) as ring_path:
         config = station_config(start.bench, start.matrix, ring_path)
-        baseline = Baseline(start.folder)
+        baseline = _baseline(start.folder)
         display.phase("starting the station")
         try:
             client = StationClient.start(config, start.folder, inherited=locks)
@@ -356,7 +357,7 @@ def _run(
         client.close()
     if runner.zeros.start is not None:
         _or_say(display, lambda: resume.note_zeros(start.folder, runner.zeros.to_json()))
-    result = _result(start, runner)
+    result = result_of(runner, start.folder, start.stock)
     for finding in result.findings:
         fields = finding.to_json()
         _or_say(display, partial(log.write, "finding", **fields))
@@ -368,41 +369,16 @@ def _run(
     return result
 
 
-def _result(start: _Start, runner: Runner) -> CampaignResult:
-    state, ledger = runner.state, runner.ledger
-    cause = state.refused or (None if state.latch is None else state.latch.cause)
-    return CampaignResult(
-        campaign=start.folder,
-        points=ledger.all_results(),
-        valid=ledger.valid,
-        total=len(ledger.points),
-        rig_state=str(RigState(state.rig_state)),
-        stopped_by=None if cause is None else cause.slug,
-        detail="" if cause is None else cause.detail,
-        refused=state.refused is not None,
-        wall_s=ledger.wall_s,
-        motion_s=ledger.motion_s,
-        start_temperature_degC=ledger.start_temperature_degC,
-        waits=tuple(ledger.waits),
-        findings=runner.zeros.findings(),
-        stop=_stop_report(runner),
-        confirmed=tuple(stop.to_json() for stop in start.stock.confirmed),
-    )
+def _baseline(folder: Path) -> Baseline:
+    """What the campaign's first session found; damaged entries are found now, not in motion.
 
-
-def _stop_report(runner: Runner) -> StopReport | None:
-    """How the campaign was stopped; None when it ran to its end or was refused."""
-    state = runner.state
-    if state.latch is None or state.refused is not None:
-        return None
-    classes = {resume_class(slug) for slug in {state.latch.cause.slug, *runner.stop_causes}}
-    return StopReport(
-        kind=str(state.latch.stop),
-        slug=state.latch.cause.slug,
-        proved=state.rig_state is RigState.SAFE and (state.stopped or not state.pressurised),
-        current_zero=runner.current_zero or not state.moved,
-        pressure_off=state.rig_state is RigState.SAFE and not state.pressurised,
-        moved=state.moved,
-        unfinished=state.queue[0].id if state.queue else "",
-        resume=REQUALIFY if REQUALIFY in classes else CONFIRM,
-    )
+    Raises:
+        FileProblem: the file cannot be used.
+    """
+    baseline = Baseline(folder)
+    if baseline.signature is not None:
+        try:
+            baseline.other_device({})
+        except (AttributeError, TypeError, ValueError) as error:
+            raise FileProblem(str(folder / "baseline.json"), [f"devices: {error!r}"]) from error
+    return baseline

@@ -192,11 +192,16 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         except FileProblem as error:
             problems += [f"points/{file.name}: {problem}" for problem in error.problems]
             continue
-        temperatures_degC += [float(found.quality[each]) for each in TEMPERATURES if each in found.quality]
         name = str(found.provenance.get("point", found.id))
-        attempt = int(found.provenance.get("attempt", 1))
+        try:
+            attempt = int(found.provenance.get("attempt", 1))
+            seen_degC = [float(found.quality[each]) for each in TEMPERATURES if each in found.quality]
+            rank = (RANKS.index(found.verdict), attempt)
+        except (TypeError, ValueError) as error:
+            problems.append(f"points/{file.name}: not as a campaign writes it: {error}")
+            continue
+        temperatures_degC += seen_degC
         attempts[name] = max(attempts.get(name, 0), attempt)
-        rank = (RANKS.index(found.verdict), attempt)
         if name not in best or rank > best[name][0]:
             best[name] = rank, found
     points = tuple(points)

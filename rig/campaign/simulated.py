@@ -79,8 +79,7 @@ class SimulatedRig:
             process.terminate()
             raise
         if not line:
-            process.terminate()
-            process.wait(STOP_TIMEOUT_S)
+            _end(process)
             tail = log_path.read_text(encoding="utf-8", errors="replace")[-2000:].strip()
             if process.returncode == EXIT_USAGE:
                 raise RigError(f"arguments of the simulated rig (after --): {tail}")
@@ -108,6 +107,16 @@ class SimulatedRig:
         if self.process.stdout is not None:
             self.process.stdout.close()
         return True
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a simulated rig that did not start, however it takes it."""
+    process.terminate()
+    try:
+        process.wait(STOP_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def keep_truth(truth_path: Path) -> None:

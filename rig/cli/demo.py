@@ -51,7 +51,7 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
 
 
 def _show_beside_truth(fit: dict[str, Any], truth_path: Path, shown: Console) -> None:
-    """The fit's simultaneous 95 % intervals beside the parameters the simulated damper really had."""
+    """The fit's 95 % intervals beside the parameters the simulated damper really had."""
     from rich.text import Text
 
     from rig.cli.tables import fit_tables, inside
@@ -61,7 +61,7 @@ def _show_beside_truth(fit: dict[str, Any], truth_path: Path, shown: Console) ->
         shown.print(part)
     judged = [inside(entry, truth.get(name)) for name, entry in fit["parameters"].items()]
     held, counted = judged.count(True), sum(item is not None for item in judged)
-    text = f"{held} of {counted} identifiable parameters have the truth inside their simultaneous 95 % interval"
+    text = f"{held} of {counted} identifiable parameters have the truth inside their 95 % interval (1 in 20 is outside)"
     shown.print(Text(text, style="green" if held == counted else "yellow"))
 
 

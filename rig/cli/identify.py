@@ -71,7 +71,9 @@ def command(
     scheduler: str | None,
     as_json: bool,
 ) -> int:
-    """Fit a damper model to RUNS (campaign directories) and write fit.json into the first.
+    """Fit a damper model to RUNS and write fit.json into the first; an earlier fit.json is kept under another name.
+
+    A run is a campaign's directory, a folder in which exactly one campaign lies, or a point's file.
 
     Says what the data cannot identify instead of guessing it; exit 6 when nothing can be fitted.
     """
@@ -90,16 +92,19 @@ def command(
             current=dependence,
             series_spring=series_spring,
             told=None if model != "all" else lambda line: click.echo(line, err=True),
-        ).to_json()
+        )
+    if fit.kept is not None:
+        click.echo(f"the earlier fit is kept as {fit.kept.resolve()}", err=True)
     if as_json:
-        write_json(fit)
+        write_json(fit.to_json())
         return EXIT_DONE
     from rig.cli.tables import fit_tables
 
     shown = console()
-    for part in fit_tables(fit):
+    for part in fit_tables(fit.to_json()):
         shown.print(part)
-    click.echo((runs[0] / "fit.json").resolve())
+    if fit.path is not None:
+        click.echo(fit.path.resolve())
     return EXIT_DONE
 
 

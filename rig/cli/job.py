@@ -125,7 +125,10 @@ def _status(console: Console, text: str) -> Iterator[None]:
 
 @contextmanager
 def hangups_interrupt() -> Iterator[None]:
-    """While the block runs, the end of the terminal or SIGTERM interrupts it as Ctrl-C does: the rig is at rest."""
+    """While the block runs, the end of the terminal or SIGTERM interrupts it as Ctrl-C does.
+
+    A campaign has handlers of its own while it lasts; before and after it the rig is at rest.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -146,7 +149,7 @@ def run_job(options: CampaignOptions, identify: Identify | None, console: Consol
     from rig.campaign import run_campaign
     from rig.cli.display import display_for
 
-    with Analyst() as analyst:
+    with hangups_interrupt(), Analyst() as analyst:
         with display_for(console) as display:
             result = run_campaign(options, display)
         recorded = [point for point in result.points if point.file is not None]
@@ -154,7 +157,7 @@ def run_job(options: CampaignOptions, identify: Identify | None, console: Consol
             return JobResult(result)
         finished = result.exit_code in {EXIT_DONE, EXIT_NOT_ALL_VALID}
         usable = finished and any(point.verdict != "invalid" for point in recorded)
-        with _status(console, "identifying and writing the report"), hangups_interrupt():
+        with _status(console, "identifying and writing the report"):
             answer = analyst.analyse(result.campaign, identify if usable else None)
     if answer["report_error"] is not None:
         with contextlib.suppress(OSError):

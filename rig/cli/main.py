@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
@@ -98,24 +99,28 @@ def main(arguments: Sequence[str]) -> int:
             write_json({"error": error.format_message(), "exit_code": EXIT_USAGE})
         return EXIT_USAGE
     except RigError as error:
-        say(f"rig: {error}" if not isinstance(error, FileProblem) else error, err=True)
-        if as_json:
-            write_json(_described(error))
+        _tell(f"rig: {error}" if not isinstance(error, FileProblem) else str(error), _described(error), as_json=as_json)
         return error.exit_code
     except BrokenPipeError:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - whoever read the output has left; nothing more is said
         return EXIT_DONE
     except OSError as error:
         text = f"{error.filename or 'input or output'}: {error.strerror or error}"
-        say(f"rig: {text}", err=True)
-        if as_json:
-            write_json({"error": text, "exit_code": EXIT_USAGE})
+        _tell(f"rig: {text}", {"error": text, "exit_code": EXIT_USAGE}, as_json=as_json)
         return EXIT_USAGE
     except (click.Abort, KeyboardInterrupt):
-        say("rig: stopped by the operator", err=True)
-        if as_json:
-            write_json({"error": "stopped by the operator", "exit_code": EXIT_STOPPED})
+        text = "stopped by the operator"
+        _tell(f"rig: {text}", {"error": text, "exit_code": EXIT_STOPPED}, as_json=as_json)
         return EXIT_STOPPED
+
+
+def _tell(text: str, answer: dict[str, object], *, as_json: bool) -> None:
+    """Say why a command ended; a terminal that was closed takes nothing from its exit code."""
+    with contextlib.suppress(OSError):
+        say(text, err=True)
+    if as_json:
+        with contextlib.suppress(OSError):
+            write_json(answer)
 
 
 def _described(error: RigError) -> dict[str, object]:

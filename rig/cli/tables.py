@@ -19,6 +19,7 @@ INADEQUATE = (
     "Model error exceeds the repeatability of the tests: the values are a best fit, the intervals do not include model "
     "error"
 )
+INTERVAL = "95 % interval (each parameter by itself)"
 COLOURS = {"valid": "green", "feasible": "green", "suspect": "yellow", "infeasible": "red", "invalid": "red"}
 
 
@@ -33,8 +34,7 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
     With `truth` (parameter values of a simulated damper) its column and whether the interval holds it are added.
     """
     table = Table(title=f"Fit: {fit['model']} by {fit['method']}", title_justify="left")
-    simultaneous = any("simultaneous_low" in entry for entry in fit["parameters"].values())
-    for name in ("parameter", "value", f"{'simultaneous ' if simultaneous else ''}95 % interval", "unit"):
+    for name in ("parameter", "value", str(fit.get("interval", INTERVAL)), "unit"):
         table.add_column(name, justify="right" if name == "value" else "left")
     if truth is not None:
         table.add_column("truth", justify="right")
@@ -45,12 +45,13 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
             true = truth.get(name)
             row += ["-" if true is None else f"{true:.5g}", {True: "yes", False: "NO", None: "-"}[inside(entry, true)]]
         table.add_row(*row, style="" if entry["identifiable"] else "yellow")
-    return [table, *_remarks(fit)]
+    equation = [Text(str(fit["equation"]))] if fit.get("equation") else []
+    return [table, *equation, *_remarks(fit)]
 
 
 def inside(entry: Mapping[str, Any], true: float | None) -> bool | None:
     """Whether a parameter's interval holds the true value; None when there is no interval or no truth."""
-    low, high = _interval(entry)
+    low, high = entry["low"], entry["high"]
     if true is None or low is None or high is None or not entry["identifiable"]:
         return None
     return bool(low <= true <= high)
@@ -88,15 +89,10 @@ def _reasons(parameters: Mapping[str, Any]) -> list[str]:
     return [f"{', '.join(names)} {reason}" for reason, names in named.items()]
 
 
-def _interval(entry: Mapping[str, Any]) -> tuple[float | None, float | None]:
-    """The simultaneous interval where the fit has one, else the pointwise one."""
-    if entry.get("simultaneous_low") is not None:
-        return entry["simultaneous_low"], entry["simultaneous_high"]
-    return entry["low"], entry["high"]
-
-
 def _estimate(entry: Mapping[str, Any]) -> tuple[str, str]:
-    low, high = _interval(entry)
+    low, high = entry["low"], entry["high"]
+    if not entry["identifiable"] and low is None and high is not None:
+        return number(entry["value"], 5), f"below {high:.5g}; cannot be identified"
     if not entry["identifiable"] or low is None or high is None:
         return "-" if entry["value"] is None else number(entry["value"], 5), "cannot be identified"
     return number(entry["value"], 5), f"{low:.5g} to {high:.5g}"

@@ -179,7 +179,7 @@ class AsymmetricModel(TanhModel):
         """See `AlgebraicModel.fixed_columns`."""
         rebound, jounce = np.maximum(v, 0.0), np.minimum(v, 0.0)
         one = np.ones_like(u)
-        return np.column_stack((a, one, rebound, jounce, rebound * current, jounce * current, u, u * current))
+        return np.array((a, one, rebound, jounce, rebound * current, jounce * current, u, u * current)).T
 
 
 class SymmetricModel(TanhModel):
@@ -201,7 +201,7 @@ class SymmetricModel(TanhModel):
 
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
         """See `AlgebraicModel.fixed_columns`."""
-        return np.column_stack((a, np.ones_like(u), v, v * current, u, u * current))
+        return np.array((a, np.ones_like(u), v, v * current, u, u * current)).T
 
 
 class KwokModel(TanhModel):
@@ -232,7 +232,7 @@ class KwokModel(TanhModel):
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
         """See `AlgebraicModel.fixed_columns`."""
         del a
-        return np.column_stack((v, v * current, u, u * current, np.ones_like(u)))
+        return np.array((v, v * current, u, u * current, np.ones_like(u))).T
 
 
 class BinghamModel(AlgebraicModel):
@@ -257,7 +257,7 @@ class BinghamModel(AlgebraicModel):
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
         """See `AlgebraicModel.fixed_columns`."""
         del u, a
-        return np.column_stack((v, v * current, np.ones_like(v)))
+        return np.array((v, v * current, np.ones_like(v))).T
 
     def yield_shape(self, shape: Mapping[str, float], u: FloatArray, v: FloatArray) -> FloatArray:
         """See `AlgebraicModel.yield_shape`; the sign of the velocity, without shape parameters."""

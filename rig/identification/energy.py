@@ -34,20 +34,29 @@ def cycle_energies_J(each: Measurement, force_N: FloatArray) -> FloatArray:
     unknown for more than `LONGEST_UNSEEN` of the period at a stretch, as where the load cell was saturated: what was
     dissipated there is not known.
     """
-    scored = each.scored
     period = samples_a_cycle(each.u_m)
     count = each.u_m.size
     cycles = max(1, round(count / period))
-    known = np.flatnonzero(scored)
-    power_W = (force_N - float(np.mean(force_N[scored]))) * each.v_m_s
-    power_W = np.interp(np.arange(count), known, power_W[known])
     edges = np.linspace(0.0, count, cycles + 1)
-    work = np.interp(edges, np.arange(count + 1), np.concatenate(([0.0], np.cumsum(power_W))))
-    energies_J = np.diff(work) * each.dt_s * period / (count / cycles)
+    mean_N = float(np.mean(force_N if each.usable is None else force_N[each.usable]))
+    work = (force_N - mean_N) * each.v_m_s
+    if each.usable is None:
+        return np.diff(_summed(work, edges)) * each.dt_s * period / (count / cycles)
+    known = np.flatnonzero(each.usable)
+    work = np.interp(np.arange(count), known, work[known])
+    energies_J = np.diff(_summed(work, edges)) * each.dt_s * period / (count / cycles)
     seen = np.concatenate(([-1], known, [count]))
     for gap in np.flatnonzero(np.diff(seen) - 1 > LONGEST_UNSEEN * period):
         energies_J[(edges[:-1] < seen[gap + 1]) & (edges[1:] > seen[gap] + 1)] = np.nan
     return energies_J
+
+
+def _summed(values: FloatArray, at: FloatArray) -> FloatArray:
+    """Sum of `values` (n,), which are overwritten, up to places between 0 and n, parts of a value included."""
+    total = np.cumsum(values, out=values)
+    whole = np.minimum(at.astype(np.int64), values.size - 1)
+    before = np.where(whole > 0, total[whole - 1], 0.0)
+    return np.asarray(before + (at - whole) * (total[whole] - before))
 
 
 def cycle_energy_J(each: Measurement, force_N: FloatArray) -> float:

@@ -11,9 +11,14 @@ from rig.identification.relation import Relation
 from rig.identification.residuals import Residual
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import pandas as pd
 
     from rig.identification.profile import Profile
+
+
+INTERVAL = "95 % interval (each parameter by itself)"
 
 
 @dataclass(frozen=True)
@@ -23,8 +28,9 @@ class Estimate:
     Attributes:
         value: estimate in `unit`; None where nothing can be said.
         unit: SI unit.
-        low: lower end of the pointwise 95 % interval; None when not identifiable.
-        high: upper end.
+        low: lower end of the 95 % interval of this parameter by itself, the one that is shown; None when not
+            identifiable.
+        high: upper end; a parameter held at its lower limit has this end alone.
         simultaneous_low: lower end of the interval that holds for all identifiable parameters together with 95 %.
         simultaneous_high: upper end.
         standard_error: standard error in `unit`.
@@ -219,6 +225,9 @@ class Fit:
         series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
         current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
         loss: "squares" or "huber".
+        equation: the model's, as it was fitted, with its source.
+        path: where it was written; None when it was not.
+        kept: where an older fit at that place is now; None when there was none.
     """
 
     model: str
@@ -244,6 +253,9 @@ class Fit:
     series: SeriesSpring | None = None
     current: CurrentRelations | None = None
     loss: str = "squares"
+    equation: str = ""
+    path: Path | None = None
+    kept: Path | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -275,6 +287,8 @@ class Fit:
         ]
         return {
             "model": self.model,
+            "equation": self.equation,
+            "interval": INTERVAL,
             "method": self.method,
             "hysteresis": self.hysteresis,
             "weight": self.weight,

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import rig.dampers
 from rig.dampers.algebraic import Hysteresis
 from rig.dampers.model import DamperModel
-from rig.errors import IdentificationFailed
+from rig.errors import FileProblem, IdentificationFailed
 from rig.identification.coil import find_lag, needs_lag, with_lag
 from rig.identification.consistency import (
     contradictions,
@@ -159,10 +161,10 @@ def identify_run(
     series_spring: bool = False,
     told: Callable[[str], None] | None = None,
 ) -> Fit:
-    """Fit recorded runs and write `fit.json` into the first of them.
+    """Fit recorded runs and write `fit.json` into the first of them, or beside the file it is.
 
     Args:
-        paths: campaign directories (or point files).
+        paths: campaign directories, folders in which exactly one campaign lies, or point files.
         model: as in `identify`.
         method: as in `identify`.
         holdout: a filter on the points, or the path of another run.
@@ -177,12 +179,12 @@ def identify_run(
         IdentificationFailed: nothing can be identified.
         FileProblem: a path is no run.
     """
-    runs = [Run.open(Path(path)) for path in paths]
+    runs = [Run.open(campaign_in(Path(path))) for path in paths]
     points = [point for run in runs for point in (run.usable if suspect else run.valid)]
     left_out = [line for run in runs for line in run.left_out if not (suspect and ": suspect (" in line)]
     if not points:
         raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}; `--suspect` takes suspect points too")
-    other = Run.open(Path(holdout)) if holdout is not None and Path(holdout).exists() else holdout
+    other = Run.open(campaign_in(Path(holdout))) if holdout is not None and Path(holdout).exists() else holdout
     tested = [*runs, other] if isinstance(other, Run) else runs
     specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}
     if len(specimens) > 1:
@@ -207,8 +209,23 @@ def identify_run(
     )
     doubted = [f"calibration in doubt, and in no interval: {line}" for line in doubts(points)]
     fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
-    write_fit(fit, runs[0].path)
-    return fit
+    written, kept = write_fit(fit, runs[0].path)
+    return replace(fit, path=written, kept=kept)
+
+
+def campaign_in(path: Path) -> Path:
+    """A campaign's directory: the path itself, or the only one that lies directly in it.
+
+    Raises:
+        FileProblem: several campaigns lie in the folder; the message names them.
+    """
+    if not path.is_dir() or (path / "points").is_dir():
+        return path
+    inside = sorted(each for each in path.iterdir() if (each / "points").is_dir())
+    if len(inside) > 1:
+        names = some([each.name for each in inside])
+        raise FileProblem(str(path), [f"{len(inside)} campaigns lie in this folder ({names}): name one of them"])
+    return inside[0] if inside else path
 
 
 def declared_errors(points: Sequence[RecordedPoint]) -> DeclaredErrors:
@@ -220,13 +237,35 @@ def declared_errors(points: Sequence[RecordedPoint]) -> DeclaredErrors:
     return DeclaredErrors(force_gain=largest("force"), displacement_gain=largest("displacement"))
 
 
-def write_fit(fit: Fit, folder: Path) -> Path:
-    """Write `fit.json` into a campaign directory, whole or not at all; returns its path."""
+def write_fit(fit: Fit, folder: Path) -> tuple[Path, Path | None]:
+    """Write `fit.json` into a campaign directory, whole or not at all.
+
+    Returns:
+        Its path, and where an older `fit.json` was kept: `fit-<UTC of its writing>.json`.
+    """
     target = folder / "fit.json"
+    kept = _kept(target)
     temporary = folder / "fit.json.tmp"
     temporary.write_text(json.dumps(fit.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
     temporary.replace(target)
-    return target
+    return target, kept
+
+
+def _kept(target: Path) -> Path | None:
+    """Give an older fit a name of its own, by the time it was written; None where there is none."""
+    if not target.is_file():
+        return None
+    written = datetime.fromtimestamp(target.stat().st_mtime, UTC).strftime("%Y%m%dT%H%M%SZ")
+    for number in itertools.count(1):
+        name = target.with_name(f"fit-{written}{'' if number == 1 else f'-{number}'}.json")
+        try:
+            name.hardlink_to(target)
+        except FileExistsError:
+            continue
+        except OSError:  # a file system without hard links
+            name.write_bytes(target.read_bytes())
+        return name
+    return None
 
 
 def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
@@ -367,7 +406,8 @@ def _candidates(
         findings = examine(model, fitted)
         try:
             candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
-            rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
+            if len(models) > 1:
+                rival_N = min(rival_N, score(model, candidate.solution.values, fitted).rmse_N)
             candidates.append(candidate)
         except GivenUp as reason:
             free = len(findings.free(model.names))

@@ -150,13 +150,17 @@ def _inertia(model: DamperModel, measurements: Sequence[Measurement], found: Fin
     stiffness = [name for name in STIFFNESS if name in model.names]
     if "m" not in model.names or not stiffness:
         return
-    if not _one_frequency(measurements):
+    proportional = _proportional(measurements)
+    if not proportional and not _one_frequency(measurements):
         return
-    found.held.add("m")
     found.reasons["m"] = (
         f"m is not separately identifiable from {stiffness[0]}: every test ran at one frequency, where inertia and "
         "stiffness are proportional; add another frequency"
     )
+    if not proportional:
+        found.reasons["m"] += f" (harmonics alone tell it here; it stays in the fit, so that {stiffness[0]} is right)"
+        return
+    found.held.add("m")
     found.reasons[stiffness[0]] = (
         f"only {stiffness[0]} - m (2 pi f)^2 is known: every test ran at one frequency; the value given is that "
         "difference; add another frequency"
@@ -164,19 +168,23 @@ def _inertia(model: DamperModel, measurements: Sequence[Measurement], found: Fin
 
 
 def _one_frequency(measurements: Sequence[Measurement]) -> bool:
-    """Whether inertia and stiffness are one: all cycles last as long, or acceleration follows displacement.
+    """Whether all cycles last as long.
 
-    A second harmonic of the motion, or the corners of a triangle, would tell them apart in a perfect recording; their
-    acceleration is known far too badly for that.
+    A second harmonic of the motion, or the corners of a triangle, would tell inertia and stiffness apart in a perfect
+    recording; their acceleration is known far too badly for that.
     """
     lasting = [np.quantile(each, (0.05, 0.95)) for each in map(cycle_times_s, measurements) if each.size]
-    longest, shortest = (max(each[1] for each in lasting), min(each[0] for each in lasting)) if lasting else (0.0, 0.0)
-    if lasting and longest <= (1.0 + SAME_FREQUENCY) * shortest:
-        return True
+    if not lasting:
+        return False
+    return bool(max(each[1] for each in lasting) <= (1.0 + SAME_FREQUENCY) * min(each[0] for each in lasting))
+
+
+def _proportional(measurements: Sequence[Measurement]) -> bool:
+    """Whether acceleration follows displacement."""
     cross = sum(float(each.a_m_s2 @ each.u_m) for each in measurements)
     power_a = sum(float(each.a_m_s2 @ each.a_m_s2) for each in measurements)
     power_u = sum(float(each.u_m @ each.u_m) for each in measurements)
-    return power_a <= 0.0 or power_u <= 0.0 or 1.0 - cross * cross / (power_a * power_u) <= PROPORTIONAL
+    return power_a > 0.0 and power_u > 0.0 and 1.0 - cross * cross / (power_a * power_u) <= PROPORTIONAL
 
 
 def _speed(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:

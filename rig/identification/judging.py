@@ -31,10 +31,11 @@ NONLINEAR = "nonlinear"  # all nonlinear parameters, where parameters are named
 LARGE_SHARE = 0.1  # of the force's root mean square: a parameter of unknown sign that may make up more is not known
 UNFINISHED = 1.0  # standard errors from the least-squares solution beyond which a search has not reached it
 NOTES = (
-    "low, high: pointwise 95 % intervals; simultaneous_low, simultaneous_high: 95 % for all identifiable parameters "
-    "together (Bonferroni)",
+    "low, high: 95 % interval of each parameter by itself; simultaneous_low, simultaneous_high: 95 % for all "
+    "identifiable parameters together (Bonferroni)",
     "covariance: sandwich of weighted least squares with each test's own residual variance, widened by the residual's "
-    "correlation in time, by misfit that repeats every cycle, and by the stated skew uncertainty",
+    "correlation in time, by misfit that repeats every cycle, by the stated uncertainty of skew, of the force's zero "
+    "and of the calibrations, and by the errors of the motion's Fourier series",
 )
 
 
@@ -117,6 +118,7 @@ def judged(
         notes=NOTES,
         residuals=known.residuals,
         passivity=passive,
+        equation=model.equation,
         profiles=_profiles(best, known, fitted, method, profiled),
     )
 
@@ -217,21 +219,21 @@ def _at_limits(model: DamperModel, solution: Solution) -> dict[str, str]:
     for name, limit in solution.at_limit.items():
         if name in model.names:
             reasons[name] = (
-                f"{name} is not identifiable: its search ended at its limit, {limit:.6g}; another value beyond it would "
-                "fit better or as well"
+                f"{name} is not identifiable: its search ended at its limit, {limit:.6g}; one beyond it would fit as "
+                "well or better"
             )
     return reasons
 
 
 def _too_wide(known: Information, values: Mapping[str, float]) -> dict[str, str]:
-    """Why parameters whose sign is unknown are not identified where others make up for a large part of the force."""
+    """Why parameters are not identified whose intervals exceed their values and stand for a large part of the force."""
     reasons, factor = {}, quantile(1, known.freedom)
     for name, share in zip(known.names, known.share.tolist(), strict=True):
         half = factor * known.standard_error(name)
         if math.isfinite(half) and half > abs(values[name]) and factor * share > LARGE_SHARE:
             reasons[name] = (
-                f"{name} is not identifiable: {values[name]:.3g} +- {half:.3g} (95 %) leaves its sign open, and "
-                f"{100.0 * factor * share:.0f} % of the force with it, for which the other parameters make up"
+                f"{name} is not identifiable: {values[name]:.3g} +- {half:.3g} (95 %) is wider than its value, and "
+                f"stands for {100.0 * factor * share:.0f} % of the force, for which other parameters make up"
             )
     return reasons
 

@@ -65,7 +65,7 @@ def parameter_slopes(
         above = modelled_force(model, {**values, name: values[name] + step}, each)
         below = modelled_force(model, {**values, name: values[name] - step}, each)
         columns.append((above - below) / (2.0 * step))
-    return np.column_stack(columns)
+    return np.array(columns).T
 
 
 def _algebraic_slopes(
@@ -82,7 +82,7 @@ def _algebraic_slopes(
         columns |= {name: rate * slope for name, slope in zip(model.shape_names, slopes, strict=True)}
     if "eta" in names:
         columns["eta"] = _lag_column(model, values, each)
-    return np.column_stack([columns[name] for name in names])
+    return np.array([columns[name] for name in names]).T
 
 
 def _lag_column(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:

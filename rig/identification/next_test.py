@@ -28,6 +28,7 @@ from rig.matrix.point import TestPoint
 FloatArray = NDArray[np.float64]
 
 AMPLITUDES, FREQUENCIES, CURRENTS = 5, 6, 5
+ENOUGH = 4096  # samples of a test that tell what it says of the parameters
 SAMPLES = 120  # of one candidate cycle
 KEPT_CYCLES = 8
 VAGUE = 10.0  # prior standard deviation of every parameter, in its scale, so that what was never tested stays finite
@@ -141,7 +142,9 @@ def _loop(
     names = tuple(values)
     if not names or len(fit.residuals) != len(measurements):
         return
-    slopes = [parameter_slopes(model, values, names, each) for each in measurements]
+    spacing = [1 if model.states else max(1, each.u_m.size // ENOUGH) for each in measurements]
+    some = [each.rows(slice(0, each.u_m.size, by)) for each, by in zip(measurements, spacing, strict=True)]
+    slopes = [parameter_slopes(model, values, names, each) for each in some]
     sizes = np.max([np.max(np.abs(each), axis=0) for each in slopes], axis=0)
     peak_N = max(each.peak_force_N for each in measurements)
     least = LEAST_CONTRIBUTION * peak_N / np.where(sizes > 0.0, sizes, np.inf)
@@ -149,11 +152,12 @@ def _loop(
     scale = np.where(scale > 0.0, scale, 1.0)
     before = np.eye(len(names)) / VAGUE**2
     spread = []
-    for each, jacobian, residual, error in zip(measurements, slopes, fit.residuals, fit.error.per_test, strict=True):
+    tested = zip(some, spacing, slopes, fit.residuals, fit.error.per_test, strict=True)
+    for each, by, jacobian, residual, error in tested:
         spread.append(max(error.rmse_N, 1e-9) ** 2 * residual.widening)
         scaled = jacobian[each.scored] * scale
-        before += scaled.T @ scaled / spread[-1]
-    widths = np.sqrt(np.diag(np.linalg.inv(before)))
+        before += by * (scaled.T @ scaled) / spread[-1]
+    widths = _widths(before)
     longest = float(np.median([each.u_m.size for each in measurements]))
     dt_s, noise = float(np.median([each.dt_s for each in measurements])), float(np.median(spread))
     candidates = list(_candidates(model, values, measurements, allowance))
@@ -161,7 +165,7 @@ def _loop(
     for point, motion in candidates:
         scaled = parameter_slopes(model, values, names, motion) * scale
         weight = min(KEPT_CYCLES / (point.frequency_Hz * dt_s), longest) / SAMPLES / noise
-        expected.append(np.sqrt(np.diag(np.linalg.inv(before + weight * scaled.T @ scaled))))
+        expected.append(_widths(before + weight * scaled.T @ scaled))
     for worst in np.argsort(-widths) if candidates else ():
         ranked = np.argsort([each[worst] for each in expected])[:MOST_CHECKS]
         for k in ranked:
@@ -171,6 +175,12 @@ def _loop(
             if allowance.feasible is None or allowance.feasible(candidates[k][0]):
                 yield _proposal(candidates[k][0], names[worst], fit, ratio, allowance)
                 return
+
+
+def _widths(information: FloatArray) -> FloatArray:
+    """Standard deviations (p,) for an information matrix (p, p) that holds at least that of the prior."""
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray(np.sqrt(vectors**2 @ (1.0 / np.maximum(values, 1.0 / VAGUE**2))))
 
 
 def _candidates(

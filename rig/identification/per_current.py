@@ -202,6 +202,7 @@ def _joined(
         condition=max(level.fit.condition for level in levels),
         notes=(*levels[0].fit.notes, f"{dependence}: each current fitted alone, then related to the current"),
         current=found,
+        equation=model.equation,
     )
 
 

@@ -154,7 +154,9 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
         force_step_N=step_N,
         commanded_A=None if commanded is None else commanded[1],
         commanded_before_A=None if commanded is None else commanded[0],
-        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles, step_N) if commanded is None else noise_of(force_N[usable]),
+        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles, step_N)
+        if commanded is None
+        else noise_of(force_N[usable]),
         warnings=(*warnings, *warned),
     )
 
@@ -227,8 +229,7 @@ def _motion(
 
 def _motion_error(series: HarmonicFit, time_s: FloatArray, left_m: FloatArray, step_m: float) -> MotionError:
     errors_m = coefficient_errors(time_s, left_m, series.omega_rad_s, series.orders, step_m)
-    rates_rad_s = np.asarray(series.orders * series.omega_rad_s, np.float64)
-    return MotionError(rates_rad_s, errors_m[1:], float(errors_m[0]))
+    return MotionError(np.asarray(series.orders * series.omega_rad_s, np.float64), errors_m[1:], float(errors_m[0]))
 
 
 def _stated(point: RecordedPoint, name: str) -> float:

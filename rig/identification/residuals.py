@@ -26,9 +26,9 @@ FloatArray = NDArray[np.float64]
 MOST_CYCLES = 50  # lags of whole cycles that are averaged
 MOST_LAGS = 20
 FEWEST_SAMPLES = 30
-LONGEST_PART = 1 << 17  # samples whose autocovariance is found at once
+LONGEST_PART = 1 << 16  # samples whose autocovariance is found at once
 FEWEST_CYCLES_A_PART = 8
-MOST_TESTED = 1 << 17  # samples on which whiteness is tested
+MOST_TESTED = 1 << 15  # samples on which whiteness is tested
 SIGNIFICANT = 3.0  # standard errors beyond which something repeats
 FALSE_ALARM = 0.01  # of all tests of a fit together
 LEAST_WIDENING = 1.25  # by which intervals must be widened before it is worth a warning
@@ -139,22 +139,24 @@ def samples_a_cycle(u_m: FloatArray) -> float:
     The direction that has more of them counts: whole cycles cut at their upward crossings have none at their ends. The
     length where neither has two, as in a single cycle.
     """
-    about_mean = u_m - float(np.mean(u_m))
-    exact = max(_upward_crossings(about_mean), _upward_crossings(-about_mean), key=len)
+    exact = _crossings(u_m)
     return float(u_m.size) if exact.size < 2 else float((exact[-1] - exact[0]) / (exact.size - 1))
 
 
 def cycle_times_s(each: Measurement) -> FloatArray:
     """How long each whole cycle of a test lasts (s), from the crossings that `samples_a_cycle` counts, shape (k,)."""
-    about_mean = each.u_m - float(np.mean(each.u_m))
-    exact = max(_upward_crossings(about_mean), _upward_crossings(-about_mean), key=len)
-    return np.diff(exact) * each.dt_s
+    return np.asarray(np.diff(_crossings(each.u_m)) * each.dt_s)
 
 
-def _upward_crossings(x: FloatArray) -> FloatArray:
-    """Where (in samples, not rounded) x rises through zero."""
-    rising = np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
-    return np.asarray(rising + x[rising] / (x[rising] - x[rising + 1]))
+def _crossings(u_m: FloatArray) -> FloatArray:
+    """Where (in samples, not rounded) the mean is crossed upwards, or downwards where that is more often."""
+    mean_m = float(np.mean(u_m))
+    above = u_m > mean_m
+    upwards = np.flatnonzero(~above[:-1] & above[1:])
+    downwards = np.flatnonzero(above[:-1] & ~above[1:])
+    before = upwards if upwards.size >= downwards.size else downwards
+    low, high = u_m[before] - mean_m, u_m[before + 1] - mean_m
+    return np.asarray(before + low / (low - high))
 
 
 def _repeating(gamma: FloatArray, pairs: FloatArray, period: float) -> tuple[FloatArray, float]:
@@ -187,7 +189,8 @@ def _portmanteau(values: FloatArray) -> float:
     if lags < 3:
         return math.nan
     centred = values - float(np.mean(values))
-    rho = np.array([float(centred[k:] @ centred[:-k]) for k in range(1, lags + 1)]) / float(centred @ centred)
+    gamma, pairs = autocovariance(centred, 1.0)
+    rho = gamma[1 : lags + 1] * pairs[1 : lags + 1] / (gamma[0] * pairs[0])
     q = n * (n + 2.0) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
     spread = 2.0 / (9.0 * lags)
     return 1.0 - NormalDist().cdf(((q / lags) ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread))

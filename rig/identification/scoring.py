@@ -43,8 +43,8 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[Float
     tests, counts, errors, squares, sizes = [], [], [], [], []
     forces, spreads = [], []
     for each, modelled in zip(measurements, modelled_N, strict=True):
-        force, model_N = (each.force_N, modelled) if each.usable is None else (
-            each.force_N[each.usable], modelled[each.usable]
+        force, model_N = (
+            (each.force_N, modelled) if each.usable is None else (each.force_N[each.usable], modelled[each.usable])
         )
         error = force - model_N
         mean_N, peak = float(np.mean(force)), each.peak_force_N

@@ -18,7 +18,7 @@ from rig.identification.measurement import Measurement
 from rig.identification.problem import Problem
 from rig.identification.projection import Weighting
 from rig.identification.robust import huber_weights
-from rig.identification.separable import GivenUp, Solution, solve_separable
+from rig.identification.separable import Solution, solve_separable
 
 if TYPE_CHECKING:  # it loads logging and threads, which a fit does not need
     from concurrent.futures import Executor

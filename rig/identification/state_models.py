@@ -5,8 +5,8 @@ model that each contains as a limit (Bouc-Wen with an infinitely stiff dashpot c
 several values of the rest. Starts compete on one cycle of each test; the best is finished on all samples where it comes
 near the noise.
 
-The search is bounded by evaluations, on one cycle of each test of at most `SEARCHED` samples, and no state may be faster
-than the integration can follow; so it takes as long as it takes whatever the data are, and ends alike on any machine.
+The search is bounded by evaluations, on one cycle of each test of at most `SEARCHED` samples, and no state may be
+faster than the integration can follow; so its work is bounded whatever the data are, and the same on any machine.
 Beside a rival that fits twice as well it is given up after the starts.
 """
 
@@ -227,14 +227,15 @@ def solve_states(
         starts = [_normalised(start) if modified else dict(start)]
     unknowns = _unknowns(model, starts[0], held)
     single = [first_cycle(each) for each in measurements]
-    short, full = Sum(unknowns, [spaced(each, SEARCHED) for each in single], weighting), Sum(unknowns, measurements, weighting)
+    short, full = (
+        Sum(unknowns, [spaced(each, SEARCHED) for each in single], weighting),
+        Sum(unknowns, measurements, weighting),
+    )
     families = [starts[k : k + FAMILY] for k in range(0, len(starts), FAMILY)]
     thetas = [min((unknowns.theta(each) for each in family), key=short.objective) for family in families]
     share = short.counting / max(1, full.counting)
     part = MOST_EVALUATIONS // (2 * len(thetas))
-    tried = [
-        short.minimise(theta, FIRST_ITERATIONS, ROUGH, short.evaluations + part) for theta in thetas
-    ]
+    tried = [short.minimise(theta, FIRST_ITERATIONS, ROUGH, short.evaluations + part) for theta in thetas]
     best = min(tried, key=lambda found: found[1])
     reached_N = math.sqrt(best[1] / max(1, short.counting))
     if reached_N > HOPELESS * rival_N:
@@ -261,7 +262,7 @@ def _at_limit(unknowns: Unknowns, theta: FloatArray) -> dict[str, float]:
 
 
 def _roll_off_rate(values: Mapping[str, float], high_A: float, dashpots: float) -> float:
-    """Fastest rate (1/s) at which the roll-off of the modified Bouc-Wen model relaxes at any current up to a highest."""
+    """Fastest rate (1/s) at which the roll-off of the modified Bouc-Wen model relaxes up to a current."""
     hysteretic = max(abs(values["alpha_a"]), abs(values["alpha_a"] + values["alpha_b"] * high_A)) * values["A"]
     return (hysteretic + abs(values["k0"])) / dashpots
 

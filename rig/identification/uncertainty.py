@@ -123,7 +123,7 @@ def information(
     total, residuals = _Sums(size), []
     independent, force_power = 0.0, 0.0
     for index, each in enumerate(measurements):
-        sums = _sums(model, values, names, each, weighting, index)
+        sums = _sums(model, values, names, each, weighting, index, declared)
         power = sums.power / max(1, sums.count)
         counting = weighting.of(each, index) > 0.0
         robust = 1.0 if weighting.extra is None else weighting.extra[index] ** 2
@@ -137,7 +137,6 @@ def information(
         total.shared += sums.shared
         total.alone += sums.alone
     freedom = max(LEAST_FREEDOM, independent - size)
-    total.shared *= np.array([1.0, declared.force_gain, declared.displacement_gain, 1.0])[:, None]
     meat = total.noise * max(1.0, independent / freedom) + total.shared.T @ total.shared + total.alone
     return _invert(tuple(names), total.normal, meat, total.gradient, tuple(residuals), freedom, force_power)
 
@@ -145,10 +144,10 @@ def information(
 class _Sums:
     """Sums over the samples of a test, or of all.
 
-    `normal` J'W^2 J, `noise` J'W^4 J, `gradient` J'W^2 r; `shared` the effects of skew, scale of the force, scale of the
-    displacement and zero of the force, (4, p); `alone` the outer products of the effects that each test has for itself;
-    `power` of the residual (N^2) over `count` samples, `known_power` the part of its mean square that the motion's
-    errors explain, `force_power` the weighted force's sum of squares.
+    `normal` J'W^2 J, `noise` J'W^4 J, `gradient` J'W^2 r; `shared` the effects of skew, scale of the force, scale of
+    the displacement and zero of the force, (4, p); `alone` the outer products of the effects that each test has for
+    itself; `power` of the residual (N^2) over `count` samples, `known_power` the part of its mean square that the
+    motion's errors explain, `force_power` the weighted force's sum of squares.
     """
 
     def __init__(self, size: int) -> None:
@@ -165,6 +164,7 @@ def _sums(
     each: Measurement,
     weighting: Weighting,
     index: int,
+    declared: DeclaredErrors,
 ) -> _Sums:
     sums, unseen = _Sums(len(names)), np.zeros(len(names))
     plain = replace(weighting, extra=None)
@@ -183,8 +183,10 @@ def _sums(
         sums.force_power += float(squared @ np.where(counting, piece.force_N, 0.0) ** 2)
         if each.skew_std_s > 0.0:
             sums.shared[0] += each.skew_std_s * (weighted.T @ time_slope(model, values, piece))
-        sums.shared[1] += weighted.T @ force
-        sums.shared[2] += weighted.T @ scale_slope(model, values, piece)
+        if declared.force_gain > 0.0:
+            sums.shared[1] += declared.force_gain * (weighted.T @ force)
+        if declared.displacement_gain > 0.0:
+            sums.shared[2] += declared.displacement_gain * (weighted.T @ scale_slope(model, values, piece))
         sums.shared[3] += each.force_zero_std_N * np.sum(weighted, axis=0)
         if each.unseen_v_m_s is not None:
             unseen += weighted.T @ unseen_force(model, values, piece)
@@ -249,7 +251,16 @@ def _invert(
     step = ((vectors * inverse) @ (vectors.T @ (gradient / safe))) / safe
     curvature = np.where(full > 0.0, safe**2 / np.where(full > 0.0, full, 1.0), 0.0)
     return Information(
-        names, covariance, correlation, alone, condition, partners, curvature, np.asarray(step), residuals, freedom,
+        names,
+        covariance,
+        correlation,
+        alone,
+        condition,
+        partners,
+        curvature,
+        np.asarray(step),
+        residuals,
+        freedom,
         share,
     )
 

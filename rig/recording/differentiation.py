@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import RigError
-from rig.recording.spectral_lines import coefficient_errors, quantisation_step, significant_orders
+from rig.recording.spectral_lines import quantisation_step, significant_orders
 
 FloatArray = NDArray[np.float64]
 Method = Literal["harmonic", "savitzky_golay"]

@@ -23,6 +23,8 @@ SMALLEST_PLAY_M = 0.1e-3
 LARGEST_PLAY_SHARE = 0.2
 """Of the stroke: a force that rests at zero for longer is the specimen's own."""
 FLAT_NOISES = 2.0
+APART_SHARE = 0.25
+"""Of a cycle, by which the sign changes of the two reversals lie apart."""
 PLAY_CYCLES = 2
 SPAN_PERCENT = 3.0
 REPEATED_SHARE = 0.2
@@ -82,6 +84,24 @@ def loop_shape(
     )
 
 
+def resting_travel_m(forces_N: FloatArray, moves_m: FloatArray, noise_N: float) -> float | None:
+    """Travel at rest of the force's sign changes in the mean of some cycles.
+
+    Args:
+        forces_N: force at equal phases of each cycle, (k, n), N.
+        moves_m: displacement at the same phases, (k, n), m.
+        noise_N: standard deviation of the force's noise, N.
+
+    Returns:
+        0 where the force does not rest (m); None where it is too weak beside its noise, or changes no sign, to tell.
+    """
+    force_N = np.mean(forces_N, axis=0)
+    quiet_N = max(QUIET_NOISES * noise_N, QUIET_SHARE * 0.5 * float(np.ptp(force_N)))
+    if OUTSIDE * quiet_N > 0.5 * float(np.ptp(force_N)) or not np.min(force_N) < 0.0 < np.max(force_N):
+        return None
+    return _free_play_m(force_N, np.mean(moves_m, axis=0), noise_N, len(forces_N))
+
+
 def noise_of(values: FloatArray) -> float:
     """Standard deviation of white noise on a smooth signal (n,), from its third differences."""
     third = np.diff(values, 3)
@@ -109,17 +129,24 @@ def _largest_play_m(forces: FloatArray, moves: FloatArray, noise_N: float) -> fl
 
 
 def _free_play_m(force_N: FloatArray, displacement_m: FloatArray, noise_N: float, cycles: int) -> float:
-    """The smaller of the travels at rest of the force's sign changes up and down; both show a loose joint."""
+    """The smaller of the travels at rest of the force's sign changes up and down; both show a loose joint.
+
+    They follow the two reversals, so they lie apart: noise on a slow change of sign makes both at one place.
+    """
     quiet_N = max(QUIET_NOISES * noise_N, QUIET_SHARE * 0.5 * float(np.ptp(force_N)))
     if OUTSIDE * quiet_N > 0.5 * float(np.ptp(force_N)) or np.min(force_N) >= 0.0 or np.max(force_N) <= 0.0:
         return 0.0
-    travels = []
-    for direction in (1.0, -1.0):
-        rising = direction * force_N
-        crossing = np.flatnonzero((rising < 0.0) & (np.roll(rising, -1) >= 0.0))
-        flat_N = FLAT_NOISES * noise_N / np.sqrt(cycles)
-        travels.append(max((_rest_m(rising, displacement_m, int(at), quiet_N, flat_N) for at in crossing), default=0.0))
-    return min(travels)
+    flat_N = FLAT_NOISES * noise_N / np.sqrt(cycles)
+    changes: list[list[tuple[int, float]]] = []
+    for rising in (force_N, -force_N):
+        crossing = np.flatnonzero((rising < 0.0) & (np.roll(rising, -1) >= 0.0)).tolist()
+        changes.append([(at, _rest_m(rising, displacement_m, at, quiet_N, flat_N)) for at in crossing])
+    size = len(force_N)
+    return max(
+        (min(up_m, down_m) for up, up_m in changes[0] for down, down_m in changes[1]
+         if min((up - down) % size, (down - up) % size) >= APART_SHARE * size),
+        default=0.0,
+    )
 
 
 def _rest_m(rising: FloatArray, displacement_m: FloatArray, at: int, quiet_N: float, flat_N: float) -> float:

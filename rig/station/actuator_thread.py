@@ -25,6 +25,8 @@ from rig.station.line_judge import ClockWatch
 from rig.station.link_troubles import LinkTroubles, link_slug
 from rig.station.roles import ActuatorDriver, Travel
 from rig.station.safe_stop import STILL_S, Action
+from rig.station.said import say_error
+from rig.station.standing import Reference
 from rig.station.status_judge import ControllerJudge
 from rig.station.status_records import StatusRecords
 from rig.station.supervisor import Supervisor
@@ -36,7 +38,6 @@ SILENT = "modbus-halfopen"
 
 COUNTER_MODULUS = 1 << 16
 OPEN_PATIENCE_S = 2.0
-MOTION_M_S = 0.01
 FEED_AGAIN_NS = 100_000_000
 IDENTITY_EVERY = 50
 """Polls between two looks at boot count and configuration."""
@@ -196,10 +197,17 @@ class ActuatorThread(DeviceThread):
         """No stop command waits to be sent or to be acknowledged."""
         return not self._actions and self._sent is None
 
-    def in_motion(self) -> bool:
-        """The controller's last status shows speed."""
+    def force_reference(self) -> Reference:
+        """The controller's own force (N), for the load cell that may stand still."""
+        return self._reference(lambda status: status.force_N)
+
+    def position_reference(self) -> Reference:
+        """The controller's own position (m), for the LVDT that may stand still."""
+        return self._reference(lambda status: status.position_m)
+
+    def _reference(self, quantity: Callable[[ActuatorStatus], float]) -> Reference:
         status = self.judge.status
-        return status is not None and abs(status.velocity_m_s) > MOTION_M_S
+        return Reference(self.polls, self.judge.path_m, math.nan if status is None else quantity(status))
 
     @property
     def state_name(self) -> str | None:
@@ -225,6 +233,12 @@ class ActuatorThread(DeviceThread):
                 self._serve()
             except DriverError as error:
                 self._failed(error)
+            except Exception as error:  # noqa: BLE001 - this thread alone can stop the motion: it must not end
+                detail = f"actuator: {type(error).__name__}: {error}"
+                if detail != self.failure:
+                    self.failure = detail
+                    say_error()
+                self._supervisor.report([Finding("task-dies", detail, monotonic_ns())])
             now_ns = monotonic_ns()
             next_ns = max(next_ns + period_ns, now_ns) if now_ns >= next_ns else next_ns
 

@@ -91,8 +91,9 @@ class Devices:
         self.actuator.speed_source = lambda: self.lvdt.speed_m_s
         self.actuator.clock = ClockWatch(config.device_rate)
         for sensor in (self.load_cell, self.lvdt):
-            sensor.in_motion = self.actuator.in_motion
             sensor.reference_ppm = lambda: self.actuator.clock.ppm
+        self.load_cell.reference = self.actuator.force_reference
+        self.lvdt.reference = self.actuator.position_reference
 
     def _sensor(
         self,

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from itertools import islice, pairwise
+from operator import eq
 
 from protocols.quality import Quality
 
@@ -18,6 +20,11 @@ Record = tuple[int, int, float, int, int, int]
 CONSECUTIVE = 3
 SPEED_WINDOW_S = 0.010
 STILL_TOLERANCE_M = 0.0003
+REPEATED_SHARE = 0.3
+"""Where so many neighbours are equal, the resolution is coarser than the noise."""
+FEWEST_PAIRS = 50
+MOST_OF_A_RUN = 20
+"""A run of equal values counts as no more than this many: one is no proof of a coarse resolution, many are."""
 BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
 
 
@@ -64,6 +71,8 @@ class ChannelJudge:
         self.unit = unit
         self.last_value = math.nan
         self.repeats = 0
+        self.step = math.inf
+        self._pairs = self._equal = 0
         self._lowest = math.inf
         self._highest = -math.inf
         self._jumps = 0
@@ -97,14 +106,28 @@ class ChannelJudge:
         """The last value is the least or the greatest of all that the channel has shown, and it has shown others."""
         return self._lowest < self._highest and self.last_value in {self._lowest, self._highest}
 
+    @property
+    def fine(self) -> bool:
+        """The channel's values usually differ from one sample to the next: its noise is finer than its steps."""
+        return self._pairs >= FEWEST_PAIRS and self._equal <= REPEATED_SHARE * self._pairs
+
     def _count_repeats(self, values: list[float]) -> None:
-        """Follow for how many samples the value has been the same to the last bit."""
-        if min(values) != max(values):
-            self.repeats = 0
-        elif values[-1] == self.last_value:
-            self.repeats += len(values)
-        else:
-            self.repeats = len(values) - 1
+        """Follow for how many samples the value has been the same to the last bit, and how usual that is."""
+        many = len(values)
+        if min(values) == max(values) == self.last_value:
+            self.repeats += many
+            return
+        equal = sum(map(eq, values, islice(values, 1, None))) + (values[0] == self.last_value)
+        self._equal += min(self.repeats, MOST_OF_A_RUN) + equal
+        self._pairs += min(self.repeats, MOST_OF_A_RUN) + many
+        self.repeats = many - 1 if equal == many - 1 and values[0] != self.last_value else 0
+        if not self.fine:
+            self._follow_step(values)
+
+    def _follow_step(self, values: list[float]) -> None:
+        """The smallest difference between two values of a coarse channel."""
+        levels = sorted({value for value in (*values, self.last_value) if math.isfinite(value)})
+        self.step = min((self.step, *(above - below for below, above in pairwise(levels))))
 
     def _quiet(self, lowest: float, highest: float) -> bool:
         if self._jumps or self._saturated or self._faulty:
@@ -175,10 +198,16 @@ class MotionJudge:
         self._span = max(CONSECUTIVE, round(SPEED_WINDOW_S * rate_Hz))
         self._recent: deque[tuple[float, float]] = deque(maxlen=self._span)
         self._over = 0
+        self._unusable = 0
         self._anchor_m = math.nan
         self._anchor_s = math.nan
         self._latest_s = math.nan
         self.speed_m_s = math.nan
+
+    @property
+    def blind(self) -> bool:
+        """The sensor sends, but nothing that says where the rod is: its last samples are no measurements."""
+        return self._unusable >= CONSECUTIVE
 
     @property
     def still_s(self) -> float:
@@ -196,8 +225,11 @@ class MotionJudge:
         """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
         findings: list[Finding] = []
         for host_ns, device_us, value, sequence, _, flags in records:
+            if flags & BAD:
+                self._miss()
             if flags & (BAD | Quality.SPIKE):
                 continue
+            self._unusable = 0
             t_s = device_us * 1e-6 if device_us >= 0 else sequence * self._period_s
             if self._recent and t_s <= self._recent[-1][0]:
                 self._recent.clear()
@@ -211,6 +243,14 @@ class MotionJudge:
             if not abs(value - self._anchor_m) <= STILL_TOLERANCE_M:
                 self._anchor_m, self._anchor_s = value, t_s
         return findings
+
+    def _miss(self) -> None:
+        """A sample that is no measurement; after a few in a row speed and standstill are unknown."""
+        self._unusable += 1
+        if self.blind:
+            self._recent.clear()
+            self.speed_m_s = math.nan
+            self.restart_still()
 
     def _judge_speed(self, host_ns: int, findings: list[Finding]) -> None:
         speed_m_s = abs(self.speed_m_s)

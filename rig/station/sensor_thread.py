@@ -17,6 +17,7 @@ from rig.station.device_thread import DeviceThread
 from rig.station.host_watch import Listener
 from rig.station.interlocks import ChannelJudge, Finding, MotionJudge
 from rig.station.line_judge import ClockWatch, LineJudge, drift
+from rig.station.standing import Reference, StandingJudge
 from rig.station.supervisor import Supervisor
 
 READ_TIMEOUT_S = 0.05
@@ -26,6 +27,8 @@ BACKSTOP_NS = 250_000_000
 COUNTED = 1000
 STUCK_S = 0.08
 STUCK_SAMPLES = 10
+STANDING_FLOOR_SHARE = 0.01
+"""Of the span: by how much the controller's own measure may change while a coarse sensor rightly repeats a value."""
 
 
 class SensorDriver(Protocol):
@@ -83,8 +86,10 @@ class SensorThread(DeviceThread):
         self.lost = 0
         self.samples = 0
         self.port_lost: str | None = None
-        self.in_motion: Callable[[], bool] = lambda: False
-        self._stuck_samples = max(STUCK_SAMPLES, round(STUCK_S * config.rate_Hz))
+        self.reference: Callable[[], Reference] | None = None
+        """What the controller says of the rod and of this sensor's quantity; None: it knows neither."""
+        stuck_samples = max(STUCK_SAMPLES, round(STUCK_S * config.rate_Hz))
+        self._standing = StandingJudge(stuck_samples, STANDING_FLOOR_SHARE * config.span)
         self.clock = ClockWatch(device_rate)
         self.reference_ppm: Callable[[], float] = lambda: math.nan
         self._line = LineJudge(config.name, config.rate_Hz)
@@ -224,8 +229,8 @@ class SensorThread(DeviceThread):
             records = self._flagged(records)
         if self.motion is not None:
             findings += self.motion.judge(records)
-        if self.judge.repeats >= self._stuck_samples and self.in_motion():
-            findings.append(self._standing(records[-1][0]))
+        if self._stands():
+            findings.append(self._stuck(records[-1][0]))
         if findings:
             self._supervisor.report(findings)
         self._append(records)
@@ -243,7 +248,16 @@ class SensorThread(DeviceThread):
         stale = int(Quality.STALE)
         return [(*record[:5], record[5] | stale) for record in late] + records[len(late) :]
 
-    def _standing(self, t_ns: int) -> Finding:
+    def _stands(self) -> bool:
+        """The value repeats while the controller's does not."""
+        judge = self.judge
+        if self.reference is None or judge.repeats == 0:
+            self._standing.forget()
+            return False
+        step = judge.step if math.isfinite(judge.step) else 0.0
+        return self._standing.judge(judge.repeats, self.reference(), fine=judge.fine, step=step)
+
+    def _stuck(self, t_ns: int) -> Finding:
         """A value that repeats in motion: stuck, or at an amplifier's end if nothing greater (or less) was ever shown.
 
         Either way the force or the position is not seen, so either way the rig stops.
@@ -294,8 +308,9 @@ class SensorThread(DeviceThread):
         return self.value(now_ns)
 
     def still_s(self, now_ns: int) -> float | None:
-        """Device seconds of standstill, None when stale or when this is not the LVDT."""
-        return self.motion.still_s if self.motion is not None and self.fresh(now_ns) and self.samples else None
+        """Device seconds of standstill; None when stale, without measurements, or when this is not the LVDT."""
+        sees = self.motion is not None and not self.motion.blind and self.fresh(now_ns) and self.samples > 0
+        return self.motion.still_s if self.motion is not None and sees else None
 
     def restart_still(self) -> None:
         """Begin the proof of standstill anew."""

@@ -18,6 +18,8 @@ FROZEN_POLLS = 2
 """So often, at later times of its clock, the controller repeats a position that is frozen: two equal readings of a
 quantised register are none yet, nor two of the same instant.
 """
+PATH_STEP_M = 0.05e-3
+"""Less than this is the transducer's noise."""
 OVERRUN_S = 0.07
 """Device time by which a program may outlast its own length."""
 AT_REST_STATES = frozenset({State.HOLD, State.LOW, State.OFF})
@@ -57,6 +59,7 @@ class ControllerJudge:
         lag_s: device time by which the two readings may differ in age.
 
     Attributes:
+        path_m: way the rod has gone by the controller's own transducer, without that one's noise.
         leased: the lease is ours, so that its loss is a finding.
         frozen: the heartbeat has stood for too long: what the status says is not the present.
     """
@@ -76,7 +79,8 @@ class ControllerJudge:
         self._lvdt_low_m = math.inf
         self._lvdt_high_m = -math.inf
         self._apart = 0
-        self._anchor_m = math.nan
+        self.path_m = 0.0
+        self._anchor_m = self._path_anchor_m = math.nan
         self._anchor_s = 0.0
         self._program_s = math.inf
         self._program_began_s = math.nan
@@ -115,10 +119,17 @@ class ControllerJudge:
             findings.append(Finding("feedback-lost", detail, status.received_ns))
         elif lvdt_m is not None:
             self._compare(status, lvdt_m, lvdt_speed_m_s, findings)
+        self._follow_path(status.position_m)
         if not abs(status.position_m - self._anchor_m) <= STILL_TOLERANCE_M:
             self._anchor_m, self._anchor_s = status.position_m, self.clock_s
         self.status = status
         return findings
+
+    def _follow_path(self, position_m: float) -> None:
+        step_m = abs(position_m - self._path_anchor_m)
+        if not step_m <= PATH_STEP_M:
+            self.path_m += step_m if math.isfinite(step_m) else 0.0
+            self._path_anchor_m = position_m
 
     def restart(self) -> None:
         """Forget the past: after a reconnection nothing is compared with the status before it."""

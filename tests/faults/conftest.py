@@ -122,10 +122,11 @@ def assert_stopped() -> Callable[..., None]:
     def judge(
         ending: Ending, slug: str, *, finished: tuple[str, ...] = ("p001",), broken: str | None = "p002",
         stop: str | None = None, speed: float = 5.0, first: str | None = None, settling_s: float | None = None,
-        injected_as: str | None = None, period_s: float = PERIOD_S,
+        injected_as: str | None = None, period_s: float = PERIOD_S, slug_of_station: str | None = None,
     ) -> None:
         row, truth = MATRIX[slug], ending.truth
         kind = stop or row.stop
+        injected_as, slug = injected_as or slug, slug_of_station or slug
         assert ending.exit_code == EXIT_CODES[kind], ending.said
         assert ending.answer["stopped_by"] == slug
         assert ending.answer["rig_state"] == "safe"
@@ -133,7 +134,7 @@ def assert_stopped() -> Callable[..., None]:
         assert ending.trips()[0][1] == kind
         fault_ns = ending.stopped_from_ns
         if fault_ns is None:
-            fault_ns = truth.first("FAULT", text=injected_as or slug).host_ns
+            fault_ns = truth.first("FAULT", text=injected_as).host_ns
         zero, motion = stop_commands(truth, fault_ns, OWN_STOPS if first == "TRIP" else STOP_COMMANDS)
         assert motion.code == (first or ("HALT" if kind == "SO" else "FADE_STOP"))
         allowed_s = max(10.0 * (row.limit_s or 0.1), 1.0)

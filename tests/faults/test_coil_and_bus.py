@@ -21,6 +21,15 @@ def test_bus_off_is_told_from_a_silent_ecu(run: Run, assert_stopped: Judge) -> N
     assert_stopped(run("can-busoff@6.3"), "can-busoff")
 
 
+@pytest.mark.row("can-busoff")
+def test_an_adapter_that_is_gone_is_named_and_the_ecu_goes_to_zero_by_itself(
+    run: Run, assert_stopped: Judge
+) -> None:
+    ending = run("can-busoff:lost@6.3")
+    assert_stopped(ending, "can-busoff", slug_of_station="can-lost")
+    assert ending.truth.first("ECU_FAULT", text="COMMAND_TIMEOUT")
+
+
 @pytest.mark.row("ecu-silent")
 def test_a_silent_ecu_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
     assert_stopped(run("ecu-silent@6.3"), "ecu-silent")
@@ -54,13 +63,18 @@ def test_another_sender_on_our_command_id_stops_the_rig(run: Run, assert_stopped
 
 
 @pytest.mark.row("ecu-overtemp")
-def test_a_hot_ecu_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
-    assert_stopped(run("ecu-overtemp@6.3"), "ecu-overtemp")
+@pytest.mark.parametrize("fault", ["ecu-overtemp", "ecu-overtemp:undervoltage"])
+def test_a_hot_ecu_and_one_without_supply_stop_the_rig(run: Run, assert_stopped: Judge, fault: str) -> None:
+    assert_stopped(run(f"{fault}@6.3"), "ecu-overtemp")
 
 
 @pytest.mark.row("coil-open-short")
-def test_a_broken_coil_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
-    assert_stopped(run("coil-open-short@6.3"), "coil-open-short")
+@pytest.mark.parametrize(("fault", "bit"), [("coil-open-short", "OPEN"), ("coil-open-short:short", "SHORT")])
+def test_a_broken_coil_stops_the_rig(run: Run, assert_stopped: Judge, fault: str, bit: str) -> None:
+    ending = run(f"{fault}@6.3")
+    assert_stopped(ending, "coil-open-short")
+    (trip,) = [line for line in ending.log if line.get("what") == "trip"]
+    assert bit in trip["detail"]
 
 
 @pytest.mark.row("ecu-restart")
@@ -76,6 +90,13 @@ def test_a_current_off_its_setpoint_is_flagged_at_once_and_spoils_the_point(run:
     assert ending.trips() == []
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
     assert any(reason.startswith("current-tracking") for reason in ending.point("p002").reasons)
+
+
+@pytest.mark.row("current-tracking")
+def test_more_current_than_the_bench_allows_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
+    ending = run("current-tracking:over@6.3")
+    assert_stopped(ending, "current-tracking", stop="S2", slug_of_station="overcurrent")
+    assert np.max(ending.truth.current_A) > 3.0, "the fault: it really flowed"
 
 
 @pytest.mark.row("current-stuck")

@@ -182,15 +182,15 @@ def test_a_fit_beside_the_truth_says_what_is_inside_what_cannot_be_found_and_wha
     for part in fit_tables(FIT, {"m": 4.5, "eta": 25.0}):
         console.print(part)
     shown = text.getvalue()
-    for expected in ("simultaneous 95 % interval", "3.6 to 4", "NO", "eta cannot be identified: constant current",
+    for expected in ("95 % interval (each parameter", "3.7 to 3.9", "NO", "eta cannot be identified: constant current",
                      "held-out", "exceeds the repeatability", "warning: saturated"):  # fmt: skip
         assert expected in shown, expected
 
 
-def test_inside_is_judged_by_the_simultaneous_interval_and_only_where_there_is_one() -> None:
+def test_inside_is_judged_by_the_interval_that_is_shown_and_only_where_there_is_one() -> None:
     parameters = FIT["parameters"]
     assert isinstance(parameters, dict)
-    assert inside(parameters["m"], 3.95) is True
-    assert inside(parameters["m"], 4.05) is False
+    assert inside(parameters["m"], 3.85) is True
+    assert inside(parameters["m"], 3.95) is False
     assert inside(parameters["m"], None) is None
     assert inside(parameters["eta"], 25.0) is None

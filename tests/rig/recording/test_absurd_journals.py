@@ -61,6 +61,8 @@ HEADERS: dict[str, str] = {
     "frequency 0": header(point__frequency_Hz=0.0),
     "frequency nan": json.dumps(json.loads(header())).replace('"frequency_Hz": 2.0', '"frequency_Hz": NaN'),
     "frequency of 400 digits": header(point__frequency_Hz=10**400),
+    "waveform missing": header(point__waveform=...),
+    "waveform a number": header(point__waveform=3),
     "cycles text": header(point__cycles="many"),
     "cycles 1e300": header(point__cycles=1e300),
     "rate 0": header(sensors__force__rate_Hz=0.0),

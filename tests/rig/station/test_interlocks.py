@@ -191,3 +191,17 @@ def test_a_sample_in_the_middle_of_a_restart_does_not_end_the_proof_of_standstil
     for i in range(52, 103):
         judge.judge([record(i, at_m)])
     assert judge.still_s == pytest.approx(0.2, abs=0.005)
+
+
+def test_an_lvdt_without_measurements_shows_neither_speed_nor_standstill() -> None:
+    """Saturated samples keep coming while the rod may move: the last speed before them says nothing any more."""
+    judge = MotionJudge(0.88, rate_Hz=250.0)
+    motion_of([0.1e-3 * i for i in range(60)], judge)
+    assert judge.speed_m_s == pytest.approx(0.025, rel=0.01)
+    assert not judge.blind
+    judge.judge([record(60 + i, 0.1, int(Quality.OVERLOAD)) for i in range(20)])
+    assert judge.blind
+    assert math.isnan(judge.speed_m_s)
+    judge.judge([record(80 + i, 0.012) for i in range(200)])
+    assert not judge.blind
+    assert judge.still_s > 0.5
