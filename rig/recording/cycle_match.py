@@ -46,7 +46,7 @@ ENOUGH_A_WAVE = 3
 LAGS = 121
 MOST_FOR_SEARCH = 1200
 ROUNDS = 20
-CONVERGED_S = 1e-9
+CONVERGED_S = 1e-8
 LARGEST_STEP = 0.02
 PHASE_BINS = 40
 STRETCHES_A_CYCLE = 10
@@ -68,12 +68,21 @@ class Cycles:
 
 @dataclass(frozen=True)
 class _Fit:
-    """One linear step: the columns' estimates (p,), their covariance (p, p), and what is left (m,)."""
+    """One linear step.
+
+    Attributes:
+        values: the columns' estimates (p,).
+        scale: root mean square of the columns (p,); `inverse` (p, p) and `influence` (p, m) are those of columns of 1.
+        rest: what is left of the reference (m,).
+        shifted_s: where the series was taken (m,), s.
+    """
 
     values: FloatArray
-    covariance: FloatArray
+    scale: FloatArray
+    inverse: FloatArray
+    influence: FloatArray
     rest: FloatArray
-    variance: float
+    shifted_s: FloatArray
 
 
 def cycle_series(time_s: FloatArray, values: FloatArray, cycles: Cycles) -> Series | None:
@@ -209,7 +218,7 @@ class _Laid:
         *, with_drift: bool,
     ) -> None:
         self.at_s, self.wanted, self.series, self.cycles = at_s, wanted, series, cycles
-        self.force = None if force is None or len(force.orders) == 0 else force
+        self.force = None if force is None or len(force.orders) == 0 else force.at(at_s)[0] + force.mean
         self.with_drift = with_drift
         self.middle_s = float(np.mean(at_s))
         self.keep = np.ones(len(at_s), bool)
@@ -234,6 +243,8 @@ class _Laid:
                 drift += float(step.values[3] / gain)
             if number == 1:
                 self.keep = np.abs(step.rest) <= OUTLIER * 1.4826 * float(np.median(np.abs(step.rest))) + 1e-300
+                if np.count_nonzero(self.keep) < FEWEST_REFERENCES:
+                    return None
             elif abs(move_s) < CONVERGED_S:
                 break
         if step is None:
@@ -248,7 +259,7 @@ class _Laid:
         """
         orders = self.series.orders
         told = orders[orders >= FIRST_LINE]
-        at_s, rest = self.at_s[self.keep], self.rest[self.keep]
+        at_s, rest = self.at_s[self.keep], self.rest
         if len(told) == 0 or len(rest) < ENOUGH_A_WAVE * int(orders[-1]):
             return told[:0]
         waves = np.exp(1j * np.outer(at_s - self.series.origin_s, told * self.series.omega_rad_s))
@@ -263,7 +274,7 @@ class _Laid:
         if self.with_drift:
             columns.append(slope * (self.at_s - self.middle_s))
         if self.force is not None:
-            columns.append(self.force.at(self.at_s)[0] + self.force.mean)
+            columns.append(self.force)
         if len(self.at_s) >= ENOUGH_FOR_CHANGE:
             columns += [centred, centred * shown]
         return columns
@@ -288,23 +299,20 @@ class _Laid:
             return None
         influence = inverse @ scaled.T
         solution = influence @ wanted
-        rest = wanted - scaled @ solution
-        variance = float(rest @ rest) / (len(rest) - design.shape[1])
-        phase = np.mod((self.at_s[keep] - self.middle_s) / self.cycles.period_s, 1.0)
-        covariance = self._reference_part(influence, rest, variance, inverse, self.at_s[keep], phase)
-        covariance = covariance + self._series_part(influence, shifted_s[keep], solution[1] / scale[1], phase)
-        whole = np.zeros(len(self.at_s))
-        whole[keep] = rest
-        whole[~keep] = np.inf if not np.all(keep) else 0.0
-        return _Fit(solution / scale, covariance / np.outer(scale, scale), whole, variance)
+        return _Fit(solution / scale, scale, inverse, influence, wanted - scaled @ solution, shifted_s[keep])
 
-    def _reference_part(
-        self, influence: FloatArray, rest: FloatArray, variance: float, inverse: FloatArray, at_s: FloatArray,
-        phase: FloatArray,
-    ) -> FloatArray:
+    def _covariance(self, step: _Fit) -> FloatArray:
+        """Covariance (p, p) of the columns' estimates."""
+        at_s = self.at_s[self.keep]
+        phase = np.mod((at_s - self.middle_s) / self.cycles.period_s, 1.0)
+        covariance = self._reference_part(step, at_s, phase) + self._series_part(step, phase)
+        return np.asarray(covariance / np.outer(step.scale, step.scale))
+
+    def _reference_part(self, step: _Fit, at_s: FloatArray, phase: FloatArray) -> FloatArray:
         """Covariance by the reference's residual: white, or shared by phase or stretch where that is certainly more."""
-        white = inverse * variance
-        errors = influence * rest
+        rest = step.rest
+        white = step.inverse * (float(rest @ rest) / (len(rest) - len(step.values)))
+        errors = step.influence * rest
         bins = np.floor(PHASE_BINS * phase).astype(np.int64)
         stretch = np.floor((at_s - at_s[0]) * (STRETCHES_A_CYCLE / self.cycles.period_s)).astype(np.int64)
         widest = np.ones(len(white))
@@ -319,17 +327,16 @@ class _Laid:
         factor = np.sqrt(widest)
         return np.asarray(white * np.outer(factor, factor))
 
-    def _series_part(
-        self, influence: FloatArray, shifted_s: FloatArray, gain: float, phase: FloatArray,
-    ) -> FloatArray:
+    def _series_part(self, step: _Fit, phase: FloatArray) -> FloatArray:
         """Covariance by the sensor's own noise in the series, and by what its harmonics beyond the last would add."""
-        waves = self.series.waves(shifted_s)
+        influence, gain = step.influence, float(step.values[1])
+        waves = self.series.waves(step.shifted_s)
         passed = influence @ np.hstack((waves.real, -waves.imag)) * (gain * self.series.coefficient_std)
         mean = influence.sum(axis=1) * (gain * self.series.noise / math.sqrt(self.series.samples))
         covariance = passed @ passed.T + np.outer(mean, mean)
         tail = self.series.tail()
         if len(tail.orders):
-            unseen = influence * (gain * tail.at(shifted_s)[0])
+            unseen = influence * (gain * tail.at(step.shifted_s)[0])
             bins = np.floor(PHASE_BINS * phase).astype(np.int64)
             sums = np.array([np.bincount(bins, row, PHASE_BINS) for row in unseen])
             covariance = covariance + sums @ sums.T
@@ -337,7 +344,7 @@ class _Laid:
 
     def _match(self, step: _Fit, lag_s: float, drift: float) -> Match:
         values, used = step.values, int(np.count_nonzero(self.keep))
-        covariance = step.covariance * student(used - len(values)) ** 2
+        covariance = self._covariance(step) * student(used - len(values)) ** 2
         gain = float(values[1])
         # From reference = a + g s + b F + g lag s' to sensor = reference / g - a / g - (b / g) F: first order in all.
         jacobian = np.zeros((5, len(values)))
@@ -352,7 +359,7 @@ class _Laid:
             jacobian[4, (1, at)] = float(values[at]) / gain**2, -1.0 / gain
         found = jacobian @ covariance @ jacobian.T
         std = np.sqrt(np.maximum(np.diag(found), 0.0))
-        rest = step.rest[self.keep]
+        rest = step.rest
         power = float(np.sum((self.wanted[self.keep] - np.mean(self.wanted[self.keep])) ** 2))
         return Match(
             lag_s, float(std[0]), drift, float(std[1]), self.middle_s,

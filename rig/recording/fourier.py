@@ -9,7 +9,7 @@ what lies at the mains' own frequencies.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,11 @@ HIGHEST_SHARE = 0.45
 MOST_ORDERS = 400
 FALSE_ALARM = 0.01
 """Probability that noise alone makes any order of a series."""
-ROUNDS = 4
-CHUNK = 8192
+ROUNDS = 12
+CONVERGED = 1e-7
+"""Of the values' span: no harmonic changes by more in the last turn."""
+FOLDED = 4000
+"""Samples a cycle from which on they are averaged by phase."""
 GRID = 4096
 LARGEST_GAP = 0.35
 """Orders further apart than this share of their own, and than `SMALLEST_GAP`, belong together no more."""
@@ -69,10 +72,7 @@ class Series:
     def without(self, orders: NDArray[np.int64]) -> Series:
         """The series without these orders."""
         keep = ~np.isin(self.orders, orders)
-        return Series(
-            self.origin_s, self.omega_rad_s, self.mean, self.orders[keep], self.coefficients[keep], self.noise,
-            self.samples,
-        )
+        return replace(self, orders=self.orders[keep], coefficients=self.coefficients[keep])
 
     def waves(self, time_s: FloatArray) -> NDArray[np.complex128]:
         """`exp(-i k w t)` at any times (n,) s: (n, K)."""
@@ -99,13 +99,14 @@ class Series:
         keep = self.orders > last / math.sqrt(2.0)
         if np.count_nonzero(keep) < TAIL_ORDERS:
             keep[:] = False
-        return Series(
-            self.origin_s, self.omega_rad_s, 0.0, self.orders[keep], self.coefficients[keep], self.noise, self.samples,
-        )
+        return replace(self, mean=0.0, orders=self.orders[keep], coefficients=self.coefficients[keep])
 
 
 def series_of(time_s: FloatArray, values: FloatArray, frequency_Hz: float) -> Series | None:
     """The series of samples over whole cycles.
+
+    Over whole cycles harmonics are nearly orthogonal: each is projected out of what the others leave, in turns, until
+    none changes any more. Many samples are first averaged at nearly equal phases.
 
     Args:
         time_s: (n,) s, increasing, over whole cycles.
@@ -119,67 +120,65 @@ def series_of(time_s: FloatArray, values: FloatArray, frequency_Hz: float) -> Se
     most = int(min(MOST_ORDERS, HIGHEST_SHARE / (spacing_s * frequency_Hz), len(time_s) // 4))
     if most < 1:
         return None
-    omega, origin_s = math.tau * frequency_Hz, 0.5 * float(time_s[0] + time_s[-1])
-    t = time_s - origin_s
-    orders = np.zeros(0, np.int64)
-    mean, coefficients = float(np.mean(values)), np.zeros(0, np.complex128)
-    residual = values - mean
+    origin_s = 0.5 * float(time_s[0] + time_s[-1])
+    phase = (time_s - origin_s) * frequency_Hz
+    angle, y = _folded(phase, values)
+    mean, spectrum, chosen = float(np.mean(y)), np.zeros(most, np.complex128), np.zeros(most, bool)
+    residual = y - mean
     for _ in range(ROUNDS):
-        seen = np.setdiff1d(_standing_out(t, residual, omega, most), orders)
-        if len(seen) == 0:
+        left = _projected(angle, residual, most)
+        before = chosen.copy()
+        chosen |= _standing_out(left, residual)
+        spectrum[chosen] += left[chosen]
+        mean += float(np.mean(residual))
+        residual = y - mean - _summed(angle, spectrum)
+        if np.array_equal(before, chosen) and np.max(np.abs(left[chosen]), initial=0.0) < CONVERGED * np.ptp(y):
             break
-        orders = np.union1d(orders, seen)
-        mean, coefficients, residual = _solved(t, values, omega, orders)
-    kept = orders[_belonging(orders, np.abs(coefficients)) & ~_of_the_mains(orders, frequency_Hz)]
-    if len(kept) < len(orders):
-        mean, coefficients, _ = _solved(t, values, omega, kept)
-    noise = math.sqrt(float(residual @ residual) / max(1, len(t) - 2 * len(orders) - 1))
-    return Series(origin_s, omega, mean, kept, coefficients, noise, len(t))
+    orders = 1 + np.flatnonzero(chosen)
+    whole = Series(origin_s, math.tau * frequency_Hz, mean, orders, spectrum[chosen], 0.0, len(time_s))
+    rest = values - mean - np.interp(np.mod(phase, 1.0) * GRID, np.arange(GRID + 1), whole.table())
+    noise = math.sqrt(float(rest @ rest) / max(1, len(rest) - 2 * len(orders) - 1))
+    alone = ~_belonging(orders, np.abs(spectrum[chosen])) | _of_the_mains(orders, frequency_Hz)
+    return replace(whole.without(orders[alone]), noise=noise)
 
 
-def _standing_out(t: FloatArray, residual: FloatArray, omega: float, most: int) -> NDArray[np.int64]:
-    """Orders whose power stands out of the noise about them."""
-    power = np.abs(_spectrum(t, residual, omega, most)) ** 2
-    white = 4.0 * float(np.mean(residual**2)) / len(t)
+def _folded(phase: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Angles (rad) and values of the samples; of many, means over `FOLDED` stretches of the cycle."""
+    if len(phase) <= FOLDED:
+        return math.tau * phase, values
+    part = np.mod(phase, 1.0)
+    at = np.minimum((part * FOLDED).astype(np.int64), FOLDED - 1)
+    count = np.bincount(at, minlength=FOLDED)
+    filled = count > 0
+    means = [np.bincount(at, each, FOLDED)[filled] / count[filled] for each in (part, values)]
+    return math.tau * means[0], means[1]
+
+
+def _standing_out(projected: NDArray[np.complex128], residual: FloatArray) -> NDArray[np.bool_]:
+    """Which orders' power stands out of the noise about them."""
+    power, most = np.abs(projected) ** 2, len(projected)
+    white = 4.0 * float(np.mean(residual**2)) / len(residual)
     noise = max(min(white, float(np.median(power)) / math.log(2.0)), 0.01 * white) if most > 20 else white
-    return 1 + np.flatnonzero(power > noise * math.log(most / FALSE_ALARM))
+    return np.asarray(power > noise * math.log(most / FALSE_ALARM))
 
 
-def _spectrum(t: FloatArray, values: FloatArray, omega: float, most: int) -> NDArray[np.complex128]:
-    """`2/n sum values exp(i k w t)` for the orders 1 to `most` (most,)."""
-    total = np.zeros(most, np.complex128)
-    for start in range(0, len(t), CHUNK):
-        turn = np.exp(1j * omega * t[start : start + CHUNK])
-        rotated = values[start : start + CHUNK].astype(np.complex128)
-        for k in range(most):
-            rotated = rotated * turn
-            total[k] += rotated.sum()
-    return total * (2.0 / len(t))
+def _projected(angle: FloatArray, values: FloatArray, most: int) -> NDArray[np.complex128]:
+    """`2/n sum values exp(i k angle)` for the orders 1 to `most` (most,)."""
+    turn, rotated = np.exp(1j * angle), values.astype(np.complex128)
+    total = np.empty(most, np.complex128)
+    for at in range(most):
+        rotated *= turn
+        total[at] = rotated.sum()
+    return total * (2.0 / len(values))
 
 
-def _solved(
-    t: FloatArray, values: FloatArray, omega: float, orders: NDArray[np.int64],
-) -> tuple[float, NDArray[np.complex128], FloatArray]:
-    """Mean, coefficients and residual of the least-squares series of these orders."""
-    size = 2 * len(orders) + 1
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    for part in _chunks(len(t)):
-        design = _design(t[part], omega, orders)
-        normal += design.T @ design
-        right += design.T @ values[part]
-    solution = np.linalg.solve(normal, right)
-    residual = np.concatenate([values[part] - _design(t[part], omega, orders) @ solution for part in _chunks(len(t))])
-    cosine, sine = solution[1 : len(orders) + 1], solution[len(orders) + 1 :]
-    return float(solution[0]), cosine + 1j * sine, residual
-
-
-def _design(t: FloatArray, omega: float, orders: NDArray[np.int64]) -> FloatArray:
-    phase = np.outer(t, orders * omega)
-    return np.hstack((np.ones((len(t), 1)), np.cos(phase), np.sin(phase)))
-
-
-def _chunks(count: int) -> list[slice]:
-    return [slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
+def _summed(angle: FloatArray, spectrum: NDArray[np.complex128]) -> FloatArray:
+    """`Re sum c_k exp(-i k angle)` (n,), by Horner's rule."""
+    turn = np.exp(-1j * angle)
+    total = np.zeros(len(angle), np.complex128)
+    for coefficient in spectrum[::-1]:
+        total = (total + coefficient) * turn
+    return np.asarray(total.real)
 
 
 def _of_the_mains(orders: NDArray[np.int64], frequency_Hz: float) -> NDArray[np.bool_]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
@@ -47,6 +48,7 @@ class Pair:
         peak_m_s = math.tau * self.frequency_Hz * self.amplitude_m
         return self.damping * peak_m_s * speed + self.yield_N * np.tanh(18.0 * (speed + 0.05 * np.sign(np.sin(phase))))
 
+    @cache  # noqa: B019 - a frozen value, asked several times
     def matches(self) -> tuple[Match | None, Match | None]:
         """Force and displacement as laid over the controller's record."""
         random = np.random.default_rng((self.seed, 5))
@@ -71,7 +73,7 @@ class Pair:
         )
 
 
-SEEDS = range(40)
+SEEDS = range(24)
 
 
 def deviations(pairs: list[Pair], of: str, wanted: float, which: int = 0) -> np.ndarray:
@@ -113,7 +115,7 @@ def test_a_delay_of_the_position_input_is_no_compliance() -> None:
     honest(deviations(pairs, "compliance", 0.0, 1))
 
 
-@pytest.mark.parametrize("frequency_Hz", [0.5, 1.0, 1.37, 2.0])
+@pytest.mark.parametrize("frequency_Hz", [0.5, 1.37, 2.0])
 @pytest.mark.parametrize("yield_N", [300.0, 20.0])
 def test_hum_on_the_load_cell_is_no_knowledge_of_its_lag(frequency_Hz: float, yield_N: float) -> None:
     errors = deviations(
