@@ -21,8 +21,10 @@ from rig.station.interlocks import Finding
 
 SHORTEST_NS = 10_000_000
 """A thread may be kept waiting for so long by the others."""
+LOOK_AGAIN_NS = 20_000_000
+"""A device that is well is heard again within this time after a blind one ..."""
 GRACE_NS = 5_000_000
-"""A device that is well is read again within this time after a blind one."""
+"""... and what waited in its port is read within this time."""
 LATE = "host-late"
 SILENT_HOST = "host-silent"
 WINDOW_NS = 1_000_000_000
@@ -141,10 +143,9 @@ class HostWatch:
             return Finding(LATE, detail, now_ns, unheard_ns / 1e9, self.limit_ns / 1e9)
         blind_ns = self.blind_ns(last_ns, now_ns)
         since_woken_ns = now_ns - max(last_ns, self.woke_ns)
-        # It was looked at again after the blind time: for its whole time, or, where blind times follow each other, at
-        # the latest when they may not take longer in all.
-        again = overdue and age_ns - blind_ns > stale_ns and since_woken_ns > GRACE_NS
-        if since_woken_ns <= stale_ns and not again:
+        # It was looked at again after the blind time; where blind times follow each other closely, at least briefly.
+        again_ns = GRACE_NS if overdue else min(stale_ns, LOOK_AGAIN_NS)
+        if age_ns - blind_ns <= stale_ns or since_woken_ns <= again_ns:
             return None
         meanwhile = f", {blind_ns / 1e6:.0f} ms of it while the station itself did not run" if blind_ns else ""
         detail = f"{name}: no value for {age_ns / 1e6:.0f} ms{meanwhile}, allowed {stale_ns / 1e6:.0f} ms"

@@ -99,7 +99,7 @@ def test_every_point_is_valid_and_the_rig_is_safe(job: Job) -> None:
 def test_the_result_has_the_documented_keys(job: Job) -> None:
     keys = {
         "campaign", "points", "valid", "total", "rig_state", "stopped_by", "wall_s", "motion_s",
-        "start_temperature_degC", "waits",
+        "start_temperature_degC", "waits", "findings", "stop", "confirmed",
     }  # fmt: skip
     answer = json.loads(json.dumps(job.result.to_json()))
     assert set(answer) == keys
@@ -119,7 +119,10 @@ def test_the_campaign_keeps_its_files_and_its_story(job: Job) -> None:
 
 def test_the_operator_sees_phases_live_numbers_and_a_shrinking_time_left(job: Job) -> None:
     proofs = [phase for phase in job.seen.phases if phase.startswith(("prov", "check"))]
-    assert proofs == ["checking zeros", "proving the watchdog", "proving the sensors by a slow move"]
+    assert proofs == [
+        "checking zeros", "proving the watchdog", "proving the sensors by a slow move", "checking zeros again",
+    ]  # fmt: skip
+    assert job.seen.phases[-1] == "ended"
     assert set(job.seen.live) == {"position_m", "force_N", "current_A", "coil_temperature_degC"}
     assert job.seen.times_left_s[0] == pytest.approx(4 * (8.0 + 2.0) / SPEED)
     assert job.seen.times_left_s == sorted(job.seen.times_left_s, reverse=True)

@@ -250,7 +250,7 @@ def test_a_journal_that_wants_all_memory_is_refused_it(campaign: Path) -> None:
     """A hole in a file costs no disk, and a block of 60 MB claimed again and again no more memory than one."""
     path = written(campaign / "points" / "p001.journal")
     with path.open("r+b") as file:
-        file.truncate(3 << 30)
+        file.truncate(1 << 30)
     with Converter() as converter:
         answer = converter.finish(path)
     assert answer.error or answer.verdict == "valid"
