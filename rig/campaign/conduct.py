@@ -35,6 +35,7 @@ from rig.campaign.setup import (
 from rig.campaign.signals import Signals
 from rig.campaign.simulated import DISK_PATIENCE_S, STOP_TIMEOUT_S, SimulatedRig
 from rig.campaign.state import RigState
+from rig.campaign.zero_doubt import doubt_points
 from rig.clock import utc_now
 from rig.errors import FileProblem, Refused, RigError, Stopped, UnknownRigState
 from rig.matrix.model import Matrix, Specimen, load_matrix
@@ -357,6 +358,9 @@ def _run(
         client.close()
     if runner.zeros.start is not None:
         _or_say(display, lambda: resume.note_zeros(start.folder, runner.zeros.to_json()))
+    doubt_points(
+        runner.ledger, runner.zeros.findings(), partial(display.message, "warning"), start.stock.results,
+    )
     result = result_of(runner, start.folder, start.stock)
     for finding in result.findings:
         fields = finding.to_json()

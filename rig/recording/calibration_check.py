@@ -11,7 +11,7 @@ from typing import Any
 
 from rig.recording.estimate import Estimate
 from rig.recording.reason import Reason
-from rig.recording.reference_judgement import SLUGS, Agreement, Checked, judge
+from rig.recording.reference_judgement import SLUGS, ZERO_RETURN, Agreement, Checked, judge
 from rig.recording.run import RecordedPoint
 from rig.recording.tolerances import Tolerances
 from rig.recording.verdict import Verdict
@@ -75,7 +75,7 @@ def doubts(points: Iterable[RecordedPoint]) -> tuple[str, ...]:
     told: dict[str, str] = {}
     for point in points:
         for reason in Verdict.stored(point.quality).found:
-            if reason.slug in SLUGS:
+            if reason.slug in SLUGS or reason.slug == ZERO_RETURN:
                 told.setdefault(reason.slug, str(reason))
     return tuple(told.values())
 

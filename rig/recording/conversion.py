@@ -309,8 +309,10 @@ def prove(path: Path, point: PointFile) -> None:
         if point.flags is not None:
             _same(path, data, "flags", point.flags)
         for received in point.raw:
-            for name in ("value", "sequence", "device_us", "host_ns", "flags"):
+            for name in ("value", "sequence", "device_us", "host_ns"):
                 _same(path, raw[received.name], name, received.records[name])
+            flags = mapped(received.records["flags"], lambda values: values, np.int8)  # as they are stored
+            _same(path, raw[received.name], "flags", flags)
             if received.time_s is not None:
                 _same(path, raw[received.name], "time", received.time_s)
 

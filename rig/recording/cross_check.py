@@ -141,7 +141,7 @@ def _ecu(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:
     else:
         rows.append(CrossCheck(
             "coil temperature", "offset, against a coil that seems colder only", "ECU's own temperature at rest",
-            f"{-max(colder):+.1f} K", f"{-tolerances.coil_temperature_K:g} K",
+            f"{round(-max(colder), 1) + 0.0:+.1f} K", f"{-tolerances.coil_temperature_K:g} K",
             DISAGREES if "coil-temperature" in doubted else AGREES,
         ))
     rows.append(CrossCheck(

@@ -28,14 +28,22 @@ class Estimate:
     @property
     def signed(self) -> str:
         """`+5.00 +- 0.08`."""
-        places = self._places
-        return f"{self.value:+.{places}f} +- {self.std:.{places}f}"
+        return f"{self._rounded:+.{self._places}f} +- {self.std:.{self._places}f}"
 
     @property
     def plain(self) -> str:
         """`2.00 +- 0.08`, a minus where there is one."""
-        places = self._places
-        return f"{self.value:.{places}f} +- {self.std:.{places}f}"
+        return f"{self._rounded:.{self._places}f} +- {self.std:.{self._places}f}"
+
+    @property
+    def alone(self) -> str:
+        """The value without its deviation, with no more digits than that lets be known."""
+        return f"{self._rounded:.{self._places}f}"
+
+    @property
+    def _rounded(self) -> float:
+        """The value as far as its deviation lets it be known, never a minus zero."""
+        return round(self.value, self._places) + 0.0
 
     @property
     def _places(self) -> int:

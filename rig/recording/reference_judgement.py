@@ -39,7 +39,9 @@ SLUGS = frozenset({
     "load-cell-gain", "load-cell-zero", "force-input-lag", "lvdt-gain", "lvdt-zero", "position-input-lag",
     "zero-drift", "crosstalk", "zero-change", "current-zero", "coil-temperature",
 })
-"""Every reason that doubts a calibration."""
+"""Every reason that this judgement gives."""
+ZERO_RETURN = "zero-return"
+"""A zero that was another one after the session's motion than before; the campaign finds that, not a point."""
 
 
 @dataclass(frozen=True)

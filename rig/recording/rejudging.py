@@ -42,12 +42,12 @@ def judge_together(points_folder: Path) -> Iterator[FinishedPoint]:
         path = points[name].path
         if path is None:
             continue
-        write_verdict(path, verdict)
+        write_verdict(path, verdict, WHY)
         yield finished(RecordedPoint.open(path, whole=False))
 
 
-def write_verdict(path: Path, verdict: Verdict) -> None:
-    """Replace a file's verdict and reasons.
+def write_verdict(path: Path, verdict: Verdict, why: str) -> None:
+    """Replace a file's verdict and reasons; the file says when, and `why`.
 
     Raises:
         OSError: the disk refuses; the file is as it was.
@@ -61,7 +61,7 @@ def write_verdict(path: Path, verdict: Verdict) -> None:
         with h5py.File(file, "r+", libver=("v108", "v110")) as opened:
             say_verdict(opened["entry/quality"], verdict)
             set_attributes(opened["entry/quality"], {
-                "judged_again": WHY, "judged_again_utc": utc_now().isoformat(timespec="seconds"),
+                "judged_again": why, "judged_again_utc": utc_now().isoformat(timespec="seconds"),
             })
 
     write_whole(path, fill)

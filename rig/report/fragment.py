@@ -6,6 +6,8 @@ import html
 import math
 from collections.abc import Mapping, Sequence
 
+from rig.recording.estimate import Estimate
+
 MINUS = "\N{MINUS SIGN}"
 NOTHING = "\N{EN DASH}"
 
@@ -23,6 +25,11 @@ def number(value: object, digits: int = 4) -> str:
     if "e" in shown and 1e-4 <= abs(value) < 1e7:
         shown = f"{value:.0f}"
     return shown.replace("-", MINUS)
+
+
+def plus_minus(value: Estimate) -> str:
+    """A value and its standard deviation, with as many digits as that lets be known."""
+    return value.plain.replace("+-", "\N{PLUS-MINUS SIGN}").replace("-", MINUS)
 
 
 def chip(label: str, kind: str) -> str:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rig.recording.estimate import Estimate
 from rig.recording.reading import channel_attributes
 from rig.recording.run import RecordedPoint, Run
 from rig.recording.skew_pooling import pooled_skews
-from rig.report.fragment import NOTHING, box, number, table, text
+from rig.report.fragment import MINUS, NOTHING, box, number, table, text
 
 PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
 CONFIDENCE = 1.96
@@ -28,7 +29,7 @@ def time_base(run: Run) -> str:
         quality = point.quality
         rows.append(("", [
             text(point.id), text(quality.get("skew_method", "")), _drift(quality, "force"),
-            _drift(quality, "displacement"), number(_scaled(quality.get("skew_s"), 1e3), 3),
+            _drift(quality, "displacement"), _lagged(point),
             f"{PLUS_MINUS} {number(1e3 * CONFIDENCE * point.skew_std_s, 2)}", _checked(quality),
             number(_scaled(quality.get("arrival_skew_s"), 1e3), 3),
         ]))
@@ -40,6 +41,12 @@ def time_base(run: Run) -> str:
     )
     heading = f'<h2>Time base and skew</h2><p class="lead">{note}</p>'
     return heading + _pooled(points) + _not_stated(points) + table(head, rows, (2, 3, 4, 5, 7))
+
+
+def _lagged(point: RecordedPoint) -> str:
+    if "skew_s" not in point.quality:
+        return NOTHING
+    return Estimate(point.skew_s, CONFIDENCE * point.skew_std_s).times(1e3).alone.replace("-", MINUS)
 
 
 def _checked(quality: Mapping[str, Any]) -> str:
@@ -82,10 +89,11 @@ def _pooled(points: Sequence[RecordedPoint]) -> str:
         " The bench file states no delay of the controller's own inputs (<code>[actuator] input_delay</code>): what "
         "they may be late by is in it."
     )
+    taken = Estimate(used.delays.value_s, CONFIDENCE * used.std_s).times(1e3)
     return (
-        f"<p>All points together: by their own signals, force lags displacement by {number(1e3 * low_s, 3)} to "
-        f"<b>{number(1e3 * high_s, 3)} ms</b> beyond the declared delays.{stated} Taken out: "
-        f"{number(1e3 * used.delays.value_s, 3)} ms; {PLUS_MINUS} {_ms(used.std_s)} ms are left, in the fit too.</p>"
+        f"<p>All points together: by their own signals, force lags displacement by <b>{number(1e3 * low_s, 3)} to "
+        f"{number(1e3 * high_s, 3)} ms</b> beyond the declared delays.{stated} Taken out: "
+        f"{taken.alone.replace('-', MINUS)} ms; {PLUS_MINUS} {_ms(used.std_s)} ms are left, in the fit too.</p>"
     )
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rig.recording.estimate import Estimate
 from rig.recording.run import RecordedPoint, Run
 from rig.recording.verdict import blamed
-from rig.report.fragment import NOTHING, box, chip, data_list, number, table, text
+from rig.report.fragment import NOTHING, box, chip, data_list, number, plus_minus, table, text
 from rig.report.view import PointView
 
 JsonObject = Mapping[str, Any]
@@ -134,8 +135,9 @@ def points_table(views: Sequence[PointView]) -> str:
 def _skew(point: RecordedPoint) -> str:
     if point.imported:
         return NOTHING
-    known = f"{number(1e3 * point.skew_s, 3)} " if "skew_s" in point.quality else ""
-    return f"{known}\N{PLUS-MINUS SIGN} {number(1e3 * point.skew_std_s, 2)}"
+    if "skew_s" not in point.quality:
+        return f"\N{PLUS-MINUS SIGN} {number(1e3 * point.skew_std_s, 2)}"
+    return plus_minus(Estimate(point.skew_s, point.skew_std_s).times(1e3))
 
 
 def _scaled(value: object, factor: float) -> float | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.identification import identify_run
 from rig.recording.calibration_check import point_reasons
 from rig.recording.layout import AlignedChannel, PointFile, write_file
 from rig.recording.tolerances import Tolerances
@@ -31,11 +32,12 @@ def record(folder: Path, number: int, gain: float = 1.0, **quality: object) -> N
         "displacement_reference_offset_m": 1e-6, "displacement_reference_offset_std_m": 3e-6,
         "rest_current_A": 0.0004, "rest_current_std_A": 0.0005, **Tolerances().attributes, **quality,
     }
+    force_N = 900.0 * v + 200.0 * np.tanh(v / 0.02) + np.random.default_rng(number).standard_normal(len(v))
     verdict = Verdict.of(point_reasons(str(test["id"]), test, seen))
     write_file(folder / "points" / f"p{number:03d}.h5", PointFile(
         time_s, 250.0,
         [AlignedChannel("displacement", u, "m", "Damper extension"),
-         AlignedChannel("force", 900.0 * v + 200.0 * np.tanh(v / 0.02), "N", "Force"),
+         AlignedChannel("force", force_N, "N", "Force"),
          AlignedChannel("current", np.full(len(u), 0.5), "A", "Current"),
          AlignedChannel("auxiliary_1", u, "bar", "Pressure", "pressure", {"serial_number": "A-1"})],
         test=test, quality={**verdict.attributes, **seen}, provenance={"bench_hash": "b"},
@@ -126,3 +128,12 @@ def test_a_run_without_a_bench_has_no_such_table(folder: Path) -> None:
         quality={"verdict": "valid"},
     ))
     assert TABLE not in page(folder)
+
+
+def test_a_fit_to_points_whose_calibration_is_in_doubt_says_so_first(folder: Path) -> None:
+    for number in range(1, 5):
+        record(folder, number, gain=1.05)
+    fit = identify_run([folder], suspect=True)
+    assert "calibration in doubt" in fit.warnings[0]
+    assert "load cell" in fit.warnings[0]
+    assert sum("calibration in doubt" in warning for warning in fit.warnings) == 1
