@@ -125,6 +125,8 @@ def main() -> int:
     arguments.add_argument("--clean", type=int, default=100)
     arguments.add_argument("--wrong", type=int, default=10, help="campaigns with each error")
     arguments.add_argument("--error", choices=ERRORS, action="append")
+    arguments.add_argument("--family", choices=FAMILIES, action="append", help="of the clean campaigns")
+    arguments.add_argument("--first", type=int, default=0, help="seed of the first clean campaign")
     given = arguments.parse_args()
     print(f"{utc_now().date()}, {machine()}")
     good = True
@@ -132,10 +134,12 @@ def main() -> int:
         began = time.perf_counter()
         alarms: list[str] = []
         verdicts: Counter[str] = Counter()
-        for seed in range(given.clean):
-            told = campaign(seed, clean(seed), FAMILIES[seed % len(FAMILIES)], Path(folder))
+        families = given.family or FAMILIES
+        for seed in range(given.first, given.first + given.clean):
+            family = families[seed % len(families)]
+            told = campaign(seed, clean(seed), family, Path(folder))
             verdicts.update(verdict.verdict for verdict in told.verdicts)
-            alarms += [f"seed {seed} ({FAMILIES[seed % len(FAMILIES)]}): {each}" for each in told.reasons[:1]]
+            alarms += [f"seed {seed} ({family}): {each}" for each in told.reasons[:1]]
         print(f"clean: {given.clean} campaigns, {sum(verdicts.values())} points {dict(verdicts)}; "
               f"{len(alarms)} doubted falsely ({time.perf_counter() - began:.0f} s)", flush=True)
         for alarm in alarms:

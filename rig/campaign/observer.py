@@ -23,7 +23,7 @@ from rig.station.interlocks import BAD
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
-REST_WINDOW_S = 0.2
+REST_WINDOW_S = 0.5
 FRESH_TEMPERATURE_NS = 300_000_000
 STILL_WINDOW_S = 0.3
 STILL_M = 0.2e-3
@@ -41,7 +41,7 @@ LIVE = {
 Wait = Callable[[NDArray[Any]], ev.Event | None]
 
 
-STATUSES_AT_REST = 5
+STATUSES_AT_REST = 10
 """A fast rig's window is over after one or two, which say little of the controller's own noisy force input."""
 AT_REST = (
     Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE, Channel.COIL_CURRENT,
@@ -210,7 +210,7 @@ class Observer:
         )
 
     def await_zeros(self, judge: Callable[[AtRest], ev.Event]) -> None:
-        """Wait for what `judge` says of the next 0.2 s of the controller's clock, five statuses at the least."""
+        """Wait for what `judge` says of the next 0.5 s of the controller's clock, ten statuses at the least."""
         until_s = self.device_s + REST_WINDOW_S if self.device_s else math.nan
         parts: list[NDArray[Any]] = []
 

@@ -25,7 +25,7 @@ from rig.station.interlocks import BAD
 
 DRIFT_SHARE = 0.01
 """Of the largest measured force, or of the largest measured displacement from rest."""
-SURE = 6.0
+SURE = 5.0
 """Standard errors by which a drift is more than noise ..."""
 FEW = 4.0
 """... and so many times more, divided by the degrees of freedom that the noise itself is known by."""

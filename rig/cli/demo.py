@@ -61,7 +61,7 @@ def _show_beside_truth(fit: dict[str, Any], truth_path: Path, shown: Console) ->
         shown.print(part)
     judged = [inside(entry, truth.get(name)) for name, entry in fit["parameters"].items()]
     held, counted = judged.count(True), sum(item is not None for item in judged)
-    text = f"{held} of {counted} identifiable parameters have the truth inside their 95 % interval (1 in 20 lies outside)"
+    text = f"{held} of {counted} identifiable parameters have the truth inside their 95 % interval (1 in 20 is outside)"
     shown.print(Text(text, style="green" if held == counted else "yellow"))
 
 

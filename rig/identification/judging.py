@@ -226,14 +226,14 @@ def _at_limits(model: DamperModel, solution: Solution) -> dict[str, str]:
 
 
 def _too_wide(known: Information, values: Mapping[str, float]) -> dict[str, str]:
-    """Why parameters whose sign is unknown are not identified where others make up for a large part of the force."""
+    """Why parameters are not identified whose intervals exceed their values and stand for a large part of the force."""
     reasons, factor = {}, quantile(1, known.freedom)
     for name, share in zip(known.names, known.share.tolist(), strict=True):
         half = factor * known.standard_error(name)
         if math.isfinite(half) and half > abs(values[name]) and factor * share > LARGE_SHARE:
             reasons[name] = (
-                f"{name} is not identifiable: {values[name]:.3g} +- {half:.3g} (95 %) leaves its sign open, and "
-                f"{100.0 * factor * share:.0f} % of the force with it, for which the other parameters make up"
+                f"{name} is not identifiable: {values[name]:.3g} +- {half:.3g} (95 %) is wider than its value, and "
+                f"stands for {100.0 * factor * share:.0f} % of the force, for which other parameters make up"
             )
     return reasons
 

@@ -157,7 +157,7 @@ def _loop(
         spread.append(max(error.rmse_N, 1e-9) ** 2 * residual.widening)
         scaled = jacobian[each.scored] * scale
         before += by * (scaled.T @ scaled) / spread[-1]
-    widths = np.sqrt(np.diag(np.linalg.inv(before)))
+    widths = _widths(before)
     longest = float(np.median([each.u_m.size for each in measurements]))
     dt_s, noise = float(np.median([each.dt_s for each in measurements])), float(np.median(spread))
     candidates = list(_candidates(model, values, measurements, allowance))
@@ -165,7 +165,7 @@ def _loop(
     for point, motion in candidates:
         scaled = parameter_slopes(model, values, names, motion) * scale
         weight = min(KEPT_CYCLES / (point.frequency_Hz * dt_s), longest) / SAMPLES / noise
-        expected.append(np.sqrt(np.diag(np.linalg.inv(before + weight * scaled.T @ scaled))))
+        expected.append(_widths(before + weight * scaled.T @ scaled))
     for worst in np.argsort(-widths) if candidates else ():
         ranked = np.argsort([each[worst] for each in expected])[:MOST_CHECKS]
         for k in ranked:
@@ -175,6 +175,12 @@ def _loop(
             if allowance.feasible is None or allowance.feasible(candidates[k][0]):
                 yield _proposal(candidates[k][0], names[worst], fit, ratio, allowance)
                 return
+
+
+def _widths(information: FloatArray) -> FloatArray:
+    """Standard deviations (p,) for an information matrix (p, p) that holds at least that of the prior."""
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray(np.sqrt(vectors**2 @ (1.0 / np.maximum(values, 1.0 / VAGUE**2))))
 
 
 def _candidates(

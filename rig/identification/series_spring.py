@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 LARGEST_SHARE = 0.3
 TOLERANCE = 1e-3  # of the compliance
 CURVATURE_STEP = 0.02  # of the compliance
-SMOOTHING = 0.01  # relative standard error from the corners that the smoothed force lacks (0.4 to 1.5 % off in tests)
+SMOOTHING = 0.02  # relative standard error from the corners that the smoothed force lacks (0.4 to 2.3 % off in tests)
 SEEN = 3.0  # standard errors of the compliance from which there is a spring
 
 

@@ -145,9 +145,9 @@ class _Sums:
     """Sums over the samples of a test, or of all.
 
     `normal` J'W^2 J, `noise` J'W^4 J, `gradient` J'W^2 r; `shared` the effects of skew, scale of the force, scale of
-    the displacement and zero of the force, (4, p); `alone` the outer products of the effects that each test has for itself;
-    `power` of the residual (N^2) over `count` samples, `known_power` the part of its mean square that the motion's
-    errors explain, `force_power` the weighted force's sum of squares.
+    the displacement and zero of the force, (4, p); `alone` the outer products of the effects that each test has for
+    itself; `power` of the residual (N^2) over `count` samples, `known_power` the part of its mean square that the
+    motion's errors explain, `force_power` the weighted force's sum of squares.
     """
 
     def __init__(self, size: int) -> None:

@@ -85,7 +85,8 @@ def _agreement(name: str, unit: str, quality: Attributes) -> Agreement:
     return Agreement(
         gain=_estimate(quality, f"{start}_gain", f"{start}_gain_std"),
         offset=_estimate(quality, f"{start}_offset_{unit}", f"{start}_offset_std_{unit}"),
-        lag=_estimate(quality, f"{start}_lag_s", f"{start}_lag_std_s"),
+        # As the signals show it, whatever the load train's stiffness: what is usual of that proves nothing here.
+        lag=_estimate(quality, f"{name}_matched_lag_s", f"{name}_matched_lag_std_s"),
         declared_s=_number(quality, f"{name}_declared_delay_s") or 0.0,
     )
 

@@ -21,7 +21,7 @@ def campaign_held(folder: Path) -> Iterator[None]:
     """Hold a campaign's directory while the block runs.
 
     Raises:
-        FileProblem: there is no such directory.
+        FileProblem: there is no such directory, or its file system knows no locks.
         Refused: another process holds it (slug `two-instances`): the campaign still runs or is being recovered.
     """
     try:
@@ -30,9 +30,12 @@ def campaign_held(folder: Path) -> Iterator[None]:
         raise FileProblem(str(folder), [f"not a campaign's directory: {error.strerror}"]) from error
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
+    except BlockingIOError as error:
         os.close(handle)
         raise Refused("two-instances", f"{folder}: the campaign still runs, or another process recovers it") from error
+    except OSError as error:
+        os.close(handle)
+        raise FileProblem(str(folder), [f"cannot be locked: {error.strerror}; use a file system with locks"]) from error
     try:
         yield
     finally:

@@ -78,6 +78,7 @@ def finish_point(journal: Path, *, recovered: bool = False) -> FinishedPoint:
     Raises:
         JournalProblem: it cannot be read, or holds what no rig records.
         NothingRecorded: it holds no displacement or no force.
+        FileProblem: the file made of it could not be opened as a point again.
         OSError: the disk refused.
         ValueError: something in it fits nothing; so may any other error a library has for values that cannot be.
     """
@@ -282,7 +283,10 @@ def _write_proved(final: Path, point: PointFile) -> None:
     """Write under a temporary name, read back, compare, only then give it its name."""
 
     def proved(partial: Path) -> None:
+        from rig.recording.run import RecordedPoint
+
         prove(partial, point)
+        RecordedPoint.open(partial)  # what nobody could open must not take its journal's place
         if final.exists():
             keep_attempt(final)
 

@@ -30,10 +30,10 @@ from rig.recording.point_names import journal_name
 
 NICENESS = 5
 MEMORY_BYTES = 2 << 30
-"""What a process may take beyond what it needs to start; a ten-minute point at 10 kHz takes less than a fifth of it."""
+"""What a process may take beyond what it needs to start; a ten-minute point at 10 kHz takes less than a tenth of it."""
 TIMEOUT_S = 300.0
 BYTES_A_SECOND = 500_000.0
-"""A journal may take this long for its length: 40 times as long as was measured on one busy core."""
+"""A journal may take this long for its length: twenty times the CPU time that was measured."""
 RETIME_TIMEOUT_S = 600.0
 """From one answer to the next."""
 

@@ -21,6 +21,8 @@ from rig.recording.reference_judgement import (
     zero_change,
 )
 
+PROVES = 2.0
+"""Standard deviations that must fit into the tolerance before two instruments are said to agree."""
 AGREES, DISAGREES, UNCHECKED = "agrees", "disagrees", "not cross-checked"
 
 
@@ -75,29 +77,31 @@ def _against_input(
     force = instruments is FORCE
     allowed_gain = tolerances.force_gain if force else tolerances.displacement_gain
     allowed_zero = tolerances.force_zero_N if force else tolerances.displacement_zero_m
+    allowed_s = tolerances.time_s + max(each.declared_s for each in agreements)
     unit, scale = instruments.unit, instruments.scale
     percent = None if gain is None else Estimate(gain.value - 1.0, gain.std).times(100.0)
     zero = None if offset is None else offset.times(scale)
     late = None if lag is None else lag.times(1e3)
     return [
         _row(sensor, "sensitivity", reference, percent, "%", f"{100.0 * allowed_gain:g} %",
-             instruments.gain_slug in doubted),
+             instruments.gain_slug in doubted, 100.0 * allowed_gain),
         _row(sensor, "zero", reference, zero, unit, f"{scale * allowed_zero:.3g} {unit}",
-             instruments.zero_slug in doubted),
+             instruments.zero_slug in doubted, scale * allowed_zero),
         _row(sensor, "time, beyond both declared delays", reference, late, "ms",
-             f"input later by {1e3 * (tolerances.time_s + max(each.declared_s for each in agreements)):.2g} ms",
-             instruments.lag_slug in doubted),
+             f"input later by {1e3 * allowed_s:.2g} ms", instruments.lag_slug in doubted, 1e3 * allowed_s),
     ]
 
 
 def _row(
     instrument: str, what: str, reference: str, found: Estimate | None, unit: str, allowed: str, doubted: bool,
+    tolerance: float,
 ) -> CrossCheck:
     if found is None:
         return CrossCheck(instrument, what, f"no point moved enough to compare it with the {reference}")
-    return CrossCheck(
-        instrument, what, reference, f"{found.signed} {unit}", allowed, DISAGREES if doubted else AGREES,
-    )
+    shown = f"{found.signed} {unit}"
+    if not doubted and PROVES * found.std > tolerance:
+        return CrossCheck(instrument, what, f"{reference}: too uncertain to prove anything", shown, allowed)
+    return CrossCheck(instrument, what, reference, shown, allowed, DISAGREES if doubted else AGREES)
 
 
 def _zero_over_campaign(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:

@@ -201,18 +201,3 @@ def flush_directory(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def replace_durably(partial: Path, final: Path) -> None:
-    """Flush `partial`, give it its final name in one step, flush the directory.
-
-    Raises:
-        OSError: the disk refused; the final name then still holds what it held before.
-    """
-    handle = os.open(partial, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-    os.replace(partial, final)
-    flush_directory(final.parent)

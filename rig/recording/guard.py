@@ -120,6 +120,7 @@ class _Walk:
         self.problems: list[str] = []
         self._file_bytes = file_bytes
         self._seen = self._declared = 0
+        self._walked: set[int] = set()
 
     def group(self, group: h5py.Group, place: str) -> None:
         import h5py
@@ -134,12 +135,16 @@ class _Walk:
             return
         for name in group:
             where = f"{place}/{_printable(name)}"
-            link = group.get(name, getlink=True)
-            if not isinstance(link, h5py.HardLink):
-                self.problems.append(f"{where}: {type(link).__name__} refused; a recording holds its data itself")
+            info = group.id.links.get_info(name.encode("utf-8", "surrogateescape"))
+            if info.type != h5py.h5l.TYPE_HARD:
+                kind = type(group.get(name, getlink=True)).__name__
+                self.problems.append(f"{where}: {kind} refused; a recording holds its data itself")
                 continue
+            if info.u in self._walked:
+                continue  # stamps that channels share are one dataset with many names
             item = group[name]
             if isinstance(item, h5py.Dataset):
+                self._walked.add(info.u)
                 self._dataset(item, where)
             elif isinstance(item, h5py.Group):
                 self.group(item, where)

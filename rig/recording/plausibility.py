@@ -42,6 +42,8 @@ def checked_context(context: PointContext, name: str) -> PointContext:
     point = context.point
     problems = _outside("point", point, POINT, needed=tuple(POINT))
     problems += _outside("header", vars(context), CONTEXT, needed=("device_rate",))
+    if not isinstance(point.get("waveform"), str):
+        problems.append(f"point: waveform = {point.get('waveform')!r:.40}, expected its name")
     for channel in ("force", "displacement"):
         if channel not in context.sensors:
             problems.append(f"no sensor {channel}")

@@ -30,6 +30,10 @@ GAIN_FLOOR = 1e-3
 OFFSET_FLOOR = 0.05
 """... and of an offset, as a share of its tolerance."""
 LAG_FLOOR_S = 2e-5
+WEAK_LAG = 2.0
+"""Tolerances beyond which a loop's lag is too uncertain to be asked; alone, one is enough."""
+LONE_LAG = 1.5
+"""A lag that a single loop shows must be so many times more certain: nothing confirms it."""
 
 SLUGS = frozenset({
     "load-cell-gain", "load-cell-zero", "force-input-lag", "lvdt-gain", "lvdt-zero", "position-input-lag",
@@ -234,7 +238,10 @@ def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
 
 
 def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict[str, Reason]:
-    """A sensor that is later than its input has a delay that can be seen; one that is earlier disproves the input."""
+    """A sensor that is later than its input has a delay that can be seen; one that is earlier disproves the input.
+
+    A loop too weak to tell the lag about as well as it is allowed to be may have matched wrongly: it says nothing.
+    """
     agreements = {point.id: instruments.of(point) for point in points}
     tolerance_s = _least(points, "time_s") + max(each.declared_s for each in agreements.values())
 
@@ -247,9 +254,13 @@ def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict
         )
 
     estimates = {
-        name: each.lag.widened(LAG_FLOOR_S) for name, each in agreements.items() if each.lag is not None
+        name: each.lag.widened(LAG_FLOOR_S) for name, each in agreements.items()
+        if each.lag is not None and each.lag.std <= WEAK_LAG * tolerance_s
     }
-    doubted = _doubts(points, estimates, 0.0, tolerance_s, k, told)
+    if len(estimates) == 1:
+        estimates = {name: lag for name, lag in estimates.items() if lag.std <= tolerance_s}
+    sure = k if len(estimates) > 1 else LONE_LAG * k
+    doubted = _doubts(points, estimates, 0.0, tolerance_s, sure, told)
     return {name: reason for name, reason in doubted.items() if reason.numbers["lag_s"] < 0.0}
 
 

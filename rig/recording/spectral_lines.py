@@ -25,6 +25,7 @@ WIDEST = 30  # orders above the highest one in which noise is looked for
 NEAR_BINS = 48  # frequencies between harmonics, nearest to an order, whose median is its noise
 MEDIAN_COUNTS = 0.48  # a median of so many is as sure as a mean of this share of them
 MEDIAN_OF_EXPONENTIAL = math.log(2.0)
+SYMMETRIC = 2.0  # the rounding of a cycle whose halves mirror each other lies in half of the orders, twice as strong
 GRID = 0.01  # of a step, within which all values of a quantised signal lie on its grid
 MOST_GAPS = 400  # differences of neighbouring values from which the step is found
 FEWEST_STORED = 4.0  # a step is at least so many steps of the stored numbers
@@ -172,4 +173,4 @@ def _quantisation_power(time_s: FloatArray, residual: FloatArray, omega_rad_s: f
     a_cycle = n / max(1.0, omega_rad_s / (2.0 * np.pi) * float(time_s[-1] - time_s[0]))
     noise_power = max(0.0, float(np.mean(residual**2)) - step**2 / 12.0)
     faded = math.exp(-min(700.0, 4.0 * math.pi**2 * noise_power / step**2))
-    return n**2 * step**2 / (12.0 * max(2.0, a_cycle)) * faded
+    return SYMMETRIC * n**2 * step**2 / (12.0 * max(2.0, a_cycle)) * faded

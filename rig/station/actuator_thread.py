@@ -25,6 +25,7 @@ from rig.station.line_judge import ClockWatch
 from rig.station.link_troubles import LinkTroubles, link_slug
 from rig.station.roles import ActuatorDriver, Travel
 from rig.station.safe_stop import STILL_S, Action
+from rig.station.said import say_error
 from rig.station.standing import Reference
 from rig.station.status_judge import ControllerJudge
 from rig.station.status_records import StatusRecords
@@ -232,6 +233,12 @@ class ActuatorThread(DeviceThread):
                 self._serve()
             except DriverError as error:
                 self._failed(error)
+            except Exception as error:  # noqa: BLE001 - this thread alone can stop the motion: it must not end
+                detail = f"actuator: {type(error).__name__}: {error}"
+                if detail != self.failure:
+                    self.failure = detail
+                    say_error()
+                self._supervisor.report([Finding("task-dies", detail, monotonic_ns())])
             now_ns = monotonic_ns()
             next_ns = max(next_ns + period_ns, now_ns) if now_ns >= next_ns else next_ns
 

@@ -18,6 +18,8 @@ from rig.station.errors import ConfigProblem
 
 T = TypeVar("T")
 
+ECU_STATUS_Hz = 100.0
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -124,6 +126,12 @@ class StationConfig:
     real_time: bool = True
     owner_id: int = 0
     disabled_detectors: tuple[str, ...] = ()
+
+    @property
+    def periods_s(self) -> list[float]:
+        """At which periods the devices are heard (wall s): polls, samples, the ECU's status frames."""
+        rates_Hz = [sensor.rate_Hz for sensor in (self.load_cell, self.lvdt, *self.auxiliary)]
+        return [self.actuator.poll_s, *(1.0 / (rate_Hz * self.device_rate) for rate_Hz in (*rates_Hz, ECU_STATUS_Hz))]
 
     def to_json(self) -> str:
         """This configuration as JSON text."""

@@ -106,10 +106,6 @@ class HostWatch:
         with self._lock:
             self._look(begin_ns, now_ns)
 
-    def clock_ns(self, now_ns: int) -> int:
-        """A clock that stands still while the station is blind: for deadlines of what others must do meanwhile."""
-        return now_ns - self.total_ns
-
     def blind_ns(self, since_ns: int, now_ns: int) -> int:
         """Blind time between two instants."""
         if self.woke_ns <= since_ns:

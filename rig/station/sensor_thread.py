@@ -250,9 +250,10 @@ class SensorThread(DeviceThread):
 
     def _stands(self) -> bool:
         """The value repeats while the controller's does not."""
-        if self.reference is None:
-            return False
         judge = self.judge
+        if self.reference is None or judge.repeats == 0:
+            self._standing.forget()
+            return False
         step = judge.step if math.isfinite(judge.step) else 0.0
         return self._standing.judge(judge.repeats, self.reference(), fine=judge.fine, step=step)
 

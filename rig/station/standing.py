@@ -40,6 +40,10 @@ class StandingJudge:
         self._low = self._high = math.nan
         self._beyond_since: int | None = None
 
+    def forget(self) -> None:
+        """The last sample has another value than the one before."""
+        self._repeats = 0
+
     def judge(self, repeats: int, reference: Reference, *, fine: bool, step: float) -> bool:
         """Take one read.
 

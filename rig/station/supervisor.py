@@ -28,7 +28,8 @@ from rig.station.vigil import Vigil
 TICK_S = 0.005
 WARNING_EVERY_NS = 1_000_000_000
 STALLED_NS = 500_000_000
-ECU_STATUS_S = 0.010
+FORGIVEN_NS = 1_000_000_000
+"""So much of the station's own blind time does not count towards the deadlines of one stop."""
 UNTAKEN_NS = 200_000_000
 """So long a stop command may go unacknowledged before the controller's watchdog is starved."""
 EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip"})
@@ -57,7 +58,7 @@ class Supervisor:
     ) -> None:
         self.config = config
         self.tick_ns = monotonic_ns()
-        quiet = quiet_s(_periods_s(config))
+        quiet = quiet_s(config.periods_s)
         self.host = HostWatch(config.late_limit_s, config.actuator.watchdog_s, quiet, self.tick_ns)
         self.movement = Movement()
         self.trip: Trip | None = None
@@ -78,6 +79,7 @@ class Supervisor:
         self._proving = False
         self._application_gone = False
         self._warned: dict[str, tuple[int, int]] = {}
+        self._blind_before_ns = 0
         self._lock = threading.RLock()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="supervisor", daemon=True)
@@ -119,11 +121,6 @@ class Supervisor:
     def ended_for_good(self) -> bool:
         """The stop that follows the end of the application's link has gone all the way (S1), or cannot be proved."""
         return self.stop is not None and self.stop.finished and self.stop.kind is Stop.S1
-
-    @property
-    def thread_alive(self) -> bool:
-        """The ticking thread runs."""
-        return self._thread.is_alive()
 
     def arm(self) -> None:
         """Let the interlocks act; the application's beat counts from now."""
@@ -171,7 +168,7 @@ class Supervisor:
         if self.trip is not None:
             stop, taken = self.stop, self._motion is None or self._motion.stop_taken
             if stop is not None and stop.step is Step.STOPPING and not taken:
-                return self.host.clock_ns(now_ns) - stop.step_ns < UNTAKEN_NS
+                return self._stop_clock_ns(now_ns) - stop.step_ns < UNTAKEN_NS
             return stop is None or stop.step is not Step.UNKNOWN
         return self.vigil.beat_age_s(now_ns) < 2.0 * self.config.heartbeat_timeout_s
 
@@ -249,6 +246,7 @@ class Supervisor:
             self.later = {}
             self.movement = Movement()
             self._warned = {}
+            self.host.listen(monotonic_ns(), listening=True)
             return True
 
     def _warn(self, finding: Finding) -> None:
@@ -268,7 +266,6 @@ class Supervisor:
             What the stop has to do now.
         """
         now_ns = monotonic_ns()
-        awake_ns = self.host.clock_ns(now_ns)
         # A stop asked for is never a halt: only a detector's row knows of a hard limit.
         halt = row.halt and not asked
         with self._lock:
@@ -279,12 +276,15 @@ class Supervisor:
                     self.trip = Trip(finding.slug, kind, finding.detail, finding.t_ns, finding.value, finding.limit)
                 if self._travel is not None:
                     self._travel.restart_still()
+                # From now on devices may be gone; hearing none of them is not the host's any more.
+                self.host.listen(now_ns, listening=False)
+                self._blind_before_ns = self.host.total_ns
                 self.stop, actions = safe_stop.begin(
-                    kind, awake_ns, halt=halt, fade_s=self.movement.fade_s, device_rate=self.config.device_rate,
-                    watchdog_s=self.config.actuator.watchdog_s,
+                    kind, self._stop_clock_ns(now_ns), halt=halt, fade_s=self.movement.fade_s,
+                    device_rate=self.config.device_rate, watchdog_s=self.config.actuator.watchdog_s,
                 )
             else:
-                self.stop, actions = safe_stop.escalate(self.stop, kind, awake_ns, halt=halt)
+                self.stop, actions = safe_stop.escalate(self.stop, kind, self._stop_clock_ns(now_ns), halt=halt)
             if not first and not known:
                 self.later[finding.slug] = finding.detail
             if first or not known:
@@ -333,7 +333,15 @@ class Supervisor:
         while not self._ending.wait(TICK_S):
             now_ns = monotonic_ns()
             loop.returned(TICK_S, now_ns, heard=False)
-            self.tick(now_ns)
+            try:
+                self.tick(now_ns)
+            except Exception as error:  # noqa: BLE001 - a loop that ended would watch nothing and end no stop
+                self.defects += 1
+                if self.defects == 1:
+                    say_error()
+                if self._armed:
+                    self._internal("task-dies", f"the interlock loop failed: {type(error).__name__}: {error}")
+                self._try(self._advance_stop, now_ns)
 
     def tick(self, now_ns: int) -> None:
         """One round of the slow checks."""
@@ -347,6 +355,10 @@ class Supervisor:
         if self._guards:
             self.report(self.vigil.consumer(now_ns))
         self._advance_stop(now_ns)
+
+    def _stop_clock_ns(self, now_ns: int) -> int:
+        """The clock of a stop's deadlines: it stands while the station is blind, for `FORGIVEN_NS` in all at most."""
+        return now_ns - min(self.host.total_ns - self._blind_before_ns, FORGIVEN_NS)
 
     @property
     def _guards(self) -> bool:
@@ -384,11 +396,4 @@ class Supervisor:
         current_A = None if self._coil is None else self._coil.fresh_current_A
         taken = self._motion is None or self._motion.stop_taken
         period_s = self.movement.period_s
-        return View(self.host.clock_ns(now_ns), still_s, moving, clock_s, low, off, current_A, period_s, taken)
-
-
-def _periods_s(config: StationConfig) -> list[float]:
-    """At which periods the devices are heard (wall s)."""
-    rates_Hz = [sensor.rate_Hz for sensor in (config.load_cell, config.lvdt, *config.auxiliary)]
-    return [config.actuator.poll_s, *(1.0 / (rate_Hz * config.device_rate) for rate_Hz in rates_Hz),
-            ECU_STATUS_S / config.device_rate]
+        return View(self._stop_clock_ns(now_ns), still_s, moving, clock_s, low, off, current_A, period_s, taken)

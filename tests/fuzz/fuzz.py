@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import math
 import random
 import re
@@ -16,11 +17,13 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
+import h5py
 import numpy as np
 from damage import chunks, damaged
 
@@ -30,13 +33,16 @@ from protocols.errors import RemoteProtocolError
 from rig.bench.model import Bench
 from rig.errors import FileProblem
 from rig.matrix.model import load_matrix
+from rig.recording.context import PointContext, SensorContext
 from rig.recording.importing import import_tests
-from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.recording.journal import JournalWriter, parse_journal
+from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointFile, write_file
+from rig.recording.recovery import finish_alone
 from rig.recording.run import RecordedPoint, Run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 INPUTS = 20_000
-SLOW = {"bench": 20, "matrix": 20, "csv": 40, "hdf5": 20}
+SLOW = {"bench": 20, "matrix": 20, "csv": 40, "hdf5": 20, "hdf5-structure": 20, "journal": 20}
 """Targets that read files take this many times fewer inputs."""
 
 LIMITS = encode_limits(ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 5e3, 1.0, 20.0, 500, WatchdogAction.FADE_AND_HOLD))
@@ -214,9 +220,102 @@ def fuzz_hdf5(source: random.Random) -> None:
         assert len(point.time_s) == len(point.force_N) == len(point.displacement_m)
 
 
+def fuzz_hdf5_structure(source: random.Random) -> None:
+    """Sound HDF5 with something in it that no recording has: refused by name, or read without a word of it."""
+    if not HDF5:
+        HDF5.append(hdf5_bytes())
+    with file_of(HDF5[0], "p001.h5") as path:
+        with h5py.File(path, "r+") as file:
+            place = file[source.choice(["/", "entry", "entry/data", "entry/test", "entry/events"])]
+            odd = source.randrange(8)
+            if odd == 0:
+                shape = (source.choice([1, 500, 10**6, 10**9, 2**40]),)
+                chunks = (min(shape[0], source.choice([1, 500, 10**6, 2**28])),)
+                place.create_dataset("odd", shape, source.choice(["i1", "f8", "S3", "S70000", "f2", "?", "c16"]),
+                                     chunks=chunks, compression=source.choice([None, "gzip", "lzf"]))
+            elif odd == 1:
+                place.attrs["odd"] = source.choice([np.zeros(2**source.randrange(20)), "text", np.zeros((2, 2)), True])
+            elif odd == 2:
+                place["odd"] = source.choice([h5py.SoftLink("/entry"), h5py.ExternalLink("x.h5", "/"), file["entry"]])
+            elif odd == 3:
+                place["odd"] = np.dtype([("a", "i4")])
+            elif odd == 4:
+                place.attrs["odd"] = source.choice([file["entry"].ref, file["entry/data/force"].regionref[1:3]])
+            elif odd == 5:
+                inner = place
+                for _ in range(source.randrange(10)):
+                    inner = inner.create_group("odd")
+            elif odd == 6:
+                for number in range(source.choice([3, 2_500])):
+                    place[f"odd{number}"] = file["entry/data/force"]
+            else:
+                place.create_dataset("odd", data=["a", "b"], dtype=h5py.string_dtype())
+        with contextlib.suppress(FileProblem):
+            point = RecordedPoint.open(path)
+            assert len(point.time_s) == len(point.force_N) == 500
+
+
+def journal_bytes() -> bytes:
+    """A point of two sensors, two status channels and an event."""
+    sensors = {"force": SensorContext("load_cell", 250.0), "displacement": SensorContext("lvdt", 250.0)}
+    context = PointContext(TEST | {"cycles": 3}, sensors)
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        writer = JournalWriter(Path(folder) / "p001.journal", context.to_json())
+        time_s = np.arange(1250) / 250.0
+        for channel, value in ((1, 300.0 * np.cos(6.3 * time_s)), (2, 0.05 * np.sin(6.3 * time_s)), (20, 0 * time_s)):
+            records = np.zeros(len(time_s), RECORD_DTYPE)
+            records["host_ns"], records["device_us"] = 1e9 * (100.0 + time_s), 1e6 * time_s
+            records["value"], records["channel"], records["sequence"] = value, channel, np.arange(len(time_s))
+            writer.append(records)
+        writer.event(100_000_000_000, "note", "text")
+        writer.close(stopped_by=None, lost_records=0)
+        return writer.path.read_bytes()
+
+
+JOURNAL: list[bytes] = []
+EXTREMES = (0, 1, -1, 2**31, 2**32 - 1, 2**63 - 1, -(2**63), 1e308, math.inf, math.nan, 10**400, "x", None, [], {})
+
+
+def fuzz_journal(source: random.Random) -> None:
+    """Journals damaged, or with sound checks and numbers that cannot be: a file, or a named error and the journal."""
+    if not JOURNAL:
+        JOURNAL.append(journal_bytes())
+    data = damaged(JOURNAL[0], source) if source.random() < 0.3 else _absurd(JOURNAL[0], source)
+    with file_of(data, "p001.journal") as path, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        answer = finish_alone(path)
+        assert path.exists() == bool(answer.error), answer
+        assert answer.error or RecordedPoint.open(Path(answer.file)).samples > 0
+
+
+def _absurd(data: bytes, source: random.Random) -> bytes:
+    """The journal written again with one entry of its header or some of its records changed, its checks right."""
+    content = parse_journal(data)
+    header, records = json.loads(content.context_json), content.records.copy()
+    if source.random() < 0.5:
+        inner = source.choice([header, header["point"], header["sensors"]["force"], header["sensors"]["displacement"]])
+        inner[source.choice(sorted(inner))] = source.choice(EXTREMES)
+    else:
+        field = source.choice(RECORD_DTYPE.names or ())
+        rows = source.choice([slice(None), slice(5), slice(700, 701), slice(0, None, 7)])
+        with np.errstate(all="ignore"):
+            if field == "value":
+                records[field][rows] = source.choice([1e308, -1e308, math.inf, math.nan, 5e-324])
+            else:
+                kind = np.iinfo(RECORD_DTYPE[field])
+                records[field][rows] = source.choice([kind.min, kind.max, 0, kind.max // 2, kind.max // 1000])
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
+        writer = JournalWriter(Path(folder) / "p001.journal", json.dumps(header))
+        for start in range(0, len(records), 400):
+            writer.append(records[start : start + 400])
+        writer.close(stopped_by=None, lost_records=0)
+        return writer.path.read_bytes()
+
+
 TARGETS: dict[str, Callable[[random.Random], None]] = {
     "frame16": fuzz_frame16, "lines": fuzz_lines, "slcan": fuzz_slcan, "ecu": fuzz_ecu, "modbus": fuzz_modbus,
     "bench": fuzz_bench, "matrix": fuzz_matrix, "csv": fuzz_csv, "hdf5": fuzz_hdf5,
+    "hdf5-structure": fuzz_hdf5_structure, "journal": fuzz_journal,
 }  # fmt: skip
 
 

@@ -11,7 +11,12 @@ import pytest
 FUZZ = Path(__file__).with_name("fuzz.py")
 
 
-@pytest.mark.parametrize("target", ["frame16", "lines", "slcan", "ecu", "modbus", "bench", "matrix", "csv", "hdf5"])
+TARGETS = (
+    "frame16", "lines", "slcan", "ecu", "modbus", "bench", "matrix", "csv", "hdf5", "hdf5-structure", "journal",
+)
+
+
+@pytest.mark.parametrize("target", TARGETS)
 def test_damaged_input_is_refused_or_read_as_it_stands(target: str, capsys: pytest.CaptureFixture[str]) -> None:
     command = [sys.executable, str(FUZZ), "--here", "--inputs", "2000", "--seed", "1", target]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=150)

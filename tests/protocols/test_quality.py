@@ -7,6 +7,7 @@ from protocols.quality import Quality
 
 def test_flags_keep_the_bits_of_the_documented_layout() -> None:
     documented = {"OVERLOAD": 1, "SENSOR_FAULT": 2, "GAP_BEFORE": 4, "NOT_A_NUMBER": 8, "SPIKE": 16, "STALE": 32}
+    documented["CLOCK_BACK"] = 64
     assert {flag.name: flag.value for flag in Quality} == documented
 
 

@@ -161,7 +161,7 @@ def test_zeros_are_judged_over_the_rest_window() -> None:
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     block = [(channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
     assert observer.observe(records(*block)) is None
-    assert observer.observe(status(1_300_000_000, State.OFF)) == ev.ZerosJudged(None)
+    assert observer.observe(status(1_600_000_000, State.OFF)) == ev.ZerosJudged(None)
 
 
 def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None:
@@ -171,8 +171,8 @@ def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None
     assert observer.observe(status(7_000_000_000, State.OFF)) is None
     block = [(channel, 7_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
     assert observer.observe(records(*block)) is None
-    assert observer.observe(status(7_150_000_000, State.OFF)) is None
-    assert observer.observe(status(7_210_000_000, State.OFF)) == ev.ZerosJudged(None)
+    assert observer.observe(status(7_450_000_000, State.OFF)) is None
+    assert observer.observe(status(7_510_000_000, State.OFF)) == ev.ZerosJudged(None)
 
 
 def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_they_look_well() -> None:
@@ -183,7 +183,7 @@ def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_th
     block = records(*((channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels))
     block["flags"][block["channel"] == Channel.FORCE] = Quality.SENSOR_FAULT
     observer.observe(block)
-    judged = observer.observe(status(1_300_000_000, State.OFF))
+    judged = observer.observe(status(1_600_000_000, State.OFF))
     assert isinstance(judged, ev.ZerosJudged)
     assert judged.cause is not None
     assert "load cell: 20 samples at rest" in judged.cause.detail

@@ -83,10 +83,10 @@ def test_a_matrix_beyond_the_simulated_rig_is_refused_before_anything_moves(tmp_
 def test_the_demo_covers_the_simulated_truth_and_says_what_cannot_be_identified(tmp_path: Path) -> None:
     code, out, err = finish(start("demo", "--out", str(tmp_path)))
     assert code == 0, out + err
-    for expected in ("Plan: DEMO", "8 points feasible", "p008", "truth", "eta cannot be", "report.html", "fit.json"):
+    for expected in ("all 8 points feasible", "p008", "truth", "eta cannot be", "report.html", "fit.json"):
         assert expected in out, expected
     held = re.search(r"(\d+) of (\d+) identifiable parameters have the truth inside", out)
     assert held is not None
     assert int(held[2]) >= 10
-    assert held[1] == held[2], out
+    assert int(held[2]) - int(held[1]) <= 3, out  # of twelve 95 % intervals four miss in one demo of 400
     assert (next(tmp_path.iterdir()) / "report.html").is_file()

@@ -61,6 +61,8 @@ HEADERS: dict[str, str] = {
     "frequency 0": header(point__frequency_Hz=0.0),
     "frequency nan": json.dumps(json.loads(header())).replace('"frequency_Hz": 2.0', '"frequency_Hz": NaN'),
     "frequency of 400 digits": header(point__frequency_Hz=10**400),
+    "waveform missing": header(point__waveform=...),
+    "waveform a number": header(point__waveform=3),
     "cycles text": header(point__cycles="many"),
     "cycles 1e300": header(point__cycles=1e300),
     "rate 0": header(sensors__force__rate_Hz=0.0),
@@ -248,7 +250,7 @@ def test_a_journal_that_wants_all_memory_is_refused_it(campaign: Path) -> None:
     """A hole in a file costs no disk, and a block of 60 MB claimed again and again no more memory than one."""
     path = written(campaign / "points" / "p001.journal")
     with path.open("r+b") as file:
-        file.truncate(3 << 30)
+        file.truncate(1 << 30)
     with Converter() as converter:
         answer = converter.finish(path)
     assert answer.error or answer.verdict == "valid"

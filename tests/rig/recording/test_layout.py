@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rig.recording import hdf5_image
 from rig.recording.layout import RECORD_DTYPE, AlignedChannel, Event, PointFile, RawChannel, write_file
 from rig.recording.run import RecordedPoint
 
@@ -145,6 +146,14 @@ def test_files_of_any_length_are_read_back(tmp_path: Path, samples: int) -> None
     write_file(tmp_path / "p.h5", a_point(max(samples, 4)))
     point = RecordedPoint.open(tmp_path / "p.h5")
     assert np.array_equal(point.force_N, a_point(max(samples, 4)).channels[1].values.astype(np.float32), equal_nan=True)
+
+
+def test_the_index_of_a_long_file_grows_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hdf5_image, "CHUNK_SAMPLES", 4)
+    point = dataclasses.replace(a_point(20_000), raw=())
+    write_file(tmp_path / "p.h5", point)
+    read = RecordedPoint.open(tmp_path / "p.h5")
+    assert np.array_equal(read.force_N, point.channels[1].values.astype(np.float32), equal_nan=True)
 
 
 def test_attributes_that_hdf5_cannot_hold_are_cut_or_kept_as_text_and_never_cost_the_file(tmp_path: Path) -> None:

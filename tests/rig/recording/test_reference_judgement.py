@@ -111,6 +111,15 @@ def test_a_comparison_that_failed_at_one_point_says_nothing_of_the_instruments()
     assert slugs(judge([*points[:2], points[2]])) == set()
 
 
+def test_a_loop_too_weak_to_tell_its_lag_does_not_disprove_an_input() -> None:
+    points = campaign(14, 3)
+    weak = [replace(point, force=replace(point.force, lag=Estimate(lag_s, std_s))) for point, lag_s, std_s in zip(
+        points, (-17.1e-3, -20.8e-3, 6.5e-3), (1.2e-3, 22e-3, 3.6e-3), strict=True,
+    )]
+    assert slugs(judge(weak)) == set()
+    assert slugs(judge(weak[:1])) == set()
+
+
 def test_gain_and_lag_of_one_point_alone_are_judged_until_there_are_others() -> None:
     points = campaign(13, 6)
     odd = replace(points[1], force=Agreement(Estimate(1.1, 0.002), None, Estimate(-2e-3, 1e-4), 2.25e-4))

@@ -26,7 +26,7 @@ def record(folder: Path, number: int, gain: float = 1.0, **quality: object) -> N
             "current_A": 0.5 * (number % 3), "controller_clock_at_zero_s": 9.0 * number, "mid_stroke_m": 0.0}
     seen = {
         "force_reference_gain": gain, "force_reference_gain_std": 0.002, "force_reference_offset_N": 0.4,
-        "force_reference_offset_std_N": 0.5, "force_reference_lag_s": 1e-5, "force_reference_lag_std_s": 5e-5,
+        "force_reference_offset_std_N": 0.5, "force_matched_lag_s": 1e-5, "force_matched_lag_std_s": 5e-5,
         "displacement_reference_gain": 1.0003, "displacement_reference_gain_std": 2e-4,
         "displacement_reference_offset_m": 1e-6, "displacement_reference_offset_std_m": 3e-6,
         "rest_current_A": 0.0004, "rest_current_std_A": 0.0005, **Tolerances().attributes, **quality,
@@ -75,6 +75,17 @@ def test_every_instrument_is_compared_with_numbers_or_said_not_to_be(folder: Pat
     assert named["pressure", "everything"][5] == "not cross-checked"
     assert named["LVDT", "time, beyond both declared delays"][5] == "not cross-checked"
     assert all(row[3] != "" for row in rows)
+
+
+def test_what_is_too_uncertain_is_not_said_to_agree(folder: Path) -> None:
+    for number in range(1, 4):
+        record(folder, number, force_matched_lag_s=-1.5e-3, force_matched_lag_std_s=9e-4, force_reference_gain_std=0.03)
+    named = {(row[0], row[1]): row for row in rows_of(page(folder))}
+    for what in ("sensitivity", "time, beyond both declared delays"):
+        row = named["load cell", what]
+        assert row[5] == "not cross-checked"
+        assert "too uncertain" in row[2]
+        assert "\N{PLUS-MINUS SIGN}" in row[3]
 
 
 def test_a_calibration_in_doubt_comes_before_everything_else(folder: Path) -> None:

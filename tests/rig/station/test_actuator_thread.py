@@ -203,3 +203,15 @@ def test_a_status_that_stands_in_running_is_no_view_and_the_stop_ends_in_time_wi
     assert time.monotonic() - began_s < MOST_STOP_S
     assert Command.HYDRAULICS_OFF in rig.device.executed
     assert "stop-ignored" in rig.told.slugs("also")
+
+
+def test_a_defect_on_its_thread_stops_the_motion_which_nobody_else_could(controller: Make) -> None:
+    def defect() -> float:
+        raise RuntimeError("a defect")
+
+    rig = controller()
+    rig.thread.speed_source = defect
+    rig.thread.start()
+    assert wait_for(lambda: Command.FADE_STOP in rig.device.executed)
+    assert rig.thread.alive
+    assert rig.told.slugs("trip") == ["task-dies"]

@@ -11,6 +11,7 @@ from station_bench import Told, config_for
 
 from drivers.ecu import CanEcu
 from drivers.ring import Channel, Record
+from rig.clock import monotonic_ns
 from rig.station.coil_thread import CoilThread
 from rig.station.fault_table import TABLE
 from rig.station.interlocks import Finding
@@ -168,3 +169,39 @@ def test_a_coil_that_keeps_the_stop_waiting_holds_up_neither_the_motion_nor_the_
     assert supervisor.trip is not None
     assert supervisor.trip.slug == FAULT.slug
     assert rod.actions == [Action.FADE, Action.HALT]
+
+
+def test_a_defect_of_the_interlock_loop_stops_the_rig_and_the_stop_goes_on(told: Told) -> None:
+    def beat(now_ns: int) -> None:
+        if failing.is_set():
+            raise RuntimeError("a defect")
+
+    failing, rod = threading.Event(), Rod()
+    made = Supervisor(config_for(), told.append, lambda records: None, beat)
+    made.attach(Coil(lambda: None), rod, rod, ())
+    made.start()
+    made.arm()
+    failing.set()
+    with made.changed:
+        assert made.changed.wait_for(lambda: made.trip is not None, 10.0)
+        assert made.changed.wait_for(lambda: made.settled, 30.0), "its steps are still taken"
+    made.end()
+    assert told.slugs("trip") == ["task-dies"]
+    assert rod.actions[0] is Action.FADE
+
+
+def test_a_station_that_hardly_runs_still_gives_a_stop_up_that_it_cannot_prove(told: Told) -> None:
+    rod = Rod()
+    made = Supervisor(config_for(), told.append, lambda records: None, lambda now_ns: None)
+    made.attach(Coil(lambda: None), rod, rod, ())
+    begun_ns = monotonic_ns()
+    made.host.watch(begun_ns)
+    made.arm()
+    made.report([FAULT])
+    for step in range(1, 40):
+        made.tick(begun_ns + step * 300_000_000)
+        if made.settled:
+            break
+    assert made.settled
+    assert step * 0.3 < 6.0, "2.3 s until the controller counts as lost, 1 s forgiven, and a tick or two"
+    assert rod.actions[-1] is Action.HYDRAULICS_OFF

@@ -1,0 +1,158 @@
+"""What is known of the sensors' errors is in the intervals and in the verdict, and nothing is stated beyond it."""
+
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rig.dampers import parameter_set
+from rig.identification import Measurement, identify
+from rig.identification.preparation import prepare
+from rig.recording.run import ForceSamples, RecordedPoint
+
+Make = Callable[..., list[Measurement]]
+MakeCampaign = Callable[..., list[RecordedPoint]]
+DEMO = dict(parameter_set("demo").values)
+
+
+def with_force(point: RecordedPoint, change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
+               **described: object) -> RecordedPoint:
+    """The point with other force samples (times, N)."""
+    time_s, force_N = change(point.force_samples.time_s, point.force_samples.force_N)
+    changed = replace(point, **described)
+    changed.__dict__["force_samples"] = ForceSamples(time_s, force_N, point.force_samples.flags)
+    return changed
+
+
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_m_is_never_stated_from_one_frequency(waveform: str, make_campaign: MakeCampaign) -> None:
+    for seed in range(3):
+        fit = identify(make_campaign("demo", (0.0, 1.0), (1.0,), seed=seed, waveform=waveform))
+        m = fit.parameters["m"]
+        assert not m.identifiable
+        assert m.low is m.high is m.standard_error is None
+        assert "not separately identifiable" in m.reason
+        assert "one frequency" in m.reason
+
+
+def test_two_frequencies_state_m(make_campaign: MakeCampaign) -> None:
+    assert identify(make_campaign("demo", (0.0, 1.0), (1.0, 2.0))).parameters["m"].identifiable
+
+
+def test_the_uncertain_zero_of_the_force_is_in_the_interval_of_f0_and_in_no_other(make_campaign: MakeCampaign) -> None:
+    points = make_campaign("demo", (0.0, 1.0), (1.0, 2.0))
+    sure = identify(points)
+    unsure = identify([with_force(point, lambda t, f: (t, f), quality={"force_zero_std_N": 3.0}) for point in points])
+    errors = {name: (sure.parameters[name].standard_error, unsure.parameters[name].standard_error)
+              for name in sure.identifiable}  # fmt: skip
+    assert errors["F0"][1] == pytest.approx(np.hypot(errors["F0"][0], 3.0), rel=0.02)  # type: ignore[arg-type]  # identifiable
+    for name in set(errors) - {"F0"}:
+        assert errors[name][1] == pytest.approx(errors[name][0], rel=0.02), name
+
+
+def test_a_skew_within_its_stated_uncertainty_is_no_misfit_and_the_truth_stays_inside(
+    make_campaign: MakeCampaign,
+) -> None:
+    late = [
+        with_force(point, lambda t, f: (t + 4e-4, f), skew_std_s=3e-4)
+        for point in make_campaign("demo", (0.0, 1.0, 2.0), (0.5, 1.0, 2.0))
+    ]
+    fit = identify(late)
+    assert fit.adequate is True
+    for name in fit.identifiable:
+        each = fit.parameters[name]
+        assert each.simultaneous_low <= DEMO[name] <= each.simultaneous_high, name  # type: ignore[operator]  # identifiable
+    unstated = identify([replace_skew(point) for point in late])
+    assert unstated.adequate is False
+
+
+def replace_skew(point: RecordedPoint) -> RecordedPoint:
+    """The same, its skew stated as certain."""
+    return with_force(point, lambda t, f: (t, f), skew_std_s=1e-6)
+
+
+@pytest.mark.parametrize("step_N", [5.0, 20.0])
+def test_a_coarse_force_is_neither_saturated_nor_a_misfit(step_N: float, make_campaign: MakeCampaign) -> None:
+    points = [
+        with_force(point, lambda t, f: (t, np.round(f / step_N) * step_N))
+        for point in make_campaign("demo", (0.5, 1.5), (1.0, 2.0))
+    ]
+    fit = identify(points)
+    assert fit.adequate is True
+    assert not any("saturated" in text for text in fit.warnings)
+    outside = [
+        name for name in fit.identifiable
+        if not fit.parameters[name].simultaneous_low <= DEMO[name] <= fit.parameters[name].simultaneous_high  # type: ignore[operator]
+    ]  # fmt: skip
+    assert outside == []
+
+
+def test_a_force_cut_off_at_its_range_is_still_seen(make_campaign: MakeCampaign) -> None:
+    point = make_campaign("demo", (2.0,), (1.0,))[0]
+    top_N = 0.95 * float(np.max(point.force_samples.force_N))
+    cut = with_force(point, lambda t, f: (t, np.round(np.minimum(f, top_N) / 5.0) * 5.0))
+    assert any("saturated" in text for text in prepare(cut).warnings)
+
+
+def test_the_errors_of_the_motion_widen_what_they_spoil(make_campaign: MakeCampaign) -> None:
+    tests = [prepare(point) for point in make_campaign("demo", (0.0, 1.0), (1.0, 2.0))]
+    assert all(each.motion_error is not None for each in tests)
+    exact = identify([replace(each, motion_error=None) for each in tests])
+    coarse = identify([
+        replace(each, motion_error=replace(each.motion_error, errors_m=100.0 * each.motion_error.errors_m))  # type: ignore[union-attr]
+        for each in tests
+    ])  # fmt: skip
+    for name in exact.identifiable:
+        assert coarse.parameters[name].standard_error >= exact.parameters[name].standard_error  # type: ignore[operator]
+    assert coarse.parameters["beta"].standard_error > 2.0 * exact.parameters["beta"].standard_error  # type: ignore[operator]
+
+
+def test_a_parameter_at_its_limit_is_not_identified_and_says_which_limit(make_synthetic: Make) -> None:
+    tests = make_synthetic({**DEMO, "delta": 0.0})
+    fit = identify(tests, model="thinning_bouc_wen")
+    sigma = fit.parameters["sigma"]
+    assert not sigma.identifiable
+    assert sigma.low is sigma.high is None
+    assert "limit, 50" in sigma.reason
+
+
+def test_no_interval_goes_beyond_what_the_model_allows(make_synthetic: Make) -> None:
+    for name in ("thinning_bouc_wen", "normalized_bouc_wen"):
+        fit = identify(make_synthetic(DEMO, (0.0, 1.0), (0.5, 1.0), cycles=3, noise_N=60.0), model=name)
+        n = fit.parameters["n"]
+        assert not n.identifiable or n.low >= 1.0  # type: ignore[operator]  # identifiable
+
+
+def test_a_mass_held_at_zero_has_one_end_of_an_interval(make_synthetic: Make) -> None:
+    fit = identify(make_synthetic({**DEMO, "m": -2.0}, (0.0, 1.0), (1.0, 2.0)))
+    m = fit.parameters["m"]
+    assert not m.identifiable
+    assert m.value == 0.0
+    assert m.low is None
+    assert m.high is not None
+    assert "limit, 0" in m.reason
+
+
+def test_a_hopeless_model_is_given_up_and_stands_in_the_ranking_with_its_reason(make_synthetic: Make) -> None:
+    fit = identify(make_synthetic(DEMO, (0.0, 1.0, 2.0), (0.5, 2.0), cycles=3), model="all")
+    given_up = {each.model: each.reason for each in fit.selection if each.reason}
+    assert fit.model == "asymmetric"
+    assert "viscoelastic_plastic" in given_up
+    assert "given up after" in given_up["viscoelastic_plastic"]
+    assert {each["model"] for each in fit.to_json()["selection"]} == {each.model for each in fit.selection}
+
+
+def test_judging_a_long_recording_takes_little_memory_beside_it(make_synthetic: Make) -> None:
+    tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0), cycles=600)
+    size = 8 * sum(each.u_m.size for each in tests)
+    identify(tests)
+    tracemalloc.start()
+    try:
+        fit = identify(tests)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert fit.adequate is True
+    assert peak < 6 * size + 30e6
