@@ -51,15 +51,20 @@ def may_pass(name: str) -> bool:
     return MATRIX[name.partition(":")[0]].reaction.startswith(("W", "P")) and name != "current-tracking:over"
 
 
-OTHER_NAMES = {"can-busoff:lost": "can-lost", "current-tracking:over": "overcurrent"}
-"""Faults that the station names otherwise than their row."""
+OTHER_NAMES = {
+    "can-busoff:lost": ("can-lost",), "current-tracking:over": ("overcurrent",),
+    # A value that stands at the greatest ever shown may be stuck or at its amplifier's end.
+    "sensor-stuck": ("sensor-saturated",), "sensor-stuck:lvdt": ("sensor-saturated",),
+}
+"""Faults that the station may name otherwise than their row."""
 
 
 def row_of(cause: str, injected: list[str]) -> str:
     """The row of the injected fault that the station named."""
-    rows = {OTHER_NAMES.get(name, name.partition(":")[0]): name.partition(":")[0] for name in injected}
-    assert cause in rows, f"{cause} was not injected: {injected}"
-    return rows[cause]
+    for name in injected:
+        if cause in {name.partition(":")[0], *OTHER_NAMES.get(name, ())}:
+            return name.partition(":")[0]
+    raise AssertionError(f"{cause} was not injected: {injected}")
 
 
 def drawn(ending: Ending) -> list[str]:
