@@ -4,8 +4,9 @@
     python benchmarks/amplitude.py --servos 300
 
 Each servo has a bandwidth of 6 to 40 Hz, damping of 0.4 to 1, a valve for 0.3 to 1.5 m/s, and a position sensor of its
-own that differs from the LVDT by a gain of +-10 % and an offset of +-3 mm. Each runs three random sines or triangles
-that the plan accepts on the demo bench, one after the other, as a campaign does: what is learned serves the next.
+own that differs from the LVDT by a gain of +-10 % and an offset of +-3 mm; its position loop is 5 to 100 kN/mm stiff,
+so that the damper's force takes its share. Each runs three random sines or triangles that the plan accepts on the demo
+bench, each at two currents in turn, as a campaign does: what is learned serves the next.
 
 Error: true amplitude of the program that would be recorded, over the wanted one; true mean, over the wanted amplitude.
 A motion is one the machine can make when it reaches 99 % of the wanted amplitude with the largest command that is
@@ -51,6 +52,7 @@ BENCH = Path(__file__).parents[1] / "examples" / "demo-bench.toml"
 SPEED = 50.0
 TOLERANCE = 0.01
 POINTS_A_SERVO = 3
+CURRENTS_A = (0.0, 2.0, 0.0)
 TRIANGLE_FUNDAMENTAL = 8.0 / math.pi**2
 
 
@@ -77,6 +79,7 @@ class Machine:
         servo = replace(
             options.servo, bandwidth_Hz=math.exp(random.uniform(math.log(6.0), math.log(40.0))),
             damping=random.uniform(0.4, 1.0), rated_speed_m_s=random.uniform(0.3, 1.5),
+            stiffness_N_m=math.exp(random.uniform(math.log(5e6), math.log(100e6))),
         )
         self.gain, self.offset_m = random.uniform(0.9, 1.1), random.uniform(-3e-3, 3e-3)
         self.rig = RecordedRig(replace(options, servo=servo), speed=SPEED, seed=seed)
@@ -133,7 +136,7 @@ def drawn_point(random: np.random.Generator, number: int, bench: Bench) -> tuple
             "format": 1, "specimen": {"serial_number": "S", "stroke": "170 mm"},
             "matrix": {
                 "waveform": (str(random.choice(["sine", "triangle"])),),
-                "amplitude": (f"{random.uniform(3.0, 80.0):.1f} mm",),
+                "amplitude": (f"{math.exp(random.uniform(0.0, math.log(80.0))):.1f} mm",),
                 "frequency": (f"{math.exp(random.uniform(math.log(0.2), math.log(6.0))):.2f} Hz",),
                 "current": (f"{random.uniform(0.0, 2.0):.2f} A",), "cycles": 6,
             },
@@ -157,12 +160,13 @@ def adapted(machine_under_test: Machine, point: TestPoint, ceiling: Ceiling, kno
 
 
 def results_of(seed: int, bench: Bench) -> list[Result]:
-    """Three motions on one servo, in turn."""
+    """Three motions on one servo, each at two currents, in turn."""
     random, servo = np.random.default_rng((seed, 6)), Machine(seed)
     known: Drives = ()
     results = []
-    for number in range(1, POINTS_A_SERVO + 1):
-        point, ceiling = drawn_point(random, number, bench)
+    drawn = [drawn_point(random, number, bench) for number in range(1, POINTS_A_SERVO + 1)]
+    turns = [(replace(point, current_A=current_A), ceiling) for point, ceiling in drawn for current_A in CURRENTS_A]
+    for point, ceiling in turns:
         drive, truth, programs = adapted(servo, point, ceiling, known)
         known = remembered(known, drive)
         amplitude_m, mean_m = true_motion(truth, point)

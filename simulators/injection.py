@@ -37,6 +37,7 @@ WRONG_DAMPER_SCALE = 1.6
 LOOSE_PLAY_M = 2e-3
 LOOSE_STIFFNESS_N_M = 5e6
 ZERO_SHARE = 0.05
+LVDT_ZERO_SHARE = 0.1
 """A sensor that was not tared is off by this share of its range."""
 
 
@@ -221,12 +222,12 @@ def _sensors_swapped(rig: SimulatedRig) -> None:
     load_cell.column, lvdt.column = lvdt.column, load_cell.column
 
 
-def _not_tared(name: str) -> LastingInjector:
+def _not_tared(name: str, share: float) -> LastingInjector:
     """A sensor shows a share of its range at zero."""
 
     def untare(rig: SimulatedRig) -> None:
         sensor = rig.channel(name).sensor
-        sensor.faults.zero_offset = ZERO_SHARE * sensor.options.range
+        sensor.faults.zero_offset = share * sensor.options.range
 
     return untare
 
@@ -265,7 +266,7 @@ LASTING: dict[str, LastingInjector] = {
     "usb-renumber": _renumbered("load_cell"),
     "clock-drift": _drifting("load_cell"),
     "sensors-swapped": _sensors_swapped,
-    "not-tared": _not_tared("load_cell"),
+    "not-tared": _not_tared("load_cell", ZERO_SHARE),
     "wrong-damper": _wrong_damper,
 }
 LASTING_VARIANTS: dict[str, LastingInjector] = {
@@ -273,7 +274,7 @@ LASTING_VARIANTS: dict[str, LastingInjector] = {
     "loadcell-pulled:auxiliary": _pulled("auxiliary_1"),
     "usb-renumber:lvdt": _renumbered("lvdt"),
     "clock-drift:lvdt": _drifting("lvdt"),
-    "not-tared:lvdt": _not_tared("lvdt"),
+    "not-tared:lvdt": _not_tared("lvdt", LVDT_ZERO_SHARE),
 }
 PASSING: dict[str, PassingInjector] = {
     "modbus-busy": _switched(_link, "busy"),

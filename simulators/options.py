@@ -242,8 +242,9 @@ POSITIVE = {
     "plant_rate_Hz", "truth_rate_Hz", "bandwidth_Hz", "rated_speed_m_s", "supply_Pa", "piston_area_m2", "rate_Hz",
     "accumulator_recovery_s", "accumulator_bleed_s", "valve_closing_s", "half_stroke_m", "ohm", "heat_capacity_J_K",
     "range", "stroke_m", "seal_speed_m_s", "wire_per_si", "baudrate", "clip", "supply_V", "command_timeout_s",
-    "damping", "friction_speed_m_s", "coil_heat_capacity_J_K", "gain", "current_gain",
+    "damping", "friction_speed_m_s", "coil_heat_capacity_J_K",
 }
+NONZERO = {"gain", "current_gain"}
 CEILINGS = {"rate_Hz": 10_000.0, "plant_rate_Hz": 100_000.0, "skew_s": 0.1, "delay_s": 0.1}
 FLOORS = {
     "plant_rate_Hz": 4000.0, "truth_rate_Hz": 1.0, "skew_s": 0.0, "delay_s": 0.0, "stiffness_N_m": 0.0,
@@ -355,6 +356,8 @@ def _misfit(key: str, present: object, value: object) -> str:
         return "expected a finite number"
     if key in POSITIVE and value <= 0:
         return "must be greater than 0"
+    if key in NONZERO and value == 0:
+        return "must not be 0"
     if value > CEILINGS.get(key, math.inf):
         return f"must be at most {CEILINGS[key]:g}"
     if value < FLOORS.get(key, -math.inf):

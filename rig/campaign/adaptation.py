@@ -1,8 +1,10 @@
 """Peak and valley compensation of the commanded motion, as pure values: what was reached decides what is asked next.
 
 A machine that reaches 46 mm when told 50 mm is told 54.3 mm the next time. What is learned for a motion (waveform,
-amplitude, frequency) serves every later point with it; a motion not yet seen begins with the nearest known one's
-correction. Where nothing has had to be corrected, points run without a trial: on a good machine this costs nothing.
+amplitude, frequency) at a current serves every later point with both: a damper at another current pushes the rod with
+another force, and no servo is infinitely stiff. A current not yet seen begins with what the motion's known currents
+predict, a motion not yet seen with the nearest known one's correction. Where nothing has had to be corrected, points
+run without a trial: on a good machine this costs nothing.
 """
 
 from __future__ import annotations
@@ -82,6 +84,7 @@ class Drive:
 
     Attributes:
         waveform, amplitude_m, frequency_Hz: the motion wanted.
+        current_A: the coil's current during it.
         command_m: the amplitude to command, m.
         shift_m: added to the centre, m.
         steps: corrections so far.
@@ -93,6 +96,7 @@ class Drive:
     waveform: str
     amplitude_m: float
     frequency_Hz: float
+    current_A: float
     command_m: float
     shift_m: float = 0.0
     steps: int = 0
@@ -100,13 +104,17 @@ class Drive:
     cannot: str = ""
     tried: tuple[float, float] | None = None
 
-    def is_for(self, point: TestPoint) -> bool:
-        """Whether this is the point's motion."""
+    def moves_as(self, point: TestPoint) -> bool:
+        """Whether this is the point's motion, at whatever current."""
         return (self.waveform, self.amplitude_m, self.frequency_Hz) == (
             point.waveform,
             point.amplitude_m,
             point.frequency_Hz,
         )
+
+    def is_for(self, point: TestPoint) -> bool:
+        """Whether this is the point's motion at its current."""
+        return self.moves_as(point) and self.current_A == point.current_A
 
     @property
     def gain(self) -> float:
@@ -118,28 +126,41 @@ Drives = tuple[Drive, ...]
 
 
 def drive_for(point: TestPoint, known: Drives, ceiling: Ceiling) -> Drive:
-    """The drive known for a point's motion, else one predicted from the nearest motion of the same waveform."""
+    """The drive known for a point's motion at its current, else one predicted from other currents or motions."""
     for drive in known:
         if drive.is_for(point):
             return drive
     alike = [drive for drive in known if drive.waveform == point.waveform and not drive.cannot]
-    shift_m = min(alike, key=lambda drive: _apart(drive, point)).shift_m if alike else 0.0
-    wanted_m = point.amplitude_m * _predicted_gain(alike, point.frequency_Hz)
-    command_m, shift_m, _ = ceiling.allowed(point, wanted_m, shift_m)
-    return Drive(point.waveform, point.amplitude_m, point.frequency_Hz, command_m, shift_m)
+    same = [drive for drive in alike if drive.moves_as(point)]
+    nearest = min(same or alike, key=lambda drive: _apart(drive, point), default=None)
+    shift_m = 0.0 if nearest is None else nearest.shift_m
+    gain = _gain_at(same, point.current_A) if same else _predicted_gain(alike, point.frequency_Hz)
+    command_m, shift_m, _ = ceiling.allowed(point, point.amplitude_m * gain, shift_m)
+    return Drive(point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A, command_m, shift_m)
 
 
 def remembered(known: Drives, drive: Drive) -> Drives:
-    """What is known, with this drive in place of an earlier one for the same motion."""
-    motion = (drive.waveform, drive.amplitude_m, drive.frequency_Hz)
-    kept = tuple(each for each in known if (each.waveform, each.amplitude_m, each.frequency_Hz) != motion)
+    """What is known, with this drive in place of an earlier one for the same motion and current."""
+    motion = (drive.waveform, drive.amplitude_m, drive.frequency_Hz, drive.current_A)
+    kept = tuple(
+        each for each in known if (each.waveform, each.amplitude_m, each.frequency_Hz, each.current_A) != motion
+    )
     return (*kept, drive)
 
 
 def wants_trial(point: TestPoint, known: Drives, tolerance: float) -> bool:
-    """Whether a short program is worth its time before the point: its drive is being corrected, or likely to be."""
+    """Whether a short program is worth its time before the point: its drive is being corrected, or likely to be.
+
+    A current between known ones needs none, nor does the first other current of a motion; beyond the known ones it does
+    where the current is known to matter.
+    """
     if any(drive.is_for(point) for drive in known):
         return any(drive.is_for(point) and not drive.settled for drive in known)
+    same = [drive for drive in known if drive.moves_as(point)]
+    if same:
+        currents_A, gains = [drive.current_A for drive in same], [drive.gain for drive in same]
+        inside = min(currents_A) <= point.current_A <= max(currents_A)
+        return not inside and max(gains) - min(gains) > 0.5 * tolerance
     return any(abs(drive.gain - 1.0) > 0.5 * tolerance for drive in known)
 
 
@@ -208,6 +229,18 @@ def _given_up(drive: Drive, point: TestPoint, seen: MotionSeen, why: str) -> Dri
     return replace(drive, settled=True, cannot=text)
 
 
+def _gain_at(same: list[Drive], current_A: float) -> float:
+    """Gain of a motion at a current from its known currents: straight between two, beyond them as the last two say."""
+    known = sorted((drive.current_A, drive.gain) for drive in same)
+    if len(known) == 1:
+        return known[0][1]
+    upper = next((index for index, (at_A, _) in enumerate(known) if index and at_A >= current_A), len(known) - 1)
+    (low_A, low), (high_A, high) = known[upper - 1], known[upper]
+    gain = low + (high - low) * (current_A - low_A) / (high_A - low_A)
+    room = max(each for _, each in known) - min(each for _, each in known)
+    return max(min(low, high) - room, min(max(low, high) + room, gain))
+
+
 def _predicted_gain(known: list[Drive], frequency_Hz: float) -> float:
     """Gain for a frequency from the known ones: `1 + b f^2`, a servo's droop well below its bandwidth.
 
@@ -229,7 +262,8 @@ def _predicted_gain(known: list[Drive], frequency_Hz: float) -> float:
 
 
 def _apart(drive: Drive, point: TestPoint) -> float:
-    """How different two motions are: the servo answers to frequency first, then to speed."""
-    return abs(math.log(drive.frequency_Hz / point.frequency_Hz)) + 0.3 * abs(
+    """How different two motions are: the servo answers to frequency first, then to speed, then to force."""
+    motion = abs(math.log(drive.frequency_Hz / point.frequency_Hz)) + 0.3 * abs(
         math.log(drive.amplitude_m / point.amplitude_m)
     )
+    return motion + 0.01 * abs(drive.current_A - point.current_A)

@@ -86,13 +86,13 @@ def check_room(folder: Path, plan: Plan, bench: Bench, matrix: Matrix) -> None:
 
 
 def _corrections_s(plan: Plan, matrix: Matrix) -> float:
-    """The longest that motions out of tolerance are recorded (s): what is learned of a motion serves all currents."""
+    """The longest that motions out of tolerance are recorded (s): each motion is learned at each current."""
     if not matrix.sweep.adapt_amplitude:
         return 0.0
-    motions: dict[tuple[str, float, float], float] = {}
+    motions: dict[tuple[str, float, float, float], float] = {}
     for item in plan.points:
         point = item.point
-        key = point.waveform, point.amplitude_m, point.frequency_Hz
+        key = point.waveform, point.amplitude_m, point.frequency_Hz, point.current_A
         motions[key] = max(motions.get(key, 0.0), point.motion_s if point.kind == "loop" else 0.0)
     return MOST_STEPS * math.fsum(motions.values())
 

@@ -115,6 +115,8 @@ def match(
     if smooth is None:
         return None
     values, finite = smooth, np.isfinite(smooth)
+    if np.count_nonzero(finite) < FEWEST_SAMPLES:
+        return None
     lag_s = _coarse(at_s, wanted, time_s[finite], values[finite], reach_s)
     drift, middle_s = 0.0, float(np.mean(at_s))
     used: NDArray[np.bool_] | None = None

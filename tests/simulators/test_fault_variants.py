@@ -146,7 +146,7 @@ def test_an_lvdt_that_was_not_zeroed_is_off_by_a_share_of_its_range() -> None:
     def story(rig: SimulatedRig) -> None:
         VARIANTS["not-tared:lvdt"](rig)
         shown_mm = [reading[2] for reading in readings(rig, "lvdt", 0.1)]
-        assert shown_mm[-1] - 1e3 * rig.plant.value("position_m") == pytest.approx(5.0, abs=1.0)
+        assert shown_mm[-1] - 1e3 * rig.plant.value("position_m") == pytest.approx(10.0, abs=1.0)
 
     on_a_rig(story)
 

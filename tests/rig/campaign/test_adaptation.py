@@ -121,12 +121,47 @@ def test_a_motion_that_does_not_follow_is_named_with_its_following_error() -> No
     assert "following error up to 4.2 mm" in drive.cannot
 
 
-def test_what_was_learned_serves_points_of_the_same_motion_at_any_current_without_a_trial() -> None:
+def test_what_was_learned_begins_points_of_the_same_motion_at_another_current_without_a_trial() -> None:
     drive, _ = adapt(POINT, lambda command_m, centre_m: MotionSeen(0.92 * command_m, centre_m))
     known = remembered((), drive)
     other = TestPoint("p002", "sine", 0.03, 2.0, 0.0)
-    assert drive_for(other, known, FREE) == drive
+    assert drive_for(other, known, FREE) == Drive("sine", 0.03, 2.0, 0.0, drive.command_m, drive.shift_m)
     assert not wants_trial(other, known, 0.01)
+
+
+def softer_with_current(point: TestPoint) -> Machine:
+    """A servo of finite stiffness: the force at a current takes its own share of a small motion."""
+    lost = 0.002 + 0.02 * point.current_A
+    return lambda command_m, centre_m: MotionSeen((1.0 - lost) * command_m, centre_m)
+
+
+def test_each_current_has_its_own_correction_and_none_of_them_uses_up_the_others() -> None:
+    """Currents in turn, over and over: a correction for one current is wrong for the next."""
+    known: tuple[Drive, ...] = ()
+    programs = 0
+    for current_A in (0.0, 2.0, 0.5, 1.5, 1.0, 0.0, 2.0, 1.0):
+        point = TestPoint("p", "sine", 0.001, 2.0, current_A)
+        while True:
+            drive = drive_for(point, known, FREE)
+            seen = softer_with_current(point)(commanded(point, drive).amplitude_m, 0.0)
+            drive = learned(drive, point, seen, 0.01, FREE)
+            known = remembered(known, drive)
+            programs += 1
+            assert not drive.cannot
+            if drive.settled:
+                break
+        assert within(point, seen, 0.01)
+    assert programs <= 8 + 2, "two currents had to be learned; those between them were predicted"
+
+
+def test_beyond_the_currents_that_are_known_to_matter_a_trial_comes_first() -> None:
+    known = tuple(Drive("sine", 0.03, 2.0, current_A, gain * 0.03, settled=True)
+                  for current_A, gain in ((0.0, 1.0), (1.0, 1.02)))
+    assert wants_trial(TestPoint("p", "sine", 0.03, 2.0, 2.0), known, 0.01)
+    assert not wants_trial(TestPoint("p", "sine", 0.03, 2.0, 0.5), known, 0.01)
+    assert drive_for(TestPoint("p", "sine", 0.03, 2.0, 0.5), known, FREE).gain == pytest.approx(1.01)
+    assert drive_for(TestPoint("p", "sine", 0.03, 2.0, 2.0), known, FREE).gain == pytest.approx(1.04)
+    assert drive_for(TestPoint("p", "sine", 0.03, 2.0, 9.0), known, FREE).gain == pytest.approx(1.04)
 
 
 def test_a_new_motion_begins_with_the_droop_known_motions_predict_and_is_tried_first() -> None:
