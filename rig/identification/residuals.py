@@ -74,7 +74,7 @@ def judge(
         known_power: mean square (N^2) of what repeats and is counted elsewhere, such as errors of the motion.
     """
     count, whole = int(np.count_nonzero(counting)), residual_N.size
-    power = float(np.sum(np.square(residual_N), where=counting)) / max(1, count)
+    power = sum_of_squares(residual_N, counting) / max(1, count)
     if count < FEWEST_SAMPLES or power == 0.0:
         return Residual(math.sqrt(power), 0.0, dt_s, math.nan, math.nan, 1.0)
     period = samples_a_cycle(u_m)
@@ -101,6 +101,14 @@ def judge(
         runs_p=_runs(thinned),
         widening=max(1.0, (max(rest, 0.0) + cycles * max(misfit, 0.0)) / power),
     )
+
+
+def sum_of_squares(values: FloatArray, counting: NDArray[np.bool_]) -> float:
+    """Sum of the squares of the values that count, both of shape (n,)."""
+    if counting.all():
+        return float(values @ values)
+    kept = values[counting]
+    return float(kept @ kept)
 
 
 def _autocovariance_of_parts(
