@@ -19,7 +19,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.identification.measurement import Measurement
+from rig.identification.measurement import PIECE, Measurement
 
 FloatArray = NDArray[np.float64]
 
@@ -105,10 +105,11 @@ def judge(
 
 def sum_of_squares(values: FloatArray, counting: NDArray[np.bool_]) -> float:
     """Sum of the squares of the values that count, both of shape (n,)."""
-    if counting.all():
-        return float(values @ values)
-    kept = values[counting]
-    return float(kept @ kept)
+    total = 0.0
+    for start in range(0, values.size, PIECE):
+        kept = np.where(counting[start : start + PIECE], values[start : start + PIECE], 0.0).astype(np.float64)
+        total += float(kept @ kept)
+    return total
 
 
 def _autocovariance_of_parts(
@@ -123,7 +124,7 @@ def _autocovariance_of_parts(
         inside = counting[start : start + size]
         share = float(np.mean(inside))
         if share > 0.0:
-            kept = np.where(inside, residual_N[start : start + size], 0.0)
+            kept = np.where(inside, residual_N[start : start + size], 0.0).astype(np.float64)
             gamma, weight = autocovariance(kept, share)
             products += gamma * weight
             pairs += weight
