@@ -22,6 +22,7 @@ FloatArray = NDArray[np.float64]
 
 SAME_CURRENT_A = 0.03
 SAME_FREQUENCY = 0.02  # relative difference of the longest and the shortest cycle up to which there is one frequency
+NEARLY_SINE = 0.1  # the same at one frequency, where only harmonics tell them apart (a rounded triangle: 0.8)
 PROPORTIONAL = 1e-4  # share of the acceleration that displacement does not explain, below which m and K are one
 ONE_SPEED = 2e-3  # share of the velocity that its sign does not explain, below which C and Fy are one
 
@@ -150,8 +151,9 @@ def _inertia(model: DamperModel, measurements: Sequence[Measurement], found: Fin
     stiffness = [name for name in STIFFNESS if name in model.names]
     if "m" not in model.names or not stiffness:
         return
-    proportional = _proportional(measurements)
-    if not proportional and not _one_frequency(measurements):
+    one = _one_frequency(measurements)
+    proportional = _unlike(measurements) <= (NEARLY_SINE if one else PROPORTIONAL)
+    if not proportional and not one:
         return
     found.reasons["m"] = (
         f"m is not separately identifiable from {stiffness[0]}: every test ran at one frequency, where inertia and "
@@ -179,12 +181,12 @@ def _one_frequency(measurements: Sequence[Measurement]) -> bool:
     return bool(max(each[1] for each in lasting) <= (1.0 + SAME_FREQUENCY) * min(each[0] for each in lasting))
 
 
-def _proportional(measurements: Sequence[Measurement]) -> bool:
-    """Whether acceleration follows displacement."""
+def _unlike(measurements: Sequence[Measurement]) -> float:
+    """Share of the acceleration that displacement does not explain; 1 where either is missing."""
     cross = sum(float(each.a_m_s2 @ each.u_m) for each in measurements)
     power_a = sum(float(each.a_m_s2 @ each.a_m_s2) for each in measurements)
     power_u = sum(float(each.u_m @ each.u_m) for each in measurements)
-    return power_a > 0.0 and power_u > 0.0 and 1.0 - cross * cross / (power_a * power_u) <= PROPORTIONAL
+    return 1.0 - cross * cross / (power_a * power_u) if power_a > 0.0 and power_u > 0.0 else 1.0
 
 
 def _speed(model: DamperModel, measurements: Sequence[Measurement], found: Findings) -> None:

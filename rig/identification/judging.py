@@ -80,6 +80,7 @@ def judged(
     foretells = describes(model, values, foretold, weighting)
     robust = replace(weighting, extra=best.solution.extra)
     known = information(model, values, free, fitted, robust, declared, left)
+    del left  # as large as the tests themselves
     reasons = {
         **_too_wide(known, values),
         **_at_limits(model, best.solution),

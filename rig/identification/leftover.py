@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from rig.identification.reduction import white
 
 FloatArray = NDArray[np.float64]
 
+MANY = 2_000_000  # samples from which residuals are kept in single precision, far below any force's noise
 WORTHWHILE = 1.0  # reduction of the weighted sum of squares, in variances of the noise, below which nothing changes
 
 
@@ -44,7 +46,12 @@ def leftovers(
     Raises:
         KeyError: a parameter is missing.
     """
-    left = [each.force_N - modelled_force(model, values, each) for each in measurements]
+    many = sum(each.u_m.size for each in measurements) > MANY
+    left: list[NDArray[Any]] = []
+    for each in measurements:
+        residual = modelled_force(model, values, each)
+        np.subtract(each.force_N, residual, out=residual)
+        left.append(residual.astype(np.float32) if many else residual)
     skewed = [k for k, each in enumerate(measurements) if each.skew_std_s > 0.0]
     if not skewed:
         return left

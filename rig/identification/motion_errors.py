@@ -17,13 +17,15 @@ from rig.identification.model_slope import force_change, motion_slopes
 
 FloatArray = NDArray[np.float64]
 
-MOST_SAMPLES = 65536  # of a test: sums over many cycles are foretold by every so-many-th sample
+MOST_SAMPLES = 32768  # of a test: sums over many cycles are foretold by every so-many-th sample,
+FEWEST_A_CYCLE = 400  # so long as each cycle keeps so many
 MOST_ORDERS = 10  # of a model with internal states, whose force has to be integrated anew for each
 
 
 def thinned(each: Measurement, model: DamperModel) -> slice:
     """The samples that are enough for such sums; all where the model's force needs all."""
-    return slice(0, each.u_m.size, 1 if model.states else max(1, each.u_m.size // MOST_SAMPLES))
+    spacing = min(each.u_m.size // MOST_SAMPLES, each.samples_per_cycle // FEWEST_A_CYCLE)
+    return slice(0, each.u_m.size, 1 if model.states else max(1, spacing))
 
 
 def motion_effects(
@@ -50,6 +52,9 @@ def motion_effects(
         power = sum(float(np.mean(change**2)) for change in changes)
         return np.column_stack([weighted.T @ change for change in changes]), power
     by_u, by_v, by_a = motion_slopes(model, values, each)
+    power = _power(error, (by_u, by_v, by_a))
+    if weighted.shape[1] == 0:
+        return np.zeros((0, 0)), power
     phase = np.outer(dt_s * np.arange(each.u_m.size), error.rates_rad_s)
     cosine, sine, rate = np.cos(phase), np.sin(phase), error.rates_rad_s
     with_cosine = [(weighted * slope[:, None]).T @ cosine for slope in (by_u, by_v, by_a)]
@@ -57,10 +62,15 @@ def motion_effects(
     of_cosine = with_cosine[0] - rate * with_sine[1] - rate**2 * with_cosine[2]
     of_sine = with_sine[0] + rate * with_cosine[1] - rate**2 * with_sine[2]
     of_mean = (weighted.T @ by_u)[:, None] * error.mean_error_m
+    return np.hstack((of_cosine * error.errors_m, of_sine * error.errors_m, of_mean)), power
+
+
+def _power(error: MotionError, slopes: tuple[FloatArray, FloatArray, FloatArray]) -> float:
+    """Mean square (N^2) of what all errors together do to a force with these slopes of its motion."""
+    (by_u, by_v, by_a), rate = slopes, error.rates_rad_s
     second = [float(np.mean(product)) for product in (by_u**2, by_u * by_a, by_a**2, by_v**2)]
     spread = second[0] - 2.0 * rate**2 * second[1] + rate**4 * second[2] + rate**2 * second[3]
-    power = float(error.errors_m**2 @ spread) + error.mean_error_m**2 * second[0]
-    return np.hstack((of_cosine * error.errors_m, of_sine * error.errors_m, of_mean)), power
+    return float(error.errors_m**2 @ spread) + error.mean_error_m**2 * second[0]
 
 
 def _changes(

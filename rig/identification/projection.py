@@ -56,6 +56,13 @@ class Weighting:
             weights[~each.usable[rows]] = 0.0
         return weights if self.extra is None else weights * self.extra[index][rows]
 
+    def counting(self, each: Measurement, index: int) -> NDArray[np.bool_]:
+        """Which samples of measurement number `index` count, shape (n,)."""
+        counts = np.empty(each.u_m.size, dtype=bool)
+        for rows in each.pieces():
+            counts[rows] = self.of(each, index, rows) > 0.0
+        return counts
+
 
 @dataclass(frozen=True)
 class Piece:

@@ -19,7 +19,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.identification.measurement import Measurement
+from rig.identification.measurement import PIECE, Measurement
 
 FloatArray = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def judge(
         known_power: mean square (N^2) of what repeats and is counted elsewhere, such as errors of the motion.
     """
     count, whole = int(np.count_nonzero(counting)), residual_N.size
-    power = float(np.sum(np.square(residual_N), where=counting)) / max(1, count)
+    power = sum_of_squares(residual_N, counting) / max(1, count)
     if count < FEWEST_SAMPLES or power == 0.0:
         return Residual(math.sqrt(power), 0.0, dt_s, math.nan, math.nan, 1.0)
     period = samples_a_cycle(u_m)
@@ -103,6 +103,15 @@ def judge(
     )
 
 
+def sum_of_squares(values: FloatArray, counting: NDArray[np.bool_]) -> float:
+    """Sum of the squares of the values that count, both of shape (n,)."""
+    total = 0.0
+    for start in range(0, values.size, PIECE):
+        kept = np.where(counting[start : start + PIECE], values[start : start + PIECE], 0.0).astype(np.float64)
+        total += float(kept @ kept)
+    return total
+
+
 def _autocovariance_of_parts(
     residual_N: FloatArray, counting: NDArray[np.bool_], period: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -115,7 +124,7 @@ def _autocovariance_of_parts(
         inside = counting[start : start + size]
         share = float(np.mean(inside))
         if share > 0.0:
-            kept = np.where(inside, residual_N[start : start + size], 0.0)
+            kept = np.where(inside, residual_N[start : start + size], 0.0).astype(np.float64)
             gamma, weight = autocovariance(kept, share)
             products += gamma * weight
             pairs += weight

@@ -16,7 +16,7 @@ from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force, unseen_force
 from rig.identification.motion_errors import motion_effects, thinned
 from rig.identification.projection import Weighting
-from rig.identification.residuals import judge, samples_a_cycle
+from rig.identification.residuals import judge, samples_a_cycle, sum_of_squares
 
 FloatArray = NDArray[np.float64]
 
@@ -43,10 +43,11 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[Float
     tests, counts, errors, squares, sizes = [], [], [], [], []
     forces, spreads = [], []
     for each, modelled in zip(measurements, modelled_N, strict=True):
+        energies = cycle_energy_J(each, each.force_N), cycle_energy_J(each, modelled)
         force, model_N = (
             (each.force_N, modelled) if each.usable is None else (each.force_N[each.usable], modelled[each.usable])
         )
-        error = force - model_N
+        error = np.subtract(force, model_N, out=model_N)  # what was modelled is not needed any more
         mean_N, peak = float(np.mean(force)), each.peak_force_N
         counts.append(error.size)
         errors.append(float(np.sum(error)))
@@ -64,8 +65,8 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[Float
                 nrmse_percent_of_peak=100.0 * rmse / peak if peak > 0.0 else math.nan,
                 noise_N=None if math.isnan(each.noise_N) else each.noise_N,
                 samples=int(error.size),
-                energy_J=cycle_energy_J(each, each.force_N),
-                modelled_energy_J=cycle_energy_J(each, modelled),
+                energy_J=energies[0],
+                modelled_energy_J=energies[1],
             )
         )
     total, weight = sum(counts), np.array(counts, dtype=float)
@@ -112,7 +113,7 @@ def describes(
     for index, (each, error) in enumerate(zip(measurements, left, strict=True)):
         if math.isnan(each.noise_N) and each.u_m.size < FEWEST_CYCLES * samples_a_cycle(each.u_m):
             continue
-        counting = weighting.of(each, index) > 0.0
+        counting = weighting.counting(each, index)
         found = judge(error, counting, each.u_m, each.dt_s)
         count = int(np.count_nonzero(counting))
         if count == 0:
@@ -122,7 +123,7 @@ def describes(
         scatter = max(scatter_N**2, each.force_step_N**2 / 12.0)
         samples += count
         noise += count * scatter
-        beyond += float(np.sum(np.square(error), where=counting)) - count * scatter - known
+        beyond += sum_of_squares(error, counting) - count * scatter - known
         repeating += max(0.0, count * found.repeating_N**2 - known)
         peaks.append(each.peak_force_N)
     if samples == 0:

@@ -125,9 +125,9 @@ def information(
     for index, each in enumerate(measurements):
         sums = _sums(model, values, names, each, weighting, index, declared)
         power = sums.power / max(1, sums.count)
-        counting = weighting.of(each, index) > 0.0
-        robust = 1.0 if weighting.extra is None else weighting.extra[index] ** 2
-        residual = judge(robust * left[index], counting, each.u_m, each.dt_s, known_power=sums.known_power)
+        counting = weighting.counting(each, index)
+        error = left[index] if weighting.extra is None else left[index] * weighting.extra[index] ** 2
+        residual = judge(error, counting, each.u_m, each.dt_s, known_power=sums.known_power)
         residuals.append(residual)
         independent += sums.count / residual.widening
         force_power += sums.force_power
