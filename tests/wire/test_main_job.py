@@ -37,6 +37,7 @@ cycles = 6
 rest = "2 s"
 [campaign]
 current_settled = "20 mA"
+adapt_amplitude = false
 """
 SPEED = 20.0
 
