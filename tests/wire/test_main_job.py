@@ -35,9 +35,9 @@ frequency = ["1 Hz"]
 current = ["0 A", "1.5 A"]
 cycles = 6
 rest = "2 s"
+adapt_amplitude = false
 [campaign]
 current_settled = "20 mA"
-adapt_amplitude = false
 """
 SPEED = 20.0
 
