@@ -153,6 +153,8 @@ class ZeroReturn:
             "end": None if self.end is None else self.end.to_json(),
             "peak_force_N": self.peak_force_N,
             "peak_displacement_m": self.peak_displacement_m,
+            "force_step_N": None if math.isinf(self.force_step_N) else self.force_step_N,
+            "displacement_step_m": None if math.isinf(self.displacement_step_m) else self.displacement_step_m,
             "findings": [finding.to_json() for finding in self.findings()],
         }
 
@@ -173,14 +175,18 @@ def _drift(
     instruments: tuple[str, str], unit: str, factor: float, peak: float, step: float, readings: tuple[Reading, ...],
     flagged: int,
 ) -> CampaignFinding | None:
-    """The finding when two instruments agree less at the end than at the start; SI in, `factor` to the text's unit."""
+    """The finding when two instruments agree less at the end than at the start; SI in, `factor` to the text's unit.
+
+    A sensor whose value repeats at the end, though its noise showed at the start, is stuck and says nothing of its zero.
+    """
     first, first_own, last, last_own = readings
     few = min(first.count, last.count) < FEWEST_SAMPLES or min(first_own.count, last_own.count) < FEWEST_STATUSES
-    if few or flagged:
+    resolution = 0.0 if math.isinf(step) else step
+    stuck = last.std == 0.0 and first.std > resolution
+    if few or flagged or stuck:
         return None
     drift = (last.mean - last_own.mean) - (first.mean - first_own.mean)
     noise = math.hypot(_noise(first, last), _noise(first_own, last_own))
-    resolution = 0.0 if math.isinf(step) else step
     limit = max(DRIFT_SHARE * peak, noise, resolution)
     if abs(drift) <= limit:
         return None
@@ -195,7 +201,7 @@ def _drift(
 
 
 def read_zero_checks(folder: Path) -> tuple[ZeroReturn, ...]:
-    """The zero checks of a campaign's sessions, oldest first; without the sensors' resolution.
+    """The zero checks of a campaign's sessions, oldest first.
 
     Raises:
         FileProblem: an entry is damaged.
@@ -207,7 +213,11 @@ def read_zero_checks(folder: Path) -> tuple[ZeroReturn, ...]:
                 None if entry[name] is None else RestWindow.from_json(entry[name]) for name in ("start", "end")
             )
             peaks = float(entry["peak_force_N"]), float(entry["peak_displacement_m"])
-            checks.append(ZeroReturn(start, end, *peaks))
+            steps = (
+                math.inf if entry.get(name) is None else float(entry[name])
+                for name in ("force_step_N", "displacement_step_m")
+            )
+            checks.append(ZeroReturn(start, end, *peaks, *steps))
         except (KeyError, TypeError, ValueError) as error:
             raise FileProblem(str(folder / "campaign.json"), [f"{ENTRY}: {error!r}"]) from error
     return tuple(checks)

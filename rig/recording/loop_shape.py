@@ -17,8 +17,13 @@ NOISE_OF_THIRD_DIFFERENCE = 1.0 / (0.6745 * np.sqrt(20.0))
 QUIET_NOISES = 4.0
 QUIET_SHARE = 0.01
 OUTSIDE = 5.0
+SLOPE_TO = 2.0
 SLOWER = 3.0
-"""Free play: the force rests at zero so many times longer than its way there and on takes."""
+"""Free play: the force rests at zero so many times longer than its way there and on (to `SLOPE_TO` times what counts as
+zero, before a flank turns into a plateau) takes."""
+MAYBE_SLOWER = 1.5
+MAYBE_FLAT = 2.0
+"""A rest may be hidden by noise: where it has to be excluded, so little is enough, and so many times as much noise."""
 SMALLEST_PLAY_M = 0.1e-3
 LARGEST_PLAY_SHARE = 0.2
 """Of the stroke: a force that rests at zero for longer is the specimen's own."""
@@ -84,13 +89,16 @@ def loop_shape(
     )
 
 
-def resting_travel_m(forces_N: FloatArray, moves_m: FloatArray, noise_N: float) -> float | None:
+def resting_travel_m(
+    forces_N: FloatArray, moves_m: FloatArray, noise_N: float, *, at_most: bool = False
+) -> float | None:
     """Travel at rest of the force's sign changes in the mean of some cycles.
 
     Args:
         forces_N: force at equal phases of each cycle, (k, n), N.
         moves_m: displacement at the same phases, (k, n), m.
         noise_N: standard deviation of the force's noise, N.
+        at_most: take for a rest what may be one, instead of what certainly is.
 
     Returns:
         0 where the force does not rest (m); None where it is too weak beside its noise, or changes no sign, to tell.
@@ -99,7 +107,7 @@ def resting_travel_m(forces_N: FloatArray, moves_m: FloatArray, noise_N: float) 
     quiet_N = max(QUIET_NOISES * noise_N, QUIET_SHARE * 0.5 * float(np.ptp(force_N)))
     if OUTSIDE * quiet_N > 0.5 * float(np.ptp(force_N)) or not np.min(force_N) < 0.0 < np.max(force_N):
         return None
-    return _free_play_m(force_N, np.mean(moves_m, axis=0), noise_N, len(forces_N))
+    return _free_play_m(force_N, np.mean(moves_m, axis=0), noise_N, len(forces_N), at_most=at_most)
 
 
 def noise_of(values: FloatArray) -> float:
@@ -128,7 +136,9 @@ def _largest_play_m(forces: FloatArray, moves: FloatArray, noise_N: float) -> fl
     )
 
 
-def _free_play_m(force_N: FloatArray, displacement_m: FloatArray, noise_N: float, cycles: int) -> float:
+def _free_play_m(
+    force_N: FloatArray, displacement_m: FloatArray, noise_N: float, cycles: int, *, at_most: bool = False
+) -> float:
     """The smaller of the travels at rest of the force's sign changes up and down; both show a loose joint.
 
     They follow the two reversals, so they lie apart: noise on a slow change of sign makes both at one place.
@@ -136,11 +146,12 @@ def _free_play_m(force_N: FloatArray, displacement_m: FloatArray, noise_N: float
     quiet_N = max(QUIET_NOISES * noise_N, QUIET_SHARE * 0.5 * float(np.ptp(force_N)))
     if OUTSIDE * quiet_N > 0.5 * float(np.ptp(force_N)) or np.min(force_N) >= 0.0 or np.max(force_N) <= 0.0:
         return 0.0
-    flat_N = FLAT_NOISES * noise_N / np.sqrt(cycles)
+    flat_N = (MAYBE_FLAT if at_most else 1.0) * FLAT_NOISES * noise_N / np.sqrt(cycles)
+    slower = MAYBE_SLOWER if at_most else SLOWER
     changes: list[list[tuple[int, float]]] = []
     for rising in (force_N, -force_N):
         crossing = np.flatnonzero((rising < 0.0) & (np.roll(rising, -1) >= 0.0)).tolist()
-        changes.append([(at, _rest_m(rising, displacement_m, at, quiet_N, flat_N)) for at in crossing])
+        changes.append([(at, _rest_m(rising, displacement_m, at, quiet_N, flat_N, slower)) for at in crossing])
     size = len(force_N)
     return max(
         (min(up_m, down_m) for up, up_m in changes[0] for down, down_m in changes[1]
@@ -149,7 +160,9 @@ def _free_play_m(force_N: FloatArray, displacement_m: FloatArray, noise_N: float
     )
 
 
-def _rest_m(rising: FloatArray, displacement_m: FloatArray, at: int, quiet_N: float, flat_N: float) -> float:
+def _rest_m(
+    rising: FloatArray, displacement_m: FloatArray, at: int, quiet_N: float, flat_N: float, slower: float
+) -> float:
     """Travel around one sign change while the force rests, if it is flat and rests longer than its slopes explain."""
     size = len(rising)
     ways = []
@@ -158,12 +171,12 @@ def _rest_m(rising: FloatArray, displacement_m: FloatArray, at: int, quiet_N: fl
         position = at if step < 0 else at + 1
         while quiet < size // 2 and abs(rising[(position + step * quiet) % size]) < quiet_N:
             quiet += 1
-        while outside < size // 2 and abs(rising[(position + step * (quiet + outside)) % size]) < OUTSIDE * quiet_N:
+        while outside < size // 2 and abs(rising[(position + step * (quiet + outside)) % size]) < SLOPE_TO * quiet_N:
             outside += 1
         ways.append((quiet, outside))
     resting = ways[0][0] + ways[1][0]
-    slope = max(1.0, (ways[0][1] + ways[1][1]) / (OUTSIDE - 1.0))
-    if resting <= SLOWER * slope:
+    slope = max(1.0, (ways[0][1] + ways[1][1]) / (SLOPE_TO - 1.0))
+    if resting <= slower * slope:
         return 0.0
     first, last = (at - ways[0][0]) % size, (at + 1 + ways[1][0]) % size
     inside = np.take(rising, np.arange(at - ways[0][0] + 2, at + ways[1][0]), mode="wrap")

@@ -80,7 +80,7 @@ class RecordedPoint:
     arrays: Mapping[str, NDArray[Any]] | None = field(default=None, repr=False)
 
     @classmethod
-    def open(cls, path: Path, *, whole: bool = True) -> RecordedPoint:
+    def open(cls, path: Path | str, *, whole: bool = True) -> RecordedPoint:
         """Read a point's description from its file; the arrays follow when they are asked for.
 
         All of the file is checked first. `whole=False` checks only what is read, which is ten times as fast, for files
@@ -91,6 +91,7 @@ class RecordedPoint:
         """
         from rig.recording.reading import read_description
 
+        path = Path(path)
         return cls(path=path, **read_description(path, whole=whole))
 
     @classmethod

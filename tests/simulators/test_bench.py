@@ -18,7 +18,10 @@ ADDRESSES = Addresses("modbus-tcp://127.0.0.1:1", 2, "/dev/pts/1", "/dev/pts/2",
 def limits(speed: float, *, real_time: bool) -> tuple[dict[str, Any], float]:
     """The bench file of a rig, and its ECU's own command time-out (s)."""
     rig = SimulatedRig(RigOptions(), RunOptions(speed=speed))
-    return tomllib.loads(rig.bench(ADDRESSES, real_time)), rig.ecu.command_timeout_s
+    try:
+        return tomllib.loads(rig.bench(ADDRESSES, real_time)), rig.ecu.command_timeout_s
+    finally:
+        rig.close()
 
 
 def test_in_real_time_the_limits_are_the_hardwares() -> None:

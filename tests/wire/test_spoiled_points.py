@@ -84,13 +84,21 @@ def test_a_point_with_a_gap_is_repeated_and_mended(tmp_path: Path) -> None:
     assert second.lost_samples == 0
 
 
-def test_a_damper_that_heats_and_a_fixture_that_slips_are_named_and_repeated(tmp_path: Path) -> None:
-    heating = ("damper.heat_capacity_J_K=8.0", "damper.heat_loss_W_K=0.1")
-    ending = run(tmp_path, *options(*heating, "damper.free_play_m=0.002"), currents='"1 A"')
+def test_a_damper_that_heats_is_named_and_repeated(tmp_path: Path) -> None:
+    heating = (
+        "damper.heat_capacity_J_K=8.0", "damper.heat_loss_W_K=0.1", "damper.coil_heat_capacity_J_K=1.0",
+        "damper.coil_to_body_W_K=10.0",
+    )
+    ending = run(tmp_path, *options(*heating), currents='"1 A"')
     assert ending.exit_code == 5, ending.said
-    reasons = ending.reasons("p001")
-    assert reasons["temperature-drift"] == "test"
-    assert reasons["free-play"] == "bench"
+    assert ending.reasons("p001")["temperature-drift"] == "test"
+    assert set(ending.recorded()) == {"p001", "p001-attempt2"}
+
+
+def test_a_fixture_that_slips_is_named_and_repeated(tmp_path: Path) -> None:
+    ending = run(tmp_path, *options("damper.free_play_m=0.002"), currents='"1 A"')
+    assert ending.exit_code == 5, ending.said
+    assert ending.reasons("p001")["free-play"] == "bench"
     assert set(ending.recorded()) == {"p001", "p001-attempt2"}
 
 

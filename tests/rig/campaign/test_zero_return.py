@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,17 @@ def test_nothing_is_said_without_both_windows_or_of_samples_that_the_sensor_diso
     assert session(random, rest(random, 500.0, flagged=3)).findings() == ()
     assert session(random, AtRest(np.empty(0), np.empty(0), np.empty(0), np.empty(0))).findings() == ()
     assert ZeroReturn().findings() == ()
+
+
+@pytest.mark.parametrize("step_N", [0.05, 1.0])
+def test_a_stuck_load_cell_says_nothing_of_its_zero_and_a_coarse_one_does(step_N: float) -> None:
+    random = np.random.default_rng(7)
+    stuck = rest(random, 0.0, step_N=step_N)
+    stuck = replace(stuck, force_N=np.full(50, -540.0))
+    assert session(random, stuck).findings() == ()
+    check = session(random, stuck)
+    check.start = at_rest(replace(stuck, force_N=np.full(50, 20.0)))
+    assert [finding.slug for finding in check.findings()] == ["zero-drift"]
 
 
 def test_what_is_kept_in_campaign_json_is_read_again(tmp_path: Path) -> None:
