@@ -46,7 +46,7 @@ PHASES = 400
 PLAY_CYCLES = 2
 NEW_PLAY_M = 0.2e-3
 MORE_PLAY = 3.0
-"""Travel at rest is measured to a factor of two: a joint that was loose is looser when it rests over so many times more."""
+"""Travel at rest is measured to a factor of two: a loose joint is looser when it rests over so many times more."""
 KEPT_FORCE = 0.5
 """Heat and remanence change a damper's force by less."""
 CURRENT_APART_A = 0.1

@@ -177,7 +177,7 @@ def _drift(
 ) -> CampaignFinding | None:
     """The finding when two instruments agree less at the end than at the start; SI in, `factor` to the text's unit.
 
-    A sensor whose value repeats at the end, though its noise showed at the start, is stuck and says nothing of its zero.
+    A sensor whose value repeats at the end, though it was noisy at the start, is stuck: its zero is not judged.
     """
     first, first_own, last, last_own = readings
     few = min(first.count, last.count) < FEWEST_SAMPLES or min(first_own.count, last_own.count) < FEWEST_STATUSES

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import tomllib
 from typing import Any
 
@@ -21,7 +22,7 @@ def limits(speed: float, *, real_time: bool) -> tuple[dict[str, Any], float]:
     try:
         return tomllib.loads(rig.bench(ADDRESSES, real_time)), rig.ecu.command_timeout_s
     finally:
-        rig.close()
+        asyncio.run(rig.close())
 
 
 def test_in_real_time_the_limits_are_the_hardwares() -> None:
