@@ -134,6 +134,8 @@ def _described(error: RigError) -> dict[str, object]:
 
 def run() -> None:
     """Console entry: `rig ...`."""
+    # Our matrices are small: a second thread of the library waits for them busily, beside a rig that has to be watched.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if problem := foreign_packages():
         take_every_character()
         say(f"rig: {problem}", err=True)

@@ -138,12 +138,14 @@ def peak_of_fundamental(phase: FloatArray, values: FloatArray) -> float:
     orders = np.arange(1, max(HARMONICS, min(MOST_ORDERS, int(SERIES_SHARE / widest))) + 1)
     if len(phase) < 2 * len(orders) + 4:
         return 1.0 / TRIANGLE_FUNDAMENTAL
-    angles = math.tau * np.outer(phase, orders)
-    found, *_ = np.linalg.lstsq(np.column_stack((np.ones(len(phase)), np.sin(angles), np.cos(angles))), values, None)
+    turning = np.exp(2j * math.pi * phase)[:, None]
+    waves = np.cumprod(np.broadcast_to(turning, (len(phase), len(orders))), axis=1)
+    design = np.column_stack((np.ones(len(phase)), waves.imag, waves.real))
+    # The orders are as many as the widest gap between the phases allows, so the normal equations are well conditioned.
+    found = np.linalg.solve(design.T @ design, design.T @ values)
     harmonics = found[1 : len(orders) + 1] + 1j * found[len(orders) + 1 :]
     first = complex(harmonics[0])
-    grid = np.linspace(0.0, 1.0, GRID, endpoint=False)
-    shown = np.real(np.exp(-2j * math.pi * np.outer(grid, orders)) @ (1j * harmonics))
+    shown = np.fft.irfft(np.concatenate(([0.0], -0.5j * GRID * harmonics)), GRID)
     odd = orders[orders % 2 == 1]
     turned = np.real(harmonics[odd - 1] * np.exp(-1j * odd * math.atan2(first.imag, first.real))) / abs(first)
     ideal = np.where((odd - 1) // 2 % 2 == 0, 1.0, -1.0) / odd**2
