@@ -25,6 +25,7 @@ from rig.recording.columns import ColumnChoice, parse_columns, read_table
 from rig.recording.durable import write_text_durably
 from rig.recording.interpolation import LARGEST_STEP_PERIODS
 from rig.recording.layout import AlignedChannel, Attribute, FloatArray, PointFile, write_file
+from rig.recording.loop_shape import standing
 from rig.recording.velocity import velocity_of
 from rig.recording.verdict import Findings, SensorCounts, Verdict, judge
 
@@ -280,13 +281,27 @@ def _flags(test: ImportedTest, period_s: float) -> tuple[NDArray[np.int8], int]:
 
 
 def _judge(test: ImportedTest, motion: Achieved | None, lost: int) -> Verdict:
-    missing = {name: int(np.count_nonzero(~np.isfinite(values)))
-               for name, values in (("force", test.force_N), ("displacement", test.displacement_m))}
+    quantities = {"force": test.force_N, "displacement": test.displacement_m}
     return judge(Findings(
-        sensors={name: SensorCounts(len(test.time_s), lost, count) for name, count in missing.items()},
+        sensors={name: _counts(test.time_s, values, lost, motion) for name, values in quantities.items()},
+        samples_a_cycle=np.inf if motion is None else len(test.time_s) / (test.time_s[-1] * motion.frequency_Hz),
         wanted_cycles=FEWEST_CYCLES, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
         measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
     ))
+
+
+def _counts(time_s: FloatArray, values: FloatArray, lost: int, motion: Achieved | None) -> SensorCounts:
+    """What a column holds, and whether it stands still over the full cycles; a flat top may be a filter's or a file's.
+
+    No sensor's range is known here, so nothing is said to be saturated.
+    """
+    missing = int(np.count_nonzero(~np.isfinite(values)))
+    if motion is None:
+        return SensorCounts(len(time_s), lost, missing)
+    found = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
+    return SensorCounts(
+        len(time_s), lost, missing, standing=found.longest, coarse=found.coarse, step=found.step, span=found.span,
+    )
 
 
 def two_digits(value: float) -> float:

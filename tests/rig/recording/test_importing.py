@@ -166,3 +166,21 @@ def test_values_no_damper_test_has_are_refused_with_their_column(tmp_path: Path)
     message = refused(tmp_path, path, columns={**COLUMNS, "displacement": "x_mm:m"})
     assert "column 'x_mm:m', as displacement, spans 10 m; a test has at most 2 m: is its unit right" in message
     assert "column 'F:kN', as force, reaches 9e+05 N" in refused(tmp_path, changed(path, 500, "2.490,12.0,900"))
+
+
+def test_a_force_that_stands_still_while_the_rod_moves_is_not_valid(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    lines = [line.rsplit(",", 1)[0] + ",0.007" for line in path.read_text().splitlines()[1:]]
+    path.write_text("\n".join(["t_s,x_mm,F", *lines]) + "\n")
+    (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
+    assert point.verdict == "invalid"
+    assert point.reasons[0].startswith("sensor-stuck: ")
+
+
+def test_an_exact_force_of_few_digits_is_not_accused(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    rows = [line.rsplit(",", 1) for line in path.read_text().splitlines()[1:]]
+    lines = [f"{beside},{float(force):.3f}" for beside, force in rows]
+    path.write_text("\n".join(["t_s,x_mm,F", *lines]) + "\n")
+    (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
+    assert (point.verdict, point.reasons) == ("valid", ())
