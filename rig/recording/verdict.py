@@ -263,9 +263,14 @@ def _bandwidth(name: str, counts: SensorCounts, frequency_Hz: float) -> list[Rea
 
 def _share(slug: str, name: str, count: int, total: int, what: str, limit: float) -> Reason:
     return invalid(
-        slug, f"{count} of {total} {name} samples {what} ({100 * count / total:.2g} %, limit {100 * limit:g} %)",
+        slug, f"{count} of {total} {name} samples {what} ({_percent(count / total)} %, limit {100 * limit:g} %)",
         count=float(count), total=float(total),
     )
+
+
+def _percent(share: float) -> str:
+    """A share in percent to two digits, all of them where it has three."""
+    return f"{100.0 * share:.2g}" if share < 0.995 else f"{100.0 * share:.0f}"
 
 
 def _motion(found: Findings) -> list[Reason]:

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.errors import FileProblem
+from rig.errors import FileProblem, IdentificationFailed
+from rig.identification import identify_run
 from rig.recording.importing import import_tests
 from rig.recording.run import Run
 
@@ -184,3 +185,23 @@ def test_an_exact_force_of_few_digits_is_not_accused(tmp_path: Path) -> None:
     path.write_text("\n".join(["t_s,x_mm,F", *lines]) + "\n")
     (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
     assert (point.verdict, point.reasons) == ("valid", ())
+
+
+def test_a_force_of_the_wrong_sign_is_not_valid_and_is_not_fitted_as_suspect(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    rows = [line.rsplit(",", 1) for line in path.read_text().splitlines()[1:]]
+    path.write_text("\n".join(["t_s,x_mm,F", *(f"{beside},{-float(force)}" for beside, force in rows)]) + "\n")
+    folder = import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)
+    (point,) = Run.open(folder).points
+    assert point.verdict == "invalid"
+    assert point.reasons[0].startswith("reversed-sign: the force drives the motion")
+    with pytest.raises(IdentificationFailed, match=r"no point is valid: .*reversed-sign.*\)$"):
+        identify_run([folder])
+
+
+def test_a_column_without_a_number_is_all_of_it(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    rows = [line.rsplit(",", 1)[0] + ",nan" for line in path.read_text().splitlines()[1:]]
+    path.write_text("\n".join(["t_s,x_mm,F", *rows]) + "\n")
+    (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
+    assert "2000 of 2000 force samples not a number (100 %" in point.reasons[0]
