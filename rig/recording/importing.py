@@ -305,8 +305,9 @@ def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: Achieved | N
     if not np.sum(work) < REVERSED * np.sum(np.abs(work)):
         return []
     return [invalid(
-        "reversed-sign", "the force drives the motion instead of resisting it: the sign of force or displacement is "
-        "reversed, or their columns are exchanged (displacement is extension, a positive force resists extension)",
+        "reversed-sign", "the measured force drives the motion instead of resisting it: the sign of force or "
+        "displacement is reversed, or their columns are exchanged (displacement is extension, and a positive force "
+        "resists extension)",
     )]
 
 
