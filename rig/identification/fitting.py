@@ -183,7 +183,8 @@ def identify_run(
     points = [point for run in runs for point in (run.usable if suspect else run.valid)]
     left_out = [line for run in runs for line in run.left_out if not (suspect and ": suspect (" in line)]
     if not points:
-        raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}; `--suspect` takes suspect points too")
+        hint = "; `--suspect` takes suspect points too" if any(": suspect (" in line for line in left_out) else ""
+        raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}{hint}")
     other = Run.open(campaign_in(Path(holdout))) if holdout is not None and Path(holdout).exists() else holdout
     tested = [*runs, other] if isinstance(other, Run) else runs
     specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}

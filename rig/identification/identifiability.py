@@ -173,9 +173,14 @@ def _one_frequency(measurements: Sequence[Measurement]) -> bool:
     """Whether all cycles last as long.
 
     A second harmonic of the motion, or the corners of a triangle, would tell inertia and stiffness apart in a perfect
-    recording; their acceleration is known far too badly for that.
+    recording; their acceleration is known far too badly for that. A test of which a single cycle is left shows no two
+    crossings; its cycle lasts as long as it does.
     """
-    lasting = [np.quantile(each, (0.05, 0.95)) for each in map(cycle_times_s, measurements) if each.size]
+    times = [(each, cycle_times_s(each)) for each in measurements]
+    lasting = [
+        np.quantile(found if found.size else [each.samples_per_cycle * each.dt_s], (0.05, 0.95))
+        for each, found in times if found.size or each.samples_per_cycle > 0
+    ]
     if not lasting:
         return False
     return bool(max(each[1] for each in lasting) <= (1.0 + SAME_FREQUENCY) * min(each[0] for each in lasting))

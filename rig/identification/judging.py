@@ -161,7 +161,10 @@ def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[str]
             "their intervals do not cover what the model lacks"
         )
     if fits is None:
-        warnings.append("no test has two whole cycles, so it cannot be told whether the model fits to the noise")
+        warnings.append(
+            "no test has two whole cycles left without its first and last, which are not fitted, so it cannot be told "
+            "whether the model fits to the noise; run more cycles"
+        )
     if weight == "v":
         warnings.append("weight v (equation 12) mutes the reversals; compare with weight 1")
     return warnings

@@ -120,9 +120,11 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     current_A, commanded = _current(point, grid_s, warned)
     motion, motion_error = _motion(time_s, displacement_m, float(np.mean(cycles.frequency_Hz)), grid_s)
     if motion.harmonics is None:
-        warnings.append(
-            f"{point.id}: the motion does not repeat from cycle to cycle; a local polynomial gives the velocity"
+        what = (
+            "the motion does not repeat from cycle to cycle" if len(cycles) > 1
+            else "no series tells the motion of the single cycle that is left without the first and the last"
         )
+        warnings.append(f"{point.id}: {what}; a local polynomial gives the velocity, and its errors are in no interval")
     mean_m = motion.harmonics.mean_m if motion.harmonics is not None else cycles.mean_m
     reference_m = mean_m if point.mid_stroke_m is None else point.mid_stroke_m
     step_N = quantisation_step(force_N[usable])

@@ -97,7 +97,8 @@ def _row(
     tolerance: float,
 ) -> CrossCheck:
     if found is None:
-        return CrossCheck(instrument, what, f"no point moved enough to compare it with the {reference}")
+        few = "no point moved enough, or was read often enough, to compare it with"
+        return CrossCheck(instrument, what, f"{few} the {reference}")
     shown = f"{found.signed} {unit}"
     if not doubted and PROVES * found.std > tolerance:
         return CrossCheck(instrument, what, f"{reference}: too uncertain to prove anything", shown, allowed)

@@ -105,6 +105,7 @@ def examine(
         temperature_window_degC=_window(point),
         skew_std_s=0.0 if standing_rod else alignment.skew_trusted_s,
         scatter_N=None if shape is None else shape.scatter_N, change_N=None if shape is None else shape.change_N,
+        change_std_N=0.0 if shape is None else shape.change_std_N,
         span_N=None if shape is None else shape.span_N, free_play_m=0.0 if shape is None else shape.free_play_m,
         samples_a_cycle=float(period_samples), stopped_by=end.get("stopped_by"), interrupted=content.end is None,
         overrun_records=int(end.get("lost_records", 0)), missing_blocks=content.missing_blocks,

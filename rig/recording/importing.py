@@ -25,10 +25,14 @@ from rig.recording.columns import ColumnChoice, parse_columns, read_table
 from rig.recording.durable import write_text_durably
 from rig.recording.interpolation import LARGEST_STEP_PERIODS
 from rig.recording.layout import AlignedChannel, Attribute, FloatArray, PointFile, write_file
+from rig.recording.loop_shape import standing
+from rig.recording.reason import Reason, invalid
 from rig.recording.velocity import velocity_of
 from rig.recording.verdict import Findings, SensorCounts, Verdict, judge
 
 FEWEST_CYCLES = 3
+REVERSED = -0.1
+"""Share of all work done that a force must put in, in sum, to be one of a wrong sign."""
 #: Largest value of each quantity, and of displacement the largest span, that a test can have; as in bench files.
 LARGEST = {"displacement": (2.0, "m"), "force": (200e3, "N"), "current": (20.0, "A"), "commanded_current": (20.0, "A")}
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
@@ -219,8 +223,8 @@ def _point_file(
     period_s = float(np.median(np.diff(test.time_s)))
     flags, lost = _flags(test, period_s)
     motion = achieved_motion(test.time_s, test.displacement_m)
-    verdict = _judge(test, motion, lost)
     velocity, method = velocity_of(test.time_s, test.displacement_m)
+    verdict = _judge(test, velocity, motion, lost)
     channels = [
         AlignedChannel("displacement", test.displacement_m, "m", "Damper extension", choices["displacement"].column),
         AlignedChannel("force", test.force_N, "N", "Force", choices["force"].column),
@@ -279,14 +283,46 @@ def _flags(test: ImportedTest, period_s: float) -> tuple[NDArray[np.int8], int]:
     return flags, int(np.sum(np.round(steps[after_gap - 1]) - 1))
 
 
-def _judge(test: ImportedTest, motion: Achieved | None, lost: int) -> Verdict:
-    missing = {name: int(np.count_nonzero(~np.isfinite(values)))
-               for name, values in (("force", test.force_N), ("displacement", test.displacement_m))}
+def _judge(test: ImportedTest, velocity_m_s: FloatArray, motion: Achieved | None, lost: int) -> Verdict:
+    quantities = {"force": test.force_N, "displacement": test.displacement_m}
     return judge(Findings(
-        sensors={name: SensorCounts(len(test.time_s), lost, count) for name, count in missing.items()},
+        sensors={name: _counts(test.time_s, values, lost, motion) for name, values in quantities.items()},
+        samples_a_cycle=np.inf if motion is None else len(test.time_s) / (test.time_s[-1] * motion.frequency_Hz),
         wanted_cycles=FEWEST_CYCLES, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
         measured_cycles=None if motion is None else motion.cycles, current_error_A=0.0,
+        extra=_reversed(test, velocity_m_s, motion),
     ))
+
+
+def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: Achieved | None) -> list[Reason]:
+    """A force that drives the rod over the full cycles, which no damper's does; as identification refuses it."""
+    known = np.isfinite(test.force_N) & np.isfinite(velocity_m_s)
+    if motion is not None:
+        known &= (test.time_s >= motion.start_s) & (test.time_s < motion.end_s)
+    if motion is None or not np.any(known):
+        return []
+    work = (test.force_N[known] - np.mean(test.force_N[known])) * velocity_m_s[known]
+    if not np.sum(work) < REVERSED * np.sum(np.abs(work)):
+        return []
+    return [invalid(
+        "reversed-sign", "the measured force drives the motion instead of resisting it: the sign of force or "
+        "displacement is reversed, or their columns are exchanged (displacement is extension, and a positive force "
+        "resists extension)",
+    )]
+
+
+def _counts(time_s: FloatArray, values: FloatArray, lost: int, motion: Achieved | None) -> SensorCounts:
+    """What a column holds, and whether it stands still over the full cycles; a flat top may be a filter's or a file's.
+
+    No sensor's range is known here, so nothing is said to be saturated.
+    """
+    missing = int(np.count_nonzero(~np.isfinite(values)))
+    if motion is None:
+        return SensorCounts(len(time_s), lost, missing)
+    found = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
+    return SensorCounts(
+        len(time_s), lost, missing, standing=found.longest, coarse=found.coarse, step=found.step, span=found.span,
+    )
 
 
 def two_digits(value: float) -> float:

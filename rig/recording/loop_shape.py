@@ -32,6 +32,10 @@ APART_SHARE = 0.25
 """Of a cycle, by which the sign changes of the two reversals lie apart."""
 PLAY_CYCLES = 2
 SPAN_PERCENT = 3.0
+CERTAIN = 4.0
+"""Standard deviations that noise alone does not make of a scatter, or of a change, in a campaign's points."""
+APART_SAMPLES = 3
+"""Neighbours so far apart share no noise, whatever interpolation has done to it."""
 REPEATED_SHARE = 0.2
 """Where this share of all neighbours are equal, the resolution is coarse and a standing value says nothing."""
 STANDING_SAMPLES = 5
@@ -44,8 +48,10 @@ class LoopShape:
     """Findings about one point's force over its full cycles.
 
     Attributes:
-        scatter_N: standard deviation of the force between cycles at equal phase, beyond the sensor's noise (N).
+        scatter_N: standard deviation of the force between cycles at equal phase, beyond the sensor's noise (N); 0 where
+            noise alone would explain it.
         change_N: how much peak-to-peak force changed from the first to the last third of the cycles (N), signed.
+        change_std_N: what noise alone makes of that (N, one standard deviation).
         span_N: mean peak-to-peak force (N).
         noise_N: the sensor's own noise, from neighbouring samples (N).
         free_play_m: travel during which the force rests at zero after it changes sign; 0 where there is none (m).
@@ -56,6 +62,7 @@ class LoopShape:
     span_N: float
     noise_N: float
     free_play_m: float
+    change_std_N: float = 0.0
 
 
 def loop_shape(
@@ -78,15 +85,37 @@ def loop_shape(
     if forces is None or moves is None:
         return None
     noise_N = noise_of(force_N)
-    between = float(np.median(np.std(forces, axis=0, ddof=1)))
+    a_cycle = np.count_nonzero(np.isfinite(force_N)) / len(forces)
+    scatter_N, alone_N = _scatter_N(forces, min(a_cycle, PHASES))
     spans = np.ptp(np.percentile(forces, (SPAN_PERCENT, 100.0 - SPAN_PERCENT), axis=1), axis=0)
     third = max(1, len(spans) // 3)
+    span_std_N = alone_N / np.sqrt(0.01 * SPAN_PERCENT * min(a_cycle, PHASES))
     return LoopShape(
-        scatter_N=float(np.sqrt(max(0.0, between**2 - noise_N**2))),
+        scatter_N=scatter_N,
         change_N=float(np.mean(spans[-third:]) - np.mean(spans[:third])), span_N=float(np.mean(spans)),
         noise_N=noise_N,
-        free_play_m=_largest_play_m(forces, moves, noise_N),
+        free_play_m=_largest_play_m(forces, moves, noise_N), change_std_N=float(span_std_N * np.sqrt(2.0 / third)),
     )
+
+
+def _scatter_N(forces: FloatArray, a_cycle: float) -> tuple[float, float]:
+    """What cycles differ by beyond the noise (N), 0 where noise explains it, and the noise of a single value (N).
+
+    What two cycles differ by changes slowly over the phase, noise from sample to sample: the noise is what the
+    difference at one phase has changed by a few samples on. So it is that of these values, interpolated as they are.
+
+    Args:
+        forces: force at equal phases of each cycle, (k, n), N.
+        a_cycle: how many of them in a cycle were measured, n at most.
+    """
+    phases, free = forces.shape[1], len(forces) - 1
+    apart = max(1, round(APART_SAMPLES * phases / a_cycle))
+    differences = forces - np.mean(forces, axis=0)
+    between = np.sum(differences**2, axis=0) / free
+    alone = 0.5 * np.sum((differences - np.roll(differences, apart, axis=1)) ** 2, axis=0) / free
+    excess = float(np.median(between) - np.median(alone))
+    certain = CERTAIN * 2.0 * float(np.median(alone)) * np.sqrt(2.0 / (free * a_cycle))
+    return float(np.sqrt(excess)) if excess > certain else 0.0, float(np.sqrt(np.mean(alone)))
 
 
 def resting_travel_m(

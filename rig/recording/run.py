@@ -103,7 +103,13 @@ class RecordedPoint:
         """A point made in memory: arrays (n,) in SI; `description` holds the other attributes (`id`, `waveform` ...).
 
         Without `current_measured_A` the wanted current is used; without `velocity_m_s` central differences are.
+
+        Raises:
+            FileProblem: arrays of different lengths or of more than one dimension, or a time that does not increase.
         """
+        given = {"time_s": time_s, "displacement_m": displacement_m, "force_N": force_N,
+                 "current_measured_A": current_measured_A, "velocity_m_s": velocity_m_s}
+        _check_arrays(str(description.get("id", "a point")), given)
         current = np.full(len(time_s), float(description["current_A"]))
         velocity = np.gradient(displacement_m, time_s) if velocity_m_s is None else velocity_m_s
         arrays = {
@@ -132,6 +138,9 @@ class RecordedPoint:
             FileProblem: a column is missing or not numbers, there is no time or it does not increase, or there is no
                 motion to measure.
         """
+        if not table.columns.is_unique:
+            twice = sorted({str(name) for name in table.columns[table.columns.duplicated()]})
+            raise FileProblem(id, [f"the table has several columns {name!r}; which one is meant?" for name in twice])
         missing = [name for name in ("displacement", "force") if name not in table]
         if missing:
             raise FileProblem(id, [f"the table has no column {name!r}; it has {list(table)}" for name in missing])
@@ -338,6 +347,24 @@ class Run:
             "lost_samples", "skew_s", "skew_std_s", "path",
         )
         return pd.DataFrame([{name: getattr(point, name) for name in fields} for point in (*self.points, *self.apart)])
+
+
+def _check_arrays(name: str, given: Mapping[str, FloatArray | None]) -> None:
+    """Refuse arrays that are no samples of one time base.
+
+    Raises:
+        FileProblem: one line for each.
+    """
+    shapes = {key: np.shape(values) for key, values in given.items() if values is not None}
+    wanted = shapes["time_s"]
+    problems = [
+        f"{key} has shape {shape}; it must be (n,), as long as time_s: {wanted}"
+        for key, shape in shapes.items() if shape != wanted or len(shape) != 1
+    ]
+    if not problems and (wanted[0] < 2 or not np.all(np.diff(np.asarray(given["time_s"], np.float64)) > 0.0)):
+        problems.append("time_s must increase from sample to sample, two samples or more")
+    if problems:
+        raise FileProblem(name, problems)
 
 
 def read_campaign(folder: Path) -> dict[str, Any]:

@@ -46,6 +46,9 @@ MATCHING_RATE_Hz = 1000.0
 MOST_MATCHED = 60_000
 """Samples of the stretch of cycles that is compared; the first ones of a longer point."""
 FEWEST_FULL_CYCLES = 3.0
+FEWEST_COMPARED_CYCLES = 2.05
+"""Two whole ones, whatever their period turns out to be in the sensor's clock."""
+LEAST_SETTLING_CYCLES = 0.5
 MOST_SPREAD = 1.0 / np.sqrt(12.0)
 BAD = np.uint16(Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER | Quality.SPIKE)
 
@@ -298,16 +301,20 @@ def _reference(name: str, by_name: Mapping[str, Records], context: PointContext)
 
 
 def _full_cycles(phase: Records | None, context: PointContext) -> Cycles | None:
-    """Where the controller reported full amplitude, less a first cycle that may still settle; None for no cycles."""
+    """Where the controller reported full amplitude, less a first cycle that may still settle; None for no cycles.
+
+    Of three cycles, the fewest a matrix may ask for, so much of the first is left out that two whole ones remain.
+    """
     frequency_Hz = float(context.point.get("frequency_Hz", 0.0))
     if phase is None or not frequency_Hz > 0.0 or context.point.get("kind") == "current_step":
         return None
     records = phase[:]
     full = (records["value"] == ProgramPhase.FULL_AMPLITUDE) & (records["device_us"] >= 0)
     full_s = records["device_us"][full] * 1e-6
-    if len(full_s) == 0 or (full_s[-1] - full_s[0]) * frequency_Hz < FEWEST_FULL_CYCLES:
+    settling = 0.0 if len(full_s) == 0 else (full_s[-1] - full_s[0]) * frequency_Hz - FEWEST_COMPARED_CYCLES
+    if settling < LEAST_SETTLING_CYCLES:
         return None
-    return Cycles(float(full_s[0]) + 1.0 / frequency_Hz, float(full_s[-1]), 1.0 / frequency_Hz)
+    return Cycles(float(full_s[0]) + min(settling, 1.0) / frequency_Hz, float(full_s[-1]), 1.0 / frequency_Hz)
 
 
 def _coarsened(time_s: Values, channel: Records, rate_Hz: float) -> tuple[FloatArray, FloatArray, float]:

@@ -41,6 +41,8 @@ TEMPERATURE_KNOWN_SHARE = 0.9
 """Of the kept cycles, over which a point with a window must know its temperature."""
 SCATTER_SUSPECT, SCATTER_INVALID = 0.02, 0.05
 CHANGE_SUSPECT, CHANGE_INVALID = 0.03, 0.08
+CHANGE_CERTAIN = 4.0
+"""Standard deviations of its noise that a change of the force must be: a weak loop's span is never the same twice."""
 AMPLITUDE_SCATTER = 0.01
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ class Findings:
     command that was compensated, None: the usual limits. Counts of the journal are bytes and
     blocks; `current_error_A` is the deviation of measured from wanted current by `rig.recording.tracking`;
     `temperature_degC` the lowest and highest coil temperature over the kept cycles, known for `temperature_share` of
-    them; `scatter_N`, `change_N`, `span_N` and
+    them; `scatter_N`, `change_N`, `change_std_N`, `span_N` and
     `free_play_m` are those of `rig.recording.loop_shape`.
     """
 
@@ -95,6 +97,7 @@ class Findings:
     temperature_window_degC: tuple[float, float] | None = None
     scatter_N: float | None = None
     change_N: float | None = None
+    change_std_N: float = 0.0
     span_N: float | None = None
     free_play_m: float = 0.0
     samples_a_cycle: float = float("inf")
@@ -260,9 +263,14 @@ def _bandwidth(name: str, counts: SensorCounts, frequency_Hz: float) -> list[Rea
 
 def _share(slug: str, name: str, count: int, total: int, what: str, limit: float) -> Reason:
     return invalid(
-        slug, f"{count} of {total} {name} samples {what} ({100 * count / total:.2g} %, limit {100 * limit:g} %)",
+        slug, f"{count} of {total} {name} samples {what} ({_percent(count / total)} %, limit {100 * limit:g} %)",
         count=float(count), total=float(total),
     )
+
+
+def _percent(share: float) -> str:
+    """A share in percent to two digits, all of them where it has three."""
+    return f"{100.0 * share:.2g}" if share < 0.995 else f"{100.0 * share:.0f}"
 
 
 def _motion(found: Findings) -> list[Reason]:
@@ -352,7 +360,7 @@ def _specimen(found: Findings) -> list[Reason]:
             slug, _worse(scatter > SCATTER_INVALID), f"{what} from cycle to cycle by {100 * scatter:.2g} % of its span "
             f"(limit {100 * SCATTER_INVALID:g} %)",
         ))
-    if change > CHANGE_SUSPECT:
+    if change > CHANGE_SUSPECT and abs(found.change_N) > CHANGE_CERTAIN * found.change_std_N:
         reasons.append(Reason(
             "force-change", _worse(change > CHANGE_INVALID),
             f"the loop's span changed by {100 * found.change_N / found.span_N:+.2g} % over the "

@@ -51,7 +51,7 @@ def _verdict(fit: JsonObject | None) -> list[str]:
         return [_fact("Does not fit", "the model leaves more than the tests' scatter", "poor")]
     unknown = sum(not entry.get("identifiable", True) for entry in fit["parameters"].values())
     if fit.get("adequate") is None:
-        return [_fact("Not judged", "no test has two whole cycles, whose scatter the fit could be held against")]
+        return [_fact("Not judged", "no test has two whole cycles beside its first and last to compare the fit with")]
     known = f"{len(fit['parameters']) - unknown} of {len(fit['parameters'])} parameters identified"
     return [_fact("Fits", f"to the tests' scatter; {known}", "good")]
 

@@ -33,6 +33,7 @@ def make_run(
     interval_s: float = 0.004,
     specimen: str = "imported",
     seed: int = 0,
+    exit_code: int = 0,
 ) -> Path:
     """CSV files of sines of 30 mm with 5 N and 5 um of noise, imported by the command; the run's directory."""
     rng = np.random.default_rng(seed)
@@ -51,7 +52,7 @@ def make_run(
     files = sorted(folder.glob("*.csv"))
     name = ("--current-from-name", "_(?P<current>[0-9.]+)A", "--specimen", specimen, "--out", folder / "runs")
     made = rig("import", *files, *wanted, *name, "--json")
-    assert made.returncode == 0, made.stderr
+    assert made.returncode == exit_code, made.stderr
     return Path(json.loads(made.stdout)["campaign"])
 
 
@@ -102,7 +103,7 @@ def test_too_few_samples_and_reversed_signs_are_refused(tmp_path: Path) -> None:
     assert "samples in the kept cycles; at least 50 are needed" in few.stderr
     turned = rig("identify", make_run(tmp_path / "turned", values={name: -value for name, value in DEMO.items()} | {
         "beta": DEMO["beta"], "delta": DEMO["delta"], "eta": DEMO["eta"]
-    }))  # fmt: skip
+    }, exit_code=5))  # fmt: skip
     assert turned.returncode == 6
     assert "the measured force drives the motion" in turned.stderr
 

@@ -37,6 +37,27 @@ def test_m_is_never_stated_from_one_frequency(waveform: str, make_campaign: Make
         assert "one frequency" in m.reason
 
 
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_m_is_not_stated_from_one_frequency_of_which_a_single_cycle_is_left(
+    waveform: str, make_campaign: MakeCampaign,
+) -> None:
+    points = []
+    for point in make_campaign("demo", (0.0, 1.0), (0.5,), waveform=waveform):
+        assert point.arrays is not None
+        first = point.time_s < point.time_s[0] + 6.3  # three whole cycles of 2 s, of which the middle one is kept
+        samples = point.force_samples
+        kept = samples.time_s < point.time_s[first][-1]
+        short = replace(point, arrays={name: values[first] for name, values in point.arrays.items()})
+        short.__dict__["force_samples"] = ForceSamples(
+            samples.time_s[kept], samples.force_N[kept], samples.flags[kept]
+        )
+        points.append(short)
+    m = identify(points).parameters["m"]
+    assert not m.identifiable
+    assert m.low is m.high is None
+    assert "one frequency" in m.reason
+
+
 def test_two_frequencies_state_m(make_campaign: MakeCampaign) -> None:
     assert identify(make_campaign("demo", (0.0, 1.0), (1.0, 2.0))).parameters["m"].identifiable
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.errors import FileProblem
+from rig.errors import FileProblem, IdentificationFailed
+from rig.identification import identify_run
 from rig.recording.importing import import_tests
 from rig.recording.run import Run
 
@@ -166,3 +167,41 @@ def test_values_no_damper_test_has_are_refused_with_their_column(tmp_path: Path)
     message = refused(tmp_path, path, columns={**COLUMNS, "displacement": "x_mm:m"})
     assert "column 'x_mm:m', as displacement, spans 10 m; a test has at most 2 m: is its unit right" in message
     assert "column 'F:kN', as force, reaches 9e+05 N" in refused(tmp_path, changed(path, 500, "2.490,12.0,900"))
+
+
+def test_a_force_that_stands_still_while_the_rod_moves_is_not_valid(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    lines = [line.rsplit(",", 1)[0] + ",0.007" for line in path.read_text().splitlines()[1:]]
+    path.write_text("\n".join(["t_s,x_mm,F", *lines]) + "\n")
+    (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
+    assert point.verdict == "invalid"
+    assert point.reasons[0].startswith("sensor-stuck: ")
+
+
+def test_an_exact_force_of_few_digits_is_not_accused(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    rows = [line.rsplit(",", 1) for line in path.read_text().splitlines()[1:]]
+    lines = [f"{beside},{float(force):.3f}" for beside, force in rows]
+    path.write_text("\n".join(["t_s,x_mm,F", *lines]) + "\n")
+    (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
+    assert (point.verdict, point.reasons) == ("valid", ())
+
+
+def test_a_force_of_the_wrong_sign_is_not_valid_and_is_not_fitted_as_suspect(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    rows = [line.rsplit(",", 1) for line in path.read_text().splitlines()[1:]]
+    path.write_text("\n".join(["t_s,x_mm,F", *(f"{beside},{-float(force)}" for beside, force in rows)]) + "\n")
+    folder = import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)
+    (point,) = Run.open(folder).points
+    assert point.verdict == "invalid"
+    assert point.reasons[0].startswith("reversed-sign: the measured force drives")
+    with pytest.raises(IdentificationFailed, match=r"no point is valid: .*reversed-sign.*\)$"):
+        identify_run([folder])
+
+
+def test_a_column_without_a_number_is_all_of_it(tmp_path: Path) -> None:
+    path = sine_file(tmp_path)
+    rows = [line.rsplit(",", 1)[0] + ",nan" for line in path.read_text().splitlines()[1:]]
+    path.write_text("\n".join(["t_s,x_mm,F", *rows]) + "\n")
+    (point,) = Run.open(import_tests([path], columns=COLUMNS, out=tmp_path / "out", current_A=0.5)).points
+    assert "2000 of 2000 force samples not a number (100 %" in point.reasons[0]

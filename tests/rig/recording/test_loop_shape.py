@@ -57,6 +57,32 @@ def test_a_specimen_that_weakens_changes_and_one_that_wobbles_scatters() -> None
     assert wobbling.scatter_N > 0.04 * wobbling.span_N
 
 
+@pytest.mark.parametrize("late", [0.0, 0.5])
+@pytest.mark.parametrize(("amplitude_m", "cycles"), [(1e-3, 3), (3e-3, 3), (3e-3, 10)])
+def test_noise_alone_makes_no_specimen_scatter_or_change(amplitude_m: float, cycles: int, late: float) -> None:
+    random = np.random.default_rng(7)
+    time_s = np.arange(int(cycles * RATE_Hz) + 1) / RATE_Hz
+    force_s = time_s + late / RATE_Hz
+    for _ in range(40):
+        sampled_N = 900.0 * 2.0 * np.pi * amplitude_m * np.cos(2.0 * np.pi * force_s)
+        sampled_N = sampled_N + 5.0 * random.standard_normal(len(time_s))
+        rod_m = amplitude_m * np.sin(2.0 * np.pi * time_s)
+        shape = loop_shape(time_s, rod_m, np.interp(time_s, force_s, sampled_N), np.arange(cycles + 1.0))
+        assert shape is not None
+        assert shape.scatter_N == 0.0
+        assert abs(shape.change_N) < 4.0 * shape.change_std_N
+
+
+def test_scatter_below_the_noise_is_found_in_many_samples() -> None:
+    rod_m = 0.01 * np.sin(PHASE)
+    factor = np.repeat([1.0, 0.8, 1.1, 0.9, 1.2, 1.0], int(RATE_Hz))
+    force_N = 56.0 * np.cos(PHASE[:-1]) * factor + NOISE_N[:-1]
+    shape = loop_shape(TIME_S[:-1], rod_m[:-1], force_N, STARTS_S)
+    assert shape is not None
+    assert 3.0 < shape.scatter_N < 9.0
+    assert abs(shape.change_N) > 4.0 * shape.change_std_N
+
+
 def test_two_cycles_say_nothing_about_scatter() -> None:
     assert loop_shape(TIME_S, np.sin(PHASE), np.cos(PHASE), STARTS_S[:3]) is None
 

@@ -99,6 +99,29 @@ def test_a_point_made_in_memory_has_the_wanted_current_and_central_differences()
     assert np.array_equal(point.force_samples.time_s, time_s)
 
 
+@pytest.mark.parametrize(("change", "says"), [
+    ({"force_N": np.zeros(7)}, r"force_N has shape \(7,\); it must be \(n,\), as long as time_s: \(8,\)"),
+    ({"displacement_m": np.zeros((8, 1))}, r"displacement_m has shape \(8, 1\)"),
+    ({"velocity_m_s": np.zeros(9)}, "velocity_m_s has shape"),
+    ({"time_s": np.repeat(np.arange(4.0), 2)}, "time_s must increase"),
+    ({"time_s": np.arange(8.0)[::-1]}, "time_s must increase"),
+    ({"time_s": np.zeros(0), "displacement_m": np.zeros(0), "force_N": np.zeros(0)}, "two samples or more"),
+])
+def test_arrays_that_are_no_samples_of_one_time_base_are_refused(change: dict[str, np.ndarray], says: str) -> None:
+    arrays = {"time_s": np.arange(8.0), "displacement_m": np.zeros(8), "force_N": np.zeros(8), **change}
+    with pytest.raises(FileProblem, match=says):
+        RecordedPoint.from_arrays(
+            **arrays, id="p", waveform="sine", amplitude_m=0.01, frequency_Hz=1.0, current_A=0.0,
+        )
+
+
+def test_a_table_with_two_columns_of_one_name_is_refused() -> None:
+    time_s = np.arange(100) / 50.0
+    table = pd.DataFrame({"displacement": np.sin(9.0 * time_s), "force": time_s}, index=pd.Index(time_s, name="time_s"))
+    with pytest.raises(FileProblem, match="several columns 'force'"):
+        RecordedPoint.from_pandas(pd.concat([table, table[["force"]]], axis=1), id="p", current_A=0.0)
+
+
 def test_a_table_goes_in_and_comes_out_unchanged() -> None:
     time_s = np.arange(0.0, 6.0, 0.004)
     motion_m = 0.02 * np.sin(2 * np.pi * 1.5 * np.clip(time_s - 0.5, 0.0, 5.0))

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from synthetic_rig import SyntheticRig, with_controller_record
 
+from drivers.ring import Channel
+from protocols.actuator import ProgramPhase
 from rig.recording.alignment import align
 from rig.recording.clock_model import by_order
 from rig.recording.context import SensorContext
@@ -251,3 +253,21 @@ def test_a_declared_delay_is_used_with_its_tolerance() -> None:
     rig = SyntheticRig()
     sensors = {"force": SensorContext("load_cell", 250.0, delay_s=1e-3), "displacement": SensorContext("lvdt", 250.0)}
     assert align(rig.records(), rig.context(sensors=sensors)).skew_std_s == pytest.approx(50e-6, rel=0.1)
+
+
+@pytest.mark.parametrize("cycles", [3, 4])
+def test_of_three_cycles_gain_and_zero_are_compared_too(cycles: int) -> None:
+    rig = SyntheticRig(amplitude_m=0.01, frequency_Hz=3.0, cycles=cycles, damping=0.0, stiffness=0.0)
+    records = with_controller_record(rig, 0.0)
+    phase = rig.status(Channel.PHASE, ProgramPhase.RAMP_IN, 40.0, 0.0, 9)
+    turn = 1e-6 * phase["device_us"] - rig.start_s
+    phase["value"][turn * rig.frequency_Hz >= 1.0] = ProgramPhase.FULL_AMPLITUDE
+    phase["value"][turn * rig.frequency_Hz >= 1.0 + cycles] = ProgramPhase.RAMP_OUT
+    records["value"][records["channel"] == Channel.DISPLACEMENT] *= 1.03
+    records = np.concatenate((records, phase))
+    found = align(records[np.argsort(records["host_ns"], kind="stable")], rig.context(controller_delay_s=0.0))
+    sensor = found.timed["displacement"].sensor
+    assert sensor is not None
+    assert sensor.match is not None
+    assert sensor.match.gain == pytest.approx(1.03, abs=4.0 * sensor.match.gain_std)
+    assert sensor.match.gain_std < 2e-3

@@ -29,6 +29,17 @@ def test_velocity_is_missing_where_displacement_is_and_nowhere_else() -> None:
     assert np.nanmax(np.abs(velocity - wanted)) < 0.03 * 0.1 * np.pi
 
 
+@pytest.mark.parametrize("spread", [0.02, 0.1, 0.2])
+def test_velocity_is_that_at_the_samples_own_times_when_these_are_not_even(spread: float) -> None:
+    random = np.random.default_rng(4)
+    time_s = np.sort(TIME_S + spread / 250.0 * random.standard_normal(len(TIME_S)))
+    whole_ms = np.round(np.arange(0.0, 2.0, 0.0025) * 1e3) / 1e3  # 400 Hz in whole milliseconds
+    for times_s in (time_s, whole_ms):
+        velocity, _ = velocity_of(times_s, 0.05 * np.sin(2 * np.pi * times_s))
+        wanted = 0.1 * np.pi * np.cos(2 * np.pi * times_s)
+        assert np.max(np.abs(velocity - wanted)) < 0.01 * 0.1 * np.pi
+
+
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 5, 8, 9, 10])
 def test_velocity_of_a_few_samples_is_their_slope(count: int) -> None:
     velocity, _ = velocity_of(TIME_S[:count], 0.1 * TIME_S[:count])

@@ -65,6 +65,7 @@ def test_a_point_with_nothing_found_is_valid() -> None:
     (replace(GOOD, span_N=1000.0, scatter_N=60.0, change_N=0.0), "invalid", "force-scatter"),
     (replace(GOOD, span_N=1000.0, scatter_N=60.0, change_N=0.0, amplitude_std_m=1e-3), "invalid", "amplitude-scatter"),
     (replace(GOOD, span_N=1000.0, scatter_N=0.0, change_N=-100.0), "invalid", "force-change"),
+    (replace(GOOD, span_N=1000.0, scatter_N=0.0, change_N=-100.0, change_std_N=30.0), "valid", ""),
     (replace(GOOD, skew_std_s=0.002), "valid", ""),
     (with_force(standing=60, coarse=True, step=20.0, span=600.0, samples_a_cycle=250.0), "valid", ""),
     (with_force(standing=200, coarse=True, step=20.0, span=600.0, samples_a_cycle=250.0), "invalid", "sensor-stuck"),
