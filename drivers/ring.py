@@ -112,6 +112,11 @@ def edge_channel(channel: int) -> Channel:
     return Channel(channel + Channel.FORCE_EDGE - Channel.FORCE)
 
 
+def ring_bytes(capacity: int) -> int:
+    """Size of the file of a ring of so many records."""
+    return HEADER_SIZE + capacity * RECORD_SIZE
+
+
 class RingFormatError(Exception):
     """The file is not a ring of this layout."""
 
@@ -183,7 +188,7 @@ class RingWriter(_Mapped):
         if not 1 <= capacity <= 0xFFFFFFFF:
             raise ValueError(f"ring capacity {capacity} is outside 1..2^32-1 records")
         target = Path(path)
-        size = HEADER_SIZE + capacity * RECORD_SIZE
+        size = ring_bytes(capacity)
         # A new file each time: readers of an older ring keep theirs.
         fresh = target.with_name(target.name + ".new")
         try:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from protocols.actuator import State
 from rig.clock import monotonic_ns
+from rig.recording.durable import room_for_truth
 from simulators.actuator import MODE_STATES
 from simulators.plant import step
 from simulators.plant.plant import Plant
@@ -48,8 +49,6 @@ COLUMNS = (
 BLOCK_ROWS = 64
 FULL_DISK_S = 600.0
 """How long the end of a session waits for room on a full disk (wall s)."""
-COPIES = 3
-SPARE_BYTES = 4_000_000
 _TRIPPED = 16
 STATE_OF_MODE = np.array([int(MODE_STATES[mode]) for mode in sorted(MODE_STATES)], np.int16)
 
@@ -133,7 +132,7 @@ class Truth:
             return True
 
         when_there_is_room(
-            self.path.parent, lambda: COPIES * self._rows_path.stat().st_size + SPARE_BYTES, complete, FULL_DISK_S
+            self.path.parent, lambda: room_for_truth(self._rows_path.stat().st_size), complete, FULL_DISK_S
         )
         self._events.close()
         self._rows_path.unlink()

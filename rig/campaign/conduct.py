@@ -33,7 +33,7 @@ from rig.campaign.setup import (
     write_description,
 )
 from rig.campaign.signals import Signals
-from rig.campaign.simulated import DISK_PATIENCE_S, STOP_TIMEOUT_S, SimulatedRig
+from rig.campaign.simulated import SimulatedRig
 from rig.campaign.state import RigState
 from rig.campaign.zero_doubt import doubt_points
 from rig.clock import utc_now
@@ -304,9 +304,9 @@ def _rig(
     try:
         yield rig
     finally:
-        if not simulated.stop(rig.settle_s, DISK_PATIENCE_S if rig.disk_refuses else STOP_TIMEOUT_S):
+        if not simulated.stop(rig.settle_s, disk_refuses=rig.disk_refuses):
             text = f"the simulated rig still runs (process {simulated.process.pid})"
-            if rig.disk_refuses:
+            if rig.disk_refuses or simulated.lacks_room:
                 text += ": it completes truth.h5 when there is room on the disk"
             display.message("warning", text)
 

@@ -16,7 +16,7 @@ from typing import Any
 from rig.campaign.cause import OPERATOR
 from rig.errors import Refused
 from rig.fault_matrix import MATRIX
-from rig.recording.campaign_log import read_log
+from rig.recording.campaign_log import UNREADABLE, read_lines
 
 REQUALIFY = "n"
 CONFIRM = "c"
@@ -38,6 +38,7 @@ LOOK_AT = {
     "process": "the machine: logs of the programs that ended",
 }
 """By the place of the fault matrix's row."""
+DAMAGED = "journal-damaged"
 LOOK_AT_THE_RIG = "the rig and station.log: what the stop's words name"
 
 
@@ -82,11 +83,14 @@ def open_stops(folder: Path) -> tuple[EarlierStop, ...]:
     Raises:
         OSError: the journal cannot be read.
     """
-    return unconfirmed(read_log(folder)) if (folder / "journal.jsonl").is_file() else ()
+    return unconfirmed(read_lines(folder)) if (folder / "journal.jsonl").is_file() else ()
 
 
 def unconfirmed(lines: Iterable[Mapping[str, Any]]) -> tuple[EarlierStop, ...]:
-    """The same for the lines of a journal: a later `resumed` or `requalified` line confirms what came before it."""
+    """The same for the lines of a journal: a later `resumed` or `requalified` line confirms what came before it.
+
+    A line that cannot be read may have told of a grave stop, so it counts as one (`journal-damaged`).
+    """
     stops: dict[str, EarlierStop] = {}
     for line in lines:
         event, what = line.get("event"), line.get("what")
@@ -98,6 +102,9 @@ def unconfirmed(lines: Iterable[Mapping[str, Any]]) -> tuple[EarlierStop, ...]:
             _enter(stops, str(line.get("slug")), line, str(line.get("stop")), str(line.get("detail", "")))
         elif event == "result" and line.get("stopped_by") and not line.get("refused"):
             _enter(stops, str(line["stopped_by"]), line, "stop", str(line.get("detail", "")))
+        elif event == UNREADABLE and DAMAGED not in stops:
+            detail = f"line {line['line']} of journal.jsonl cannot be read; it may have told of an e-stop or the like"
+            stops[DAMAGED] = EarlierStop(DAMAGED, "unknown", "unknown", detail, LOOK_AT_THE_RIG, REQUALIFY)
     return tuple(stops.values())
 
 

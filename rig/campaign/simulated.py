@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import select
+import shutil
 import subprocess
 import sys
 import time
@@ -16,6 +17,7 @@ from rig.campaign.options import CampaignOptions
 from rig.clock import monotonic_ns
 from rig.errors import EXIT_USAGE, Refused, RigError
 from rig.matrix.model import Specimen
+from rig.recording.durable import room_for_truth
 
 START_TIMEOUT_S = 180.0
 """The first start on a machine compiles the simulated rig's loop: 45 s were seen on two busy cores."""
@@ -88,20 +90,34 @@ class SimulatedRig:
             )
         return cls(process, Path(line), truth_path)
 
-    def stop(self, settle_s: float = 0.0, patience_s: float = STOP_TIMEOUT_S) -> bool:
+    @property
+    def lacks_room(self) -> bool:
+        """Whether its disk is too full for its truth file."""
+        try:
+            collected = self.truth_path.with_name(self.truth_path.name + ".part").stat().st_size
+            return shutil.disk_usage(self.truth_path.parent).free < room_for_truth(collected)
+        except OSError:
+            return False
+
+    def stop(self, settle_s: float = 0.0, *, disk_refuses: bool = False) -> bool:
         """End it and wait for its truth file; True when it ended by itself in time.
 
         Args:
             settle_s: wall seconds it is given first, when nobody proved standstill: its dead-men act on their own, and
                 what they do belongs to the truth.
-            patience_s: wall seconds it is then waited for.
+            disk_refuses: its disk is full or gone; then, and where it lacks room, it is not waited for long.
         """
         try:
             self.process.wait(settle_s)
         except subprocess.TimeoutExpired:
             self.process.terminate()
         try:
-            self.process.wait(patience_s)
+            self.process.wait(DISK_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            if disk_refuses or self.lacks_room:
+                return False
+        try:
+            self.process.wait(STOP_TIMEOUT_S - DISK_PATIENCE_S)
         except subprocess.TimeoutExpired:
             return False
         if self.process.stdout is not None:

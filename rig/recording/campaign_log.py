@@ -11,6 +11,7 @@ from typing import Any
 from rig.clock import monotonic_ns, utc_now
 
 RESERVE_BYTES = 1 << 17
+UNREADABLE = "unreadable"
 
 
 class CampaignLog:
@@ -87,12 +88,19 @@ class CampaignLog:
 
 def read_log(folder: Path) -> list[dict[str, Any]]:
     """The events of a campaign's journal, oldest first; a line cut off by a crash is left out."""
-    events = []
-    for line in (folder / "journal.jsonl").read_text(encoding="utf-8", errors="replace").splitlines():
+    return [event for event in read_lines(folder) if event["event"] != UNREADABLE]
+
+
+def read_lines(folder: Path) -> list[dict[str, Any]]:
+    """The same with an event `UNREADABLE`, and the number of its `line`, for every line that is not one of ours."""
+    events: list[dict[str, Any]] = []
+    text = (folder / "journal.jsonl").read_text(encoding="utf-8", errors="replace")
+    for number, line in enumerate(text.split("\n"), 1):
+        if not line:
+            continue
         try:
             event = json.loads(line)
-        except ValueError:
-            continue
-        if isinstance(event, dict):
-            events.append(event)
+        except (ValueError, RecursionError):
+            event = None
+        events.append(event if isinstance(event, dict) and "event" in event else {"event": UNREADABLE, "line": number})
     return events

@@ -24,6 +24,13 @@ FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 NO_RESERVATION = {errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS}
 """What a file system says that cannot reserve room; a full disk then shows at the write."""
 
+TRUTH_COPIES, TRUTH_SPARE_BYTES = 3, 4_000_000
+
+
+def room_for_truth(collected_bytes: int) -> int:
+    """Bytes that must be free before a simulated rig makes its truth file of so many bytes of collected states."""
+    return TRUTH_COPIES * collected_bytes + TRUTH_SPARE_BYTES
+
 
 class ReservedFile(io.RawIOBase):
     """A new file to which a library may write: room is reserved ahead, no error reaches the library.

@@ -14,8 +14,8 @@ import threading
 from pathlib import Path
 
 from drivers.actuator import draw_number
-from drivers.ring import RingWriter
-from rig.errors import EXIT_DONE, EXIT_UNKNOWN_STATE, EXIT_USAGE
+from drivers.ring import RingWriter, ring_bytes
+from rig.errors import EXIT_DONE, EXIT_REFUSED, EXIT_UNKNOWN_STATE, EXIT_USAGE
 from rig.station.config import StationConfig, from_json
 from rig.station.devices import Devices
 from rig.station.errors import ConfigProblem, StationRefused
@@ -35,11 +35,11 @@ AT_ONCE = frozenset({"stop", "status"})
 class Station:
     """Everything of one station process."""
 
-    def __init__(self, config: StationConfig, link: Link) -> None:
+    def __init__(self, config: StationConfig, link: Link, ring: RingWriter) -> None:
         self.config = config
         self.link = link
         owner_id = config.owner_id or draw_number()
-        self.ring = RingWriter(Path(config.ring_path), config.ring_capacity)
+        self.ring = ring
         self.supervisor = Supervisor(config, link.emit, self.ring.append, self.ring.beat)
         self.supervisor.vigil.unread_share = lambda: self.ring.unread_share
         self.devices = Devices(config, owner_id, self.supervisor, self.ring.append)
@@ -171,6 +171,12 @@ def main(arguments: list[str]) -> int:
     except ConfigProblem as error:
         sys.stderr.write(f"{arguments[0]}: {error}\n")
         return EXIT_USAGE
+    try:
+        ring = RingWriter(Path(config.ring_path), config.ring_capacity)
+    except OSError as error:
+        folder, needed = Path(config.ring_path).parent, ring_bytes(config.ring_capacity)
+        sys.stderr.write(f"the ring of samples, {needed / 1e6:.0f} MB, cannot be made in {folder}: {error}\n")
+        return EXIT_REFUSED
     # Threads inherit the priority, so it comes before the first one.
     refused = real_time_priority(config.real_time)
     link = Link(sys.stdin.fileno(), sys.stdout.fileno())
@@ -178,7 +184,7 @@ def main(arguments: list[str]) -> int:
     link.catch(signal.SIGINT)
     link.catch(signal.SIGHUP)
     link.start()
-    station = Station(config, link)
+    station = Station(config, link, ring)
     gc.collect()
     gc.freeze()
     station.start(refused)

@@ -66,7 +66,23 @@ def test_a_stop_before_arming_is_known_by_the_result() -> None:
 def test_an_empty_or_torn_journal_confirms_nothing(tmp_path: Path) -> None:
     assert open_stops(tmp_path) == ()
     (tmp_path / "journal.jsonl").write_text(json.dumps(trip("estop")) + "\n{\"event\": \"requal", encoding="utf-8")
-    assert [stop.slug for stop in open_stops(tmp_path)] == ["estop"]
+    assert [stop.slug for stop in open_stops(tmp_path)] == ["estop", "journal-damaged"]
+
+
+@pytest.mark.parametrize("damaged", [b"\0" * 80, b'{"utc": "2026', b"[1]", b"{}", b"\xff\xfe", b"[" * 100_000])
+def test_a_line_that_cannot_be_read_may_have_been_an_estop_until_somebody_has_requalified(
+    tmp_path: Path, damaged: bytes
+) -> None:
+    journal = tmp_path / "journal.jsonl"
+    ended, resumed = (json.dumps(line).encode() for line in (trip("sigint"), {"event": "resumed"}))
+    journal.write_bytes(ended + b"\n" + damaged + b"\n\n" + resumed + b"\n")
+    with pytest.raises(Refused, match=r"line 2 of journal\.jsonl cannot be read") as caught:
+        confirm(open_stops(tmp_path), "")
+    assert caught.value.slug == "requalify"
+    confirm(open_stops(tmp_path), "rig looked at")
+    with journal.open("ab") as file:
+        file.write(b'{"event": "requalified"}\n' + resumed + b"\n")
+    assert open_stops(tmp_path) == ()
 
 
 def test_the_command_to_go_on_can_be_pasted_into_a_shell() -> None:

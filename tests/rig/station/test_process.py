@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import resource
 import signal
 import socket
 import subprocess
@@ -147,6 +149,21 @@ def test_wrong_configuration_ends_it_with_exit_code_2_and_a_message(tmp_path: Pa
     assert code == 2
     assert messages == []
     assert "actuator: missing" in error or "limits" in error
+
+
+def test_no_room_for_the_samples_is_said_in_one_line(tmp_path: Path) -> None:
+    most = resource.RLIMIT_FSIZE
+    before = resource.getrlimit(most)
+    resource.setrlimit(most, (1 << 20, before[1]))
+    try:
+        code, messages, error = speak(tmp_path, config_in(tmp_path).to_json(), b"")
+    finally:
+        resource.setrlimit(most, before)
+    assert (code, messages) == (3, [])
+    (line,) = error.splitlines()
+    place = re.escape(str(tmp_path))
+    assert re.match(rf"the ring of samples, \d+ MB, cannot be made in {place}: .*File too large", line)
+    assert [path.name for path in tmp_path.iterdir()] == ["station.json"]
 
 
 def test_detectors_cannot_be_disabled_outside_a_mutation_check(tmp_path: Path) -> None:

@@ -1,0 +1,54 @@
+"""A simulated campaign that is refused for want of room on its disk is not held up by its simulated rig."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from simulated_campaign import simulated
+
+from rig.clock import monotonic_ns
+from rig.errors import EXIT_REFUSED
+
+pytestmark = pytest.mark.wire
+
+WITHOUT_TRUTH_S = 30.0
+MATRIX = """format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "150 mm"
+[matrix]
+amplitude = ["20 mm"]
+frequency = ["2 Hz"]
+current = ["0 A"]
+cycles = 5
+"""
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A real file system of 1 MB: room for a campaign's description, not for a campaign or a truth file."""
+    place = tmp_path / "out"
+    place.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(place)], capture_output=True, text=True, check=False
+    ) if shutil.which("mount") else None
+    if mounted is None or mounted.returncode != 0:
+        pytest.skip(f"no file system can be mounted here: {'' if mounted is None else mounted.stderr.strip()}")
+    yield place
+    # The simulated rig that waits for room ends when there is some.
+    subprocess.run(["mount", "-o", "remount,size=16m", str(place)], check=True)
+    subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+def test_a_campaign_refused_for_want_of_room_is_over_at_once(small_disk: Path, tmp_path: Path) -> None:
+    began_ns = monotonic_ns()
+    ended = simulated(tmp_path, MATRIX)
+    assert ended.exit_code == EXIT_REFUSED
+    assert "about" in ended.answer["error"]
+    assert "MB needed" in ended.answer["error"]
+    assert "it completes truth.h5 when there is room on the disk" in ended.said
+    assert (monotonic_ns() - began_ns) / 1e9 < WITHOUT_TRUTH_S
