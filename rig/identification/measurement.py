@@ -27,11 +27,19 @@ class MotionError:
         rates_rad_s: angular frequencies of its harmonics (rad/s), shape (K,).
         errors_m: standard error (m) of the cosine and of the sine of each, shape (K,).
         mean_error_m: standard error of the mean (m).
+        together_m: errors that several harmonics have in common, one standard deviation of each in a row (q, K), m:
+            the displacement Re(sum over k of together_m[:, k] exp(i rate_k t)), t from the first sample. None: none.
     """
 
     rates_rad_s: FloatArray
     errors_m: FloatArray
     mean_error_m: float
+    together_m: NDArray[np.complex128] | None = None
+
+    @property
+    def common_m(self) -> NDArray[np.complex128]:
+        """`together_m`, (0, K) where there is none."""
+        return np.zeros((0, self.errors_m.size), np.complex128) if self.together_m is None else self.together_m
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,8 @@
 """What the errors of a motion found as a Fourier series do to the force, and so to the parameters.
 
 Each harmonic's cosine and sine, and the mean, have a standard error; all are independent, because the harmonics are
-orthogonal over whole cycles. An error repeats with every cycle, so more samples of the same test do not average it.
+orthogonal over whole cycles. Where the force showed them (`faint_orders`) they have errors in common besides. An error
+repeats with every cycle, so more samples of the same test do not average it.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ def motion_effects(
         power = sum(float(np.mean(change**2)) for change in changes)
         return np.column_stack([weighted.T @ change for change in changes]), power
     by_u, by_v, by_a = motion_slopes(model, values, each)
-    power = _power(error, (by_u, by_v, by_a))
+    each_m = np.sqrt(error.errors_m**2 + 0.5 * np.sum(np.abs(error.common_m) ** 2, axis=0))
+    power = _power(error, (by_u, by_v, by_a), each_m)
     if weighted.shape[1] == 0:
         return np.zeros((0, 0)), power
     phase = np.outer(dt_s * np.arange(each.u_m.size), error.rates_rad_s)
@@ -62,15 +64,16 @@ def motion_effects(
     of_cosine = with_cosine[0] - rate * with_sine[1] - rate**2 * with_cosine[2]
     of_sine = with_sine[0] + rate * with_cosine[1] - rate**2 * with_sine[2]
     of_mean = (weighted.T @ by_u)[:, None] * error.mean_error_m
-    return np.hstack((of_cosine * error.errors_m, of_sine * error.errors_m, of_mean)), power
+    shared = of_cosine @ error.common_m.real.T - of_sine @ error.common_m.imag.T
+    return np.hstack((of_cosine * error.errors_m, of_sine * error.errors_m, shared, of_mean)), power
 
 
-def _power(error: MotionError, slopes: tuple[FloatArray, FloatArray, FloatArray]) -> float:
-    """Mean square (N^2) of what all errors together do to a force with these slopes of its motion."""
+def _power(error: MotionError, slopes: tuple[FloatArray, FloatArray, FloatArray], errors_m: FloatArray) -> float:
+    """Mean square (N^2) of what errors of each order (K,), m, do to a force with these slopes of its motion."""
     (by_u, by_v, by_a), rate = slopes, error.rates_rad_s
     second = [float(np.mean(product)) for product in (by_u**2, by_u * by_a, by_a**2, by_v**2)]
     spread = second[0] - 2.0 * rate**2 * second[1] + rate**4 * second[2] + rate**2 * second[3]
-    return float(error.errors_m**2 @ spread) + error.mean_error_m**2 * second[0]
+    return float(errors_m**2 @ spread) + error.mean_error_m**2 * second[0]
 
 
 def _changes(
@@ -84,4 +87,8 @@ def _changes(
         cosine, sine = size_m * np.cos(rate * time_s), size_m * np.sin(rate * time_s)
         yield force_change(model, values, each, (cosine, -rate * sine, -(rate**2) * cosine))
         yield force_change(model, values, each, (sine, rate * cosine, -(rate**2) * sine))
+    turning = np.exp(1j * np.outer(time_s, error.rates_rad_s))
+    for row in error.common_m:
+        u, v, a = (np.real(turning @ (row * (1j * error.rates_rad_s) ** derivative)) for derivative in range(3))
+        yield force_change(model, values, each, (u, v, a))
     yield force_change(model, values, each, (none + error.mean_error_m, none, none))

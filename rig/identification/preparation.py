@@ -18,9 +18,10 @@ from protocols.quality import Quality
 from rig.errors import IdentificationFailed, RigError
 from rig.identification.coil import LEAST_STEP_A
 from rig.identification.consistency import some
+from rig.identification.faint_orders import FAINT_ORDERS, expected
 from rig.identification.measurement import Measurement, MotionError
 from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
-from rig.recording.differentiation import HarmonicFit, Motion, harmonic, savitzky_golay, with_orders
+from rig.recording.differentiation import Motion, harmonic, savitzky_golay, with_orders
 from rig.recording.loop_shape import noise_of
 from rig.recording.run import RecordedPoint
 from rig.recording.skew_pooling import PointSkew, pooled_skews
@@ -118,7 +119,8 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     grid_s, force_N, usable = _force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
     warned: list[str] = []
     current_A, commanded = _current(point, grid_s, warned)
-    motion, motion_error = _motion(time_s, displacement_m, float(np.mean(cycles.frequency_Hz)), grid_s)
+    measured_N, frequency_Hz = np.where(usable, force_N, np.nan), float(np.mean(cycles.frequency_Hz))
+    motion, motion_error = _motion(time_s, displacement_m, frequency_Hz, grid_s, measured_N)
     if motion.harmonics is None:
         what = (
             "the motion does not repeat from cycle to cycle" if len(cycles) > 1
@@ -206,32 +208,37 @@ def _force_on_grid(
 
 
 def _motion(
-    time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, wanted_s: FloatArray
+    time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, wanted_s: FloatArray, force_N: FloatArray
 ) -> tuple[Motion, MotionError | None]:
     """Motion at the wanted times and its errors: harmonic where it repeats, else a local polynomial.
 
     The lowest orders are in the series whether they stand out of the noise or not: one that is left out biases the
-    parameters by an unknown amount, and one that is in adds an error that is known.
+    parameters by an unknown amount, and one that is in adds an error that is known. For those above see `faint_orders`.
+
+    Args:
+        time_s: times of the displacement (n,), s.
+        displacement_m: (n,), m; NaN where it was not measured.
+        frequency_Hz: of the cycles.
+        wanted_s: times of the force (k,), s.
+        force_N: force (k,), N; NaN where it was not measured.
     """
     fit = harmonic(time_s, displacement_m, frequency_Hz)
     whole = np.isfinite(displacement_m)
     spacing = float(np.median(np.diff(time_s)))
     if fit.repeats:
-        highest = min(LOW_ORDERS, int(HIGHEST_OF_RATE / (spacing * frequency_Hz)))
-        orders = np.union1d(fit.orders, np.arange(1, highest + 1))
+        reach = min((int(whole.sum()) - 4) // 4, int(HIGHEST_OF_RATE / (spacing * frequency_Hz)))
+        certain = np.union1d(fit.orders, np.arange(1, min(LOW_ORDERS, reach) + 1))
+        orders = np.union1d(certain, np.arange(1, min(FAINT_ORDERS, reach) + 1))
         series = with_orders(fit, time_s[whole], displacement_m[whole], orders)
         left_m = displacement_m[whole] - series.at(time_s[whole])[0]
-        error = _motion_error(series, time_s[whole], left_m, quantisation_step(displacement_m[whole]))
+        step_m = quantisation_step(displacement_m[whole])
+        errors_m = coefficient_errors(time_s[whole], left_m, series.omega_rad_s, orders, step_m)
+        series, error = expected(series, errors_m, np.isin(orders, certain), wanted_s, force_N)
         return Motion(wanted_s, *series.at(wanted_s), "harmonic", fit), error
     even_s = np.arange(time_s[0], time_s[-1] + spacing / 2.0, spacing)
     local = savitzky_golay(even_s, np.interp(even_s, time_s[whole], displacement_m[whole]), 0.1 / frequency_Hz)
     at = [np.interp(wanted_s, even_s, values) for values in (local.u_m, local.v_m_s, local.a_m_s2)]
     return Motion(wanted_s, at[0], at[1], at[2], "savitzky_golay", None), None
-
-
-def _motion_error(series: HarmonicFit, time_s: FloatArray, left_m: FloatArray, step_m: float) -> MotionError:
-    errors_m = coefficient_errors(time_s, left_m, series.omega_rad_s, series.orders, step_m)
-    return MotionError(np.asarray(series.orders * series.omega_rad_s, np.float64), errors_m[1:], float(errors_m[0]))
 
 
 def _stated(point: RecordedPoint, name: str) -> float:
