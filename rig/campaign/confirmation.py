@@ -80,10 +80,15 @@ def look_at(slug: str) -> str:
 def open_stops(folder: Path) -> tuple[EarlierStop, ...]:
     """What stopped earlier sessions of a campaign and was not confirmed since, first causes and later ones.
 
+    A campaign that has points and whose journal knows of no connected rig has lost what it told.
+
     Raises:
         OSError: the journal cannot be read.
     """
-    return unconfirmed(read_lines(folder)) if (folder / "journal.jsonl").is_file() else ()
+    lines = read_lines(folder) if (folder / "journal.jsonl").is_file() else []
+    if any(folder.glob("points/*")) and not {"connected", "requalified"} & {line["event"] for line in lines}:
+        return (_damaged("journal.jsonl is missing or cut off"),)
+    return unconfirmed(lines)
 
 
 def unconfirmed(lines: Iterable[Mapping[str, Any]]) -> tuple[EarlierStop, ...]:
@@ -103,9 +108,13 @@ def unconfirmed(lines: Iterable[Mapping[str, Any]]) -> tuple[EarlierStop, ...]:
         elif event == "result" and line.get("stopped_by") and not line.get("refused"):
             _enter(stops, str(line["stopped_by"]), line, "stop", str(line.get("detail", "")))
         elif event == UNREADABLE and DAMAGED not in stops:
-            detail = f"line {line['line']} of journal.jsonl cannot be read; it may have told of an e-stop or the like"
-            stops[DAMAGED] = EarlierStop(DAMAGED, "unknown", "unknown", detail, LOOK_AT_THE_RIG, REQUALIFY)
+            stops[DAMAGED] = _damaged(f"line {line['line']} of journal.jsonl cannot be read")
     return tuple(stops.values())
+
+
+def _damaged(what: str) -> EarlierStop:
+    detail = f"{what}; it may have told of an e-stop or the like"
+    return EarlierStop(DAMAGED, "unknown", "unknown", detail, LOOK_AT_THE_RIG, REQUALIFY)
 
 
 def _enter(stops: dict[str, EarlierStop], slug: str, line: Mapping[str, Any], stop: str, detail: str) -> None:

@@ -182,6 +182,7 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         folder: the campaign's directory.
         points: the matrix's points in order.
     """
+    (folder / "points").mkdir(exist_ok=True)
     problems = [f"{each.id}: {each.error}" for each in recover_held(folder) if each.error]
     best: dict[str, tuple[tuple[int, int], RecordedPoint]] = {}
     attempts: dict[str, int] = {}

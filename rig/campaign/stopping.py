@@ -179,7 +179,8 @@ def leave_to_station(state: State, cause: Cause) -> Step:
     first = state.latch or Latch(StopKind.S1, cause)
     state, actions = end_recording(replace(state, latch=first, left_to_station=True), first.cause)
     state, more = end(state)
-    note = act.Note("error", f"the station is left to shut the rig down: {cause.detail}")
+    left = "nothing more is asked of the station; its own watch and the controller's watchdog end the motion"
+    note = act.Note("error", f"{left}: {cause.detail}")
     return state, (act.LeaveToStation(), note, *actions, *more)
 
 

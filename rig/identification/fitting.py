@@ -14,7 +14,7 @@ from pathlib import Path
 import rig.dampers
 from rig.dampers.algebraic import Hysteresis
 from rig.dampers.model import DamperModel
-from rig.errors import FileProblem, IdentificationFailed
+from rig.errors import IdentificationFailed
 from rig.identification.coil import find_lag, needs_lag, with_lag
 from rig.identification.consistency import (
     contradictions,
@@ -179,13 +179,13 @@ def identify_run(
         IdentificationFailed: nothing can be identified.
         FileProblem: a path is no run.
     """
-    runs = [Run.open(campaign_in(Path(path))) for path in paths]
+    runs = [Run.open(path) for path in paths]
     points = [point for run in runs for point in (run.usable if suspect else run.valid)]
     left_out = [line for run in runs for line in run.left_out if not (suspect and ": suspect (" in line)]
     if not points:
         hint = "; `--suspect` takes suspect points too" if any(": suspect (" in line for line in left_out) else ""
         raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}{hint}")
-    other = Run.open(campaign_in(Path(holdout))) if holdout is not None and Path(holdout).exists() else holdout
+    other = Run.open(holdout) if holdout is not None and Path(holdout).exists() else holdout
     tested = [*runs, other] if isinstance(other, Run) else runs
     specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}
     if len(specimens) > 1:
@@ -212,21 +212,6 @@ def identify_run(
     fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
     written, kept = write_fit(fit, runs[0].path)
     return replace(fit, path=written, kept=kept)
-
-
-def campaign_in(path: Path) -> Path:
-    """A campaign's directory: the path itself, or the only one that lies directly in it.
-
-    Raises:
-        FileProblem: several campaigns lie in the folder; the message names them.
-    """
-    if not path.is_dir() or (path / "points").is_dir():
-        return path
-    inside = sorted(each for each in path.iterdir() if (each / "points").is_dir())
-    if len(inside) > 1:
-        names = some([each.name for each in inside])
-        raise FileProblem(str(path), [f"{len(inside)} campaigns lie in this folder ({names}): name one of them"])
-    return inside[0] if inside else path
 
 
 def declared_errors(points: Sequence[RecordedPoint]) -> DeclaredErrors:

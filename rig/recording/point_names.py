@@ -19,11 +19,27 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from rig.clock import utc_now
+from rig.errors import FileProblem
 
 JOURNAL, FILE, PARTIAL = ".journal", ".h5", ".h5.tmp"
 OLD_JOURNAL, OLD_FILE = ".journal.old", ".h5.old"
 UNREADABLE = re.compile(r"(?P<name>.+)-unreadable-\d{8}T\d{6,}(-\d+)?")
 ATTEMPT, OUT_OF_TOLERANCE = "attempt", "out-of-tolerance"
+
+
+def campaign_in(path: Path) -> Path:
+    """A campaign's directory: the path itself, or the only one that lies directly in it.
+
+    Raises:
+        FileProblem: several campaigns lie in the folder; the message names them.
+    """
+    if not path.is_dir() or (path / "points").is_dir():
+        return path
+    inside = sorted(each for each in path.iterdir() if (each / "points").is_dir())
+    if len(inside) > 1:
+        names = ", ".join(each.name for each in inside[:3]) + (" ..." if len(inside) > 3 else "")
+        raise FileProblem(str(path), [f"{len(inside)} campaigns lie in this folder ({names}): name one of them"])
+    return inside[0] if inside else path
 
 
 def attempt_name(point_id: str, attempt: int, ids: Collection[str] = ()) -> str:

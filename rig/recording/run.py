@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rig.errors import FileProblem
 from rig.recording.layout import FloatArray
-from rig.recording.point_names import OUT_OF_TOLERANCE, unfinished
+from rig.recording.point_names import OUT_OF_TOLERANCE, campaign_in, unfinished
 from rig.recording.selection import Selection
 from rig.text_file import read_json
 
@@ -289,7 +289,7 @@ class Run:
 
     @classmethod
     def open(cls, path: Path | str) -> Run:
-        """Open a campaign's directory, or a single point's file as a run of one.
+        """Open a campaign's directory (or the folder it alone lies in), or a single point's file as a run of one.
 
         Raises:
             FileProblem: the path is no run; every damaged file is listed with its place.
@@ -297,6 +297,7 @@ class Run:
         place = Path(path)
         if place.is_file():
             return cls(place.parent, (RecordedPoint.open(place),), read_campaign(place.parent.parent))
+        place = campaign_in(place)
         files = sorted((place / "points").glob("*.h5"), key=lambda file: file.stem)
         if not files:
             raise FileProblem(str(place), [_why_no_run(place)])
@@ -385,7 +386,4 @@ def _why_no_run(place: Path) -> str:
     leftovers = unfinished(place / "points") if (place / "points").is_dir() else []
     if leftovers:
         return f"holds no finished point, but {len(leftovers)} journal(s): run `rig recover` on it first"
-    inside = sorted(place.glob("*/points"))
-    if inside:
-        return f"holds campaigns, it is not one; did you mean {inside[-1].parent}?"
     return "not a run: it has no points/*.h5"

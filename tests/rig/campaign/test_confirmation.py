@@ -85,6 +85,19 @@ def test_a_line_that_cannot_be_read_may_have_been_an_estop_until_somebody_has_re
     assert open_stops(tmp_path) == ()
 
 
+def test_a_journal_that_is_gone_may_have_told_of_an_estop(tmp_path: Path) -> None:
+    (tmp_path / "points").mkdir()
+    assert open_stops(tmp_path) == ()
+    (tmp_path / "points" / "p001.h5").touch()
+    for left in (None, "", json.dumps({"event": "phase", "phase": "connecting"}) + "\n"):
+        if left is not None:
+            (tmp_path / "journal.jsonl").write_text(left, encoding="utf-8")
+        with pytest.raises(Refused, match=r"journal\.jsonl is missing or cut off"):
+            confirm(open_stops(tmp_path), "")
+    (tmp_path / "journal.jsonl").write_text(json.dumps({"event": "connected"}) + "\n", encoding="utf-8")
+    assert open_stops(tmp_path) == ()
+
+
 def test_the_command_to_go_on_can_be_pasted_into_a_shell() -> None:
     assert resume_command(Path("logs/a b")) == "rig run --resume 'logs/a b'"
     assert resume_command(Path("logs/a"), "n").startswith("rig run --resume logs/a --requalified ")

@@ -8,7 +8,8 @@ import pytest
 from rig.dampers import model
 from rig.errors import FileProblem
 from rig.identification.fit import INTERVAL, ErrorSummary, Fit
-from rig.identification.fitting import campaign_in, write_fit
+from rig.identification.fitting import write_fit
+from rig.recording.point_names import campaign_in
 
 
 def fit(name: str) -> Fit:

@@ -66,8 +66,7 @@ def test_a_single_file_is_a_run_of_one(run: Run) -> None:
 def test_paths_that_are_no_run_are_told_apart(run: Run, tmp_path: Path) -> None:
     with pytest.raises(FileProblem, match="no such directory"):
         Run.open(tmp_path / "nowhere")
-    with pytest.raises(FileProblem, match=r"did you mean .*campaign"):
-        Run.open(run.path.parent)
+    assert Run.open(run.path.parent).path == run.path
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileProblem, match="not a run"):
         Run.open(tmp_path / "empty")
