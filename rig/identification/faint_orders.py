@@ -30,8 +30,12 @@ FAINT_ORDERS = 48
 """The highest order that is looked for."""
 NEIGHBOURS = 8
 """The next orders so near, of the same parity, are about as strong."""
+CERTAIN = 2.0
+"""Standard deviations of their noise's power by which they must be stronger together."""
 FAINTEST = 0.1
 """Of an order's power, or of its noise, that it must have to be in the series."""
+STANDS_OUT = 5.0
+"""Standard errors by which a harmonic of the force is known: its noise must not get into the motion."""
 POWERS = (0, -1, -2)
 WEAKEST = 1e-6
 LEAST_FORCE = 0.98
@@ -63,7 +67,9 @@ def expected(
     left = np.where(faint, measured - by_force, 0.0)
     apart = orders - np.minimum(orders, orders[faint][-1] - NEIGHBOURS)[:, None]
     near = faint & (apart >= 0) & (apart <= NEIGHBOURS) & ((orders - orders[:, None]) % 2 == 0)
-    prior = np.maximum(0.0, near @ (0.5 * np.abs(left) ** 2 - errors_m**2) / np.maximum(1, np.sum(near, axis=1)))
+    count = np.maximum(1, np.sum(near, axis=1))
+    prior = near @ (0.5 * np.abs(left) ** 2 - errors_m**2) / count
+    prior[prior < CERTAIN * errors_m**2 / np.sqrt(count)] = 0.0
     share = np.where(faint, prior / np.maximum(prior + errors_m**2, 1e-300), 1.0)
     share = np.where(share < FAINTEST, 0.0, share)
     shown = np.where(faint, by_force + share * left, measured)
@@ -86,7 +92,9 @@ def _by_force(
         force = with_orders(series, time_s[usable], force_N[usable], orders)
     except np.linalg.LinAlgError:
         return none
+    noise_N = force.residual_m * math.sqrt(2.0 / force.samples)
     harmonics_N = force.cosine_m - 1j * force.sine_m
+    harmonics_N[np.abs(harmonics_N) < STANDS_OUT * noise_N] = 0.0
     columns = np.stack([harmonics_N * (1j * orders / FAINT_ORDERS) ** power for power in POWERS], axis=1)
     weighted = columns[faint] / errors_m[faint, None]
     design = np.vstack((weighted.real, weighted.imag))
