@@ -35,6 +35,7 @@ STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its m
 LARGEST_MISSING_SHARE = 0.2
 MEDIAN_OF_NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
 LOW_ORDERS = 7  # of the motion's series that are always in it
+MOST_FOR_FAINT = 40_000  # samples of a test, whose noise more of them average so far that the orders stand out
 HIGHEST_OF_RATE = 0.4  # frequency of the highest, as a share of the displacement's sampling rate
 SATURATED_OF_NEXT = 4.0  # samples at the extreme value over those one step from it: a smooth top has at most 2.5 times
 SATURATED_RUN = 5  # equal extreme values in a row that mean that the force stood at the end of its range
@@ -228,7 +229,8 @@ def _motion(
     if fit.repeats:
         reach = min((int(whole.sum()) - 4) // 4, int(HIGHEST_OF_RATE / (spacing * frequency_Hz)))
         certain = np.union1d(fit.orders, np.arange(1, min(LOW_ORDERS, reach) + 1))
-        orders = np.union1d(certain, np.arange(1, min(FAINT_ORDERS, reach) + 1))
+        faint = FAINT_ORDERS if max(time_s.size, wanted_s.size) <= MOST_FOR_FAINT else LOW_ORDERS
+        orders = np.union1d(certain, np.arange(1, min(faint, reach) + 1))
         series = with_orders(fit, time_s[whole], displacement_m[whole], orders)
         left_m = displacement_m[whole] - series.at(time_s[whole])[0]
         step_m = quantisation_step(displacement_m[whole])
