@@ -18,6 +18,7 @@ from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 
 from rig.identification.measurement import PIECE, Measurement
 
@@ -134,7 +135,7 @@ def _autocovariance_of_parts(
 def autocovariance(values: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
     """Autocovariance and number of pairs at each lag, each (n,); absent values are 0, and `share` of them is there."""
     n = values.size
-    size = 1 << (2 * n - 1).bit_length()
+    size = next_fast_len(2 * n - 1, real=True)
     spectrum = np.fft.rfft(values, size)
     products = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
     pairs: FloatArray = (n - np.arange(n, dtype=np.float64)) * share**2

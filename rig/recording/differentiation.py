@@ -104,13 +104,12 @@ class HarmonicFit:
     def _sum(self, time_s: FloatArray, chosen: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The chosen harmonics' displacement, velocity and acceleration."""
         u, v, a = (np.empty(time_s.size) for _ in range(3))
-        rate, cosine_m, sine_m = self.orders[chosen] * self.omega_rad_s, self.cosine_m[chosen], self.sine_m[chosen]
+        orders, amplitude_m = self.orders[chosen], self.cosine_m[chosen] - 1j * self.sine_m[chosen]
+        rate = orders * self.omega_rad_s
+        derivatives = np.stack([amplitude_m * (1j * rate) ** times for times in range(3)], axis=1)
         for part in _chunks(time_s.size):
-            phase = np.outer(time_s[part] - self.origin_s, rate)
-            cosine, sine = np.cos(phase), np.sin(phase)
-            u[part] = cosine @ cosine_m + sine @ sine_m
-            v[part] = cosine @ (sine_m * rate) - sine @ (cosine_m * rate)
-            a[part] = -(cosine @ (cosine_m * rate**2)) - sine @ (sine_m * rate**2)
+            shown = (_waves(time_s[part] - self.origin_s, self.omega_rad_s, orders) @ derivatives).real
+            u[part], v[part], a[part] = shown.T
         return u, v, a
 
 
@@ -154,8 +153,9 @@ def harmonic(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float
     count = int(max(1, min(MAXIMUM_HARMONICS, 0.4 / (spacing * frequency_Hz), (t.size - 4) // 4)))
     omega = 2.0 * np.pi * frequency_Hz
     first, step = np.array([1], dtype=np.int64), quantisation_step(u)
+    thin = slice(None, None, max(1, t.size // CHUNK))
     for _ in range(2):
-        omega += _solve(t - origin, u, omega, first)[2]
+        omega += _solve(t[thin] - origin, u[thin], omega, first)[2]
     coefficients, residual, _ = _solve(t - origin, u, omega, first)
     orders = first
     for _ in range(ROUNDS):
@@ -251,11 +251,23 @@ def _refuse_gaps(t: FloatArray, frequency_Hz: float) -> None:
 
 def _design(t: FloatArray, omega: float, orders: NDArray[np.int64]) -> FloatArray:
     """Columns 1, cos(k w t), sin(k w t) of the harmonics `orders`, shape (n, 2 K + 1)."""
-    phase = np.outer(t, orders * omega)
+    waves = _waves(t, omega, orders)
     design = np.ones((t.size, 2 * orders.size + 1))
-    np.cos(phase, out=design[:, 1::2])
-    np.sin(phase, out=design[:, 2::2])
+    design[:, 1::2] = waves.real
+    design[:, 2::2] = waves.imag
     return design
+
+
+def _waves(t: FloatArray, omega: float, orders: NDArray[np.int64]) -> NDArray[np.complex128]:
+    """exp(i k w t) of the harmonics `orders`, rising, shape (n, K): each from the one before by a product."""
+    waves = np.empty((t.size, orders.size), np.complex128, order="F")
+    first = np.exp(1j * omega * t)
+    powers = {1: first}
+    for column, step in enumerate(np.diff(orders, prepend=0).tolist()):
+        if step not in powers:
+            powers[step] = powers[step - 1] * first if step - 1 in powers else np.exp(1j * step * omega * t)
+        waves[:, column] = powers[step] if column == 0 else waves[:, column - 1] * powers[step]
+    return waves
 
 
 def _solve(
