@@ -18,7 +18,6 @@ from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
 
 from rig.identification.measurement import PIECE, Measurement
 
@@ -135,7 +134,7 @@ def _autocovariance_of_parts(
 def autocovariance(values: FloatArray, share: float) -> tuple[FloatArray, FloatArray]:
     """Autocovariance and number of pairs at each lag, each (n,); absent values are 0, and `share` of them is there."""
     n = values.size
-    size = next_fast_len(2 * n - 1, real=True)
+    size = min(odd << max(0, math.ceil(math.log2(2 * n / odd))) for odd in (1, 3, 5, 9, 15))
     spectrum = np.fft.rfft(values, size)
     products = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
     pairs: FloatArray = (n - np.arange(n, dtype=np.float64)) * share**2
