@@ -30,6 +30,8 @@ SURE = 5.0
 FEW = 4.0
 """... and so many times more, divided by the degrees of freedom that the noise itself is known by."""
 FEWEST_STATUSES = 3
+REPEATS = 1e-6
+"""Of the noise: the scatter that rounding makes of one value many times over."""
 ENTRY = "zero_checks"
 
 
@@ -182,7 +184,7 @@ def _drift(
     first, first_own, last, last_own = readings
     few = min(first.count, last.count) < FEWEST_SAMPLES or min(first_own.count, last_own.count) < FEWEST_STATUSES
     resolution = 0.0 if math.isinf(step) else step
-    stuck = last.std == 0.0 and first.std > resolution
+    stuck = last.std < REPEATS * first.std and first.std > resolution
     if few or flagged or stuck:
         return None
     drift = (last.mean - last_own.mean) - (first.mean - first_own.mean)

@@ -91,14 +91,14 @@ def test_nothing_is_said_without_both_windows_or_of_samples_that_the_sensor_diso
     assert ZeroReturn().findings() == ()
 
 
-@pytest.mark.parametrize("step_N", [0.05, 1.0])
-def test_a_stuck_load_cell_says_nothing_of_its_zero_and_a_coarse_one_does(step_N: float) -> None:
+@pytest.mark.parametrize(("step_N", "value_N"), [(0.05, -540.0), (1.0, -540.0), (0.05, -14.406000137329098)])
+def test_a_stuck_load_cell_says_nothing_of_its_zero_and_a_coarse_one_does(step_N: float, value_N: float) -> None:
     random = np.random.default_rng(7)
     stuck = rest(random, 0.0, step_N=step_N)
-    stuck = replace(stuck, force_N=np.full(50, -540.0))
+    stuck = replace(stuck, force_N=np.full(50, value_N))
     assert session(random, stuck).findings() == ()
     check = session(random, stuck)
-    check.start = at_rest(replace(stuck, force_N=np.full(50, 20.0)))
+    check.start = at_rest(replace(stuck, force_N=np.full(50, value_N + 560.0)))
     assert [finding.slug for finding in check.findings()] == ["zero-drift"]
 
 
