@@ -85,6 +85,7 @@ class RecordedRig:
             ))
         self.pulses = 0
         self.pulse_us = 0.0
+        self._arrived_ns: dict[int, int] = {}
 
     def run_point(self, point: dict[str, Any], folder: Path) -> tuple[RecordedPoint, Truth]:
         """Run one sine or triangle point, record, align, judge and write it; returns it read back, and the truth."""
@@ -176,7 +177,9 @@ class RecordedRig:
             pulses = [time_s for time_s in pulses if time_s not in due]
             data = sensor.sample(part, begin_s, self.plant.dt_s, due, current_A[first : first + piece])
             if data:
-                arrival_ns = self._host_ns(end_s)
+                # A port gives its bytes in their order, however late the host looks.
+                arrival_ns = max(self._host_ns(end_s), self._arrived_ns.get(id(stream), 0))
+                self._arrived_ns[id(stream)] = arrival_ns
                 batch = stream.take(data, arrival_ns)
                 if records is not None:
                     records.extend(tuple(record) for record in batch.records)
