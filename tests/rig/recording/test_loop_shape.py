@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rig.recording.loop_shape import loop_shape, noise_of, standing
+from rig.recording.loop_shape import loop_shape, noise_of, resting_travel_m, standing
 
 RATE_Hz, FREQUENCY_Hz, CYCLES = 250.0, 1.0, 6
 TIME_S = np.arange(CYCLES * RATE_Hz / FREQUENCY_Hz + 1) / RATE_Hz
@@ -43,6 +43,21 @@ def test_a_tight_joint_shows_none() -> None:
     assert shape.free_play_m == 0.0
     assert shape.scatter_N < 2.0
     assert abs(shape.change_N) < 0.01 * shape.span_N
+
+
+@pytest.mark.parametrize("plateau_N", [60.0, 80.0])
+def test_play_is_seen_where_the_force_stands_at_a_low_plateau_behind_it(plateau_N: float) -> None:
+    # After each reversal: 30 of 400 phases at zero, then the friction of the joint, then the damper's force.
+    phases = np.arange(400)
+    half = np.where(phases[:200] < 30, 0.0, np.where(phases[:200] < 110, plateau_N, 450.0))
+    force_N = np.concatenate((-half, half))
+    move_m = 0.02 * np.cos(2.0 * np.pi * phases / 400)
+    random = np.random.default_rng(3)
+    seen = [
+        resting_travel_m(force_N + 4.5 * random.standard_normal((2, 400)), np.stack((move_m, move_m)), 4.5)
+        for _ in range(40)
+    ]
+    assert np.mean([play_m is not None and 0.5e-3 < play_m < 4e-3 for play_m in seen]) > 0.8
 
 
 def test_a_specimen_that_weakens_changes_and_one_that_wobbles_scatters() -> None:

@@ -63,6 +63,11 @@ def test_a_single_file_is_a_run_of_one(run: Run) -> None:
     assert ids(Run.open(run.path / "points" / "p003.h5").points) == ["p003"]
 
 
+def test_a_point_opens_by_a_path_in_words_too(run: Run) -> None:
+    path = run.path / "points" / "p003.h5"
+    assert RecordedPoint.open(str(path)).id == RecordedPoint.open(path).id == "p003"
+
+
 def test_paths_that_are_no_run_are_told_apart(run: Run, tmp_path: Path) -> None:
     with pytest.raises(FileProblem, match="no such directory"):
         Run.open(tmp_path / "nowhere")
