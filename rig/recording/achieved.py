@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rig.recording.cycles import NoCycles, find_cycles, full_cycles
+from rig.recording.differentiation import harmonic_columns
 from rig.recording.layout import FloatArray
 
 HARMONICS = 9
@@ -138,12 +139,10 @@ def peak_of_fundamental(phase: FloatArray, values: FloatArray) -> float:
     orders = np.arange(1, max(HARMONICS, min(MOST_ORDERS, int(SERIES_SHARE / widest))) + 1)
     if len(phase) < 2 * len(orders) + 4:
         return 1.0 / TRIANGLE_FUNDAMENTAL
-    turning = np.exp(2j * math.pi * phase)[:, None]
-    waves = np.cumprod(np.broadcast_to(turning, (len(phase), len(orders))), axis=1)
-    design = np.column_stack((np.ones(len(phase)), waves.imag, waves.real))
+    design = harmonic_columns(phase, math.tau, orders)
     # The orders are as many as the widest gap between the phases allows, so the normal equations are well conditioned.
     found = np.linalg.solve(design.T @ design, design.T @ values)
-    harmonics = found[1 : len(orders) + 1] + 1j * found[len(orders) + 1 :]
+    harmonics = found[2::2] + 1j * found[1::2]
     first = complex(harmonics[0])
     shown = np.fft.irfft(np.concatenate(([0.0], -0.5j * GRID * harmonics)), GRID)
     odd = orders[orders % 2 == 1]
@@ -165,10 +164,10 @@ def fundamental_phase(time_s: FloatArray, values: FloatArray, frequency_Hz: floa
     """
     usable = np.isfinite(values)
     t, x = time_s[usable], values[usable]
-    design = np.column_stack((np.ones(len(t)), *_waves(t, frequency_Hz, 1)))
+    design = harmonic_columns(t, math.tau * frequency_Hz, np.array([1]))
     if len(t) < 8 or np.linalg.cond(design) > WORST_CONDITION:
         return None
-    (_, sine, cosine), *_ = np.linalg.lstsq(design, x, rcond=None)
+    (_, cosine, sine), *_ = np.linalg.lstsq(design, x, rcond=None)
     return math.atan2(float(cosine), float(sine))
 
 
@@ -185,27 +184,21 @@ def _cycle(
     gap = float(np.max(np.diff(t))) if expected > 1 else math.inf
     if expected < FEWEST_SAMPLES or gap > 2.5 / (frequency_Hz * expected):
         return (math.nan, math.nan, frequency_Hz, math.nan, math.nan)
-    design = np.column_stack((np.ones(expected), *_waves(t - t[0], frequency_Hz, HARMONICS)))
+    orders = np.arange(1, HARMONICS + 1)
+    design = harmonic_columns(t - t[0], math.tau * frequency_Hz, orders)
     found, *_ = np.linalg.lstsq(design, u, rcond=None)
-    harmonics = found[1::2] + 1j * found[2::2]
+    harmonics = found[2::2] + 1j * found[1::2]
     first = complex(harmonics[0])
     phase = math.atan2(first.imag, first.real)
     if waveform == "triangle":
         amplitude_m = abs(first) / TRIANGLE_FUNDAMENTAL
     else:
         amplitude_m = 0.5 * (_peak(t, u, frequency_Hz) + _peak(t, -u, frequency_Hz))
-    orders = np.arange(1, HARMONICS + 1)
     turned = harmonics * np.exp(-1j * orders * phase)
     ideal = abs(first) * np.array([_ideal(waveform).get(order, 0.0) for order in orders.tolist()])
     distortion = float(np.sqrt(np.sum(np.abs(turned - ideal)[1:] ** 2))) / abs(first)
     phase = wrapped(phase - math.tau * mean_frequency_Hz * float(t[0]))
     return (amplitude_m, float(found[0]), frequency_Hz, phase, distortion)
-
-
-def _waves(t: FloatArray, frequency_Hz: float, count: int) -> list[FloatArray]:
-    """Sine and cosine of each harmonic in turn."""
-    angles = [math.tau * frequency_Hz * order * t for order in range(1, count + 1)]
-    return [wave(angle) for angle in angles for wave in (np.sin, np.cos)]
 
 
 def _ideal(waveform: str) -> Mapping[int, float]:

@@ -249,7 +249,7 @@ def _refuse_gaps(t: FloatArray, frequency_Hz: float) -> None:
         )
 
 
-def _design(t: FloatArray, omega: float, orders: NDArray[np.int64]) -> FloatArray:
+def harmonic_columns(t: FloatArray, omega: float, orders: NDArray[np.int64]) -> FloatArray:
     """Columns 1, cos(k w t), sin(k w t) of the harmonics `orders`, shape (n, 2 K + 1)."""
     waves = _waves(t, omega, orders)
     design = np.ones((t.size, 2 * orders.size + 1))
@@ -277,14 +277,14 @@ def _solve(
     size = 2 * orders.size + 1
     normal, right = np.zeros((size, size)), np.zeros(size)
     for part in _chunks(t.size):
-        design = _design(t[part], omega, orders)
+        design = harmonic_columns(t[part], omega, orders)
         normal += design.T @ design
         right += design.T @ u[part]
     coefficients = np.asarray(np.linalg.solve(normal, right), np.float64)
     residual = np.empty(t.size)
     cross, slope_power, slope_residual = np.zeros(size), 0.0, 0.0
     for part in _chunks(t.size):
-        design = _design(t[part], omega, orders)
+        design = harmonic_columns(t[part], omega, orders)
         residual[part] = u[part] - design @ coefficients
         cosine_gain, sine_gain = orders * coefficients[2::2], orders * coefficients[1::2]
         slope = t[part] * (design[:, 1::2] @ cosine_gain - design[:, 2::2] @ sine_gain)

@@ -24,12 +24,17 @@ def number(value: object, digits: int = 4) -> str:
     shown = f"{value:.{digits}g}"
     if "e" in shown and 1e-4 <= abs(value) < 1e7:
         shown = f"{value:.0f}"
-    return shown.replace("-", MINUS)
+    return signed(shown)
 
 
 def plus_minus(value: Estimate) -> str:
     """A value and its standard deviation, with as many digits as that lets be known."""
-    return value.plain.replace("+-", "\N{PLUS-MINUS SIGN}").replace("-", MINUS)
+    return signed(value.plain)
+
+
+def signed(shown: str) -> str:
+    """Numbers in a text with the signs of print, in place of those of a keyboard."""
+    return shown.replace("+-", "\N{PLUS-MINUS SIGN}").replace("-", MINUS)
 
 
 def chip(label: str, kind: str) -> str:

@@ -10,7 +10,7 @@ from rig.recording.cross_check import AGREES, DISAGREES, UNCHECKED, CrossCheck, 
 from rig.recording.estimate import Estimate
 from rig.recording.reading import channel_attributes
 from rig.recording.run import Run
-from rig.report.fragment import MINUS, NOTHING, box, chip, table, text
+from rig.report.fragment import NOTHING, box, chip, signed, table, text
 
 MOST_AUXILIARIES = 7
 REST = {"load cell": "force input", "LVDT": "position input"}
@@ -76,7 +76,7 @@ def doubts_of(run: Run) -> str:
 
 def _row(check: CrossCheck) -> tuple[str, list[str]]:
     kind = {DISAGREES: "suspect", UNCHECKED: "plain"}.get(check.state, "valid")
-    found = text(check.found).replace("+-", "\N{PLUS-MINUS SIGN}").replace("-", MINUS) or NOTHING
+    found = signed(text(check.found)) or NOTHING
     return ("no" if check.state == UNCHECKED else "", [
         text(check.instrument), text(check.what), text(check.against), found, text(check.allowed) or NOTHING,
         chip(check.state, kind),

@@ -9,7 +9,7 @@ from rig.recording.estimate import Estimate
 from rig.recording.reading import channel_attributes
 from rig.recording.run import RecordedPoint, Run
 from rig.recording.skew_pooling import pooled_skews
-from rig.report.fragment import MINUS, NOTHING, box, number, table, text
+from rig.report.fragment import NOTHING, box, number, signed, table, text
 
 PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
 CONFIDENCE = 1.96
@@ -46,7 +46,7 @@ def time_base(run: Run) -> str:
 def _lagged(point: RecordedPoint) -> str:
     if "skew_s" not in point.quality:
         return NOTHING
-    return Estimate(point.skew_s, CONFIDENCE * point.skew_std_s).times(1e3).alone.replace("-", MINUS)
+    return signed(Estimate(point.skew_s, CONFIDENCE * point.skew_std_s).times(1e3).alone)
 
 
 def _checked(quality: Mapping[str, Any]) -> str:
@@ -93,7 +93,7 @@ def _pooled(points: Sequence[RecordedPoint]) -> str:
     return (
         f"<p>All points together: by their own signals, force lags displacement by <b>{number(1e3 * low_s, 3)} to "
         f"{number(1e3 * high_s, 3)} ms</b> beyond the declared delays.{stated} Taken out: "
-        f"{taken.alone.replace('-', MINUS)} ms; {PLUS_MINUS} {_ms(used.std_s)} ms are left, in the fit too.</p>"
+        f"{signed(taken.alone)} ms; {PLUS_MINUS} {_ms(used.std_s)} ms are left, in the fit too.</p>"
     )
 
 
