@@ -1,0 +1,166 @@
+"""How far a reader walks: the files through which one recorded point and one whole campaign pass.
+
+    python benchmarks/reader_walk.py [--json]
+
+Runs a campaign of one point on the simulated rig with the application's Python calls traced, and follows it as somebody
+does who reads the code for the first time: into each function where it is first called, depth first, and back to the
+caller. Only functions of this project count, each once; what runs on import does not.
+
+files: project files entered. returns: how often the walk comes back to a file that it had already left. The walk of the
+point is that of its finishing (journal to judged HDF5 file), the walk of the campaign is that of the application's main
+thread from `run_campaign` to its result, without what the finishing and the station do in processes of their own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from rig.recording.conversion import finish_point
+
+ROOT = Path(__file__).resolve().parent.parent
+ROOMS = tuple(str(ROOT / room) + "/" for room in ("rig", "drivers", "protocols"))
+MATRIX = """format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+waveform = ["sine"]
+amplitude = ["5 mm"]
+frequency = ["4 Hz"]
+current = ["0.5 A"]
+cycles = 6
+[identify]
+enabled = false
+"""
+
+
+class Walk:
+    """The order in which a reader meets files, from calls as they happen.
+
+    Attributes:
+        files: project files by the order of their first visit.
+        visits: files in the order of the walk, neighbours differ.
+    """
+
+    def __init__(self) -> None:
+        self.visits: list[str] = []
+        self._read: set[object] = set()
+        self._stack: list[bool] = []
+
+    @property
+    def files(self) -> list[str]:
+        """Files by the order of their first visit."""
+        return list(dict.fromkeys(self.visits))
+
+    @property
+    def returns(self) -> int:
+        """How often the walk comes back to a file that it had left."""
+        return len(self.visits) - len(self.files)
+
+    def run(self, function: Callable[[], Any]) -> Any:
+        """Call a function with this thread's calls followed."""
+        sys.setprofile(self._event)
+        try:
+            return function()
+        finally:
+            sys.setprofile(None)
+
+    def _event(self, frame: FrameType, event: str, _argument: object) -> None:
+        name = frame.f_code.co_filename
+        if event == "call" and name.startswith(ROOMS) and frame.f_code.co_name != "<module>":
+            new = frame.f_code not in self._read
+            if new:
+                self._read.add(frame.f_code)
+                caller = self._caller(frame)
+                if caller:
+                    self._visit(caller)
+                self._visit(name)
+
+    def _caller(self, frame: FrameType) -> str:
+        """The project's file from which the call comes, "" where there is none."""
+        above = frame.f_back
+        while above is not None and not above.f_code.co_filename.startswith(ROOMS):
+            above = above.f_back
+        return above.f_code.co_filename if above is not None else ""
+
+    def _visit(self, name: str) -> None:
+        relative = str(Path(name).relative_to(ROOT))
+        if not self.visits or self.visits[-1] != relative:
+            self.visits.append(relative)
+
+
+class Silent:
+    """A display that shows nothing."""
+
+    def __getattr__(self, _name: str) -> Callable[..., None]:
+        return lambda *_arguments, **_named: None
+
+
+def walk_campaign(folder: Path) -> tuple[Walk, Path]:
+    """Run one point on the simulated rig; the campaign's walk and the point's journal, kept from deletion by a link."""
+    from rig.campaign import CampaignOptions, run_campaign
+
+    matrix = folder / "matrix.toml"
+    matrix.write_text(MATRIX, encoding="utf-8")
+    kept = folder / "kept" / "points" / "p001.journal"
+    kept.parent.mkdir(parents=True)
+    ended = threading.Event()
+    keeper = threading.Thread(target=_keep, args=(folder, kept, ended))
+    keeper.start()
+    walk = Walk()
+    try:
+        result = walk.run(lambda: run_campaign(CampaignOptions(matrix, folder / "out", simulate=True, speed=10.0), Silent()))
+    finally:
+        ended.set()
+        keeper.join()
+    if result.exit_code != 0:
+        raise SystemExit(f"the campaign ended with exit code {result.exit_code}: nothing to walk")
+    return walk, kept
+
+
+def _keep(folder: Path, kept: Path, ended: threading.Event) -> None:
+    """Link the point's journal as soon as it is there: its finishing deletes it."""
+    while not ended.wait(0.01) and not kept.exists():
+        for journal in folder.glob("out/*/points/*.journal"):
+            os.link(journal, kept)
+
+
+def walk_point(journal: Path) -> Walk:
+    """Finish a point's journal."""
+    walk = Walk()
+    walk.run(lambda: finish_point(journal))
+    return walk
+
+
+def main() -> None:
+    """Walk both and print what was met."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print the counts and the files as JSON")
+    parser.add_argument("--walk", action="store_true", help="print the files in the order of the walk")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        campaign, journal = walk_campaign(Path(name))
+        point = walk_point(journal)
+    walks = {"campaign": campaign, "point": point}
+    if asked.json:
+        print(json.dumps({key: {"files": len(walk.files), "returns": walk.returns, "walk": walk.visits}
+                          for key, walk in walks.items()}, indent=1))  # fmt: skip
+        return
+    for key, walk in walks.items():
+        print(f"{key}: {len(walk.files)} files, {walk.returns} returns")
+        if asked.walk:
+            print("".join(f"  {visit}\n" for visit in walk.visits), end="")
+
+
+if __name__ == "__main__":
+    main()
