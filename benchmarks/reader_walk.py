@@ -22,7 +22,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TypeVar
 
 from rig.recording.conversion import finish_point
 
@@ -42,6 +42,8 @@ cycles = 6
 [identify]
 enabled = false
 """
+
+T = TypeVar("T")
 
 
 class Walk:
@@ -67,7 +69,7 @@ class Walk:
         """How often the walk comes back to a file that it had left."""
         return len(self.visits) - len(self.files)
 
-    def run(self, function: Callable[[], Any]) -> Any:
+    def run(self, function: Callable[[], T]) -> T:
         """Call a function with this thread's calls followed."""
         sys.setprofile(self._event)
         try:
@@ -118,8 +120,9 @@ def walk_campaign(folder: Path) -> tuple[Walk, Path]:
     keeper = threading.Thread(target=_keep, args=(folder, kept, ended))
     keeper.start()
     walk = Walk()
+    options = CampaignOptions(matrix, folder / "out", simulate=True, speed=10.0)
     try:
-        result = walk.run(lambda: run_campaign(CampaignOptions(matrix, folder / "out", simulate=True, speed=10.0), Silent()))
+        result = walk.run(lambda: run_campaign(options, Silent()))
     finally:
         ended.set()
         keeper.join()
