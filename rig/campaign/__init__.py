@@ -5,7 +5,7 @@ reports and carries out its actions, the set-up of a campaign's directory, and t
 formats and file formats may not live here: the station owns the first two, `rig.recording` the last.
 """
 
-from rig.campaign.conduct import run_campaign
-from rig.campaign.options import CampaignOptions, CampaignResult, Display, PointResult
+from rig.campaign.campaign import run_campaign
+from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResult
 
 __all__ = ["CampaignOptions", "CampaignResult", "Display", "PointResult", "run_campaign"]

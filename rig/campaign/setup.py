@@ -7,13 +7,14 @@ import json
 import math
 import secrets
 import shutil
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 from rig import __version__
 from rig.bench.model import Bench, Sensor
-from rig.campaign.adaptation import MOST_STEPS
-from rig.campaign.options import CampaignOptions
+from rig.campaign.results import CampaignOptions
+from rig.campaign.sequencer.amplitude_compensation import MOST_STEPS
 from rig.clock import utc_now
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
@@ -228,3 +229,53 @@ def _sensor(name: str, given: Sensor, span: float, spike_jump: float) -> SensorC
         offset=given.offset,
         spike_jump=spike_jump,
     )
+
+
+def check_calibrations(bench: Bench, today: date) -> tuple[str, ...]:
+    """One warning for each sensor whose calibration is past its due date.
+
+    Args:
+        bench: the bench.
+        today: the date to compare with.
+
+    Raises:
+        Refused: there is one, and the bench file says `require_valid_calibration = true` (slug `calibration-overdue`).
+    """
+    sensors = {"load_cell": bench.load_cell, "lvdt": bench.lvdt, **{item.name: item for item in bench.auxiliary}}
+    warnings = tuple(
+        f"{name}: the calibration of sensor {sensors[name].calibration.serial_number} was due on "
+        f"{sensors[name].calibration.due}"
+        for name in bench.overdue(today)
+    )
+    if warnings and bench.require_valid_calibration:
+        raise Refused(
+            "calibration-overdue",
+            "; ".join(warnings) + "; have it calibrated and enter the new certificate and due date in the bench file "
+            "(it says require_valid_calibration = true); nothing was moved",
+        )
+    return warnings
+
+
+CLOCKED = "frame16"
+"""The only format with a device clock and latched edges; others count their samples against the nominal rate."""
+
+
+def check_clocks(bench: Bench) -> None:
+    """Refuse a bench on which the skew between force and displacement cannot be measured.
+
+    Raises:
+        Refused: a sensor speaks a format without a clock (slug `format-without-clock`); each is named.
+    """
+    formats = {"load_cell": bench.load_cell.format, "lvdt": bench.lvdt.format}
+    without = [
+        f"[{name}] format = {value if isinstance(value, str) else 'a described line'!r} carries neither a clock nor "
+        "sync edges"
+        for name, value in formats.items() if value != CLOCKED
+    ]
+    if without:
+        raise Refused(
+            "format-without-clock",
+            "; ".join(without) + f", and the matrix asks for the skew ([campaign] require_skew = true): use a sensor "
+            f'that speaks "{CLOCKED}", or leave require_skew out and take the skew as uncertain as the report states '
+            "it; nothing was moved",
+        )

@@ -30,7 +30,7 @@ def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     Processes and sockets are real, only the devices are simulated. The fit is compared with the true parameters of the
     simulated damper.
     """
-    from rig.campaign.options import CampaignOptions
+    from rig.campaign.results import CampaignOptions
     from rig.cli.job import run_job
     from rig.cli.run import show_paths, show_result
     from rig.matrix.model import load_matrix

@@ -16,7 +16,7 @@ from rig.cli.ending import verdict_words
 from rig.cli.tables import COLOURS, duration, plan_table
 
 if TYPE_CHECKING:
-    from rig.campaign.options import PointResult
+    from rig.campaign.results import PointResult
     from rig.matrix.plan import Plan
     from rig.matrix.point import TestPoint
 
@@ -37,7 +37,7 @@ def describe(waveform: str, amplitude_m: float, frequency_Hz: float, current_A: 
 
 
 class PlainDisplay:
-    """One line an event; for files, pipes and continuous integration. Implements `rig.campaign.options.Display`."""
+    """One line an event; for files, pipes and continuous integration. Implements `rig.campaign.results.Display`."""
 
     def __init__(self, console: Console) -> None:
         self.console = console

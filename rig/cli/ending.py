@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rig.campaign.cause import OPERATOR, Cause, StopKind
 from rig.campaign.confirmation import resume_command
+from rig.campaign.stop_cause import OPERATOR, StopCause, StopKind
 
 if TYPE_CHECKING:
-    from rig.campaign.options import CampaignResult, PointResult, StopReport
+    from rig.campaign.results import CampaignResult, PointResult, StopReport
 
 UNKNOWN = "THE RIG'S STATE IS UNKNOWN: standstill or 0 A could not be proved. Go and look."
 
@@ -73,7 +73,7 @@ def verdict_words(result: PointResult) -> str:
 
 def error_words(result: CampaignResult) -> str:
     """The `error` of `rig run --json`."""
-    cause = Cause(result.stopped_by or "", result.detail)
+    cause = StopCause(result.stopped_by or "", result.detail)
     return f"stopped by operator ({cause.detail})" if cause.slug in OPERATOR else cause.detail
 
 

@@ -22,7 +22,7 @@ from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ALL_VALID
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rig.campaign.options import CampaignOptions, CampaignResult
+    from rig.campaign.results import CampaignOptions, CampaignResult
     from rig.matrix.model import Identify
 
 

@@ -69,7 +69,7 @@ def command(
         matrix, simulator_args = None, (str(matrix), *simulator_args)
     _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate)
     words = _requalified(requalified, resume)
-    from rig.campaign.options import CampaignOptions
+    from rig.campaign.results import CampaignOptions
     from rig.cli.analysis_check import check_analysis
     from rig.cli.ending import ending
     from rig.cli.job import run_job

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from protocols.actuator import State
 from protocols.quality import Quality
-from rig.campaign import event as ev
-from rig.campaign.observer import Observer
-from rig.campaign.preflight import AtRest, RestLimits, judge_rest
+from rig.campaign.execution.observer import Observer
+from rig.campaign.preflight.rest_check import AtRest, RestLimits, judge_rest
+from rig.campaign.sequencer import event as ev
 from rig.recording.layout import RECORD_DTYPE
 
 LIMITS = RestLimits(

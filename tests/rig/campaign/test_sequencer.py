@@ -9,15 +9,14 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from rig.campaign import action as act
-from rig.campaign import event as ev
-from rig.campaign.action import Action, Request
-from rig.campaign.adaptation import Ceiling, MotionSeen
-from rig.campaign.cause import Cause, StopKind
-from rig.campaign.conditions import NO_CONDITIONS, Conditions
-from rig.campaign.sequencer import step
-from rig.campaign.state import Phase, RigState, State, start_state
-from rig.campaign.stopping import COOLING_PAUSE_S
+from rig.campaign.sequencer import action as act
+from rig.campaign.sequencer import event as ev
+from rig.campaign.sequencer.action import Action, Request
+from rig.campaign.sequencer.amplitude_compensation import Ceiling, MeasuredMotion
+from rig.campaign.sequencer.state import NO_CONDITIONS, Conditions, Phase, RigState, State, start_state
+from rig.campaign.sequencer.step import step
+from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
+from rig.campaign.stop_cause import StopCause, StopKind
 from rig.matrix.heat import HeatModel
 from rig.matrix.point import TestPoint
 from rig.matrix.schedule import Load, Thermal
@@ -43,20 +42,20 @@ TEMPERED = (
         demagnetise=True,
     ),
 )
-RESTARTABLE = Cause("ecu-silent", "no status")
-STILL_HOT = Cause("coil-not-ready", "ECU in state FAULT")
-HOT = Cause("ecu-overtemp", "over-temperature bit")
-FINAL = Cause("estop", "chain open")
+RESTARTABLE = StopCause("ecu-silent", "no status")
+STILL_HOT = StopCause("coil-not-ready", "ECU in state FAULT")
+HOT = StopCause("ecu-overtemp", "over-temperature bit")
+FINAL = StopCause("estop", "chain open")
 
 EVENTS: tuple[ev.Event, ...] = (
     ev.Begin(),
     *(ev.Done(request) for request in Request),
-    *(ev.Declined(request, Cause("modbus-reject", "refused")) for request in Request),
+    *(ev.Declined(request, StopCause("modbus-reject", "refused")) for request in Request),
     ev.ZerosJudged(None),
     ev.ProofLegDone(),
     ev.ProofJudged(None),
-    ev.ProofJudged(Cause("sensors-swapped", "the LVDT shows -4 mm")),
-    ev.ZerosJudged(Cause("not-tared", "900 N at rest")),
+    ev.ProofJudged(StopCause("sensors-swapped", "the LVDT shows -4 mm")),
+    ev.ZerosJudged(StopCause("not-tared", "900 N at rest")),
     ev.Centred(),
     ev.CurrentSettled(),
     ev.ProgramEnded(at_centre=True),
@@ -67,15 +66,15 @@ EVENTS: tuple[ev.Event, ...] = (
     ev.Standstill(),
     *(ev.Judged(point.id, valid) for point in POINTS for valid in (True, False)),
     *(ev.TimedOut(phase) for phase in Phase),
-    ev.Spoiled(Cause("sample-gap", "12 lost")),
-    ev.Fault(StopKind.S2, Cause("disk-full", "journal")),
+    ev.Spoiled(StopCause("sample-gap", "12 lost")),
+    ev.Fault(StopKind.S2, StopCause("disk-full", "journal")),
     ev.Tripped(StopKind.S2, RESTARTABLE),
     ev.Tripped(StopKind.S1, FINAL),
     ev.Safe(),
     ev.Unknown("links lost"),
     ev.StationGone("exit code -9"),
-    ev.Abort(StopKind.S2, Cause("sigint")),
-    ev.Abort(StopKind.S1, Cause("sigterm")),
+    ev.Abort(StopKind.S2, StopCause("sigint")),
+    ev.Abort(StopKind.S1, StopCause("sigterm")),
     ev.PauseAsked(),
     ev.ResumeAsked(),
 )
@@ -91,8 +90,8 @@ class Edge:
 
 # With retries the histories multiply; the events left out there are explored without retries.
 MEASURED_MOTIONS: tuple[ev.Event, ...] = (
-    ev.ProgramEnded(at_centre=True, motion=MotionSeen(0.018, 0.0)),
-    ev.ProgramEnded(at_centre=True, motion=MotionSeen(0.02, 0.0)),
+    ev.ProgramEnded(at_centre=True, motion=MeasuredMotion(0.018, 0.0)),
+    ev.ProgramEnded(at_centre=True, motion=MeasuredMotion(0.02, 0.0)),
 )
 TEMPERATURES: tuple[ev.Event, ...] = (
     *(ev.TemperatureRead(temperature_degC) for temperature_degC in (24.0, 30.0, 45.5, 60.0)),
@@ -140,7 +139,7 @@ CASES = {
 }
 
 
-FULL = Cause("disk-full", "no space left")
+FULL = StopCause("disk-full", "no space left")
 
 
 def explore(case: Case) -> list[Edge]:
@@ -370,7 +369,7 @@ def test_deadlines_alone_end_every_campaign_at_rest_or_left_to_its_station(edges
 
 def test_the_operator_is_obeyed_in_every_phase(edges: list[Edge]) -> None:
     for state in {edge.before for edge in edges}:
-        after, actions = step(state, ev.Abort(StopKind.S1, Cause("sigterm")))
+        after, actions = step(state, ev.Abort(StopKind.S1, StopCause("sigterm")))
         ending = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
         assert after.phase in ending
         assert not any(act.energises(action) for action in actions)
@@ -500,8 +499,8 @@ def test_a_hot_ecu_is_asked_again_until_it_has_cooled_down_and_then_the_point_is
     assert [action.point.id for action in actions if isinstance(action, act.BeginRecording)] == ["p001", "p002"]
 
 
-@pytest.mark.parametrize("refusal", [STILL_HOT, Cause("estop", "chain open")], ids=["still-hot", "something-else"])
-def test_an_ecu_that_stays_hot_or_is_not_all_that_is_wrong_ends_the_campaign(refusal: Cause) -> None:
+@pytest.mark.parametrize("refusal", [STILL_HOT, StopCause("estop", "chain open")], ids=["still-hot", "something-else"])
+def test_an_ecu_that_stays_hot_or_is_not_all_that_is_wrong_ends_the_campaign(refusal: StopCause) -> None:
     state, _ = play(start_state(POINTS, 1, Conditions(longest_s=COOLING_PAUSE_S)), until=Phase.RUNNING)
     state, _ = step(state, ev.Tripped(StopKind.S2, HOT))
     state, _ = play(state, until=Phase.RESETTING)
@@ -535,7 +534,7 @@ def test_a_station_that_stands_safely_already_answers_the_stop_with_its_proof() 
 @pytest.mark.parametrize(
     ("stop", "cause"), [(StopKind.S1, RESTARTABLE), (StopKind.SO, RESTARTABLE), (StopKind.S2, FINAL)]
 )
-def test_nothing_restarts_by_itself_after_a_harder_stop_or_another_cause(stop: StopKind, cause: Cause) -> None:
+def test_nothing_restarts_by_itself_after_a_harder_stop_or_another_cause(stop: StopKind, cause: StopCause) -> None:
     state, _ = play(start_state(POINTS, 2), until=Phase.RUNNING)
     state, _ = step(state, ev.Tripped(stop, cause))
     state, actions = play(state)
@@ -578,7 +577,7 @@ def test_nonsense_is_not_a_campaign(points: tuple[TestPoint, ...], retries: int)
 
 
 @pytest.mark.parametrize(
-    "event", [ev.Abort(StopKind.S2, Cause("sigint")), ev.Fault(StopKind.S2, Cause("disk-full"))], ids=str
+    "event", [ev.Abort(StopKind.S2, StopCause("sigint")), ev.Fault(StopKind.S2, StopCause("disk-full"))], ids=str
 )
 def test_an_operator_or_a_fault_ends_a_restart_under_way(event: ev.Event) -> None:
     state, _ = play(start_state(POINTS, 1), until=Phase.RUNNING)

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from rig.bench.model import Bench
-from rig.campaign.crew import sensor_contexts
-from rig.campaign.locks import locked
-from rig.campaign.options import CampaignOptions
+from rig.campaign.execution.campaign_context import sensor_contexts
+from rig.campaign.machine_resources import locked
+from rig.campaign.results import CampaignOptions
 from rig.campaign.setup import (
     campaign_hash,
     check_room,

@@ -6,9 +6,9 @@ import os
 import signal
 import threading
 
-from rig.campaign import event as ev
-from rig.campaign.cause import StopKind
-from rig.campaign.signals import Signals
+from rig.campaign.operator_link import Signals
+from rig.campaign.sequencer import event as ev
+from rig.campaign.stop_cause import StopKind
 
 
 def test_signals_become_aborts_in_order_and_the_process_lives() -> None:
