@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from rig.bench.model import Bench, Sensor
+from rig.bench.model import Bench
+from rig.bench.sensor_settings import SensorConfig
 from rig.matrix.point import CORNER_SHARE, TestPoint
 from rig.units import show
 
@@ -43,7 +44,7 @@ def needed_samples(waveform: str) -> float:
     return SAMPLES_A_CORNER / CORNER_SHARE if waveform == "triangle" else SAMPLES_TO_IDENTIFY
 
 
-def _rate(name: str, sensor: Sensor, points: Sequence[TestPoint]) -> Iterator[str]:
+def _rate(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Iterator[str]:
     for waveform in sorted({point.waveform for point in points}):
         needed = needed_samples(waveform)
         coarse = [
@@ -59,7 +60,7 @@ def _rate(name: str, sensor: Sensor, points: Sequence[TestPoint]) -> Iterator[st
             )
 
 
-def _bandwidth(name: str, sensor: Sensor, points: Sequence[TestPoint]) -> Iterator[str]:
+def _bandwidth(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Iterator[str]:
     if sensor.bandwidth_Hz is not None and sensor.bandwidth_Hz > 0.5 * sensor.rate_Hz:
         yield (
             f"{name}: declared bandwidth {show(sensor.bandwidth_Hz, 'Hz')} is above half its rate, "

@@ -18,7 +18,8 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from rig.bench.problems import close_match, load_section
-from rig.bench.quantity import Quantity, Section, Wording
+from rig.bench.quantity import Quantity, Wording
+from rig.bench.section import Section
 from rig.matrix.methods import DEPENDENCES, METHODS
 from rig.matrix.point import TestPoint
 from rig.units import show

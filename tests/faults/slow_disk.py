@@ -8,10 +8,10 @@ import threading
 from pathlib import Path
 
 from rig.bench.model import Bench
+from rig.bench.settings import StationConfig
 from rig.campaign import campaign as campaign
 from rig.cli.main import run
 from rig.matrix.model import Matrix
-from rig.station.config import StationConfig
 
 STALL_S = 3.2
 RING_RECORDS = 4096

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from rig import __version__
-from rig.bench.checks import CHANGE_OF_ZERO
-from rig.bench.model import Bench, Sensor
+from rig.bench.model import CHANGE_OF_ZERO, Bench
+from rig.bench.sensor_settings import SensorConfig
+from rig.bench.settings import StationConfig
 from rig.campaign.preflight.baseline import Baseline
 from rig.campaign.preflight.rest_check import RestLimits
 from rig.campaign.results import Display
 from rig.campaign.resume import Stock
-from rig.campaign.setup import campaign_hash, limits
+from rig.campaign.setup import campaign_hash
 from rig.clock import utc_now
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan
@@ -23,7 +24,6 @@ from rig.recording.context import PointContext, SensorContext
 from rig.recording.point_names import attempt_name
 from rig.recording.tolerances import Tolerances
 from rig.station.client import StationClient
-from rig.station.config import StationConfig
 
 CENTRING_SPEED_M_S = 0.05
 CENTRING_SPEED_SHARE = 0.25
@@ -71,7 +71,7 @@ class CampaignContext:
     @property
     def rest_limits(self) -> RestLimits:
         """What a resting rig is compared with."""
-        allowed = limits(self.bench, self.matrix)
+        allowed = self.config.limits
         return RestLimits(
             force_N=allowed.force_N,
             position_min_m=self.bench.limits.position_m[0],
@@ -156,21 +156,21 @@ class CampaignContext:
 def sensor_contexts(bench: Bench) -> dict[str, SensorContext]:
     """The sensors as the recording names them: `force`, `displacement`, `auxiliary_1` ..."""
     contexts = {
-        "force": _sensor("load_cell", bench.load_cell, bench.load_cell.range_N, "N", "Force at the load cell"),
-        "displacement": _sensor("lvdt", bench.lvdt, bench.lvdt.range_m, "m", "Damper extension"),
+        "force": _sensor(bench.load_cell, "N", "Force at the load cell"),
+        "displacement": _sensor(bench.lvdt, "m", "Damper extension"),
     }
-    for number, each in enumerate(bench.auxiliary, start=1):
-        contexts[f"auxiliary_{number}"] = _sensor(each.name, each, each.range_SI, each.unit, each.name)
+    for number, sensor in enumerate(bench.auxiliary, start=1):
+        contexts[f"auxiliary_{number}"] = _sensor(sensor, sensor.unit, sensor.name)
     return contexts
 
 
-def _sensor(name: str, sensor: Sensor, range_SI: float, unit: str, long_name: str) -> SensorContext:
+def _sensor(sensor: SensorConfig, unit: str, long_name: str) -> SensorContext:
     calibration = sensor.calibration
     return SensorContext(
-        sensor=name,
+        sensor=sensor.label,
         rate_Hz=sensor.rate_Hz,
         delay_s=sensor.delay_s,
-        range_SI=range_SI,
+        range_SI=sensor.span,
         unit=unit,
         long_name=long_name,
         sensitivity=sensor.sensitivity,

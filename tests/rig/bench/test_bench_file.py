@@ -195,7 +195,7 @@ def test_an_auxiliary_channel_has_its_own_unit(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text(TEXT + auxiliary())
     (channel,) = Bench.load(path).auxiliary
-    assert channel.range_SI == pytest.approx(4e7)
+    assert channel.span == pytest.approx(4e7)
     assert channel.offset == pytest.approx(1e5)
 
 

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,9 +37,9 @@ def bench(*, actuator: str = HERE, load_cell: str = "/dev/one", lvdt: str = "/de
     given = Bench.load(BENCH)
     return given.model_copy(
         update={
-            "actuator": given.actuator.model_copy(update={"url": actuator}),
-            "load_cell": given.load_cell.model_copy(update={"url": load_cell}),
-            "lvdt": given.lvdt.model_copy(update={"url": lvdt}),
+            "actuator": replace(given.actuator, url=actuator),
+            "load_cell": replace(given.load_cell, url=load_cell),
+            "lvdt": replace(given.lvdt, url=lvdt),
         }
     )
 
@@ -76,7 +77,7 @@ def test_a_symbolic_link_is_the_port_it_leads_to(tmp_path: Path) -> None:
 
 def test_auxiliary_sensors_are_locked_too(tmp_path: Path) -> None:
     given = bench(actuator="modbus-tcp://192.0.2.1:1", load_cell="/dev/other", lvdt="/dev/more")
-    shared = given.lvdt.model_copy(update={"url": "/dev/two"})
+    shared = replace(given.lvdt, url="/dev/two")
     with locked(bench()), pytest.raises(Refused), locked(given.model_copy(update={"auxiliary": (shared,)})):
         pytest.fail("the second lock was given")
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig.bench.checks import Checks
+from rig.bench.model import Checks
 from rig.campaign.preflight.rest_check import AtRest, RestLimits, judge_rest
 
 RANGE_N = 10_000.0

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from rig.bench.model import Bench
+from rig.bench.settings_json import from_json
 from rig.campaign.execution.campaign_context import sensor_contexts
 from rig.campaign.machine_resources import locked
 from rig.campaign.results import CampaignOptions
@@ -23,7 +24,6 @@ from rig.campaign.setup import (
 from rig.errors import Refused
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import plan
-from rig.station.config import from_json
 
 BENCH = """
 format = 1
