@@ -9,6 +9,7 @@ import click
 from rig.cli.output import Command, console, json_option, out_option, write_json
 from rig.cli.stream import say
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
+from rig.matrix.waveform import SINE, WAVEFORM_NAMES
 
 
 class QuantityOption(click.ParamType[float]):
@@ -67,7 +68,7 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
 )
 @click.option("--current", type=QuantityOption("current"), help="Coil current of all files, such as '0.5 A'.")
 @click.option("--current-from-name", metavar="REGEX", help="Regular expression with a group `current` (A) in the name.")
-@click.option("--waveform", type=click.Choice(["sine", "triangle"]), default="sine", show_default=True)
+@click.option("--waveform", type=click.Choice(WAVEFORM_NAMES), default=SINE.name, show_default=True)
 @click.option("--specimen", default="imported", show_default=True, help="Serial number of the damper.")
 @click.option("--mid-stroke", type=QuantityOption("length"), help="Mid-stroke in the displacement column's coordinate.")
 @out_option

@@ -7,15 +7,9 @@ from collections.abc import Iterator, Sequence
 
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
-from rig.matrix.point import CORNER_SHARE, TestPoint
+from rig.matrix.point import TestPoint
+from rig.matrix.waveform import waveform_named
 from rig.units import show
-
-SAMPLES_TO_IDENTIFY = 50
-"""Samples in a cycle of a sine: with fewer, not even 25 harmonics are under half the sampling rate, and the velocity by
-a parabola through nine samples loses more than 3 %: 1 - 1.97 (2 pi / n)^2."""
-
-SAMPLES_A_CORNER = 4
-"""Of a triangle, so many samples must lie in a corner (1/20 of a period)."""
 
 HARMONICS = 20
 """The sensor passes so many: a first-order filter at 20 f takes 0.1 % of the fundamental, and 11 % of the tenth."""
@@ -39,14 +33,9 @@ def sampling_hints(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]
     return tuple(hints)
 
 
-def needed_samples(waveform: str) -> float:
-    """Samples in a cycle that identification needs."""
-    return SAMPLES_A_CORNER / CORNER_SHARE if waveform == "triangle" else SAMPLES_TO_IDENTIFY
-
-
 def _rate(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Iterator[str]:
     for waveform in sorted({point.waveform for point in points}):
-        needed = needed_samples(waveform)
+        needed = waveform_named(waveform).samples_needed
         coarse = [
             point for point in points if point.waveform == waveform and sensor.rate_Hz < needed * point.frequency_Hz
         ]

@@ -22,6 +22,7 @@ from rig.bench.quantity import Quantity, Wording
 from rig.bench.section import Section
 from rig.matrix.methods import DEPENDENCES, METHODS
 from rig.matrix.point import TestPoint
+from rig.matrix.waveform import HOLD, SINE, TRIANGLE, WAVEFORM_NAMES
 from rig.units import show
 
 V = TypeVar("V", str, float)
@@ -29,7 +30,7 @@ V = TypeVar("V", str, float)
 POINT_LIMIT = 10_000
 NARROWEST_WINDOW_K = 2.0
 
-Waveform = Literal["sine", "triangle"]
+WaveformName = Literal[WAVEFORM_NAMES]  # type: ignore[valid-type]  # one list serves the schema and the message
 Amplitude = Annotated[float, Quantity("length", "0 mm", "1 m", above=True)]
 Frequency = Annotated[float, Quantity("frequency", "0.001 Hz", "100 Hz")]
 CoilCurrent = Annotated[float, Quantity("current", "0 A", "20 A")]
@@ -78,7 +79,7 @@ class Specimen(Section):
 class Sweep(Section):
     """The product of waveforms, currents, amplitudes and frequencies, and how each point is run."""
 
-    waveform: tuple[Waveform, ...] = Field(default=("sine",), min_length=1)
+    waveform: tuple[WaveformName, ...] = Field(default=(SINE.name,), min_length=1)
     amplitude_m: tuple[Amplitude, ...] = Field(default=(), alias="amplitude")
     frequency_Hz: tuple[Frequency, ...] = Field(default=(), alias="frequency")
     current_A: tuple[CoilCurrent, ...] = Field(default=(), alias="current")
@@ -129,7 +130,7 @@ class ExtraPoint(Section):
     """One explicit point beside the sweep; what it does not say is as in `[matrix]`."""
 
     id: Identifier | None = None
-    waveform: Waveform = "sine"
+    waveform: WaveformName = SINE.name
     amplitude_m: Amplitude = Field(alias="amplitude")
     frequency_Hz: Frequency = Field(alias="frequency")
     current_A: CoilCurrent = Field(alias="current")
@@ -296,12 +297,12 @@ class Matrix(Section):
         special = []
         if self.friction is not None:
             slow = self.friction
-            row = self._point("triangle", slow.amplitude_m, slow.speed_m_s / (4.0 * slow.amplitude_m), 0.0)
+            row = self._point(TRIANGLE.name, slow.amplitude_m, slow.speed_m_s / (4.0 * slow.amplitude_m), 0.0)
             special.append(
                 replace(row, id=slow.id, kind="friction", cycles=slow.cycles, ramp_in_cycles=0.5, ramp_out_cycles=0.5)
             )
         for number, item in enumerate(self.current_step, start=1):
-            row = self._point("hold", 0.0, 1.0 / item.hold_s, max(item.current_A))
+            row = self._point(HOLD.name, 0.0, 1.0 / item.hold_s, max(item.current_A))
             special.append(
                 replace(
                     row,

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from rig.matrix.heat import HeatModel
 from rig.matrix.point import TestPoint
+from rig.matrix.waveform import SINE
 
 if TYPE_CHECKING:
     from rig.matrix.forecast import Forecast
@@ -129,7 +130,7 @@ def warm_up_point(points: Sequence[TestPoint], forecast: Forecast, temperature: 
     loops = [point for point in points if point.kind == "loop"] or list(points)
     if wanted is not None:
         return TestPoint(
-            "warm-up", "sine", wanted.amplitude_m, wanted.frequency_Hz, wanted.current_A, centre_m=points[0].centre_m
+            "warm-up", SINE.name, wanted.amplitude_m, wanted.frequency_Hz, wanted.current_A, centre_m=points[0].centre_m
         )
 
     def power(point: TestPoint) -> tuple[float, float]:

@@ -217,13 +217,14 @@ class ActionExecutor:
         )
         self.requests.ask(
             Request.START,
-            waveform=point.waveform,
+            waveform=point.shape.controller,
             amplitude_m=point.amplitude_m,
             frequency_Hz=point.frequency_Hz,
             centre_m=point.centre_m,
             cycles=point.cycles,
             ramp_in_cycles=point.ramp_in_cycles,
             ramp_out_cycles=point.ramp_out_cycles,
+            **({"table": point.shape.table_m(point.amplitude_m)} if point.shape.controller == "table" else {}),
         )
 
     def _stop(self, action: act.Stop) -> None:

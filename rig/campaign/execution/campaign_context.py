@@ -110,7 +110,7 @@ class CampaignContext:
     def context(self, point: TestPoint, attempt: int, commanded: TestPoint) -> PointContext:
         """The header of a point's journal; `commanded` is the program that makes its motion."""
         return PointContext(
-            point={**vars(point), "id": self.attempt_name(point.id, attempt), **self._conditions(point, commanded)},
+            point={**point.to_json(), "id": self.attempt_name(point.id, attempt), **self._conditions(commanded)},
             sensors=sensor_contexts(self.bench),
             device_rate=self.bench.clock.device_rate,
             controller_delay_s=self.bench.actuator.input_delay_s,
@@ -122,10 +122,9 @@ class CampaignContext:
             calibration={**self.tolerances.attributes, **self.at_rest},
         )
 
-    def _conditions(self, point: TestPoint, commanded: TestPoint) -> dict[str, Any]:
+    def _conditions(self, commanded: TestPoint) -> dict[str, Any]:
         """What the point was to find, beside its own values."""
         conditions: dict[str, Any] = {
-            "steps_A": " ".join(f"{step_A:g}" for step_A in point.steps_A),
             "commanded_amplitude_m": commanded.amplitude_m,
             "commanded_centre_m": commanded.centre_m,
         }
