@@ -17,7 +17,7 @@ from pathlib import Path
 from rig.campaign.results import CampaignOptions, Display
 from rig.clock import monotonic_ns
 from rig.errors import EXIT_USAGE, Refused, RigError
-from rig.matrix.model import Specimen
+from rig.matrix.sections import Specimen
 from rig.recording.durable import room_for_truth
 
 SLOW_START_S = 3.0

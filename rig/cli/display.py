@@ -76,7 +76,7 @@ class PlainDisplay:
         self.done += 1
         line = Text(f"{MARKS.get(result.verdict, '-')} {result.id}  ", style=COLOURS.get(result.verdict, ""))
         line.append(
-            describe(result.waveform, result.amplitude_m, result.frequency_Hz, result.current_A).ljust(32), style="none"
+            describe(result.waveform, result.amplitude_m, result.frequency_Hz, result.current_A).ljust(31) + " ", style="none"
         )
         line.append(verdict_words(result))
         line.append(f"   {self.done}/{self.total}, {duration(self.time_left_s)} left", style="dim")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rig.campaign.results import CampaignOptions, CampaignResult
-    from rig.matrix.model import Identify
+    from rig.matrix.sections import Identify
 
 
 @dataclass(frozen=True)

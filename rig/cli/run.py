@@ -73,8 +73,7 @@ def command(
     from rig.cli.analysis_check import check_analysis
     from rig.cli.ending import ending
     from rig.cli.job import run_job
-    from rig.matrix.files import load_files
-    from rig.matrix.model import load_matrix
+    from rig.matrix.model import load_files, load_matrix
 
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]

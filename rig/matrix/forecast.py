@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rig.matrix.model import Specimen
 from rig.matrix.point import TestPoint
+from rig.matrix.sections import Specimen
 
 Forecast = Callable[[TestPoint], tuple[float | None, float | None]]
 """Largest force (N) and energy turned to heat over the whole program (J); None where unknown."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rig.campaign.stop_cause import StopCause
 from rig.errors import FileProblem
-from rig.matrix.model import Specimen
+from rig.matrix.sections import Specimen
 from rig.recording.durable import write_text_durably
 from rig.text_file import read_json
 

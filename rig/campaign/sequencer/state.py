@@ -12,8 +12,8 @@ from rig.campaign.stop_cause import MOST_RETRIES, StopCause, StopKind
 from rig.matrix.feasibility import command_limit, command_room
 from rig.matrix.forecast import forecaster
 from rig.matrix.model import Matrix
+from rig.matrix.order_by_heat import Load, Thermal, load_of, thermal_of, warm_up_point
 from rig.matrix.point import TestPoint
-from rig.matrix.schedule import Load, Thermal, load_of, thermal_of, warm_up_point
 
 DEMAGNETISING_RATIO = 0.7
 DEMAGNETISED_A = 0.05

@@ -17,9 +17,8 @@ from rig.campaign.sequencer.state import NO_CONDITIONS, Conditions, Phase, RigSt
 from rig.campaign.sequencer.step import step
 from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
 from rig.campaign.stop_cause import StopCause, StopKind
-from rig.matrix.heat import HeatModel
+from rig.matrix.order_by_heat import HeatModel, Load, Thermal
 from rig.matrix.point import TestPoint
-from rig.matrix.schedule import Load, Thermal
 
 POINTS = (
     TestPoint("p001", "sine", 0.02, 2.0, 0.5, cycles=3, rest_s=1.0),

@@ -13,13 +13,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from rig.matrix.heat import HeatModel
 from rig.matrix.point import TestPoint
 from rig.matrix.waveform import SINE
 
 if TYPE_CHECKING:
     from rig.matrix.forecast import Forecast
-    from rig.matrix.model import Temperature
+    from rig.matrix.sections import Temperature
 
 BETWEEN_POINTS_S = 0.5
 SEARCH_STEPS = 400_000
@@ -28,6 +27,33 @@ MOST_GREEDY = 1000
 """Beyond so many points the greedy order, whose time grows with their square, is left out: it would take seconds."""
 LEAST_GAIN_S = 1e-6
 UNREACHABLE_S = 1e7
+
+
+@dataclass(frozen=True)
+class HeatModel:
+    """How a damper warms and cools: one heat capacity C, one loss h to ambient Ta (PHYSICS section 11), solved exactly.
+
+    `C T' = P - h (T - Ta)`, so that T goes to `Ta + P/h` with the time constant `C/h`.
+    """
+
+    capacity_J_K: float = 1500.0
+    loss_W_K: float = 5.0
+    ambient_degC: float = 23.0
+
+    def after(self, start_degC: float, power_W: float, duration_s: float) -> float:
+        """Temperature (degC) after `duration_s` seconds under constant power (W)."""
+        final_degC = self.ambient_degC + power_W / self.loss_W_K
+        return final_degC + (start_degC - final_degC) * math.exp(-duration_s * self.loss_W_K / self.capacity_J_K)
+
+    def time_to(self, target_degC: float, start_degC: float, power_W: float = 0.0) -> float:
+        """Seconds under constant power until the target is reached from `start_degC`; inf when it never is."""
+        final_degC = self.ambient_degC + power_W / self.loss_W_K
+        share = (start_degC - final_degC) / (target_degC - final_degC) if target_degC != final_degC else math.inf
+        if start_degC == target_degC:
+            return 0.0
+        if not 1.0 <= share < math.inf:
+            return math.inf
+        return math.log(share) * self.capacity_J_K / self.loss_W_K
 
 
 @dataclass(frozen=True)
