@@ -14,14 +14,14 @@ from typing import Any
 
 from rig.campaign.results import Display, PointResult
 from rig.campaign.sequencer import event as ev
-from rig.campaign.stop_cause import StopCause, StopKind
+from rig.campaign.stop_cause import StopKind, because
 from rig.errors import Stopped
 from rig.matrix.plan import Plan
 
 STOPS = {
-    signal.SIGINT: (StopKind.S2, StopCause("sigint", "Ctrl-C")),
-    signal.SIGTERM: (StopKind.S1, StopCause("sigterm", "SIGTERM")),
-    signal.SIGHUP: (StopKind.S1, StopCause("sigterm", "SIGHUP: the terminal went away")),
+    signal.SIGINT: (StopKind.FADE_OUT, because("sigint", "said", text="Ctrl-C")),
+    signal.SIGTERM: (StopKind.PRESSURE_OFF, because("sigterm", "said", text="SIGTERM")),
+    signal.SIGHUP: (StopKind.PRESSURE_OFF, because("sigterm", "said", text="SIGHUP: the terminal went away")),
 }
 PAUSES = (signal.SIGTSTP, signal.SIGUSR1)
 """Ctrl-Z, or `kill -USR1`: pause after the running point; once more: go on."""

@@ -134,7 +134,7 @@ class StopReport:
     """How a campaign was stopped.
 
     Attributes:
-        kind: `S2`, `S1`, `SO` or `HW`.
+        kind: `S2`, `S1` or `SO`.
         slug: of the first cause.
         proved: the station proved standstill.
         current_zero: it proved 0 A, too.

@@ -2,27 +2,57 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from rig.campaign import words
 from rig.fault_matrix import restarts_by_itself
+from rig.recording.reason import BLAMED
 
 
 class StopKind(StrEnum):
-    """How a stop goes; analogues of IEC 60204-1, as in the fault matrix."""
+    """How the rig is stopped; the values are those of files and JSON.
 
-    S2 = "S2"
-    S1 = "S1"
-    SO = "SO"
-    HW = "HW"
+    FADE_OUT: current to 0 A, the controller fades out and holds. HALT: current to 0 A and the controller's open-loop
+    halt ramp. PRESSURE_OFF: as FADE_OUT, then hydraulics off.
+    """
+
+    FADE_OUT = "S2"
+    HALT = "SO"
+    PRESSURE_OFF = "S1"
 
 
 @dataclass(frozen=True)
 class StopCause:
-    """Why something was stopped, refused or invalidated: the fault matrix's slug, and what was seen."""
+    """Why something was stopped, refused or invalidated.
+
+    Attributes:
+        slug: the fault matrix's name; what is decided is decided by it.
+        detail: what was seen, in words.
+        message: which words (`rig.campaign.words`); empty where they come from elsewhere.
+        values: the numbers and names in them.
+    """
 
     slug: str
     detail: str = ""
+    message: str = field(default="", compare=False)
+    values: Mapping[str, object] = field(default_factory=dict, compare=False)
+
+    @property
+    def blamed(self) -> str:
+        """Who has to do something about it: `specimen`, `bench` or `test`."""
+        return BLAMED.get(self.slug, "bench")
+
+    def explained(self, slug: str, instead: str) -> StopCause:
+        """The same finding under another slug, with what explains it (`words.EXCHANGED`) in place of the advice."""
+        detail = words.message(self.message, dict(self.values), instead)
+        return replace(self, slug=slug, detail=detail)
+
+
+def because(slug: str, message: str, **values: object) -> StopCause:
+    """A cause in the words of `rig.campaign.words.MESSAGES`."""
+    return StopCause(slug, words.message(message, values), message, values)
 
 
 OPERATOR = frozenset({"sigint", "sigterm"})
@@ -39,8 +69,8 @@ SPOIL = frozenset({"rtu-stale"})
 
 
 def may_restart(stop: StopKind, cause: StopCause) -> bool:
-    """Whether a point stopped like this may be repeated without the operator; never after S1, SO or HW."""
-    return stop is StopKind.S2 and cause.slug in RESTARTS_BY_ITSELF
+    """Whether a point stopped like this may be repeated without the operator; never after HALT or PRESSURE_OFF."""
+    return stop is StopKind.FADE_OUT and cause.slug in RESTARTS_BY_ITSELF
 
 
 def stop_note(stop: StopKind, cause: StopCause) -> tuple[str, str]:

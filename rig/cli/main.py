@@ -14,7 +14,9 @@ from rig import __version__
 from rig.cli.output import write_examples, write_json
 from rig.cli.packages import foreign_packages
 from rig.cli.stream import say, take_every_character
-from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, Refused, RigError, Stopped
+from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, RigError
+
+OPERATOR_STOP = "sigint"
 
 # Command -> module that holds it as `command`, and its line in the help (so that the help loads no module).
 COMMANDS = {
@@ -95,41 +97,36 @@ def main(arguments: Sequence[str]) -> int:
         return int(cli.main(args=list(arguments), prog_name="rig", standalone_mode=False) or EXIT_DONE)
     except click.ClickException as error:
         error.show(sys.stderr)
-        if as_json:
-            write_json({"error": error.format_message(), "exit_code": EXIT_USAGE})
-        return EXIT_USAGE
+        return _ended("", {"error": error.format_message(), "slug": RigError.slug}, EXIT_USAGE, as_json=as_json)
+    except FileProblem as error:
+        answer: dict[str, object] = {"error": str(error), "slug": error.slug}
+        answer |= {"file": error.file, "problems": error.problems}
+        return _ended(str(error), answer, error.exit_code, as_json=as_json)
     except RigError as error:
-        _tell(f"rig: {error}" if not isinstance(error, FileProblem) else str(error), _described(error), as_json=as_json)
-        return error.exit_code
+        return _ended(f"rig: {error}", {"error": str(error), "slug": error.slug}, error.exit_code, as_json=as_json)
     except BrokenPipeError:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - whoever read the output has left; nothing more is said
         return EXIT_DONE
     except OSError as error:
         text = f"{error.filename or 'input or output'}: {error.strerror or error}"
-        _tell(f"rig: {text}", {"error": text, "exit_code": EXIT_USAGE}, as_json=as_json)
-        return EXIT_USAGE
+        return _ended(f"rig: {text}", {"error": text, "slug": FileProblem.slug}, EXIT_USAGE, as_json=as_json)
     except (click.Abort, KeyboardInterrupt):
-        text = "stopped by the operator"
-        _tell(f"rig: {text}", {"error": text, "exit_code": EXIT_STOPPED}, as_json=as_json)
-        return EXIT_STOPPED
+        text = "stopped by operator"
+        return _ended(f"rig: {text}", {"error": text, "slug": OPERATOR_STOP}, EXIT_STOPPED, as_json=as_json)
 
 
-def _tell(text: str, answer: dict[str, object], *, as_json: bool) -> None:
-    """Say why a command ended; a terminal that was closed takes nothing from its exit code."""
-    with contextlib.suppress(OSError):
-        say(text, err=True)
+def _ended(text: str, answer: dict[str, object], code: int, *, as_json: bool) -> int:
+    """End a command early: say why, in words and as one object; returns the exit code.
+
+    A terminal that was closed takes nothing from it.
+    """
+    if text:
+        with contextlib.suppress(OSError):
+            say(text, err=True)
     if as_json:
         with contextlib.suppress(OSError):
-            write_json(answer)
-
-
-def _described(error: RigError) -> dict[str, object]:
-    described: dict[str, object] = {"error": str(error), "exit_code": error.exit_code}
-    if isinstance(error, FileProblem):
-        described |= {"file": error.file, "problems": error.problems}
-    if isinstance(error, FileProblem | Refused | Stopped) and error.slug:
-        described["slug"] = error.slug
-    return described
+            write_json({**answer, "exit_code": code})
+    return code
 
 
 def run() -> None:

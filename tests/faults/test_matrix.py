@@ -63,7 +63,7 @@ def test_only_rows_with_automatic_resume_and_s2_restart_by_themselves() -> None:
 
     for slug, row in MATRIX.items():
         for kind in StopKind:
-            assert may_restart(kind, StopCause(slug)) is (row.resume == "a" and kind is StopKind.S2)
+            assert may_restart(kind, StopCause(slug)) is (row.resume == "a" and kind is StopKind.FADE_OUT)
 
 
 def test_exit_codes_follow_the_rows_and_a_file_of_no_use_is_a_bad_file() -> None:

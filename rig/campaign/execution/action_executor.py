@@ -22,8 +22,9 @@ from rig.campaign.results import PointResult, PointResults
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Request
-from rig.campaign.stop_cause import StopCause
+from rig.campaign.stop_cause import StopCause, because
 from rig.clock import monotonic_ns
+from rig.errors import told
 from rig.matrix.point import TestPoint
 from rig.recording.earlier_attempts import set_aside
 from rig.recording.finaliser import Finaliser
@@ -107,7 +108,7 @@ class ActionExecutor:
         if self._recorder is None or self._recorder.healthy:
             return None
         failure = self._recorder.failure
-        return StopCause("task-dies" if failure is None else disk_slug(failure), self._recorder.error)
+        return because("task-dies" if failure is None else disk_slug(failure), "said", text=self._recorder.error)
 
     def overdue(self) -> str | None:
         """The phase whose deadline has just passed; said once."""
@@ -125,7 +126,7 @@ class ActionExecutor:
         try:
             self.campaign.log.write(event, **fields)
         except OSError as error:
-            self.trouble = self.trouble or StopCause(disk_slug(error), f"{self.campaign.log.path}: {error}")
+            self.trouble = self.trouble or because(disk_slug(error), "said", text=f"{self.campaign.log.path}: {error}")
 
     def enter(self, finished: FinishedPoint) -> PointResult | None:
         """Enter what the finaliser says about a point; None when it was not handed in here."""
@@ -135,7 +136,7 @@ class ActionExecutor:
                 self.note("warning", slug=finished.error_slug, text=f"{finished.id}: {finished.error}")
             return None
         if finished.error or not finished.file:
-            return self._give_up(point, StopCause("not-written", finished.error))
+            return self._give_up(point, because("not-written", "said", text=finished.error))
         file = self.campaign.folder / "points" / finished.file
         result = self.results.judged(
             point, file, finished.verdict, finished.reasons, finished.lost_samples, finished.quality
@@ -158,8 +159,7 @@ class ActionExecutor:
                 except TimeoutError:
                     if enough() or monotonic_ns() > deadline_ns:
                         self._handed_in.pop(name)
-                        text = "its file is not finished; `rig recover` or resuming will finish it"
-                        self._give_up(point, StopCause("not-written", text))
+                        self._give_up(point, because("not-written", "file-unfinished"))
         if self.results.complete and not enough():
             self._bring_to_one_skew(enough)
 
@@ -289,7 +289,7 @@ class ActionExecutor:
         try:
             self.campaign.baseline.keep(self.campaign.identities, signature, temperature_degC)
         except OSError as error:
-            self.trouble = self.trouble or StopCause(disk_slug(error), f"baseline.json: {error}")
+            self.trouble = self.trouble or because(disk_slug(error), "said", text=f"baseline.json: {error}")
 
     def _rest(self, action: act.Rest) -> None:
         self.observer.await_rest(action.rest_s)
@@ -367,8 +367,9 @@ class ActionExecutor:
         self._deadline = (action.phase, self.observer.device_s + action.device_s, earliest_ns, latest_ns)
 
     def _tell(self, action: act.Note) -> None:
-        self.note(action.level, text=action.text)
-        self.campaign.display.message(action.level, action.text)
+        text = told(action.text)
+        self.note(action.level, text=text)
+        self.campaign.display.message(action.level, text)
         if action.wait is not None:
             self.results.waits.append(action.wait)
 
@@ -383,7 +384,7 @@ class ActionExecutor:
 def cause_of(error: Exception) -> StopCause:
     """Why an action failed, by the kind of its error."""
     slug = disk_slug(error) if isinstance(error, OSError) else "task-dies"
-    return StopCause(slug, str(error) or type(error).__name__)
+    return because(slug, "said", text=str(error) or type(error).__name__)
 
 
 def disk_slug(error: BaseException) -> str:

@@ -32,7 +32,7 @@ from rig.campaign.sequencer import stopping
 from rig.campaign.sequencer.action import Request
 from rig.campaign.sequencer.state import Latch, Phase, RigState, State, conditions_of, start_state
 from rig.campaign.sequencer.step import step
-from rig.campaign.stop_cause import SPOIL, StopCause, StopKind
+from rig.campaign.stop_cause import SPOIL, StopCause, StopKind, because
 from rig.clock import WallClockWatch, monotonic_ns
 from rig.recording.finaliser import Finaliser
 from rig.recording.ring_reader import RingReader
@@ -146,10 +146,11 @@ class Runner:
         except Exception as error:  # noqa: BLE001 - the last resort of the loop stops the rig
             self._failures += 1
             self._tell_failure("the campaign's loop", error)
+            cause = because("task-dies", "said", text=_named(error))
             if self._failures == 1:
-                self._waiting.appendleft(ev.Fault(StopKind.S2, StopCause("task-dies", _named(error))))
+                self._waiting.appendleft(ev.Fault(StopKind.FADE_OUT, cause))
             elif self._failures > MOST_FAILURES:
-                self.state, actions = stopping.leave_to_station(self.state, StopCause("task-dies", _named(error)))
+                self.state, actions = stopping.leave_to_station(self.state, cause)
                 self._carry_out(actions)
 
     def _tell_failure(self, what: str, error: Exception) -> None:
@@ -163,7 +164,8 @@ class Runner:
             if what not in self._said:
                 self._said.add(what)
                 self._tell_failure(what, error)
-                self._waiting.append(ev.Fault(StopKind.S2, StopCause("task-dies", f"{what}: {_named(error)}")))
+                cause = because("task-dies", "said", text=f"{what}: {_named(error)}")
+                self._waiting.append(ev.Fault(StopKind.FADE_OUT, cause))
             return []
 
     def _turn(self) -> None:
@@ -254,7 +256,8 @@ class Runner:
             self._campaign.display.message("warning", f"{message.get('slug')}: {detail}")
         if name in {"trip", "also"}:
             self.stop_causes.add(str(message["slug"]))
-            return [ev.Tripped(StopKind(message["stop"]), StopCause(str(message["slug"]), detail), name == "trip")]
+            cause = because(str(message["slug"]), "said", text=detail)
+            return [ev.Tripped(StopKind(message["stop"]), cause, name == "trip")]
         if name == "safe":
             self.current_zero = message.get("current_zero") is True
             return [ev.Safe()]
@@ -265,7 +268,7 @@ class Runner:
             text = f"the station did not watch the rig for {late_ms:.0f} ms (number {count}); what waited is flagged"
             self._executor.carry_out(act.Remark("host-late", text))
         if name == "warning" and message.get("slug") in SPOIL:
-            return [ev.Spoiled(StopCause(str(message["slug"]), detail))]
+            return [ev.Spoiled(because(str(message["slug"]), "said", text=detail))]
         return []
 
     def _answered(self, outcome: Outcome) -> ev.Event:
@@ -273,7 +276,7 @@ class Runner:
         if isinstance(error, StationLost):
             return ev.StationGone(str(error))
         if error is not None:
-            return ev.Declined(request, StopCause(error.slug, error.message))
+            return ev.Declined(request, because(error.slug, "said", text=error.message))
         if request is Request.CONNECT:
             self._connected(outcome.answer)
             other = self._campaign.baseline.other_device(outcome.answer)
@@ -297,8 +300,7 @@ class Runner:
         if executor.recorder_trouble is not None:
             self._fault_once(executor.recorder_trouble)
         if not self._finaliser.alive:
-            text = "the finaliser process has ended; `rig recover` finishes what it left"
-            self._fault_once(StopCause("task-dies", text))
+            self._fault_once(because("task-dies", "finaliser-ended"))
         if executor.trouble is not None:
             self._fault_once(executor.trouble)
         newest_ns = executor.observer.last_host_ns(Channel.STATE)
@@ -308,14 +310,14 @@ class Runner:
             self._fault_once(self._stale_cause(stale_s))
         if self._ring is not None and self._ring.lost > 0 and "lapped" not in self._said:
             self._said.add("lapped")
-            cause = StopCause("slow-consumer", f"{self._ring.lost} records overwritten unread")
+            cause = because("slow-consumer", "records-lost", count=self._ring.lost)
             self._waiting.append(ev.Spoiled(cause))
 
     def _stale_cause(self, stale_s: float) -> StopCause:
         """Why no status comes: the station's own beat in the ring tells whether it runs at all."""
         if self._ring is not None and self._turn_ns - self._ring.writer_heartbeat_ns > 0.5e9 * stale_s:
-            return StopCause("host-silent", f"the station has not run for {stale_s / 2:g} s or longer")
-        return StopCause("data-stale", f"no status of the controller for {stale_s:g} s")
+            return because("host-silent", "station-silent", silent_s=stale_s / 2.0)
+        return because("data-stale", "no-status", silent_s=stale_s)
 
     def _observe(self, records: NDArray[Any]) -> ev.Event | None:
         """The awaited fact in new records; a load train that changed is a fault of its own."""
@@ -327,7 +329,7 @@ class Runner:
         changed = self._load_train.watch(records)
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
         if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":
-            self._fault_once(StopCause("load-train", changed), StopKind.S1)
+            self._fault_once(because("load-train", "said", text=changed), StopKind.PRESSURE_OFF)
         return self._executor.observer.observe(records)
 
     def _watch_wall_clock(self) -> None:
@@ -338,7 +340,7 @@ class Runner:
             self._executor.note("warning", slug="clock-step", text=text, stepped_s=stepped_s)
             self._campaign.display.message("warning", f"clock-step: {text}")
 
-    def _fault_once(self, cause: StopCause, stop: StopKind = StopKind.S2) -> None:
+    def _fault_once(self, cause: StopCause, stop: StopKind = StopKind.FADE_OUT) -> None:
         if cause.slug not in self._said:
             self._said.add(cause.slug)
             self._waiting.append(ev.Fault(stop, cause))

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.campaign.stop_cause import StopCause
+from rig.campaign.stop_cause import StopCause, because
 from rig.errors import FileProblem
 from rig.matrix.sections import Specimen
 from rig.recording.durable import write_text_durably
@@ -107,18 +107,14 @@ def judge_damper(found: Signature | None, expected: Signature | None, first: Sig
         first: the signature of the campaign's first session; None in the first.
     """
     if found is None or not (math.isfinite(found.mean_N) and math.isfinite(found.swing_N)):
-        return StopCause("wrong-damper", "its 0 A signature could not be measured")
+        return because("wrong-damper", "no-signature")
     if first is not None:
         mean_off = abs(found.mean_N - first.mean_N) > MEAN_SHARE * abs(first.mean_N) + MEAN_N
         swing_off = abs(found.swing_N - first.swing_N) > SWING_SHARE * first.swing_N + SWING_N
         if mean_off or swing_off:
-            return StopCause("wrong-damper", f"0 A signature {found}, in the campaign's first session {first}")
+            return because("wrong-damper", "other-signature", now=found, first=first)
     if expected is not None and found.peak_N > (1.0 + STRONGER_SHARE) * expected.peak_N + STRONGER_N:
-        return StopCause(
-            "wrong-damper",
-            f"0 A signature {found}, the prior predicts {expected}: the plan does not hold for this damper; mount the "
-            "right one, or correct the specimen's prior",
-        )
+        return because("wrong-damper", "stronger-damper", now=found, expected=expected)
     return None
 
 
@@ -165,10 +161,8 @@ class Baseline:
             found = _lasting(device, identities)
             for name, value in known.items():
                 if found.get(name) != value:
-                    return StopCause(
-                        "wrong-identity",
-                        f"{device}: {name} {found.get(name)!r}, in the campaign's first session {value!r}",
-                    )
+                    now = found.get(name)
+                    return because("wrong-identity", "other-device", device=device, name=name, now=now, first=value)
         return None
 
     def other_temperature(self, now_degC: float, seen_degC: Iterable[float]) -> StopCause | None:
@@ -186,13 +180,11 @@ class Baseline:
         if low_degC <= now_degC <= high_degC:
             return None
         if math.isnan(now_degC):
-            return StopCause("temperature-window", "the ECU reports no coil temperature")
-        seen = f"this campaign saw {min(known):.1f} to {max(known):.1f} degC"
-        advice = "let it cool down" if now_degC > high_degC else "warm the room or the damper"
-        return StopCause(
-            "temperature-window",
-            f"coil at {now_degC:.1f} degC; {seen} and goes on from {low_degC:.1f} to {high_degC:.1f} degC: {advice}, "
-            "then resume",
+            return because("temperature-window", "no-coil-temperature")
+        message = "too-hot-to-resume" if now_degC > high_degC else "too-cold-to-resume"
+        return because(
+            "temperature-window", message, now_degC=now_degC, lowest_degC=min(known), highest_degC=max(known),
+            from_degC=low_degC, to_degC=high_degC,
         )
 
     def keep(self, identities: Mapping[str, Any], signature: Signature, temperature_degC: float) -> None:

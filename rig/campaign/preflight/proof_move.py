@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from rig.campaign.sequencer import event as ev
-from rig.campaign.stop_cause import StopCause
+from rig.campaign.stop_cause import StopCause, because
 
+SWAPPED = "sensors-swapped"
 PROOF_M = 2e-3
 PROOF_SPEED_M_S = 0.010
 SCALE_TOLERANCE = 0.1
@@ -74,20 +75,16 @@ def judge_proof(up: Leg, down: Leg) -> StopCause | None:
     moved_m, shown_m = up.position_m - down.position_m, up.lvdt_m - down.lvdt_m
     scale = shown_m / moved_m if moved_m > 0.5 * PROOF_M else math.nan
     if not abs(scale - 1.0) <= SCALE_TOLERANCE:
-        return _swapped(f"the LVDT shows {1e3 * shown_m:.3g} mm where the controller moved {1e3 * moved_m:.3g} mm")
+        return because(SWAPPED, "lvdt-scale", shown_mm=1e3 * shown_m, moved_mm=1e3 * moved_m)
     force_N, noise_N = _difference(up.force_N, down.force_N)
     if force_N < -SURE * noise_N:
-        return _swapped(f"the load cell shows {-force_N:.3g} N less on the way up than down, but a damper resists")
+        return because(SWAPPED, "force-sign", force_N=-force_N)
     coarse_N, coarse_noise_N = _difference(up.controller_force_N, down.controller_force_N)
     if abs(coarse_N) <= SURE * coarse_noise_N or abs(force_N) <= SURE * noise_N:
         return None
     if not 1.0 / FORCE_FACTOR <= force_N / coarse_N <= FORCE_FACTOR:
-        return _swapped(f"the load cell shows a force of motion of {force_N:.3g} N, the controller {coarse_N:.3g} N")
+        return because(SWAPPED, "force-scale", force_N=force_N, own_N=coarse_N)
     return None
-
-
-def _swapped(seen: str) -> StopCause:
-    return StopCause("sensors-swapped", f"proof move: {seen}; check plugs, sign and sensitivity")
 
 
 def _difference(up_N: NDArray[np.float64], down_N: NDArray[np.float64]) -> tuple[float, float]:

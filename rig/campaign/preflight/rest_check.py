@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.campaign.stop_cause import StopCause
+from rig.campaign.stop_cause import StopCause, because
 from rig.recording.estimate import Estimate
 
 FEWEST_SAMPLES = 10
@@ -139,25 +139,20 @@ def judge_rest(seen: AtRest, limits: RestLimits) -> StopCause | None:
         ("controller force", seen.controller_force_N, 1),
     ):
         if len(samples) < fewest or not np.all(np.isfinite(samples)):
-            detail = f"{name}: {len(samples)} samples at rest, expected {fewest} or more, all finite"
-            return StopCause("not-tared", detail)
+            return because("not-tared", "few-samples", name=name, count=len(samples), fewest=fewest)
     for name, flagged in (("load cell", seen.force_flagged), ("LVDT", seen.displacement_flagged)):
         if flagged:
-            told = "samples at rest with the sensor's own overload or fault flag, expected none; check it and its cable"
-            return StopCause("not-tared", f"{name}: {flagged} {told}")
+            return because("not-tared", "flagged-samples", name=name, count=flagged)
     cause = _first(seen, limits)
     if cause is None:
         return None
-    for what, explained in (
-        ("load cell and LVDT are exchanged: swap their plugs", _first(seen.exchanged(limits), limits) is None),
-        (
-            "the load cell's sign is wrong",
-            _mirrored(seen.force_N, seen.controller_force_N, limits.zero_N),
-        ),
-        ("the LVDT's sign is wrong", _mirrored(seen.displacement_m, seen.position_m, limits.disagreement_m)),
+    for what, explains in (
+        ("plugs", _first(seen.exchanged(limits), limits) is None),
+        ("force-sign", _mirrored(seen.force_N, seen.controller_force_N, limits.zero_N)),
+        ("lvdt-sign", _mirrored(seen.displacement_m, seen.position_m, limits.disagreement_m)),
     ):
-        if explained:
-            return StopCause("sensors-swapped", f"{cause.detail.partition(';')[0]}; {what}")
+        if explains:
+            return cause.explained("sensors-swapped", what)
     return cause
 
 
@@ -193,36 +188,25 @@ def _force_zero(seen: AtRest, limits: RestLimits) -> StopCause | None:
     difference_N = seen.force_difference(limits.range_N)
     if not difference_N.beyond(0.0, limits.zero_N, SURE):
         return None
-    return StopCause(
-        "not-tared",
-        f"load cell against the controller's own force input: {difference_N.signed} N at rest, allowed "
-        f"{limits.zero_N:.3g} N for this test's force (blame: bench); one of the two is not zeroed, neither is proved: "
-        "tare the load cell and the controller's input, or write [checks] force_zero into the bench file",
-    )
+    return because("not-tared", "force-zero", difference=difference_N.signed, limit_N=limits.zero_N)
 
 
 def _current_zero(seen: AtRest, limits: RestLimits) -> StopCause | None:
     zero_A = seen.current_zero
     if zero_A is None or not zero_A.beyond(0.0, limits.current_zero_A, SURE):
         return None
-    return StopCause(
-        "not-tared",
-        f"the ECU reports {zero_A.times(1e3).signed} mA while its output stage is off, allowed "
-        f"{1e3 * limits.current_zero_A:.3g} mA (blame: bench); its measurement and its command of 0 A disagree: "
-        "have the ECU's current measurement zeroed, or write [checks] current_zero into the bench file",
-    )
+    limit_mA = 1e3 * limits.current_zero_A
+    return because("not-tared", "current-zero", zero=zero_A.times(1e3).signed, limit_mA=limit_mA)
 
 
 def _over(what: str, value: float, limit: float, unit: str) -> StopCause | None:
     if value <= limit:
         return None
-    return StopCause("not-tared", f"{what}: {value:.3g} {unit}, allowed {limit:.3g} {unit}; tare it or check its cable")
+    return because("not-tared", "rest-value", what=what, value=value, limit=limit, unit=unit)
 
 
 def _outside(mean_m: float, limits: RestLimits) -> StopCause | None:
     if limits.position_min_m <= mean_m <= limits.position_max_m:
         return None
-    allowed = f"{1e3 * limits.position_min_m:g}..{1e3 * limits.position_max_m:g} mm"
-    return StopCause(
-        "not-tared", f"LVDT at rest: {1e3 * mean_m:.3g} mm, allowed {allowed}; move the rod by hand or tare it"
-    )
+    low_mm, high_mm = 1e3 * limits.position_min_m, 1e3 * limits.position_max_m
+    return because("not-tared", "rest-position", value_mm=1e3 * mean_m, low_mm=low_mm, high_mm=high_mm)

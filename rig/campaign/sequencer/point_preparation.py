@@ -16,7 +16,7 @@ from rig.campaign.sequencer import amplitude_compensation, stopping
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.state import Phase, State, demagnetising_currents
 from rig.campaign.sequencer.stopping import Step
-from rig.campaign.stop_cause import StopCause, StopKind
+from rig.campaign.stop_cause import StopCause, StopKind, because
 from rig.matrix.point import TestPoint
 
 Onwards = Callable[[State], Step]
@@ -108,8 +108,10 @@ def warm(state: State, now_degC: float, onwards: Onwards) -> Step:
     low_degC = math.nan if state.conditions.thermal is None else state.conditions.thermal.low_degC
     wanted = state.conditions.warm_up_program(now_degC, state.warmed_with)
     if wanted is None or state.warmed_s > state.conditions.longest_s:
-        text = f"{now_degC:.1f} degC after {state.warmed_s:.0f} s of warming up; the window begins at {low_degC:g} degC"
-        return stopping.fault(state, ev.Fault(StopKind.S2, StopCause("temperature-window", text)))
+        cause = because(
+            "temperature-window", "still-cold", now_degC=now_degC, warmed_s=state.warmed_s, low_degC=low_degC
+        )
+        return stopping.fault(state, ev.Fault(StopKind.FADE_OUT, cause))
     motion, motion_s = wanted
     state = replace(
         state, warming=motion, warmed_s=state.warmed_s + motion_s, warmed_with=(motion_s, now_degC)
@@ -124,9 +126,9 @@ def cool(state: State, now_degC: float, highest_degC: float) -> Step:
     thermal, point = state.conditions.thermal, state.point
     forecast_s = math.inf if thermal is None else thermal.heat.time_to(highest_degC, now_degC)
     if forecast_s > state.conditions.longest_s:
-        left = "never" if math.isinf(forecast_s) else f"in {forecast_s:.0f} s"
-        text = f"{now_degC:.1f} degC; would be cool enough ({highest_degC:.1f} degC) {left}"
-        return give_up(state, StopCause("temperature-window", text))
+        message = "never-cool" if math.isinf(forecast_s) else "cool-too-late"
+        values = {"now_degC": now_degC, "highest_degC": highest_degC, "forecast_s": forecast_s}
+        return give_up(state, because("temperature-window", message, **values))
     wait = Wait(point.id, str(Phase.COOLING), now_degC, highest_degC, forecast_s)
     limit_s = COOLING_PATIENCE * forecast_s + COOLING_EXTRA_S
     actions = (act.Note("info", wait.text, wait), act.SetCurrent(0.0), act.AwaitTemperature(highest_degC))
@@ -143,7 +145,7 @@ def give_up(state: State, cause: StopCause) -> Step:
 
 def cooling_overdue(state: State, event: ev.TimedOut) -> Step:
     """The damper did not cool as forecast."""
-    return give_up(state, StopCause("temperature-window", "the damper did not cool down in twice the forecast time"))
+    return give_up(state, because("temperature-window", "cooling-overdue"))
 
 
 def demagnetise(state: State, next_A: float) -> Step | None:
@@ -166,5 +168,4 @@ def demagnetised(state: State, onwards: Onwards) -> Step:
 
 def demagnetising_overdue(state: State, event: ev.TimedOut) -> Step:
     """The ECU does not drive the sequence."""
-    text = "the measured current does not follow the demagnetising sequence; it needs an ECU that drives both signs"
-    return give_up(state, StopCause("current-tracking", text))
+    return give_up(state, because("current-tracking", "no-negative-current"))

@@ -21,7 +21,7 @@ from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.state import Phase, State
 from rig.campaign.sequencer.stopping import Handler, Step
-from rig.campaign.stop_cause import StopCause, StopKind
+from rig.campaign.stop_cause import StopKind, because
 
 CENTRING_LIMIT_S = 60.0
 ZEROS_LIMIT_S = 5.0
@@ -186,8 +186,9 @@ def _stepped(state: State, event: ev.RestOver) -> Step:
 
 def _second_master(state: State, event: ev.ProgramEnded) -> Step:
     """A program that ended before its end, though nobody here stopped it: nothing starts after it."""
-    detail = f"{point_preparation.program(state).id}: the motion was ended by somebody else: {event.cut_short}"
-    return stopping.fault(state, ev.Fault(StopKind.S2, StopCause("second-master", detail)))
+    point = point_preparation.program(state).id
+    cause = because("second-master", "ended-by-another", point=point, how=event.cut_short)
+    return stopping.fault(state, ev.Fault(StopKind.FADE_OUT, cause))
 
 
 def _ran_through(handler: Handler) -> Handler:
@@ -201,7 +202,7 @@ def _warmed(state: State, event: ev.ProgramEnded) -> Step:
 def _tried(state: State, event: ev.ProgramEnded) -> Step:
     held_at_m = _held(state, event)
     if event.motion is None:
-        cause = StopCause("amplitude", "the trial program showed no full cycle")
+        cause = because("amplitude", "no-full-cycle")
         return point_preparation.give_up(replace(state, held_at_m=held_at_m), cause)
     state = point_preparation.learn(replace(state, held_at_m=held_at_m), event)
     note = point_preparation.learned_note(state, event)
@@ -345,26 +346,27 @@ ALWAYS: dict[type[ev.Event], Handler] = {
 # Deadlines: no phase is without one, and none without an answer here
 
 
-def _stops(stop: StopKind, slug: str, detail: str) -> Handler:
+def _stops(stop: StopKind, slug: str, message: str, **values: object) -> Handler:
     """The answer of a phase that lasts longer than it may: stop the rig for this cause."""
-    return lambda state, _: stopping.fault(state, ev.Fault(stop, StopCause(slug, detail)))
+    return lambda state, _: stopping.fault(state, ev.Fault(stop, because(slug, message, **values)))
 
 
-_program_overdue = _stops(StopKind.S2, "modbus-write-lost", "the motion program did not run to its end in time")
+_program_overdue = _stops(StopKind.FADE_OUT, "modbus-write-lost", "program-overdue")
 
 
 def _current_never_settled(state: State, event: ev.TimedOut) -> Step:
     wanted_A = point_preparation.program(state).first_current_A
-    detail = f"measured current did not reach {wanted_A:g} A in {point_preparation.CURRENT_LIMIT_S:g} s"
-    return point_preparation.give_up(state, StopCause("current-tracking", detail))
+    limit_s = point_preparation.CURRENT_LIMIT_S
+    cause = because("current-tracking", "current-not-settled", wanted_A=wanted_A, limit_s=limit_s)
+    return point_preparation.give_up(state, cause)
 
 
 def _unanswered(state: State, event: ev.TimedOut) -> Step:
     """A station that proves nothing is asked for a stop; before arming there is nothing to stop."""
-    cause = StopCause("task-dies", f"{state.phase}: the station proved nothing in time")
+    cause = because("task-dies", "unanswered", phase=state.phase)
     if not state.armed:
         return stopping.leave_to_station(state, cause)
-    return stopping.fault(state, ev.Fault(StopKind.S1, cause))
+    return stopping.fault(state, ev.Fault(StopKind.PRESSURE_OFF, cause))
 
 
 OVERDUE: dict[Phase, Handler] = {
@@ -376,24 +378,22 @@ OVERDUE: dict[Phase, Handler] = {
     Phase.RESETTING: stopping.overdue,
     Phase.FINISHING: stopping.overdue,
     Phase.CHECKING_RETURN: lambda state, _: stopping.disarm(state),
-    Phase.RESTING: _stops(StopKind.S2, "data-stale", "the controller's clock stands still"),
-    Phase.PAUSED: _stops(StopKind.S1, "pause-ended", f"paused for {PAUSE_LIMIT_S / 3600.0:g} h: pressure off"),
-    Phase.GATING: _stops(StopKind.S2, "temperature-window", "the ECU reports no temperature"),
+    Phase.RESTING: _stops(StopKind.FADE_OUT, "data-stale", "rest-overdue"),
+    Phase.PAUSED: _stops(StopKind.PRESSURE_OFF, "pause-ended", "pause-overdue", hours=PAUSE_LIMIT_S / 3600.0),
+    Phase.GATING: _stops(StopKind.FADE_OUT, "temperature-window", "no-temperature"),
     Phase.COOLING: point_preparation.cooling_overdue,
     Phase.DEMAGNETISING: point_preparation.demagnetising_overdue,
     Phase.WARMING: _program_overdue,
     Phase.ADAPTING: _program_overdue,
     Phase.STEPPING: _program_overdue,
-    Phase.CHECKING_ZEROS: lambda state, _: stopping.refuse(
-        state, StopCause("not-tared", "too few samples from the resting rig")
-    ),
-    Phase.PROVING_SENSORS: _stops(StopKind.S2, "modbus-write-lost", "the actuator did not carry out the proof move"),
-    Phase.CENTRING: _stops(StopKind.S2, "modbus-write-lost", "the actuator did not reach the centre"),
+    Phase.CHECKING_ZEROS: lambda state, _: stopping.refuse(state, because("not-tared", "few-rest-samples")),
+    Phase.PROVING_SENSORS: _stops(StopKind.FADE_OUT, "modbus-write-lost", "no-proof-move"),
+    Phase.CENTRING: _stops(StopKind.FADE_OUT, "modbus-write-lost", "centre-overdue"),
     Phase.SETTLING: _current_never_settled,
     Phase.RUNNING: _program_overdue,
-    Phase.CLEARING: _stops(StopKind.S1, "current-stuck", "the measured current did not return to 0 A"),
+    Phase.CLEARING: _stops(StopKind.PRESSURE_OFF, "current-stuck", "current-not-zero"),
     Phase.JUDGING: lambda state, _: stopping.finish(state),
-    Phase.STANDING: _stops(StopKind.S1, "stop-ignored", "the actuator did not come to rest"),
+    Phase.STANDING: _stops(StopKind.PRESSURE_OFF, "stop-ignored", "standstill-overdue"),
     Phase.STOPPING: stopping.overdue,
     Phase.COOLING_DOWN: lambda state, _: stopping.finish(state),
 }

@@ -14,7 +14,7 @@ from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import LEAST_WALL_S, PATIENCE, PROOF_WALL_S, Action, Request
 from rig.campaign.sequencer.state import Latch, Phase, RigState, State
-from rig.campaign.stop_cause import COOLS_FIRST, StopCause, StopKind, may_restart, stop_note
+from rig.campaign.stop_cause import COOLS_FIRST, StopCause, StopKind, because, may_restart, stop_note
 
 Step = tuple[State, tuple[Action, ...]]
 Handler = Callable[[State, Any], Step]
@@ -109,7 +109,7 @@ def stopped(state: State, event: ev.Safe) -> Step:
         return state, ()
     stop, cause = state.latch.stop, state.latch.cause
     state = replace(state, stopped=True)
-    if stop is StopKind.S1:
+    if stop is StopKind.PRESSURE_OFF:
         state = replace(state, pressurised=False, powered=False)
     if state.queue and not state.recording:
         state = replace(state, attempts=(*state.attempts, state.point.id))
@@ -154,19 +154,19 @@ def give_up_restart(state: State, event: ev.Fault | ev.Abort | ev.Tripped) -> St
 def not_proved_safe(state: State, event: ev.Unknown) -> Step:
     """The station cannot prove standstill or 0 A."""
     if not state.armed:
-        return refuse(state, StopCause("state-unknown", event.detail))
-    return lost(state, StopCause("state-unknown", event.detail))
+        return refuse(state, because("state-unknown", "said", text=event.detail))
+    return lost(state, because("state-unknown", "said", text=event.detail))
 
 
 def station_gone(state: State, event: ev.StationGone) -> Step:
     """Nobody is left to ask; before arming nothing can move, afterwards the rig's watchdogs act unseen."""
-    return leave_to_station(state, StopCause("task-dies", event.detail))
+    return leave_to_station(state, because("task-dies", "said", text=event.detail))
 
 
 def overdue(state: State, event: ev.TimedOut) -> Step:
     """What ends a stop, a reset or the campaign was not proved in time."""
     slug = "stop-ignored" if state.phase is Phase.STOPPING else "task-dies"
-    return leave_to_station(state, StopCause(slug, f"{state.phase}: the station proved nothing in time"))
+    return leave_to_station(state, because(slug, "unanswered", phase=state.phase))
 
 
 def leave_to_station(state: State, cause: StopCause) -> Step:
@@ -176,7 +176,7 @@ def leave_to_station(state: State, cause: StopCause) -> Step:
     """
     if not state.armed:
         return end(replace(state, refused=state.refused or cause) if state.latch is None else state)
-    first = state.latch or Latch(StopKind.S1, cause)
+    first = state.latch or Latch(StopKind.PRESSURE_OFF, cause)
     state, actions = end_recording(replace(state, latch=first, left_to_station=True), first.cause)
     state, more = end(state)
     left = "nothing more is asked of the station; its own watch and the controller's watchdog end the motion"
@@ -205,7 +205,7 @@ def action_failed(state: State, event: ev.ActionFailed) -> Step:
         watches = isinstance(event.action, act.WatchZeros | act.Deadline)
         return disarm(state) if watches else (without_restart(state), ())
     if state.latch is not None or state.armed:
-        return fault(state, ev.Fault(StopKind.S2, event.cause))
+        return fault(state, ev.Fault(StopKind.FADE_OUT, event.cause))
     return refuse(state, event.cause)
 
 
@@ -231,7 +231,7 @@ def declined(state: State, event: ev.Declined) -> Step:
         return declined_while_stopping(state, event)
     if not state.moved:
         return refuse(state, event.cause)
-    return fault(state, ev.Fault(StopKind.S2, event.cause))
+    return fault(state, ev.Fault(StopKind.FADE_OUT, event.cause))
 
 
 def disarm_declined(state: State, cause: StopCause) -> Step:
@@ -248,7 +248,7 @@ def disarm_declined(state: State, cause: StopCause) -> Step:
         return state, (act.Note("error", text), *actions)
     if state.latch is not None:
         return lost(state, cause)
-    return latch(state, StopKind.S1, cause, act.Stop(StopKind.S1, cause))
+    return latch(state, StopKind.PRESSURE_OFF, cause, act.Stop(StopKind.PRESSURE_OFF, cause))
 
 
 def declined_while_stopping(state: State, event: ev.Declined) -> Step:
@@ -265,7 +265,7 @@ def declined_while_stopping(state: State, event: ev.Declined) -> Step:
 def refuse(state: State, cause: StopCause) -> Step:
     """Refuse the campaign; once something has moved this is a fault like any other."""
     if state.moved:
-        return fault(state, ev.Fault(StopKind.S2, cause))
+        return fault(state, ev.Fault(StopKind.FADE_OUT, cause))
     state, actions = finish(replace(state, refused=cause))
     return state, (act.Note("error", f"refused: {cause.slug}: {cause.detail}"), *actions)
 
@@ -283,7 +283,7 @@ def finish(state: State) -> Step:
         return end(state)
     if state.powered and state.moved and state.latch is None:
         return enter(state, Phase.STANDING, act.AwaitStandstill(), device_s=STANDSTILL_LIMIT_S)
-    held = state.stopped and state.latch is not None and state.latch.stop is StopKind.S2
+    held = state.stopped and state.latch is not None and state.latch.stop is StopKind.FADE_OUT
     return check_return(state) if state.powered and state.moved and held else disarm(state)
 
 

@@ -21,7 +21,7 @@ POINTS = tuple(
 CAUSES = st.sampled_from(
     ["ecu-silent", "ecu-crc", "ecu-overtemp", "estop", "coil-open-short", "serial-garbage", "stroke-limit"]
 )
-KINDS = st.sampled_from([StopKind.S2, StopKind.S1, StopKind.SO])
+KINDS = st.sampled_from([StopKind.FADE_OUT, StopKind.PRESSURE_OFF, StopKind.HALT])
 ENDS = {
     Phase.STOPPING, Phase.COOLING_DOWN, Phase.RESETTING, Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED,
 }  # fmt: skip
@@ -109,7 +109,7 @@ class Rig(RuleBasedStateMachine):
         self.faults_in_open = self.faults_in_open or self.open is not None
         self.take(ev.Spoiled(StopCause(slug)))
 
-    @rule(kind=st.sampled_from([StopKind.S2, StopKind.S1]))
+    @rule(kind=st.sampled_from([StopKind.FADE_OUT, StopKind.PRESSURE_OFF]))
     def the_operator_stops(self, kind: StopKind) -> None:
         self.faults_in_open = self.faults_in_open or self.open is not None
         self.take(ev.Abort(kind, StopCause("sigint")))
