@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from rig.cli.output import Command, console, json_option, out_option, write_json
-from rig.cli.stream import say
+from rig.cli.output import Command, console, json_option, out_option, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 from rig.matrix.waveform import SINE, WAVEFORM_NAMES
 

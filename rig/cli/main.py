@@ -7,13 +7,13 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from importlib.machinery import PathFinder
+from pathlib import Path
 
 import click
 
 from rig import __version__
-from rig.cli.output import write_examples, write_json
-from rig.cli.packages import foreign_packages
-from rig.cli.stream import say, take_every_character
+from rig.cli.output import say, take_every_character, write_examples, write_json
 from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, RigError
 
 OPERATOR_STOP = "sigint"
@@ -48,6 +48,9 @@ EXIT_CODES = (
     ("6", "identification failed"),
     ("7", "rig state unknown: go and look"),
 )
+
+PACKAGES = ("drivers", "protocols", "simulators")
+"""What lies beside `rig`: names that other projects use, too."""
 
 
 class LazyGroup(click.Group):
@@ -127,6 +130,28 @@ def _ended(text: str, answer: dict[str, object], code: int, *, as_json: bool) ->
         with contextlib.suppress(OSError):
             write_json({**answer, "exit_code": code})
     return code
+
+
+def foreign_packages(search: list[str] | None = None) -> str | None:
+    """Name what is wrong with the four packages; None when all are ours.
+
+    Args:
+        search: where Python looks (default `sys.path`).
+
+    Returns:
+        One message with what to do, or None.
+    """
+    home = Path(__file__).resolve().parents[2]
+    for name in PACKAGES:
+        found = PathFinder.find_spec(name, search)
+        if found is None or found.origin is None:
+            return f"the package {name} is missing beside {home / 'rig'}: install mr-damper-rig again"
+        if Path(found.origin).resolve().parents[1] != home:
+            return (
+                f"the package {name} at {Path(found.origin).parent} belongs to another project of that name, and it "
+                f"hides ours in {home}: install mr-damper-rig into an environment of its own (python3 dev.py install)"
+            )
+    return None
 
 
 def run() -> None:

@@ -27,7 +27,7 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
     """Judge every point of MATRIX on a bench; exit 3 if any cannot be done, with what would fit."""
     from rig.cli.analysis_check import check_analysis
-    from rig.cli.plan_text import PlanText
+    from rig.cli.tables import PlanText
     from rig.matrix.model import load_files
     from rig.matrix.plan import plan
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import click
 
-from rig.cli.output import Command, json_option, write_json
-from rig.cli.stream import say
+from rig.cli.output import Command, json_option, say, write_json
 from rig.errors import EXIT_DONE
 
 

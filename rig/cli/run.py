@@ -71,8 +71,8 @@ def command(
     words = _requalified(requalified, resume)
     from rig.campaign.results import CampaignOptions
     from rig.cli.analysis_check import check_analysis
-    from rig.cli.ending import ending
     from rig.cli.job import run_job
+    from rig.cli.words import ending
     from rig.matrix.model import load_files, load_matrix
 
     path = _matrix_path(matrix, resume)
@@ -183,8 +183,8 @@ def show_result(result: JobResult, shown: Console) -> None:
 
     from rich.text import Text
 
-    from rig.cli.ending import ending
     from rig.cli.tables import duration, fit_tables
+    from rig.cli.words import ending
 
     campaign = result.campaign
     if not campaign.refused:

@@ -325,7 +325,8 @@ def test_pressure_is_only_gone_when_a_disarm_or_a_stop_with_hydraulics_off_was_p
     gone = [edge for edge in edges if edge.before.pressurised and not edge.after.pressurised]
     assert gone
     for edge in gone:
-        stopped = edge.event in PROOFS and edge.before.latch is not None and edge.before.latch.stop is StopKind.PRESSURE_OFF
+        latch = edge.before.latch
+        stopped = edge.event in PROOFS and latch is not None and latch.stop is StopKind.PRESSURE_OFF
         assert stopped or edge.event == ev.Done(Request.DISARM)
 
 
@@ -576,7 +577,9 @@ def test_nonsense_is_not_a_campaign(points: tuple[TestPoint, ...], retries: int)
 
 
 @pytest.mark.parametrize(
-    "event", [ev.Abort(StopKind.FADE_OUT, StopCause("sigint")), ev.Fault(StopKind.FADE_OUT, StopCause("disk-full"))], ids=str
+    "event",
+    [ev.Abort(StopKind.FADE_OUT, StopCause("sigint")), ev.Fault(StopKind.FADE_OUT, StopCause("disk-full"))],
+    ids=str,
 )
 def test_an_operator_or_a_fault_ends_a_restart_under_way(event: ev.Event) -> None:
     state, _ = play(start_state(POINTS, 1), until=Phase.RUNNING)
@@ -619,7 +622,9 @@ def test_at_the_end_the_zeros_are_checked_again_before_the_pressure_goes() -> No
     assert again < off
 
 
-@pytest.mark.parametrize(("stop", "checked"), [(StopKind.FADE_OUT, True), (StopKind.PRESSURE_OFF, False), (StopKind.HALT, False)])
+@pytest.mark.parametrize(
+    ("stop", "checked"), [(StopKind.FADE_OUT, True), (StopKind.PRESSURE_OFF, False), (StopKind.HALT, False)]
+)
 def test_after_a_stop_the_zeros_are_only_checked_where_the_rod_is_held(stop: StopKind, checked: bool) -> None:
     state, _ = play(start_state(POINTS, 0), until=Phase.RUNNING)
     state, _ = step(state, ev.Tripped(stop, FINAL))

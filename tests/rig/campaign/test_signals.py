@@ -19,7 +19,8 @@ def test_signals_become_aborts_in_order_and_the_process_lives() -> None:
         assert signals.take() == []
     assert all(isinstance(abort, ev.Abort) for abort in aborts)
     kinds = [(abort.stop, abort.cause.slug) for abort in aborts if isinstance(abort, ev.Abort)]
-    assert kinds == [(StopKind.FADE_OUT, "sigint"), (StopKind.PRESSURE_OFF, "sigterm"), (StopKind.PRESSURE_OFF, "sigterm")]
+    pressure_off = (StopKind.PRESSURE_OFF, "sigterm")
+    assert kinds == [(StopKind.FADE_OUT, "sigint"), pressure_off, pressure_off]
 
 
 def test_handlers_are_given_back() -> None:

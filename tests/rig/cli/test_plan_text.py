@@ -12,7 +12,7 @@ from rich.console import Console
 
 from rig.bench.model import Bench
 from rig.cli.main import main
-from rig.cli.plan_text import PlanText, duration, energy
+from rig.cli.tables import PlanText, duration, energy
 from rig.errors import EXIT_DONE, EXIT_REFUSED
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig.bench.model import Bench
-from rig.cli.plan_text import PlanText
+from rig.cli.tables import PlanText
 from rig.dampers import model, parameter_set
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
