@@ -20,9 +20,8 @@ from rig.campaign.machine_resources import locked, ring_path_for
 from rig.campaign.operator_link import GuardedDisplay, Signals
 from rig.campaign.preflight.baseline import read_baseline
 from rig.campaign.preflight.zero_return import doubt_points
-from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResults, StopReport
+from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResults, RigState, StopReport
 from rig.campaign.resume import Stock
-from rig.campaign.sequencer.state import RigState
 from rig.campaign.setup import (
     check_calibrations,
     check_clocks,
@@ -118,7 +117,7 @@ def _campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         locks = locks or ends.enter_context(locked(bench))
         signals.check()
         ended = _run(start, locks, log, finaliser, signals, display)
-        if ended.rig_state == RigState.UNKNOWN:
+        if ended.rig_state is RigState.UNKNOWN:
             rig.settle_s = _dead_men_s(bench, start.plan)
         elif ended.stopped_by is not None:
             rig.settle_s = TRUTH_AFTER_STOP_S / bench.clock.device_rate
@@ -160,7 +159,7 @@ def _stock(
     for stop in stops:
         display.message("info", f"by resuming you confirm that this is mended: {stop.text}")
     log.write(
-        "resumed", kept=[each.id for each in stock.results], remaining=[each.id for each in stock.remaining],
+        "resumed", kept=[result.id for result in stock.results], remaining=[point.id for point in stock.remaining],
         confirmed=confirmed,
     )
     if options.simulate and (names := resume.left_out(folder)):
@@ -175,9 +174,9 @@ def _stock(
 
 
 def _nothing_left(folder: Path, matrix: Matrix, stock: resume.Stock) -> CampaignResult:
-    results = PointResults(matrix.points(), {each.id: each for each in stock.results})
+    results = PointResults(matrix.points(), {result.id: result for result in stock.results})
     return CampaignResult(
-        folder, results.all_results(), results.valid, len(results.points), str(RigState.SAFE), None, "", False, 0.0,
+        folder, results.all_results(), results.valid, len(results.points), RigState.SAFE, None, "", False, 0.0,
         0.0,
         confirmed=tuple(stop.to_json() for stop in stock.confirmed),
     )
@@ -342,7 +341,7 @@ def result_of(runner: Runner, folder: Path, stock: Stock) -> CampaignResult:
         points=results.all_results(),
         valid=results.valid,
         total=len(results.points),
-        rig_state=str(RigState(state.rig_state)),
+        rig_state=state.rig_state,
         stopped_by=None if cause is None else cause.slug,
         detail="" if cause is None else cause.detail,
         refused=state.refused is not None,

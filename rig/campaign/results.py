@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,7 +13,14 @@ from rig.campaign.stop_cause import StopCause
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
-from rig.recording.verdict import blamed
+from rig.recording.reason import Kind, Reason, blamed
+
+
+class RigState(StrEnum):
+    """What is known about the rig when a campaign has ended."""
+
+    SAFE = "safe"
+    UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
@@ -56,6 +64,11 @@ class PointResult:
     current_A: float
     lost_samples: int
     quality: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def slugs(self) -> tuple[str, ...]:
+        """The reasons' names."""
+        return tuple(Reason.stored(line, Kind.SUSPECT).slug for line in self.reasons)
 
     def to_json(self) -> dict[str, Any]:
         """The keys of one entry of `points` in `rig run --json`; `file` absolute or null."""
@@ -180,7 +193,7 @@ class CampaignResult:
     points: tuple[PointResult, ...]
     valid: int
     total: int
-    rig_state: str
+    rig_state: RigState
     stopped_by: str | None
     detail: str
     refused: bool
@@ -195,7 +208,7 @@ class CampaignResult:
     @property
     def exit_code(self) -> int:
         """The command's exit code before identification: the first that applies of 7, 3, 4, 5, 0."""
-        if self.rig_state == "unknown":
+        if self.rig_state == RigState.UNKNOWN:
             return EXIT_UNKNOWN_STATE
         if self.refused:
             return EXIT_REFUSED

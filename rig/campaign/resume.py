@@ -107,12 +107,12 @@ def described(folder: Path) -> dict[str, Any]:
     Raises:
         FileProblem: there is none, or it is damaged.
     """
-    found = read_campaign(folder) if folder.is_dir() else {}
-    if not isinstance(found.get("hashes"), dict) or not (folder / "matrix.toml").is_file():
+    description = read_campaign(folder) if folder.is_dir() else {}
+    if not isinstance(description.get("hashes"), dict) or not (folder / "matrix.toml").is_file():
         raise FileProblem(
             str(folder), ["holds no campaign that was begun; give the directory `rig run` printed (see `rig runs`)"]
         )
-    return found
+    return description
 
 
 def same_matrix(folder: Path, matrix: Matrix) -> None:
@@ -182,30 +182,30 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         points: the matrix's points in order.
     """
     (folder / "points").mkdir(exist_ok=True)
-    problems = [f"{each.id}: {each.error}" for each in recover_held(folder) if each.error]
+    problems = [f"{finished.id}: {finished.error}" for finished in recover_held(folder) if finished.error]
     best: dict[str, tuple[tuple[int, int], RecordedPoint]] = {}
     attempts: dict[str, int] = {}
     temperatures_degC: list[float] = []
     for file in sorted((folder / "points").glob("*.h5")):
         try:
-            found = RecordedPoint.open(file, whole=False)
+            recorded = RecordedPoint.open(file, whole=False)
         except FileProblem as error:
             problems += [f"points/{file.name}: {problem}" for problem in error.problems]
             continue
-        name = str(found.provenance.get("point", found.id))
+        name = str(recorded.provenance.get("point", recorded.id))
         try:
-            attempt = int(found.provenance.get("attempt", 1))
-            seen_degC = [float(found.quality[each]) for each in TEMPERATURES if each in found.quality]
-            rank = (RANKS.index(found.verdict), attempt)
+            attempt = int(recorded.provenance.get("attempt", 1))
+            seen_degC = [float(recorded.quality[name]) for name in TEMPERATURES if name in recorded.quality]
+            rank = (RANKS.index(recorded.verdict), attempt)
         except (TypeError, ValueError) as error:
             problems.append(f"points/{file.name}: not as a campaign writes it: {error}")
             continue
         temperatures_degC += seen_degC
         attempts[name] = max(attempts.get(name, 0), attempt)
         if name not in best or rank > best[name][0]:
-            best[name] = rank, found
+            best[name] = rank, recorded
     points = tuple(points)
-    kept = {name: found for name, (_, found) in best.items() if found.verdict != INVALID}
+    kept = {name: recorded for name, (_, recorded) in best.items() if recorded.verdict != INVALID}
     return Stock(
         results=tuple(_result(point, kept[point.id]) for point in points if point.id in kept),
         remaining=tuple(point for point in points if point.id not in kept),
@@ -253,17 +253,17 @@ def _session(options: CampaignOptions, confirmed: Iterable[EarlierStop]) -> dict
     }  # fmt: skip
 
 
-def _result(point: TestPoint, found: RecordedPoint) -> PointResult:
+def _result(point: TestPoint, recorded: RecordedPoint) -> PointResult:
     return PointResult(
         id=point.id,
-        file=found.path,
-        verdict=found.verdict,
-        reasons=found.reasons,
+        file=recorded.path,
+        verdict=recorded.verdict,
+        reasons=recorded.reasons,
         waveform=point.waveform,
         amplitude_m=point.amplitude_m,
         frequency_Hz=point.frequency_Hz,
         current_A=point.current_A,
-        lost_samples=found.lost_samples,
+        lost_samples=recorded.lost_samples,
     )
 
 

@@ -143,12 +143,12 @@ def foreign_packages(search: list[str] | None = None) -> str | None:
     """
     home = Path(__file__).resolve().parents[2]
     for name in PACKAGES:
-        found = PathFinder.find_spec(name, search)
-        if found is None or found.origin is None:
+        spec = PathFinder.find_spec(name, search)
+        if spec is None or spec.origin is None:
             return f"the package {name} is missing beside {home / 'rig'}: install mr-damper-rig again"
-        if Path(found.origin).resolve().parents[1] != home:
+        if Path(spec.origin).resolve().parents[1] != home:
             return (
-                f"the package {name} at {Path(found.origin).parent} belongs to another project of that name, and it "
+                f"the package {name} at {Path(spec.origin).parent} belongs to another project of that name, and it "
                 f"hides ours in {home}: install mr-damper-rig into an environment of its own (python3 dev.py install)"
             )
     return None

@@ -20,8 +20,8 @@ def command(run: Path, as_json: bool) -> int:
 
     path = write_report(run).resolve()
     if as_json:
-        found = json.loads((path.parent / "characteristics.json").read_text(encoding="utf-8"))
-        write_json({"campaign": str(run.resolve()), "report": str(path), "characteristics": found})
+        characteristics = json.loads((path.parent / "characteristics.json").read_text(encoding="utf-8"))
+        write_json({"campaign": str(run.resolve()), "report": str(path), "characteristics": characteristics})
     else:
         say(path)
     return EXIT_DONE

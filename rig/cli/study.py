@@ -46,8 +46,8 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
 
         outcome = run_study(file, folder, processes, show, scheduler)
     if as_json:
-        found = plain(outcome.tables, outcome.kruskal_wallis, outcome.facts)
-        write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **found})
+        results = plain(outcome.tables, outcome.kruskal_wallis, outcome.facts)
+        write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **results})
     else:
         shown = console()
         counts = f"{outcome.facts['searches']} searches over {outcome.facts['samples']} samples"

@@ -267,9 +267,9 @@ def _remarks(fit: Mapping[str, Any]) -> list[Text]:
         low, high = ("open" if end is None else f"{end:.5g}" for end in (entry["low"], entry["high"]))
         lines.append(Text(f"{name} by profile likelihood, 95 %: {low} to {high}"))
     lines += [Text(text, style="yellow") for text in _reasons(fit["parameters"])]
-    for each in fit.get("next_tests") or ():
-        lines.append(Text(f"next test: {each['text']}; lines for the matrix file:"))
-        lines.append(Text(each["toml"].strip(), style="cyan"))
+    for proposal in fit.get("next_tests") or ():
+        lines.append(Text(f"next test: {proposal['text']}; lines for the matrix file:"))
+        lines.append(Text(proposal["toml"].strip(), style="cyan"))
     lines += [Text(f"warning: {text}", style="yellow") for text in fit.get("warnings", [])]
     return lines
 

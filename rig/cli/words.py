@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rig.campaign.confirmation import resume_command
+from rig.campaign.results import INVALID, NOT_RUN, RigState
 from rig.campaign.stop_cause import OPERATOR, StopCause, StopKind
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
     """Lines for the operator, each with its style (of rich); none for a campaign that ran to its end, all valid."""
     stop = result.stop
     lines: list[tuple[str, str]] = []
-    if result.rig_state == "unknown":
+    if result.rig_state == RigState.UNKNOWN:
         lines.append(("bold red", UNKNOWN))
     if result.refused:
         lines.append(("red", f"Refused before anything moved: {result.stopped_by}: {result.detail}"))
@@ -57,16 +58,16 @@ def stands(stop: StopReport) -> str:
 
 def left(stop: StopReport, result: CampaignResult) -> str:
     """What is not finished."""
-    waiting = sum(point.verdict == "not run" for point in result.points)
+    waiting = sum(point.verdict == NOT_RUN for point in result.points)
     said = f"{stop.unfinished} not finished" if stop.unfinished else "every point was run"
-    if stop.unfinished and any(point.id == stop.unfinished and point.verdict == "not run" for point in result.points):
+    if stop.unfinished and any(point.id == stop.unfinished and point.verdict == NOT_RUN for point in result.points):
         waiting -= 1
     return f"{said}, {waiting} not begun." if waiting > 0 else f"{said}."
 
 
 def verdict_words(result: PointResult) -> str:
     """A point's verdict and its reasons; a point that the operator stopped is nobody's fault."""
-    if result.verdict == "invalid" and any(_slug(reason) in OPERATOR for reason in result.reasons):
+    if result.verdict == INVALID and not OPERATOR.isdisjoint(result.slugs):
         return "not finished: stopped by operator"
     return "; ".join((result.verdict, *result.reasons))
 
@@ -75,7 +76,3 @@ def error_words(result: CampaignResult) -> str:
     """The `error` of `rig run --json`."""
     cause = StopCause(result.stopped_by or "", result.detail)
     return f"stopped by operator ({cause.detail})" if cause.slug in OPERATOR else cause.detail
-
-
-def _slug(reason: str) -> str:
-    return reason.partition(":")[0]

@@ -61,7 +61,7 @@ HALVES = {
 """Slugs of the station that share a row of the matrix with another one, and the tests that prove them."""
 
 DEAF_PREFLIGHT = (
-    Edit("rig/campaign/sequencer.py", "_arm(state) if event.cause is None else", "_arm(state) if True else"),
+    Edit("rig/campaign/sequencer/step.py", "_arm(state) if event.cause is None else", "_arm(state) if True else"),
 )
 
 MUTATIONS: dict[str, tuple[Edit, ...]] = {
@@ -129,8 +129,8 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     "wrong-damper": (
         Edit(
             "rig/campaign/preflight/baseline.py",
-            "if expected is not None and found.peak_N >",
-            "if False and expected is not None and found.peak_N >",
+            "if expected is not None and now.peak_N >",
+            "if False and expected is not None and now.peak_N >",
         ),
     ),
 }

@@ -262,8 +262,8 @@ class ActionExecutor:
         names = {"rest_coil_degC": Channel.COIL_TEMPERATURE, "rest_ecu_degC": Channel.ECU_TEMPERATURE}
         if names.keys() <= self.campaign.at_rest.keys():
             return {name: self.campaign.at_rest[name] for name in names}
-        found = {name: self.observer.value(channel) for name, channel in names.items()}
-        return found if self.results.began_ns is None and all(map(math.isfinite, found.values())) else {}
+        temperatures = {name: self.observer.value(channel) for name, channel in names.items()}
+        return temperatures if self.results.began_ns is None and all(map(math.isfinite, temperatures.values())) else {}
 
     def _zeros_again(self, seen: AtRest) -> ev.Event:
         self.zeros.end = at_rest(seen)
@@ -272,17 +272,17 @@ class ActionExecutor:
 
     def _judge_damper(self, up: Leg, down: Leg) -> StopCause | None:
         campaign = self.campaign
-        found, expected = measured_signature(up.force_N, down.force_N), self._expected
-        if found is None:
-            found = measured_signature(up.rest_force_N, down.rest_force_N)
-        self.note("signature", found=str(found), expected=str(expected), first=str(campaign.baseline.signature))
+        signature, expected = measured_signature(up.force_N, down.force_N), self._expected
+        if signature is None:
+            signature = measured_signature(up.rest_force_N, down.rest_force_N)
+        self.note("signature", found=str(signature), expected=str(expected), first=str(campaign.baseline.signature))
         temperature_degC = self.observer.value(Channel.COIL_TEMPERATURE)
-        cause = judge_damper(found, expected, campaign.baseline.signature)
+        cause = judge_damper(signature, expected, campaign.baseline.signature)
         if cause is None and campaign.matrix.temperature is None and self.results.began_ns is None:
             # With a window every point finds its own temperature; after a restart the session's own points have warmed.
             cause = campaign.baseline.other_temperature(temperature_degC, campaign.stock.temperatures_degC)
-        if cause is None and found is not None:
-            self._keep(found, temperature_degC)
+        if cause is None and signature is not None:
+            self._keep(signature, temperature_degC)
         return cause
 
     def _keep(self, signature: Signature, temperature_degC: float) -> None:

@@ -235,7 +235,7 @@ class LoadTrainWatch:
         """The cycle waited for will not be completed: every channel is already at a later one."""
         newest = [next(reversed(self._tracks[channel].edges), None) for channel in _EDGES.values()]
         ahead = [0 if edge is None else (edge - (self._next or 0)) % _EDGE_MODULUS for edge in newest]
-        return all(1 < each < _EDGE_MODULUS // 2 for each in ahead)
+        return all(1 < lead < _EDGE_MODULUS // 2 for lead in ahead)
 
     def _measure(self, force: Samples, displacement: Samples) -> Cycle | None:
         force_N, displacement_m = force.values, displacement.values

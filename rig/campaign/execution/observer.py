@@ -172,8 +172,8 @@ class Observer:
         """Wait for `CooledDown`: a coil temperature of at most `highest_degC`."""
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
-            found = records["value"][records["channel"] == Channel.COIL_TEMPERATURE]
-            return ev.CooledDown() if len(found) and float(found[-1]) <= highest_degC else None
+            temperatures = records["value"][records["channel"] == Channel.COIL_TEMPERATURE]
+            return ev.CooledDown() if len(temperatures) and float(temperatures[-1]) <= highest_degC else None
 
         self._wait = wait
 

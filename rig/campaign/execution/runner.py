@@ -25,12 +25,12 @@ from rig.campaign.execution.load_train import LoadTrainWatch
 from rig.campaign.execution.station_requests import LoopWatch, Outcome
 from rig.campaign.operator_link import Signals
 from rig.campaign.preflight.zero_return import ZeroReturn
-from rig.campaign.results import VALID, PointResults
+from rig.campaign.results import VALID, PointResults, RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer import stopping
 from rig.campaign.sequencer.action import Request
-from rig.campaign.sequencer.state import Latch, Phase, RigState, State, conditions_of, start_state
+from rig.campaign.sequencer.state import Latch, Phase, State, conditions_of, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import SPOIL, StopCause, StopKind, because
 from rig.clock import WallClockWatch, monotonic_ns

@@ -98,23 +98,23 @@ def measured_signature(up_N: FloatArray, down_N: FloatArray) -> Signature | None
     return Signature(0.5 * (up + down), 0.5 * abs(up - down))
 
 
-def judge_damper(found: Signature | None, expected: Signature | None, first: Signature | None) -> StopCause | None:
+def judge_damper(now: Signature | None, expected: Signature | None, first: Signature | None) -> StopCause | None:
     """Whether the damper is the campaign's; None when it is.
 
     Args:
-        found: its signature now; None when there was none to be measured.
+        now: its signature now; None when there was none to be measured.
         expected: what its prior predicts; None without a prior.
         first: the signature of the campaign's first session; None in the first.
     """
-    if found is None or not (math.isfinite(found.mean_N) and math.isfinite(found.swing_N)):
+    if now is None or not (math.isfinite(now.mean_N) and math.isfinite(now.swing_N)):
         return because("wrong-damper", "no-signature")
     if first is not None:
-        mean_off = abs(found.mean_N - first.mean_N) > MEAN_SHARE * abs(first.mean_N) + MEAN_N
-        swing_off = abs(found.swing_N - first.swing_N) > SWING_SHARE * first.swing_N + SWING_N
+        mean_off = abs(now.mean_N - first.mean_N) > MEAN_SHARE * abs(first.mean_N) + MEAN_N
+        swing_off = abs(now.swing_N - first.swing_N) > SWING_SHARE * first.swing_N + SWING_N
         if mean_off or swing_off:
-            return because("wrong-damper", "other-signature", now=found, first=first)
-    if expected is not None and found.peak_N > (1.0 + STRONGER_SHARE) * expected.peak_N + STRONGER_N:
-        return because("wrong-damper", "stronger-damper", now=found, expected=expected)
+            return because("wrong-damper", "other-signature", now=now, first=first)
+    if expected is not None and now.peak_N > (1.0 + STRONGER_SHARE) * expected.peak_N + STRONGER_N:
+        return because("wrong-damper", "stronger-damper", now=now, expected=expected)
     return None
 
 
@@ -149,19 +149,19 @@ class Baseline:
         Raises:
             FileProblem: the entry is damaged.
         """
-        found = self._values.get("signature")
+        entry = self._values.get("signature")
         try:
-            return None if found is None else Signature.from_json(found)
+            return None if entry is None else Signature.from_json(entry)
         except (KeyError, TypeError, ValueError) as error:
             raise FileProblem(str(self._path), [f"signature: {error!r}"]) from error
 
     def other_device(self, identities: Mapping[str, Any]) -> StopCause | None:
         """Why these are not the devices of the first session; None when they are, or in the first session."""
         for device, known in self._values.get("devices", {}).items():
-            found = _lasting(device, identities)
+            present = _lasting(device, identities)
             for name, value in known.items():
-                if found.get(name) != value:
-                    now = found.get(name)
+                if present.get(name) != value:
+                    now = present.get(name)
                     return because("wrong-identity", "other-device", device=device, name=name, now=now, first=value)
         return None
 
@@ -175,7 +175,7 @@ class Baseline:
         first_degC = self._values.get("coil_temperature_degC")
         if not isinstance(first_degC, float):
             return None
-        known = [first_degC, *(each for each in seen_degC if math.isfinite(each))]
+        known = [first_degC, *(seen for seen in seen_degC if math.isfinite(seen))]
         low_degC, high_degC = min(known) - TEMPERATURE_APART_K, max(known) + TEMPERATURE_APART_K
         if low_degC <= now_degC <= high_degC:
             return None

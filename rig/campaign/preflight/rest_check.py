@@ -107,13 +107,13 @@ class AtRest:
     def numbers(self, range_N: float) -> dict[str, float]:
         """What a point's file tells of the rest before the first motion, by attribute of `/entry/quality`."""
         zero, difference, current = self.force_zero, self.force_difference(range_N), self.current_zero
-        found = {
+        values = {
             "rest_force_N": zero.value, "force_zero_std_N": zero.std, "rest_force_difference_N": difference.value,
             "rest_force_difference_std_N": difference.std,
         }
         if current is not None:
-            found |= {"rest_current_A": current.value, "rest_current_std_A": current.std}
-        return found
+            values |= {"rest_current_A": current.value, "rest_current_std_A": current.std}
+        return values
 
 
 def _mean(values: NDArray[np.float64], floor: float) -> Estimate:
@@ -167,7 +167,7 @@ def _mirrored(shown: NDArray[np.float64], expected: NDArray[np.float64], allowed
 
 def _first(seen: AtRest, limits: RestLimits) -> StopCause | None:
     force_N, displacement_m, position_m = seen.force_N, seen.displacement_m, seen.position_m
-    found = (
+    causes = (
         _over("load cell at rest", abs(float(np.mean(force_N))), REST_FORCE_SHARE * limits.force_N, "N"),
         _force_zero(seen, limits),
         _over("load cell's noise at rest", float(np.std(force_N)), REST_FORCE_NOISE_SHARE * limits.force_N, "N"),
@@ -181,7 +181,7 @@ def _first(seen: AtRest, limits: RestLimits) -> StopCause | None:
         _outside(float(np.mean(displacement_m)), limits),
         _current_zero(seen, limits),
     )
-    return next((cause for cause in found if cause is not None), None)
+    return next((cause for cause in causes if cause is not None), None)
 
 
 def _force_zero(seen: AtRest, limits: RestLimits) -> StopCause | None:

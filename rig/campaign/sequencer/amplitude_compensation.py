@@ -117,6 +117,11 @@ class Drive:
         return self.moves_as(point) and self.current_A == point.current_A
 
     @property
+    def key(self) -> tuple[str, float, float, float]:
+        """Motion and current."""
+        return self.waveform, self.amplitude_m, self.frequency_Hz, self.current_A
+
+    @property
     def gain(self) -> float:
         """Commanded over wanted amplitude."""
         return self.command_m / self.amplitude_m
@@ -141,10 +146,7 @@ def drive_for(point: TestPoint, known: Drives, ceiling: Ceiling) -> Drive:
 
 def remembered(known: Drives, drive: Drive) -> Drives:
     """What is known, with this drive in place of an earlier one for the same motion and current."""
-    motion = (drive.waveform, drive.amplitude_m, drive.frequency_Hz, drive.current_A)
-    kept = tuple(
-        each for each in known if (each.waveform, each.amplitude_m, each.frequency_Hz, each.current_A) != motion
-    )
+    kept = tuple(earlier for earlier in known if earlier.key != drive.key)
     return (*kept, drive)
 
 
@@ -236,9 +238,9 @@ def _gain_at(same: list[Drive], current_A: float) -> float:
         return known[0][1]
     upper = next((index for index, (at_A, _) in enumerate(known) if index and at_A >= current_A), len(known) - 1)
     (low_A, low), (high_A, high) = known[upper - 1], known[upper]
-    gain = low + (high - low) * (current_A - low_A) / (high_A - low_A)
-    room = max(each for _, each in known) - min(each for _, each in known)
-    return max(min(low, high) - room, min(max(low, high) + room, gain))
+    straight = low + (high - low) * (current_A - low_A) / (high_A - low_A)
+    room = max(gain for _, gain in known) - min(gain for _, gain in known)
+    return max(min(low, high) - room, min(max(low, high) + room, straight))
 
 
 def _predicted_gain(known: list[Drive], frequency_Hz: float) -> float:

@@ -69,20 +69,20 @@ def learn(state: State, event: ev.ProgramEnded) -> State:
     tolerance, point, seen = state.conditions.tolerance, state.point, event.motion
     if tolerance is None or not adapts(state) or seen is None:
         return state
-    found = amplitude_compensation.learned(drive(state), point, seen, tolerance, state.conditions.ceiling(point))
-    return replace(state, drives=amplitude_compensation.remembered(state.drives, found))
+    tried = amplitude_compensation.learned(drive(state), point, seen, tolerance, state.conditions.ceiling(point))
+    return replace(state, drives=amplitude_compensation.remembered(state.drives, tried))
 
 
 def learned_note(state: State, event: ev.ProgramEnded) -> act.Note:
     """What a program out of tolerance leads to, in words."""
-    point, seen, found = state.point, event.motion, drive(state)
+    point, seen, tried = state.point, event.motion, drive(state)
     reached_mm = math.nan if seen is None else 1e3 * seen.amplitude_m
     text = f"{point.id}: {reached_mm:.4g} mm of {1e3 * point.amplitude_m:.4g} mm reached; "
-    if found.cannot:
-        return act.Note("warning", f"machine cannot: {found.cannot}")
-    if found.settled:
+    if tried.cannot:
+        return act.Note("warning", f"machine cannot: {tried.cannot}")
+    if tried.settled:
         return act.Note("info", f"{text}within tolerance")
-    return act.Note("info", f"{text}correction {found.steps}: command {1e3 * found.command_m:.4g} mm")
+    return act.Note("info", f"{text}correction {tried.steps}: command {1e3 * tried.command_m:.4g} mm")
 
 
 def read_temperature(state: State) -> Step:

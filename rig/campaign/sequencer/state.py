@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from rig.bench.model import Bench
+from rig.campaign.results import RigState
 from rig.campaign.sequencer.amplitude_compensation import Ceiling, Drives
 from rig.campaign.stop_cause import MOST_RETRIES, StopCause, StopKind
 from rig.matrix.feasibility import command_limit, command_room
@@ -94,16 +95,16 @@ NO_CONDITIONS = Conditions()
 def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     """The conditions a matrix asks for on a bench."""
     points, temperature = matrix.points(), matrix.temperature
-    found = Conditions(
+    conditions = Conditions(
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
         ceilings=tuple((point.id, _ceiling(point, matrix, bench)) for point in points if point.kind == "loop"),
         demagnetise=matrix.campaign.demagnetise,
     )
     if temperature is None:
-        return found
+        return conditions
     forecast = forecaster(matrix.specimen)
     return replace(
-        found,
+        conditions,
         thermal=thermal_of(points, forecast, temperature),
         loads=tuple((point.id, load_of(point, forecast)) for point in points),
         warm_up=warm_up_point(points, forecast, temperature),
@@ -155,13 +156,6 @@ class Phase(StrEnum):
     CHECKING_RETURN = "checking zeros again"
     FINISHING = "hydraulics off"
     ENDED = "ended"
-
-
-class RigState(StrEnum):
-    """What is known about the rig when a campaign has ended."""
-
-    SAFE = "safe"
-    UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)

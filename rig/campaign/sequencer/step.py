@@ -226,12 +226,12 @@ def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
     if state.spoiled is not None:
         return _recorded(state, held_at_m)
     state = point_preparation.learn(state, event)
-    found = point_preparation.drive(state) if point_preparation.adapts(state) else None
-    if found is None or event.motion is None or (found.settled and not found.cannot):
+    drive = point_preparation.drive(state) if point_preparation.adapts(state) else None
+    if drive is None or event.motion is None or (drive.settled and not drive.cannot):
         return _recorded(state, held_at_m)
     note = point_preparation.learned_note(state, event)
-    if found.cannot:
-        state, actions = _recorded(state, held_at_m, act.Remark("machine-cannot", found.cannot))
+    if drive.cannot:
+        state, actions = _recorded(state, held_at_m, act.Remark("machine-cannot", drive.cannot))
         return state, (note, *actions)
     point = state.point
     state = replace(state, recording=False, attempts=_without_last(state.attempts, point.id), held_at_m=held_at_m)

@@ -10,10 +10,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import LEAST_WALL_S, PATIENCE, PROOF_WALL_S, Action, Request
-from rig.campaign.sequencer.state import Latch, Phase, RigState, State
+from rig.campaign.sequencer.state import Latch, Phase, State
 from rig.campaign.stop_cause import COOLS_FIRST, StopCause, StopKind, because, may_restart, stop_note
 
 Step = tuple[State, tuple[Action, ...]]

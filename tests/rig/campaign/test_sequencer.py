@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 
 import pytest
 
+from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.amplitude_compensation import Ceiling, MeasuredMotion
-from rig.campaign.sequencer.state import NO_CONDITIONS, Conditions, Phase, RigState, State, start_state
+from rig.campaign.sequencer.state import NO_CONDITIONS, Conditions, Phase, State, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
 from rig.campaign.stop_cause import StopCause, StopKind

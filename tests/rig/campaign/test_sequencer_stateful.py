@@ -6,10 +6,11 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Action, Request
-from rig.campaign.sequencer.state import Phase, RigState, start_state
+from rig.campaign.sequencer.state import Phase, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import StopCause, StopKind
 from rig.matrix.point import TestPoint
