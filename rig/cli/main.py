@@ -21,14 +21,14 @@ OPERATOR_STOP = "sigint"
 # Command -> module that holds it as `command`, and its line in the help (so that the help loads no module).
 COMMANDS = {
     "demo": ("rig.cli.demo", "Complete example on the simulated rig, in under a minute."),
-    "plan": ("rig.cli.plan", "Judge every point of a matrix before anything moves."),
+    "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
     "import": ("rig.cli.importing", "Convert CSV test files to a run."),
-    "report": ("rig.cli.report", "Write the report of a run."),
+    "report": ("rig.cli.report", "Write the report of a run as one HTML file."),
     "runs": ("rig.cli.runs", "List recorded runs."),
     "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
-    "study": ("rig.cli.study", "Compare the papers' algorithms over recordings; tables and figures."),
+    "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
     "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
 }

@@ -47,14 +47,14 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print one JS
 scheduler_option = click.option(
     "--scheduler",
     metavar="URL",
-    help="Dask scheduler (tcp://HOST:8786) whose workers do the searching; they need this software, too.",
+    help="Dask scheduler (tcp://HOST:8786) for the searches; its workers need this software installed.",
 )
 out_option = click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     default=Path("logs"),
     show_default=True,
-    help="Folder in which the run's directory is made.",
+    help="Folder in which the run directory is created.",
 )
 
 

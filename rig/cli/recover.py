@@ -15,9 +15,9 @@ from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 @click.argument("run", type=click.Path(path_type=Path))
 @json_option
 def command(run: Path, as_json: bool) -> int:
-    """Finish the points of the interrupted campaign in RUN: every journal becomes a point's file, marked recovered.
+    """Finish the points of an interrupted campaign: every journal in RUN becomes a point file, marked as recovered.
 
-    Finished points are not touched. Exit 5 when a recovered point is not valid, for example because it was cut off.
+    Finished points are not changed. Exit 5 if a recovered point is not valid, for example because it was cut off.
     """
     from rig.recording.recovery import recover
 

@@ -15,7 +15,7 @@ from rig.errors import EXIT_DONE
 @click.argument("run", type=click.Path(path_type=Path))
 @json_option
 def command(run: Path, as_json: bool) -> int:
-    """Write report.html of RUN (a campaign's directory): one file to read anywhere, no network needed."""
+    """Write report.html of RUN (a campaign directory): one self-contained file."""
     from rig.report import write_report
 
     path = write_report(run).resolve()

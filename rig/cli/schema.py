@@ -12,7 +12,7 @@ from rig.errors import EXIT_DONE
 @click.argument("file", type=click.Choice(["bench", "matrix"]))
 @json_option
 def command(file: str, as_json: bool) -> int:
-    """Print the JSON schema of the bench or matrix FILE, for editors that check while you type."""
+    """Print the JSON schema of the bench or matrix FILE, for editors that validate while you type."""
     del as_json  # a schema is JSON anyway
     from rig.bench.model import Bench
     from rig.matrix.model import Matrix

@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of the results; given again, it continues an interrupted study.  [default: logs/study-<file's name>]",
+    help="Folder of the results; an interrupted study in it is continued.  [default: logs/study-<file's name>]",
 )
-@click.option("--processes", type=click.IntRange(1, 1024), help="Worker processes.  [default: one for each processor]")
+@click.option("--processes", type=click.IntRange(1, 1024), help="Worker processes.  [default: one per processor]")
 @scheduler_option
 @json_option
 def command(file: Path, out: Path | None, processes: int | None, scheduler: str | None, as_json: bool) -> int:
-    """Run the study FILE: tables, statistics and figures of both papers over its recordings.
+    """Run the study FILE: tables, statistics and figures of both papers from its recordings.
 
-    It can be interrupted: finished searches are kept, and the same command continues. Writes tables (CSV), study.json
-    and study.html.
+    Writes tables (CSV), study.json and study.html. It can be interrupted: finished searches are kept, and the same
+    command continues.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 

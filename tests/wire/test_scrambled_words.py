@@ -52,7 +52,8 @@ def scrambler(tmp_path: Path) -> Path:
 
 def rig(*arguments: str, search: Path | None) -> tuple[int, dict[str, Any], str]:
     """Exit code, answer and what was said of `rig ARGUMENTS --json`."""
-    extra = {} if search is None else {"PYTHONPATH": os.pathsep.join((str(search), str(Path(errors.__file__).parents[1])))}
+    ours = str(Path(errors.__file__).parents[1])
+    extra = {} if search is None else {"PYTHONPATH": os.pathsep.join((str(search), ours))}
     done = subprocess.run(
         [sys.executable, "-m", "rig.cli.main", *arguments], capture_output=True, text=True, timeout=170, check=False,
         env={**os.environ, **extra},
