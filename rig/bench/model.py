@@ -20,7 +20,7 @@ ZERO_SHARE_OF_RANGE = 0.0025
 CHANGE_OF_ZERO = 0.4
 SHARE_OF_TEST = 0.02
 """Of the test's largest force: a zero that is wrong by so much is no longer small beside what is measured."""
-LEAST_SHARE_OF_RANGE = 0.001
+MIN_SHARE_OF_RANGE = 0.001
 """A controller's coarse force input is not better than that."""
 
 
@@ -59,7 +59,7 @@ class Checks(Section):
         usual_N = ZERO_SHARE_OF_RANGE * range_N
         if largest_N is None:
             return usual_N
-        return min(usual_N, max(SHARE_OF_TEST * largest_N, LEAST_SHARE_OF_RANGE * range_N))
+        return min(usual_N, max(SHARE_OF_TEST * largest_N, MIN_SHARE_OF_RANGE * range_N))
 
 
 class Fixture(Section):

@@ -25,7 +25,7 @@ SEARCH_STEPS = 400_000
 """Points evaluated in the search from one order: about half a second."""
 MOST_GREEDY = 1000
 """Beyond so many points the greedy order, whose time grows with their square, is left out: it would take seconds."""
-LEAST_GAIN_S = 1e-6
+MIN_GAIN_S = 1e-6
 UNREACHABLE_S = 1e7
 
 
@@ -181,7 +181,7 @@ def fastest_order(loads: Sequence[Load], thermal: Thermal) -> tuple[int, ...]:
         starts.append(_greedy(loads, thermal))
     starts += [_improved(order, total_s) for order in starts]
     best = min(starts, key=total_s)
-    return written if total_s(written) <= total_s(best) + LEAST_GAIN_S else best
+    return written if total_s(written) <= total_s(best) + MIN_GAIN_S else best
 
 
 def _folded(rising: tuple[int, ...]) -> tuple[int, ...]:
@@ -216,7 +216,7 @@ def _improved(order: tuple[int, ...], total_s: Callable[[Sequence[int]], float])
                 return tuple(best)
             for trial in _neighbours(best, first, second):
                 trial_s = total_s(trial)
-                if trial_s < best_s - LEAST_GAIN_S:
+                if trial_s < best_s - MIN_GAIN_S:
                     best, best_s, improved = trial, trial_s, True
     return tuple(best)
 

@@ -40,7 +40,7 @@ PROOF_WALL_S: dict[Request, float] = {
     Request.DISARM: 15.0,
 }
 """How long the station may take to prove a request (wall s)."""
-LEAST_WALL_S = 2.0
+MIN_WALL_S = 2.0
 """A deadline on the rig's clock also leaves this much wall time: requests take wall time at any speed."""
 PATIENCE = 10.0
 """A rig's clock that runs this much slower than expected, or stands still, does not hold a deadline up any longer."""
@@ -181,7 +181,7 @@ class Deadline:
 
     phase: str
     device_s: float
-    wall_s: float = LEAST_WALL_S
+    wall_s: float = MIN_WALL_S
     patience: float = PATIENCE
 
 

@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 from rig.matrix.point import TestPoint
 
 MOST_STEPS = 3
-LEAST_ANSWER = 0.25
+MIN_ANSWER = 0.25
 """A larger command that brings less than this share of itself is not answered."""
 LARGEST_SHIFT_M = 5e-3
-LEAST_SHARE = 0.5
+MIN_SHARE = 0.5
 """Share of the wanted amplitude that a shift of the centre always leaves room for."""
-LEAST_CHANGE = 0.1
+MIN_CHANGE = 0.1
 """A correction that a limit makes smaller than this share of the tolerance is none."""
 TRIAL_CYCLES = 3
 TRIAL_RAMP_CYCLES = 1.0
@@ -63,7 +63,7 @@ class Ceiling:
 
         The shift comes first: it is what keeps the measured motion in the middle of the limits.
         """
-        least_m = LEAST_SHARE * point.amplitude_m
+        least_m = MIN_SHARE * point.amplitude_m
         lowest_m = max(-LARGEST_SHIFT_M, self.low_m + least_m - point.centre_m)
         highest_m = min(LARGEST_SHIFT_M, self.high_m - least_m - point.centre_m)
         moved_m = max(lowest_m, min(highest_m, shift_m))
@@ -201,7 +201,7 @@ def learned(drive: Drive, point: TestPoint, seen: MeasuredMotion, tolerance: flo
     wanted_shift_m = drive.shift_m - (seen.mean_m - point.centre_m)
     command_m, shift_m, why = ceiling.allowed(point, wanted_m, wanted_shift_m)
     change_m = max(abs(command_m - drive.command_m), abs(shift_m - drive.shift_m))
-    if why and change_m <= LEAST_CHANGE * tolerance * point.amplitude_m:
+    if why and change_m <= MIN_CHANGE * tolerance * point.amplitude_m:
         return _given_up(drive, point, seen, f"{why}; {_machine(seen)}" if seen.valve_saturated else why)
     tried = (drive.command_m, seen.amplitude_m)
     return replace(drive, command_m=command_m, shift_m=shift_m, steps=drive.steps + 1, tried=tried)
@@ -213,7 +213,7 @@ def _unanswered(drive: Drive, point: TestPoint, seen: MeasuredMotion, tolerance:
         return False
     before_m, reached_m = drive.tried
     more_m = drive.command_m - before_m
-    return more_m > 0.5 * tolerance * point.amplitude_m and seen.amplitude_m - reached_m < LEAST_ANSWER * more_m
+    return more_m > 0.5 * tolerance * point.amplitude_m and seen.amplitude_m - reached_m < MIN_ANSWER * more_m
 
 
 def _machine(seen: MeasuredMotion) -> str:

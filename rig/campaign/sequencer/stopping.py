@@ -13,7 +13,7 @@ from typing import Any
 from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
-from rig.campaign.sequencer.action import LEAST_WALL_S, PATIENCE, PROOF_WALL_S, Action, Request
+from rig.campaign.sequencer.action import MIN_WALL_S, PATIENCE, PROOF_WALL_S, Action, Request
 from rig.campaign.sequencer.state import Latch, Phase, State
 from rig.campaign.stop_cause import COOLS_FIRST, StopCause, StopKind, because, may_restart, stop_note
 
@@ -31,7 +31,7 @@ COOLING_LIMIT_S = COOLING_PAUSE_S + 10.0
 
 
 def enter(
-    state: State, phase: Phase, *actions: Action, device_s: float, wall_s: float = LEAST_WALL_S,
+    state: State, phase: Phase, *actions: Action, device_s: float, wall_s: float = MIN_WALL_S,
     patience: float = PATIENCE,
 ) -> Step:
     """Go to another phase: first its deadline (see `Deadline`), then `actions`. No phase is without one."""
