@@ -111,20 +111,18 @@ class Observer:
 
         self._wait = wait
 
-    def await_program(
-        self, centre_m: float, since_ns: int, wanted: WantedMotion | None = None, ordered_cycles: float = 0.0
-    ) -> None:
+    def await_program(self, centre_m: float, since_ns: int, wanted: WantedMotion, ordered_cycles: float) -> None:
         """Wait for `ProgramEnded`: after `since_ns` the controller was seen running, and holds again.
 
         Whoever stops the rig from here forgets what is awaited first (`await_nothing`): a program that faded out, was
         halted, or did fewer than `ordered_cycles` (ramps included) while this is awaited was ended by somebody else.
 
         A program too short to be seen running is known by its cycle pulses. It has ended once every sensor was read
-        after that: what a busy station had still to read belongs to the test. With `wanted` the motion is measured.
+        after that: what a busy station had still to read belongs to the test. The `wanted` motion is measured.
         """
         pulses, held_ns, stopping = self.value(Channel.PULSE, 0.0), 0, ""
         self._program_seen = False
-        sight = None if wanted is None else MotionMeasurement(wanted)
+        measurement = MotionMeasurement(wanted)
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
             nonlocal held_ns, stopping
@@ -132,14 +130,13 @@ class Observer:
             stopping = stopping or _stopping(states)
             seen = bool(np.any(states == ControllerState.RUNNING)) or self.value(Channel.PULSE, 0.0) != pulses
             self._program_seen = self._program_seen or seen
-            if sight is not None:
-                sight.add(records)
+            measurement.add(records)
             holds = self._program_seen and self._holds(since_ns)
             if holds and held_ns == 0:
                 held_ns = self._last_host_ns[Channel.STATE]
             if holds and self._read_since(held_ns):
                 cut_short = stopping or self._cycles_missing(ordered_cycles)
-                return ev.ProgramEnded(self._near(centre_m), None if sight is None else sight.motion(), cut_short)
+                return ev.ProgramEnded(self._near(centre_m), measurement.motion(), cut_short)
             return None
 
         self._wait = wait

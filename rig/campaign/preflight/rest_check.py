@@ -47,11 +47,11 @@ class RestLimits:
     disagreement_m: float
     range_N: float
     zero_N: float
-    current_zero_A: float = 0.02
-    force_per_wire: float = 1.0
-    displacement_per_wire: float = 1e-3
-    force_offset_N: float = 0.0
-    displacement_offset_m: float = 0.0
+    current_zero_A: float
+    force_per_wire: float
+    displacement_per_wire: float
+    force_offset_N: float
+    displacement_offset_m: float
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ class ProgramEnded:
 
     Attributes:
         at_centre: the measured position is the program's centre.
-        motion: what the displacement sensor saw, None where it saw no full cycle or nobody wants to know.
+        motion: what the displacement sensor saw, None where it saw no full cycle.
         cut_short: how the controller shows that somebody else stopped it; empty where it ran all its cycles.
     """
 

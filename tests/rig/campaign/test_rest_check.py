@@ -14,6 +14,8 @@ from rig.campaign.preflight.rest_check import AtRest, RestLimits, judge_rest
 RANGE_N = 10_000.0
 LIMITS = RestLimits(
     force_N=5000.0, position_min_m=-0.085, position_max_m=0.085, disagreement_m=0.005, range_N=RANGE_N, zero_N=25.0,
+    current_zero_A=0.02, force_per_wire=1.0,
+    displacement_per_wire=1e-3, force_offset_N=0.0, displacement_offset_m=0.0,
 )
 
 
