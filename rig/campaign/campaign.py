@@ -32,6 +32,7 @@ from rig.campaign.setup import (
     write_description,
 )
 from rig.campaign.simulated_rig import rig_in_use
+from rig.campaign.words import say
 from rig.clock import utc_now
 from rig.errors import FileProblem, Refused, RigError, Stopped, UnknownRigState
 from rig.matrix.model import Matrix, load_matrix
@@ -155,21 +156,21 @@ def _stock(
     confirmed = [stop.to_json() for stop in stops]
     if options.requalified:
         log.write("requalified", text=options.requalified, after=[stop.slug for stop in stops])
-        display.message("info", f"requalified: {options.requalified}")
+        display.message("info", say("requalified", text=options.requalified))
     for stop in stops:
-        display.message("info", f"by resuming you confirm that this is mended: {stop.text}")
+        display.message("info", say("resume-confirms", text=stop.text))
     log.write(
         "resumed", kept=[result.id for result in stock.results], remaining=[point.id for point in stock.remaining],
         confirmed=confirmed,
     )
     if options.simulate and (names := resume.left_out(folder)):
-        text = f"the simulated rig is started without the earlier session's {', '.join(names)}"
+        text = say("without-options", names=", ".join(names))
         log.write("info", text=text)
         display.message("info", text)
     for problem in stock.problems:
         log.write("warning", text=problem)
         display.message("warning", problem)
-    display.message("info", f"resuming: {len(stock.results)} points kept, {len(stock.remaining)} to run")
+    display.message("info", say("resuming", kept=len(stock.results), left=len(stock.remaining)))
     return stock
 
 
@@ -236,7 +237,7 @@ def _or_say(display: Display, what: Callable[[], None]) -> None:
     try:
         what()
     except (OSError, FileProblem, subprocess.TimeoutExpired) as error:
-        display.message("error", f"at the campaign's end: {error}")
+        display.message("error", say("at-the-end", error=error))
 
 
 @contextmanager

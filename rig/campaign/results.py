@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from rig.campaign.stop_cause import StopCause
+from rig.campaign.words import say
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
@@ -108,12 +109,7 @@ class Wait:
     @property
     def text(self) -> str:
         """For the operator and the journal."""
-        if self.phase == "warming up":
-            return f"warming up from {self.from_degC:.1f} degC: {self.planned_s:.0f} s of motion"
-        return (
-            f"{self.point}: cooling down from {self.from_degC:.1f} to {self.to_degC:.1f} degC, about "
-            f"{self.planned_s:.0f} s of the rig's time"
-        )
+        return say("warming" if self.phase == WARMING_UP else "cooling", **asdict(self))
 
 
 @dataclass(frozen=True)
@@ -261,6 +257,7 @@ class Display(Protocol):
         """Something the operator should read; `level` is `info`, `warning` or `error`."""
 
 
+WARMING_UP = "warming up"
 NOT_RUN = "not run"
 INVALID = "invalid"
 VALID = "valid"

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.campaign.results import CampaignOptions, Display
+from rig.campaign.words import say
 from rig.clock import monotonic_ns
 from rig.errors import EXIT_USAGE, Refused, RigError
 from rig.matrix.sections import Specimen
@@ -248,7 +249,6 @@ def rig_in_use(
         yield rig
     finally:
         if not simulated.stop(rig.settle_s, disk_refuses=rig.disk_refuses):
-            text = f"the simulated rig still runs (process {simulated.process.pid})"
-            if rig.disk_refuses or simulated.lacks_room:
-                text += ": it completes truth.h5 when there is room on the disk"
-            display.message("warning", text)
+            full = rig.disk_refuses or simulated.lacks_room
+            why = ": it completes truth.h5 when there is room on the disk" if full else ""
+            display.message("warning", say("rig-goes-on", process=simulated.process.pid, why=why))

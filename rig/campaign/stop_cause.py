@@ -76,5 +76,5 @@ def may_restart(stop: StopKind, cause: StopCause) -> bool:
 def stop_note(stop: StopKind, cause: StopCause) -> tuple[str, str]:
     """Level and text of the line that says why the rig stops."""
     if cause.slug in OPERATOR:
-        return "info", f"stopped by operator ({cause.detail}): current to 0 A, motion fades out"
-    return "error", f"{cause.slug}: {cause.detail}; stop {stop}: current to 0 A, motion ends"
+        return "info", words.say("operator-stop", detail=cause.detail)
+    return "error", words.say("stop", slug=cause.slug, detail=cause.detail, stop=stop)

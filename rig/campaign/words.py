@@ -63,6 +63,52 @@ MESSAGES = {
     "records-lost": "{count} records overwritten unread",
     "station-silent": "the station has not run for {silent_s:g} s or longer",
     "no-status": "no status of the controller for {silent_s:g} s",
+    # Notes of the sequencer
+    "paused": "paused before {point}",
+    "operator-stop": "stopped by operator ({detail}): current to 0 A, motion fades out",
+    "stop": "{slug}: {detail}; stop {stop}: current to 0 A, motion ends",
+    "refused": "refused: {slug}: {detail}",
+    "spoiled": "{slug}: {detail}",
+    "cooling-ecu": "waiting for the ECU to cool down: {cooled_s:g} s of at most {longest_s:g} s",
+    "left-to-station": "nothing more is asked of the station; its own watch and the controller's watchdog end the "
+    "motion: {detail}",
+    "state-unknown": "the rig's state is not known: {detail}",
+    "hydraulics-on": "the rig stands still at 0 A, but its hydraulics could not be switched off: {detail}",
+    "warming": "warming up from {from_degC:.1f} degC: {planned_s:.0f} s of motion",
+    "cooling": "{point}: cooling down from {from_degC:.1f} to {to_degC:.1f} degC, about {planned_s:.0f} s of the rig's "
+    "time",
+    # Compensation of the amplitude
+    "cannot-reach": "{reached_mm:.4g} mm of {wanted_mm:.4g} mm reached ({off:+.1f} %) with a command of "
+    "{command_mm:.4g} mm: {why}",
+    "machine-cannot": "machine cannot: {why}",
+    "within-tolerance": "{point}: {reached_mm:.4g} mm of {wanted_mm:.4g} mm reached; within tolerance",
+    "corrected": "{point}: {reached_mm:.4g} mm of {wanted_mm:.4g} mm reached; correction {step}: command "
+    "{command_mm:.4g} mm",
+    "no-motion": "nothing moved",
+    "not-within": "not within {percent:g} % after {steps} corrections",
+    "beyond-room": "a command of {command_mm:.4g} mm about {centre_mm:.4g} mm would be needed, beyond {limit}",
+    "beyond-shift": "the centre would have to be moved by {wanted_mm:.4g} mm; {allowed_mm:.4g} mm are allowed",
+    "valve-saturated": "the valve is saturated: the speed needs more flow than it passes",
+    "no-answer": "the motion does not follow a larger command (following error up to {error_mm:.3g} mm)",
+    # What the operator reads beside the points
+    "resume-confirms": "resuming confirms that this was looked at and mended: {text}",
+    "resuming": "resuming: {kept} points kept, {left} to run",
+    "without-options": "the simulated rig is started without the earlier session's {names}",
+    "requalified": "requalified: {text}",
+    "at-the-end": "at the campaign's end: {error}",
+    "pause-asked": "pausing after the running point; Ctrl-Z again continues",
+    "pause-over": "continuing",
+    "clock-step": "the wall clock stepped by {stepped_s:+.3f} s; host_ns is not affected",
+    "station-late": "the station did not watch the rig for {late_ms:.0f} ms (number {count}); waiting samples are "
+    "flagged",
+    "points-files": "the points' files: {error}; `rig recover` finishes what is left",
+    "own-skews": "every point keeps its own skew: {why}",
+    "recorder-left": "the recorder: {error}; `rig recover` finishes what it left",
+    "dropped": "the motion was out of tolerance; its record is kept as {kept}, the point is run again",
+    "rig-goes-on": "the simulated rig still runs (process {process}){why}",
+    "drifted-apart": "{measured} and {own} drifted apart by {drift:+.3g} {unit} between start and end, both at rest "
+    "(limit {limit:.3g} {unit}, largest measured {peak:.4g} {unit}): one of the two zeros moved; check cable, mounting "
+    "and temperature of both, tare, and repeat the tests",
     # Words from elsewhere: a device's, the station's, an exception's
     "said": "{text}",
 }
@@ -80,6 +126,11 @@ ADVICE = {
     "rest-position": "; move the rod by hand or tare it",
 }
 """What to do, where the cause is not an exchange of sensors."""
+
+
+def say(name: str, **values: object) -> str:
+    """A message of `MESSAGES`, filled with these values."""
+    return message(name, values)
 
 
 def message(name: str, values: dict[str, object], instead: str | None = None) -> str:

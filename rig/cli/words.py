@@ -22,7 +22,7 @@ def ending(result: CampaignResult) -> list[tuple[str, str]]:
         lines.append(("bold red", UNKNOWN))
     if result.refused:
         lines.append(("red", f"Refused before anything moved: {result.stopped_by}: {result.detail}"))
-        lines.append(("", f"When that is mended, continue with: {resume_command(result.campaign)}"))
+        lines.append(("", f"After removing the cause, continue with: {resume_command(result.campaign)}"))
     elif stop is not None:
         again = resume_command(result.campaign, stop.resume)
         text = f"{stopped_by(stop, result.detail)}: {stands(stop)}. {left(stop, result)} Continue with: {again}"

@@ -23,8 +23,8 @@ from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Request
 from rig.campaign.stop_cause import StopCause, because
+from rig.campaign.words import say
 from rig.clock import monotonic_ns
-from rig.errors import told
 from rig.matrix.point import TestPoint
 from rig.recording.earlier_attempts import set_aside
 from rig.recording.finaliser import Finaliser
@@ -171,11 +171,11 @@ class ActionExecutor:
             while not waiting.done() and not enough():
                 wait((waiting,), ASK_AGAIN_S)
             if not waiting.done():
-                self.note("warning", text="the points keep each its own skew: the operator did not wait")
+                self.note("warning", text=say("own-skews", why="the operator did not wait"))
                 return
             mended = waiting.result()
         except OSError as error:
-            self.note("warning", text=f"the points keep each its own skew: {error}")
+            self.note("warning", text=say("own-skews", why=error))
             return
         finally:
             thread.shutdown(wait=False)
@@ -193,7 +193,7 @@ class ActionExecutor:
             try:
                 self._recorder.close()
             except OSError as error:
-                self.note("warning", text=f"the recorder: {error}; `rig recover` finishes what it left")
+                self.note("warning", text=say("recorder-left", error=error))
 
     def _ask(self, action: act.Ask) -> None:
         self.requests.ask(action.request)
@@ -341,7 +341,7 @@ class ActionExecutor:
         except OSError as error:
             raise RecorderFailed(f"{self.campaign.folder / 'points'}: {error}") from error
         self._finaliser.submit(kept)
-        text = f"the motion was not the wanted one; its record is kept as {kept.id}, the point is run again"
+        text = say("dropped", kept=kept.id)
         self.note("dropped", point=action.point.id, kept=kept.id, text=text)
 
     def _remark(self, action: act.Remark) -> None:
@@ -367,9 +367,8 @@ class ActionExecutor:
         self._deadline = (action.phase, self.observer.device_s + action.device_s, earliest_ns, latest_ns)
 
     def _tell(self, action: act.Note) -> None:
-        text = told(action.text)
-        self.note(action.level, text=text)
-        self.campaign.display.message(action.level, text)
+        self.note(action.level, text=action.text)
+        self.campaign.display.message(action.level, action.text)
         if action.wait is not None:
             self.results.waits.append(action.wait)
 

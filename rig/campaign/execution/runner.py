@@ -33,6 +33,7 @@ from rig.campaign.sequencer.action import Request
 from rig.campaign.sequencer.state import Latch, Phase, State, conditions_of, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import SPOIL, StopCause, StopKind, because
+from rig.campaign.words import say
 from rig.clock import WallClockWatch, monotonic_ns
 from rig.recording.finaliser import Finaliser
 from rig.recording.ring_reader import RingReader
@@ -131,7 +132,7 @@ class Runner:
             self._executor.collect_files(self._operator_has_enough)
         except Exception as error:  # noqa: BLE001 - the rig is at rest: whatever fails here costs no safety
             self._executor.note("error", text=f"the points' files: {error!r}", trace=traceback.format_exc())
-            self._campaign.display.message("error", f"the points' files: {error}; `rig recover` finishes what is left")
+            self._campaign.display.message("error", say("points-files", error=error))
 
     def _operator_has_enough(self) -> bool:
         for event in self._signals.take():
@@ -234,7 +235,7 @@ class Runner:
 
     def _tell_pause(self, event: ev.PauseAsked | ev.ResumeAsked) -> None:
         asked = isinstance(event, ev.PauseAsked)
-        text = "pause after the running point; Ctrl-Z goes on" if asked else "going on"
+        text = say("pause-asked" if asked else "pause-over")
         self._executor.note("info", text=text)
         self._campaign.display.message("info", text)
 
@@ -265,7 +266,7 @@ class Runner:
             return [ev.Unknown(str(message.get("reason", "")))]
         if name == "late":
             late_ms, count = 1e3 * float(message["late_s"]), message.get("count")
-            text = f"the station did not watch the rig for {late_ms:.0f} ms (number {count}); what waited is flagged"
+            text = say("station-late", late_ms=late_ms, count=count)
             self._executor.carry_out(act.Remark("host-late", text))
         if name == "warning" and message.get("slug") in SPOIL:
             return [ev.Spoiled(because(str(message["slug"]), "said", text=detail))]
@@ -336,7 +337,7 @@ class Runner:
         """Log a step of the wall clock; nothing here depends on it, but the times in names and journals do."""
         stepped_s = self._wall_clock.stepped_s()
         if stepped_s != 0.0:
-            text = f"the wall clock stepped by {stepped_s:+.3f} s; host_ns goes on undisturbed"
+            text = say("clock-step", stepped_s=stepped_s)
             self._executor.note("warning", slug="clock-step", text=text, stepped_s=stepped_s)
             self._campaign.display.message("warning", f"clock-step: {text}")
 

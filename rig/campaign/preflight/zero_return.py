@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from rig.campaign.preflight.rest_check import FEWEST_SAMPLES, AtRest
 from rig.campaign.results import CampaignFinding, PointResult, PointResults
+from rig.campaign.words import say
 from rig.errors import FileProblem
 from rig.recording.reason import suspect
 from rig.recording.reference_judgement import ZERO_RETURN
@@ -197,10 +198,9 @@ def _drift(
     if abs(drift) <= limit:
         return None
     measured, own = instruments
-    text = (
-        f"{measured} and {own} drifted apart by {factor * drift:+.3g} {unit} between start and end, both at rest "
-        f"(limit {factor * limit:.3g} {unit}, largest measured {factor * peak:.4g} {unit}): one of the two zeros "
-        "moved; check cable, mounting and temperature of both, tare, and repeat the tests"
+    text = say(
+        "drifted-apart", measured=measured, own=own, drift=factor * drift, limit=factor * limit, peak=factor * peak,
+        unit=unit,
     )
     values = {"drift": drift, "limit": limit, "noise": noise, "largest_measured": peak}
     return CampaignFinding("zero-drift", "bench", text, instruments, values)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from rig.campaign.words import say
 from rig.matrix.point import TestPoint
 
 MOST_STEPS = 3
@@ -69,12 +70,12 @@ class Ceiling:
         moved_m = max(lowest_m, min(highest_m, shift_m))
         centre_m = point.centre_m + moved_m
         room_m = min(self.high_m - centre_m, centre_m - self.low_m)
-        needed = f"a command of {1e3 * amplitude_m:.4g} mm about {1e3 * centre_m:.4g} mm would be needed"
         why = ""
         if amplitude_m > min(room_m, self.amplitude_m):
-            why = f"{needed}, beyond {self.where if room_m < self.amplitude_m else self.what}"
+            limit = self.where if room_m < self.amplitude_m else self.what
+            why = say("beyond-room", command_mm=1e3 * amplitude_m, centre_mm=1e3 * centre_m, limit=limit)
         elif moved_m != shift_m:
-            why = f"the centre would have to be moved by {1e3 * shift_m:.4g} mm; {1e3 * moved_m:.4g} mm are allowed"
+            why = say("beyond-shift", wanted_mm=1e3 * shift_m, allowed_mm=1e3 * moved_m)
         return min(amplitude_m, room_m, self.amplitude_m), moved_m, why
 
 
@@ -192,9 +193,9 @@ def learned(drive: Drive, point: TestPoint, seen: MeasuredMotion, tolerance: flo
     if within(point, seen, tolerance):
         return replace(drive, settled=True, cannot="")
     if seen.amplitude_m <= 0.0:
-        return _given_up(drive, point, seen, "nothing moved")
+        return _given_up(drive, point, seen, say("no-motion"))
     if drive.steps >= MOST_STEPS:
-        return _given_up(drive, point, seen, f"not within {100 * tolerance:g} % after {MOST_STEPS} corrections")
+        return _given_up(drive, point, seen, say("not-within", percent=100 * tolerance, steps=MOST_STEPS))
     if _unanswered(drive, point, seen, tolerance):
         return _given_up(drive, point, seen, _machine(seen))
     wanted_m = drive.command_m * point.amplitude_m / seen.amplitude_m
@@ -218,15 +219,14 @@ def _unanswered(drive: Drive, point: TestPoint, seen: MeasuredMotion, tolerance:
 
 def _machine(seen: MeasuredMotion) -> str:
     if seen.valve_saturated:
-        return "the valve is saturated: the speed needs more flow than it passes"
-    return f"the motion does not follow a larger command (following error up to {1e3 * seen.following_error_m:.3g} mm)"
+        return say("valve-saturated")
+    return say("no-answer", error_mm=1e3 * seen.following_error_m)
 
 
 def _given_up(drive: Drive, point: TestPoint, seen: MeasuredMotion, why: str) -> Drive:
-    off = 100.0 * (seen.amplitude_m / point.amplitude_m - 1.0)
-    text = (
-        f"{1e3 * seen.amplitude_m:.4g} mm of {1e3 * point.amplitude_m:.4g} mm reached ({off:+.1f} %) with a command of "
-        f"{1e3 * drive.command_m:.4g} mm: {why}"
+    text = say(
+        "cannot-reach", reached_mm=1e3 * seen.amplitude_m, wanted_mm=1e3 * point.amplitude_m,
+        off=100.0 * (seen.amplitude_m / point.amplitude_m - 1.0), command_mm=1e3 * drive.command_m, why=why,
     )
     return replace(drive, settled=True, cannot=text)
 

@@ -17,6 +17,7 @@ from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.state import Phase, State, demagnetising_currents
 from rig.campaign.sequencer.stopping import Step
 from rig.campaign.stop_cause import StopCause, StopKind, because
+from rig.campaign.words import say
 from rig.matrix.point import TestPoint
 
 Onwards = Callable[[State], Step]
@@ -76,13 +77,13 @@ def learn(state: State, event: ev.ProgramEnded) -> State:
 def learned_note(state: State, event: ev.ProgramEnded) -> act.Note:
     """What a program out of tolerance leads to, in words."""
     point, seen, tried = state.point, event.motion, drive(state)
-    reached_mm = math.nan if seen is None else 1e3 * seen.amplitude_m
-    text = f"{point.id}: {reached_mm:.4g} mm of {1e3 * point.amplitude_m:.4g} mm reached; "
     if tried.cannot:
-        return act.Note("warning", f"machine cannot: {tried.cannot}")
+        return act.Note("warning", say("machine-cannot", why=tried.cannot))
+    reached_mm = math.nan if seen is None else 1e3 * seen.amplitude_m
+    values = {"point": point.id, "reached_mm": reached_mm, "wanted_mm": 1e3 * point.amplitude_m}
     if tried.settled:
-        return act.Note("info", f"{text}within tolerance")
-    return act.Note("info", f"{text}correction {tried.steps}: command {1e3 * tried.command_m:.4g} mm")
+        return act.Note("info", say("within-tolerance", **values))
+    return act.Note("info", say("corrected", **values, step=tried.steps, command_mm=1e3 * tried.command_m))
 
 
 def read_temperature(state: State) -> Step:

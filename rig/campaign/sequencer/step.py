@@ -22,6 +22,7 @@ from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.state import Phase, State
 from rig.campaign.sequencer.stopping import Handler, Step
 from rig.campaign.stop_cause import StopKind, because
+from rig.campaign.words import say
 
 CENTRING_LIMIT_S = 60.0
 ZEROS_LIMIT_S = 5.0
@@ -126,7 +127,7 @@ def _next_point(state: State) -> Step:
             return stopping.enter(state, Phase.JUDGING, device_s=0.0, wall_s=JUDGING_LIMIT_S)
         return stopping.finish(state)
     if state.pause_asked:
-        note = act.Note("info", f"paused before {state.point.id}")
+        note = act.Note("info", say("paused", point=state.point.id))
         return stopping.enter(state, Phase.PAUSED, note, device_s=0.0, wall_s=PAUSE_LIMIT_S)
     if state.conditions.thermal is not None:
         return point_preparation.read_temperature(state)

@@ -16,6 +16,7 @@ from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import MIN_WALL_S, PATIENCE, PROOF_WALL_S, Action, Request
 from rig.campaign.sequencer.state import Latch, Phase, State
 from rig.campaign.stop_cause import COOLS_FIRST, StopCause, StopKind, because, may_restart, stop_note
+from rig.campaign.words import say
 
 Step = tuple[State, tuple[Action, ...]]
 Handler = Callable[[State, Any], Step]
@@ -132,7 +133,7 @@ def cool_down(state: State) -> Step:
     """Stand still for a while at 0 A; whether that was enough is the ECU's word, when a reset is asked for."""
     state = replace(state, cooled_s=state.cooled_s + COOLING_PAUSE_S)
     longest_s = state.conditions.longest_s
-    note = act.Note("info", f"waiting for the ECU to cool down: {state.cooled_s:g} s of at most {longest_s:g} s")
+    note = act.Note("info", say("cooling-ecu", cooled_s=state.cooled_s, longest_s=longest_s))
     return enter(state, Phase.COOLING_DOWN, note, act.Rest(COOLING_PAUSE_S), device_s=COOLING_LIMIT_S)
 
 
@@ -180,15 +181,14 @@ def leave_to_station(state: State, cause: StopCause) -> Step:
     first = state.latch or Latch(StopKind.PRESSURE_OFF, cause)
     state, actions = end_recording(replace(state, latch=first, left_to_station=True), first.cause)
     state, more = end(state)
-    left = "nothing more is asked of the station; its own watch and the controller's watchdog end the motion"
-    note = act.Note("error", f"{left}: {cause.detail}")
+    note = act.Note("error", say("left-to-station", detail=cause.detail))
     return state, (act.LeaveToStation(), note, *actions, *more)
 
 
 def lost(state: State, cause: StopCause) -> Step:
     """The same where it is known that nothing can be proved: the rig's state is unknown."""
     state, actions = leave_to_station(state, cause)
-    note = act.Note("error", f"the rig's state is not known: {cause.detail}")
+    note = act.Note("error", say("state-unknown", detail=cause.detail))
     return replace(state, rig_state=RigState.UNKNOWN), (note, *actions)
 
 
@@ -245,8 +245,7 @@ def disarm_declined(state: State, cause: StopCause) -> Step:
         return end(state)
     if state.stopped:
         state, actions = end(state)
-        text = f"the rig stands still at 0 A, but its hydraulics could not be switched off: {cause.detail}"
-        return state, (act.Note("error", text), *actions)
+        return state, (act.Note("error", say("hydraulics-on", detail=cause.detail)), *actions)
     if state.latch is not None:
         return lost(state, cause)
     return latch(state, StopKind.PRESSURE_OFF, cause, act.Stop(StopKind.PRESSURE_OFF, cause))
@@ -268,14 +267,15 @@ def refuse(state: State, cause: StopCause) -> Step:
     if state.moved:
         return fault(state, ev.Fault(StopKind.FADE_OUT, cause))
     state, actions = finish(replace(state, refused=cause))
-    return state, (act.Note("error", f"refused: {cause.slug}: {cause.detail}"), *actions)
+    return state, (act.Note("error", say("refused", slug=cause.slug, detail=cause.detail)), *actions)
 
 
 def spoiled(state: State, event: ev.Spoiled) -> Step:
     """The running point goes on and cannot be valid any more."""
     if not state.recording or state.spoiled is not None:
         return state, ()
-    return replace(state, spoiled=event.cause), (act.Note("warning", f"{event.cause.slug}: {event.cause.detail}"),)
+    note = act.Note("warning", say("spoiled", slug=event.cause.slug, detail=event.cause.detail))
+    return replace(state, spoiled=event.cause), (note,)
 
 
 def finish(state: State) -> Step:
