@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.cli.output import Command, console, json_option, out_option, write_json
+from rig.cli.options import Command, json_option, out_option
+from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:

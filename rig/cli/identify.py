@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.output import Command, console, json_option, scheduler_option, write_json
+from rig.cli.options import Command, json_option, scheduler_option
+from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
 from rig.matrix.methods import DEPENDENCES, METHODS
 

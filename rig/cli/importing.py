@@ -6,27 +6,10 @@ from pathlib import Path
 
 import click
 
-from rig.cli.output import Command, console, json_option, out_option, say, write_json
+from rig.cli.options import Command, QuantityOption, json_option, out_option
+from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 from rig.matrix.waveform import SINE, WAVEFORM_NAMES
-
-
-class QuantityOption(click.ParamType[float]):
-    """A quantity with its unit on the command line, such as 0.5 A."""
-
-    name = "quantity"
-
-    def __init__(self, dimension: str) -> None:
-        self.dimension = dimension
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Text to SI; what does not fit is a usage error."""
-        from rig.units import UnitProblem, parse
-
-        try:
-            return parse(value, self.dimension)
-        except UnitProblem as problem:
-            self.fail(str(problem), param, ctx)
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> dict[str, str]:

@@ -13,7 +13,8 @@ from pathlib import Path
 import click
 
 from rig import __version__
-from rig.cli.output import say, take_every_character, write_examples, write_json
+from rig.cli.options import write_examples
+from rig.cli.output import say, take_every_character, write_json
 from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, RigError
 
 OPERATOR_STOP = "sigint"

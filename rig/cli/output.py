@@ -1,4 +1,4 @@
-"""What every command shares: `--json`, examples in the help, one object on standard output, a place for progress."""
+"""What a command writes: one JSON object, or text for people in whatever encoding their terminal has."""
 
 from __future__ import annotations
 
@@ -9,53 +9,13 @@ import math
 import shutil
 import sys
 import unicodedata
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
-
-import click
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-F = TypeVar("F", bound=Callable[..., Any])
-
 PLAIN_WIDTH = 132
-
-
-class Command(click.Command):
-    """A command whose help ends with examples, printed as they are typed."""
-
-    def __init__(self, *args: Any, examples: tuple[str, ...] = (), **kwargs: Any) -> None:  # noqa: ANN401 - click's own
-        super().__init__(*args, **kwargs)
-        self.examples = examples
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The examples, one a line."""
-        del ctx
-        write_examples(formatter, self.examples)
-
-
-def write_examples(formatter: click.HelpFormatter, examples: tuple[str, ...]) -> None:
-    """Print examples in a help text as they are typed, never wrapped."""
-    with formatter.section("Example" if len(examples) == 1 else "Examples"):
-        for line in examples:
-            formatter.write(f"{'':>{formatter.current_indent}}{line}\n")
-
-
-json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output.")
-scheduler_option = click.option(
-    "--scheduler",
-    metavar="URL",
-    help="Dask scheduler (tcp://HOST:8786) for the searches; its workers need this software installed.",
-)
-out_option = click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path("logs"),
-    show_default=True,
-    help="Folder in which the run directory is created.",
-)
 
 
 def write_json(value: object) -> None:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from rig.cli.output import Command, console, json_option, write_json
+from rig.cli.options import Command, json_option
+from rig.cli.output import console, write_json
 from rig.clock import utc_now
 from rig.errors import EXIT_DONE, EXIT_REFUSED
 

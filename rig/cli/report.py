@@ -7,12 +7,13 @@ from pathlib import Path
 
 import click
 
-from rig.cli.output import Command, json_option, say, write_json
+from rig.cli.options import Command, json_option, run_argument
+from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE
 
 
 @click.command(name="report", cls=Command, examples=("rig report logs/20260102T030405Z-MR-001-ab12cd",))
-@click.argument("run", type=click.Path(path_type=Path))
+@run_argument
 @json_option
 def command(run: Path, as_json: bool) -> int:
     """Write report.html of RUN (a campaign directory): one self-contained file."""

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.output import Command, console, json_option, out_option, write_json
+from rig.cli.options import Command, json_option, out_option
+from rig.cli.output import console, write_json
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from rig.cli.output import Command, console, json_option, write_json
+from rig.cli.options import Command, json_option
+from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE, FileProblem
 from rig.text_file import read_json
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from rig.cli.output import Command, json_option, write_json
+from rig.cli.options import Command, json_option
+from rig.cli.output import write_json
 from rig.errors import EXIT_DONE
 
 

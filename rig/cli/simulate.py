@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import click
 
-from rig.cli.output import Command
+from rig.cli.options import Command
 
 
 @click.command(
