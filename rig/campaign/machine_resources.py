@@ -1,8 +1,10 @@
-"""Who may use a rig and a campaign's directory: locks that end with the process that holds them, however it ends.
+"""What a campaign takes of this machine: the locks of its devices, and the place of the station's ring.
 
-A lock names the device, not how a bench file writes it: `localhost`, `127.0.0.1`, `::1` and this machine's own name are
-one, a symbolic link is the port it leads to. The files lie in one directory for every user of the machine, whatever
-TMPDIR says. Other machines, and containers with a directory of their own, are told apart by the controller's lease.
+Locks end with the process that holds them, however it ends. One names the device, not how a bench file writes it:
+`localhost`, `127.0.0.1`, `::1` and this machine's own name are one, a symbolic link is the port it leads to. The files
+lie in one directory for every user of the machine, whatever TMPDIR says. Other machines, and containers with a
+directory of their own, are told apart by the controller's lease. The ring lies in memory where there is such a place:
+its pages must never wait for a disk.
 """
 
 from __future__ import annotations

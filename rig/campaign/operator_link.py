@@ -1,4 +1,8 @@
-"""The operator's signals as a queue: a stop stops the rig once, further ones change nothing and cut nothing short."""
+"""The operator's signals in, what the operator sees out; neither can hurt a campaign.
+
+Signals are a queue: a stop stops the rig once, further ones change nothing and cut nothing short. The display runs on a
+thread of its own: the first failure switches it off, the rig continues.
+"""
 
 from __future__ import annotations
 

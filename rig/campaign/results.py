@@ -1,4 +1,4 @@
-"""What the caller of a campaign gives and gets: options, a display, the result."""
+"""What the caller of a campaign gives and gets: options, a display, the points' results, how it ended."""
 
 from __future__ import annotations
 
@@ -15,6 +15,13 @@ from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
 from rig.recording.reason import Kind, Reason, blamed
+
+WARMING_UP = "warming up"
+NOT_RUN = "not run"
+INVALID = "invalid"
+VALID = "valid"
+RANKS = (INVALID, "suspect", VALID)
+"""Verdicts, worst first: of a point's attempts the best verdict counts, then the latest."""
 
 
 class RigState(StrEnum):
@@ -255,14 +262,6 @@ class Display(Protocol):
 
     def message(self, level: str, text: str) -> None:
         """Something the operator should read; `level` is `info`, `warning` or `error`."""
-
-
-WARMING_UP = "warming up"
-NOT_RUN = "not run"
-INVALID = "invalid"
-VALID = "valid"
-RANKS = (INVALID, "suspect", VALID)
-"""Verdicts, worst first: of a point's attempts the best verdict counts, then the latest."""
 
 
 @dataclass

@@ -1,4 +1,7 @@
-"""Before anything is connected: the campaign's directory, its description, the room on the disk."""
+"""Before anything is connected: the campaign's directory, its description, room on the disk, the station's settings.
+
+Also what the bench file must promise: calibrations that are not overdue, and clocks where the matrix asks for the skew.
+"""
 
 from __future__ import annotations
 

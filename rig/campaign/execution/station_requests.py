@@ -1,4 +1,8 @@
-"""Requests to the station without waiting for them: one thread asks, a second one carries stops past it."""
+"""Requests to the station without waiting for them: one thread asks, a second one carries stops past it.
+
+`LoopWatch` is the last resort against a loop that stands still: it closes the station's link, and the station stops the
+rig.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""The damper's 0 A signature (fault row `wrong-damper`), from the slow proof move before the matrix.
+"""What a campaign's first session saw of rig and damper; every later one must see the same.
 
-Its mean is gas force and offset, its swing friction and oil at that speed. It must not be stronger than the specimen's
-prior allows, because the plan relies on that, and in a resumed campaign it must be the signature of the first session.
+The damper's 0 A signature (fault row `wrong-damper`) comes from the slow proof move before the matrix: its mean is gas
+force and offset, its swing friction and oil at that speed. It must not be stronger than the specimen's prior allows,
+because the plan relies on that, and in a resumed campaign it must be the signature of the first session.
 """
 
 from __future__ import annotations
@@ -14,15 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.campaign.stop_cause import StopCause, because
 from rig.errors import FileProblem
 from rig.matrix.sections import Specimen
+from rig.matrix.waveform import FloatArray
 from rig.recording.durable import write_text_durably
 from rig.text_file import read_json
-
-FloatArray = NDArray[np.float64]
 
 FEWEST_SAMPLES = 5
 STEPS_A_CYCLE = 400

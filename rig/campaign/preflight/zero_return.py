@@ -1,4 +1,4 @@
-"""Zeros at the end of a session against those of its start: values in, findings out.
+"""Zeros at the end of a session against those of its start: values in, findings out, and doubt in the points' files.
 
 Load cell and LVDT are compared with the controller's own force and position inputs, before the first motion and again
 when the rod rests at 0 A at the end. What has changed between the two comparisons is drift of one of the two
