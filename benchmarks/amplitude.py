@@ -27,12 +27,13 @@ from campaign_process import machine
 from recorded_rig import RecordedRig, Truth
 
 from rig.bench.model import Bench
-from rig.campaign.adaptation import (
+from rig.campaign.execution.motion_measurement import MotionMeasurement, WantedMotion
+from rig.campaign.sequencer.amplitude_compensation import (
     MOST_STEPS,
     Ceiling,
     Drive,
     Drives,
-    MotionSeen,
+    MeasuredMotion,
     commanded,
     drive_for,
     learned,
@@ -40,8 +41,7 @@ from rig.campaign.adaptation import (
     trial,
     wants_trial,
 )
-from rig.campaign.conditions import conditions_of
-from rig.campaign.motion_seen import MotionSight, MotionWanted
+from rig.campaign.sequencer.state import conditions_of
 from rig.clock import utc_now
 from rig.matrix.model import Matrix
 from rig.matrix.plan import plan
@@ -85,7 +85,7 @@ class Machine:
         self.rig = RecordedRig(replace(options, servo=servo), speed=SPEED, seed=seed)
         self.rate_Hz = options.lvdt.rate_Hz
 
-    def run(self, program: TestPoint) -> tuple[MotionSeen, Truth]:
+    def run(self, program: TestPoint) -> tuple[MeasuredMotion, Truth]:
         """Run a program: what the campaign sees of it, and the truth.
 
         Raises:
@@ -96,7 +96,7 @@ class Machine:
             "centre_m": self.gain * program.centre_m + self.offset_m,
         }
         records, truth = self.rig.run_program(ordered)
-        sight = MotionSight(MotionWanted(program.waveform, program.frequency_Hz, self.rate_Hz))
+        sight = MotionMeasurement(WantedMotion(program.waveform, program.frequency_Hz, self.rate_Hz))
         sight.add(records)
         seen = sight.motion()
         if seen is None:

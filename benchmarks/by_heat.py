@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rig.matrix.forecast import forecaster
 from rig.matrix.model import Matrix
-from rig.matrix.schedule import fastest_order, load_of, thermal_of
+from rig.matrix.order_by_heat import fastest_order, load_of, thermal_of
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 NAMES = ("table1", "triangle", "quick", "quality")

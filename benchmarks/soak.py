@@ -105,7 +105,7 @@ class Silent:
 def run_one(place: Path, speed: float, arguments: list[str]) -> int:
     """Begin or resume the campaign in `place`, in this process; prints its result."""
     from rig.campaign import run_campaign
-    from rig.campaign.options import CampaignOptions
+    from rig.campaign.results import CampaignOptions
     from rig.errors import RigError
 
     begun = next(iter((place / "out").glob("*/campaign.json")), None)

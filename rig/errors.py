@@ -1,4 +1,4 @@
-"""What can go wrong, by exit code: each error says expected, got, where, and what to do."""
+"""What can go wrong, by exit code: each error has a slug to be told by, and words: expected, got, where, what to do."""
 
 from __future__ import annotations
 
@@ -11,34 +11,45 @@ EXIT_IDENTIFICATION = 6
 EXIT_UNKNOWN_STATE = 7
 
 
+def told(text: str) -> str:
+    """The one place that the words of errors, causes and notes pass; nothing behind it is decided by them."""
+    return text
+
+
 class RigError(Exception):
-    """Base of every error a user is shown; `exit_code` is the command's exit code."""
+    """Base of every error a user is shown; `exit_code` is the command's exit code, `slug` the error's name."""
 
     exit_code = EXIT_USAGE
+    slug = "usage"
+
+    def __init__(self, message: str) -> None:
+        super().__init__(told(message))
 
 
 class FileProblem(RigError):
     """A user's file cannot be used: missing, unreadable, or with wrong entries.
 
     `problems` holds one line for each wrong entry: place, value, allowed range, what would fit. `slug` is the fault
-    matrix's name for it, empty where it has none.
+    matrix's name for it where it has one.
     """
+
+    slug = "file"
 
     def __init__(self, file: str, problems: list[str], slug: str = "") -> None:
         self.file = file
-        self.slug = slug
-        self.problems = problems
+        self.slug = slug or FileProblem.slug
+        self.problems = [told(problem) for problem in problems]
         super().__init__("\n".join(f"{file}: {problem}" for problem in problems))
 
 
 class FileProblems(FileProblem):
-    """More than one of a user's files cannot be used; `each` holds the problems of every file."""
+    """More than one of a user's files cannot be used; `files` holds the problems of every one."""
 
-    def __init__(self, each: list[FileProblem]) -> None:
-        self.each = each
-        problems = [text for one in each for text in str(one).split("\n")]
-        super().__init__(", ".join(one.file for one in each), problems, each[0].slug)
-        self.args = ("\n".join(str(one) for one in each),)
+    def __init__(self, files: list[FileProblem]) -> None:
+        self.files = files
+        problems = [text for error in files for text in str(error).split("\n")]
+        super().__init__(", ".join(error.file for error in files), problems, files[0].slug)
+        self.args = ("\n".join(str(error) for error in files),)
 
 
 class Refused(RigError):
@@ -65,9 +76,11 @@ class IdentificationFailed(RigError):
     """No model could be fitted; the message names what the data lack."""
 
     exit_code = EXIT_IDENTIFICATION
+    slug = "identification"
 
 
 class UnknownRigState(RigError):
     """Links are lost and the rig's state cannot be proved: go and look."""
 
     exit_code = EXIT_UNKNOWN_STATE
+    slug = "state-unknown"

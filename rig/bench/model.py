@@ -1,265 +1,65 @@
-"""The bench file as values: `Bench.load("bench.toml")`. Every number is SI; the ranges are the envelope of any rig."""
+"""The bench file: `Bench.load("bench.toml")`, the settings of every device, and what the file says beside them."""
 
 from __future__ import annotations
 
 import hashlib
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, model_validator
 
 from rig import units
-from rig.bench import address
-from rig.bench.checks import Checks
-from rig.bench.field import (
-    RESERVED_NAMES,
-    Acceleration,
-    CanInterface,
-    ChannelName,
-    Current,
-    Force,
-    LineValue,
-    ModbusUrl,
-    Name,
-    Position,
-    SerialUrl,
-    Speed,
-    Temperature,
-    Timeout,
-)
 from rig.bench.problems import load_section
-from rig.bench.quantity import Quantity, Section
+from rig.bench.quantity import Problem, Quantity
+from rig.bench.section import Section, located
+from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
+from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Station
 
-Problem = tuple[tuple[str | int, ...], str]
-
-
-class Limits(Section):
-    """What the machine may do; plan, station and controller hold every motion inside them."""
-
-    position_m: tuple[Position, Position] = Field(alias="position", examples=[["-85 mm", "85 mm"]])
-    speed_m_s: Speed = Field(alias="speed")
-    acceleration_m_s2: Acceleration = Field(alias="acceleration")
-    force_N: Force = Field(alias="force")
-    current_A: Current = Field(alias="current")
-    coil_temperature_degC: Temperature = Field(alias="coil_temperature")
-
-    @field_validator("position_m")
-    @classmethod
-    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
-        if not value[0] < value[1]:
-            raise ValueError("the first must be below the second")
-        return value
+ZERO_SHARE_OF_RANGE = 0.0025
+CHANGE_OF_ZERO = 0.4
+SHARE_OF_TEST = 0.02
+"""Of the test's largest force: a zero that is wrong by so much is no longer small beside what is measured."""
+MIN_SHARE_OF_RANGE = 0.001
+"""A controller's coarse force input is not better than that."""
 
 
-class Actuator(Section):
-    """The servo-hydraulic controller, over Modbus TCP or RTU."""
+class Checks(Section):
+    """Load cell and LVDT against the controller's own inputs, as far as both classes of instruments allow."""
 
-    url: ModbusUrl
-    baudrate: int = Field(default=115_200, ge=1200, le=12_000_000, description="of a serial line (modbus-rtu)")
-    parity: Literal["N", "E", "O"] = Field(default="N", description="of a serial line (modbus-rtu)")
-    device_id: int = Field(default=1, ge=0, le=247)
-    register_map: Literal["demo"] = "demo"
-    poll_s: Annotated[float, Quantity("time", "2 ms", "100 ms")] = Field(default=0.010, alias="poll")
-    timeout_s: Timeout = Field(default=0.040, alias="timeout")
-    stale_after_s: Timeout = Field(default=0.150, alias="stale_after")
-    watchdog_s: Annotated[float, Quantity("time", "50 ms", "10 s")] = Field(default=0.500, alias="watchdog")
-    fade_out_cycles: float = Field(default=1.0, ge=1.0, le=10.0)
-    halt_deceleration_m_s2: Acceleration = Field(default=20.0, alias="halt_deceleration")
-    input_delay_s: Annotated[float, Quantity("time", "0 s", "100 ms")] | None = Field(
-        default=None, alias="input_delay",
-        description="delay of the controller's own position and force inputs; sensors are checked against them",
+    force_gain: Annotated[float, Quantity("ratio", "0.1 %", "50 %")] = Field(
+        default=0.02, description="difference of sensitivity of load cell and the controller's force input"
     )
-    serial_number: Name | None = None
-
-
-class Ecu(Section):
-    """The current controller of the coil, over CAN by any python-can interface."""
-
-    interface: CanInterface
-    channel: Name = Field(examples=["can0"])
-    bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
-    dbc: Literal["demo"] = "demo"
-    command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = Field(default=0.010, alias="command_period")
-    stale_after_s: Timeout = Field(default=0.030, alias="stale_after")
-    serial_number: int | None = Field(default=None, ge=0, le=0xFFFF_FFFF)
-
-    @model_validator(mode="after")
-    def _channel_is_a_port(self) -> Self:
-        if self.interface == "slcan":
-            try:
-                address.serial_url(self.channel)
-            except ValueError as problem:
-                raise _located([(("channel",), str(problem))]) from problem
-        return self
-
-
-class Calibration(Section):
-    """How the value on the wire becomes SI: `sensitivity * wire - offset`, times -1 where polarity is reversed.
-
-    The sign is applied in `Sensor.sensitivity` and `Sensor.offset` and nowhere else: all others compute
-    `sensitivity * wire - offset` with those two.
-    """
-
-    sensitivity: float = Field(
-        default=1.0, description="SI units per unit on the wire", json_schema_extra={"exclusiveMinimum": 0}
+    displacement_gain: Annotated[float, Quantity("ratio", "0.1 %", "50 %")] = Field(
+        default=0.01, description="difference of sensitivity of LVDT and the controller's position input"
     )
-    polarity: Literal["normal", "reversed"] = Field(
-        default="normal", description="reversed: the sensor counts jounce, or compression, as positive"
+    force_zero_N: Annotated[float, Quantity("force", "0 N", "20 kN", above=True)] | None = Field(
+        default=None, alias="force_zero",
+        description="difference of their zeros; not stated: 0.25 % of the load cell's range, less for a weak test",
     )
-    offset: str | None = Field(default=None, description="what the sensor shows at zero, with its unit")
-    serial_number: Name = Field(examples=["LC-1234"])
-    certificate: str = Field(default="", max_length=128)
-    uncertainty_percent: float | None = Field(
-        default=None, ge=0.0, le=20.0, description="standard uncertainty of the sensitivity, % of the reading"
+    displacement_zero_m: Annotated[float, Quantity("length", "0 mm", "100 mm", above=True)] = Field(
+        default=0.5e-3, alias="displacement_zero", description="difference of the zeros of LVDT and position input"
     )
-    due: date | None = None
-
-    @field_validator("sensitivity")
-    @classmethod
-    def _positive(cls, value: float) -> float:
-        if value < 0:
-            raise ValueError(f'too small; for the other sign write sensitivity = {-value:g} and polarity = "reversed"')
-        if value == 0:
-            raise ValueError("too small (allowed: more than 0)")
-        return value
-
-
-class Sensor(Section):
-    """What load cell, LVDT and auxiliary channels have in common."""
-
-    url: SerialUrl
-    baudrate: int = Field(default=921_600, ge=300, le=12_000_000)
-    format: str | dict[str, LineValue] = Field(
-        default="frame16", description="frame16, a line format preset, or a table that describes a line"
+    time_s: Annotated[float, Quantity("time", "0.01 ms", "100 ms")] = Field(
+        default=0.5e-3, alias="time", description="how much later an input may be than the declared delays say"
     )
-    rate_Hz: Annotated[float, Quantity("frequency", "1 Hz", "50 kHz")] = Field(alias="rate")
-    stale_after_s: Timeout = Field(default=0.020, alias="stale_after")
-    delay_s: Annotated[float, Quantity("time", "0 s", "100 ms")] | None = Field(
-        default=None, alias="delay",
-        description="group delay of the conditioner's filter; not stated: taken as 0, and uncertain unless checked",
+    current_zero_A: Annotated[float, Quantity("current", "1 mA", "5 A")] = Field(
+        default=0.02, alias="current_zero", description="what the ECU may report while its output stage is off"
     )
-    bandwidth_Hz: Annotated[float, Quantity("frequency", "0 Hz", "1000 kHz", above=True)] | None = Field(
-        default=None, alias="bandwidth", description="where sensor and conditioner have lost 3 dB; the plan looks at it"
-    )
-    calibration: Calibration
 
-    @field_validator("format", mode="plain", json_schema_input_type=str | dict[str, LineValue])
-    @classmethod
-    def _known_format(cls, value: object) -> str | dict[str, LineValue]:
-        from protocols.errors import LocalProtocolError
-        from protocols.line_format import PRESETS, from_description
+    def zero_N(self, range_N: float, largest_N: float | None) -> float:
+        """What load cell and force input may differ by at zero (N).
 
-        if isinstance(value, str):
-            known = ["frame16", *PRESETS]
-            if value not in known:
-                raise ValueError(f"unknown format; known: {', '.join(known)}, or a table that describes a line")
-            return value
-        if not isinstance(value, dict):
-            raise ValueError("must be the name of a format in quotes, or a table that describes a line")
-        try:
-            from_description(value)
-        except LocalProtocolError as error:
-            raise ValueError(str(error)) from error
-        return value
-
-    @property
-    def dimension(self) -> str:
-        """Dimension of the value, a key of `rig.units.DIMENSIONS`."""
-        raise NotImplementedError
-
-    @property
-    def sensitivity(self) -> float:
-        """SI units per unit on the wire; negative where the polarity is reversed."""
-        return self._sign * self.calibration.sensitivity
-
-    @property
-    def offset(self) -> float:
-        """What `sensitivity * wire` is at zero, in the SI unit of this sensor; its sign follows the polarity."""
-        text = self.calibration.offset
-        return 0.0 if text is None else self._sign * units.parse(text, self.dimension)
-
-    @property
-    def _sign(self) -> float:
-        return -1.0 if self.calibration.polarity == "reversed" else 1.0
-
-    @property
-    def not_physics(self) -> dict[str, Any]:
-        """What does not count for `Bench.digest`; a polarity that is as ever does not either."""
-        link = dict.fromkeys(("url", "baudrate", "stale_after_s", "bandwidth_Hz"), True)
-        return {**link, "calibration": {"polarity"} if self.calibration.polarity == "normal" else set()}
-
-    @model_validator(mode="after")
-    def _offset_fits(self) -> Self:
-        try:
-            _ = self.offset
-        except units.UnitProblem as problem:
-            raise _located([(("calibration", "offset"), str(problem))]) from problem
-        return self
-
-
-class LoadCell(Sensor):
-    """The force sensor."""
-
-    range_N: Force = Field(alias="range")
-
-    @property
-    def dimension(self) -> str:
-        """Force."""
-        return "force"
-
-
-class Lvdt(Sensor):
-    """The displacement sensor."""
-
-    range_m: Annotated[float, Quantity("length", "0 m", "1 m", above=True)] = Field(alias="range")
-
-    @property
-    def dimension(self) -> str:
-        """Length."""
-        return "length"
-
-
-class Auxiliary(Sensor):
-    """One further channel: recorded beside the others, never used for control."""
-
-    name: ChannelName
-    unit: str
-    range: str
-
-    @property
-    def dimension(self) -> str:
-        """The dimension of `unit`."""
-        return units.UNITS[units.ALIASES.get(self.unit, self.unit)].dimension
-
-    @property
-    def range_SI(self) -> float:
-        """Full scale in the SI unit of `unit`."""
-        return units.parse(self.range, self.dimension)
-
-    @field_validator("unit")
-    @classmethod
-    def _known_unit(cls, value: str) -> str:
-        if units.ALIASES.get(value, value) not in units.UNITS:
-            raise ValueError(f"unknown unit; known: {', '.join(units.UNITS)}")
-        return value
-
-    @field_validator("name")
-    @classmethod
-    def _not_reserved(cls, value: str) -> str:
-        if value in RESERVED_NAMES:
-            raise ValueError(f"is the name of a channel every run has ({', '.join(sorted(RESERVED_NAMES))})")
-        return value
-
-    @model_validator(mode="after")
-    def _range_fits(self) -> Self:
-        try:
-            if not self.range_SI > 0:
-                raise units.UnitProblem("must be more than 0")
-        except units.UnitProblem as problem:
-            raise _located([(("range",), str(problem))]) from problem
-        return self
+        Args:
+            range_N: the load cell's range.
+            largest_N: the largest force the test is expected to show (N); None: unknown.
+        """
+        if self.force_zero_N is not None:
+            return self.force_zero_N
+        usual_N = ZERO_SHARE_OF_RANGE * range_N
+        if largest_N is None:
+            return usual_N
+        return min(usual_N, max(SHARE_OF_TEST * largest_N, MIN_SHARE_OF_RANGE * range_N))
 
 
 class Fixture(Section):
@@ -268,36 +68,17 @@ class Fixture(Section):
     moving_mass_kg: Annotated[float, Quantity("mass", "0 kg", "500 kg")] = Field(default=0.0, alias="moving_mass")
 
 
-class Clock(Section):
-    """At what rate device clocks run against the wall: 1 on hardware, the speed of a simulated rig."""
-
-    device_rate: float = Field(default=1.0, ge=0.01, le=1000.0)
-
-
-class Station(Section):
-    """The I/O process."""
-
-    heartbeat_timeout_s: Annotated[float, Quantity("time", "100 ms", "10 s")] = Field(
-        default=0.500, alias="heartbeat_timeout"
-    )
-    late_limit_s: Annotated[float, Quantity("time", "20 ms", "1 s")] = Field(
-        default=0.050, alias="late_limit",
-        description="so long the station may be kept from running; beyond it the rig stops as host-late",
-    )
-    real_time: bool = True
-
-
 class Bench(Section):
     """One rig: its devices, calibration and limits."""
 
     format: Literal[1]
     name: Name
     limits: Limits
-    actuator: Actuator
-    ecu: Ecu
+    actuator: ActuatorConfig
+    ecu: EcuConfig
     load_cell: LoadCell
     lvdt: Lvdt
-    auxiliary: tuple[Auxiliary, ...] = Field(default=(), max_length=7)
+    auxiliary: tuple[Auxiliary, ...] = Field(default=(), max_length=MOST_AUXILIARY)
     fixture: Fixture = Field(default_factory=Fixture)
     clock: Clock = Field(default_factory=Clock)
     station: Station = Field(default_factory=Station)
@@ -344,11 +125,11 @@ class Bench(Section):
     def _consistent(self) -> Self:
         problems = [*self._shared_ports(), *self._shared_names(), *self._ranges(), *self._periods()]
         if problems:
-            raise _located(problems)
+            raise located(problems)
         return self
 
-    def _sensors(self) -> dict[tuple[str | int, ...], Sensor]:
-        sensors: dict[tuple[str | int, ...], Sensor] = {("load_cell",): self.load_cell, ("lvdt",): self.lvdt}
+    def _sensors(self) -> dict[tuple[str | int, ...], SensorConfig]:
+        sensors: dict[tuple[str | int, ...], SensorConfig] = {("load_cell",): self.load_cell, ("lvdt",): self.lvdt}
         for index, item in enumerate(self.auxiliary):
             sensors["auxiliary", index] = item
         return sensors
@@ -396,8 +177,3 @@ class Bench(Section):
             message = f"is less than two status frames; allowed: at least {units.show(shortest, 'ms')}"
             problems.append((("ecu", "stale_after"), message))
         return problems
-
-
-def _located(problems: list[Problem]) -> PydanticCustomError:
-    """An error of a whole section that names the places inside it."""
-    return PydanticCustomError("inconsistent", "entries contradict each other", {"problems": problems})

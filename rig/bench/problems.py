@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from rig import units
-from rig.bench.quantity import Quantity, Section, Wording, constraints, quantity_of
+from rig.bench.quantity import Quantity, Settings, Text, Wording
+from rig.bench.section import Section, Table, constraints, fields_of, key_of, quantity_of, suffixed_keys
 from rig.bench.toml_source import Place, TomlSource, printable, read_toml
 from rig.errors import FileProblem
 
@@ -39,12 +40,14 @@ _KINDS = {
     "date_from_datetime_parsing": "a date such as 2030-01-01",
     "tuple_type": "a list in [ ]",
     "model_type": "a table",
+    "dataclass_type": "a table",
     "dict_type": "a table",
 }
 _BEYOND = {
     "greater_than": "too small", "greater_than_equal": "too small",
     "less_than": "too large", "less_than_equal": "too large",
 }  # fmt: skip
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 _TEXTS = ("string_pattern_mismatch", "string_too_short", "string_too_long")
 
 TABLES = {
@@ -139,22 +142,22 @@ def close_match(name: str, known: list[str]) -> str | None:
     return matches[0] if matches else None
 
 
-def _without_echoes(details: list[ErrorDetails], model: type[Section]) -> list[ErrorDetails]:
+def _without_echoes(details: list[ErrorDetails], model: Table) -> list[ErrorDetails]:
     """Leave out what follows: "too short" where the list's items were refused, "missing" where the key is misspelt."""
     lists = {item["loc"][:-1] for item in details}
     missing = {item["loc"] for item in details if item["type"] == "missing"}
     misspelt = set[tuple[str | int, ...]]()
     for item in details[:MOST_SHOWN]:
-        if item["type"] == "extra_forbidden":
+        if item["type"] in _UNKNOWN:
             section, _ = _field_at(model, item["loc"])
-            suffixed = section.suffixed_keys()
+            suffixed = suffixed_keys(section)
             meant = close_match(str(item["loc"][-1]), [*_keys(section), *suffixed])
             misspelt.add((*item["loc"][:-1], suffixed.get(meant or "", (meant or "",))[0]))
     gone = {"too_short": lists, "missing": missing & misspelt}
     return [item for item in details if item["loc"] not in gone.get(item["type"], ())]
 
 
-def _lines(detail: ErrorDetails, model: type[Section], source: TomlSource) -> list[str]:
+def _lines(detail: ErrorDetails, model: Table, source: TomlSource) -> list[str]:
     context: dict[str, Any] = detail.get("ctx") or {}
     if "problems" in context:
         return [problem_at(source, (*detail["loc"], *place), message) for place, message in context["problems"]]
@@ -166,7 +169,7 @@ def _lines(detail: ErrorDetails, model: type[Section], source: TomlSource) -> li
     written = place
     if field is not None and quantity_of(field) is not None:
         written = _as_written(place, section, source)
-    if detail["type"] == "extra_forbidden":
+    if detail["type"] in _UNKNOWN:
         message = _unknown_key(model, section, str(place[-1]))
     elif detail["type"] == "missing":
         message = _missing(field, place[-1])
@@ -175,27 +178,27 @@ def _lines(detail: ErrorDetails, model: type[Section], source: TomlSource) -> li
     return [problem_at(source, written, message)]
 
 
-def _unknown_key(model: type[Section], section: type[Section], key: str) -> str:
+def _unknown_key(model: Table, section: Table, key: str) -> str:
     """Where an unknown key belongs, else which key was meant, else which there are."""
     homes = [f"[{name}]" for name, table in _tables(model) if table is not section and key in _keys(table)]
     if homes:
         return f"unknown key here; it belongs under {' or '.join(homes)}"
     known = _keys(section)
-    match = close_match(key, [*known, *section.suffixed_keys()])
+    match = close_match(key, [*known, *suffixed_keys(section)])
     return f"unknown key; did you mean {match}?" if match else f"unknown key; known here: {', '.join(known)}"
 
 
-def _tables(model: type[Section]) -> Iterator[tuple[str, type[Section]]]:
+def _tables(model: Table) -> Iterator[tuple[str, Table]]:
     """Name and section of every table that a file may have."""
-    for name, field in model.model_fields.items():
+    for name, field in fields_of(model).items():
         table = _section_in(field.annotation)
         if table is not None:
-            yield model.key_of(name), table
-            yield from ((f"{model.key_of(name)}.{inner}", below) for inner, below in _tables(table))
+            yield key_of(model, name), table
+            yield from ((f"{key_of(model, name)}.{inner}", below) for inner, below in _tables(table))
 
 
-def _keys(section: type[Section]) -> list[str]:
-    return [section.key_of(name) for name in section.model_fields]
+def _keys(section: Table) -> list[str]:
+    return [key_of(section, name) for name in fields_of(section)]
 
 
 def _missing(field: FieldInfo | None, key: str | int) -> str:
@@ -206,7 +209,7 @@ def _missing(field: FieldInfo | None, key: str | int) -> str:
         return f"missing; the list needs {len(get_args(field.annotation))} entries"
     table = _section_in(field.annotation)
     if table is not None:
-        needed = [table.key_of(name) for name, inner in table.model_fields.items() if inner.is_required()]
+        needed = [key_of(table, name) for name, inner in fields_of(table).items() if inner.is_required()]
         return f"missing; write a table [{key}] with {', '.join(needed)}"
     example = _example(field)
     return "missing" + (f"; write for example {key} = {example}" if example else "")
@@ -245,11 +248,14 @@ def _not_among(expected: str, value: object) -> str:
 def _text_message(kind: str, limits: list[object]) -> str:
     """What is wrong with a text: its shape in words, never as a pattern."""
     for item in limits:
-        if isinstance(item, Wording):
-            return f'must be {item.words}, for example "{item.example}"'
+        wording = item.wording if isinstance(item, Text) else item
+        if isinstance(wording, Wording):
+            return f'must be {wording.words}, for example "{wording.example}"'
     if kind == "string_too_short":
         return "must not be empty"
-    most = next((item.max_length for item in limits if isinstance(item, MaxLen)), 0)
+    lengths = [item.max_length if isinstance(item, MaxLen) else item.longest for item in limits
+               if isinstance(item, MaxLen | Text)]  # fmt: skip
+    most = next(iter(lengths), 0)
     return f"must have at most {most} characters" if most else "cannot stand here"
 
 
@@ -277,14 +283,15 @@ def _example(field: FieldInfo) -> str:
     for item in constraints(field):
         if isinstance(item, FieldInfo) and item.examples:
             return shown(item.examples[0])
-        if isinstance(item, Wording):
-            return shown(item.example)
+        wording = item.wording if isinstance(item, Text) else item
+        if isinstance(wording, Wording):
+            return shown(wording.example)
         if isinstance(item, Quantity):
             return shown(units.DIMENSIONS[item.dimension].example)
     return "1" if get_args(field.annotation) == (1,) else ""
 
 
-def _field_at(model: type[Section], place: Place) -> tuple[type[Section], FieldInfo | None]:
+def _field_at(model: Table, place: Place) -> tuple[Table, FieldInfo | None]:
     """The section that holds a place, and its field there (None for an unknown key)."""
     section, field = model, None
     for part in place:
@@ -295,24 +302,24 @@ def _field_at(model: type[Section], place: Place) -> tuple[type[Section], FieldI
             if inner is None:
                 return section, field
             section = inner
-        field = next((f for name, f in section.model_fields.items() if section.key_of(name) == part), None)
+        field = next((f for name, f in fields_of(section).items() if key_of(section, name) == part), None)
         if field is None:
             return section, None
     return section, field
 
 
-def _section_in(annotation: object) -> type[Section] | None:
-    if isinstance(annotation, type) and issubclass(annotation, Section):
+def _section_in(annotation: object) -> Table | None:
+    if isinstance(annotation, type) and issubclass(annotation, (Section, Settings)):
         return annotation
     return next(filter(None, map(_section_in, get_args(annotation))), None)
 
 
-def _as_written(place: Place, section: type[Section], source: TomlSource) -> Place:
+def _as_written(place: Place, section: Table, source: TomlSource) -> Place:
     """The place with the key as it stands in the file: `amplitude` may be written `amplitude_mm`."""
     index = max(i for i, part in enumerate(place) if isinstance(part, str))
     if _value_at(source.data, place[: index + 1]) is not None:
         return place
-    for written, (key, _) in section.suffixed_keys().items():
+    for written, (key, _) in suffixed_keys(section).items():
         candidate = (*place[:index], written)
         if key == place[index] and _value_at(source.data, candidate) is not None:
             return (*candidate, *place[index + 1 :])

@@ -1,21 +1,25 @@
-"""Fields of a user's file that carry a unit, and the strict section they live in."""
+"""How an entry of a user's file is declared: key, quantity with unit and range, text, own check. Loads no validator.
+
+These are annotations of a field, `Annotated[float, Quantity(...)]`. Reading a file they are part of the validator's
+schema, reading values back (`rig.bench.settings_json`) their `check` is called: one declaration, one range.
+"""
 
 from __future__ import annotations
 
-import functools
+import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, get_args
-
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rig import units
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from pydantic.fields import FieldInfo
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
     from pydantic.json_schema import JsonSchemaValue
+    from pydantic_core import CoreSchema
+
+Problem = tuple[tuple[str | int, ...], str]
+"""Where in a table, and what is wrong there."""
 
 
 @dataclass(frozen=True)
@@ -52,20 +56,33 @@ class Quantity:
         Raises:
             ValueError: not this quantity, or outside the range.
         """
-        allowed = f" ({self.allowed})" if self.allowed else ""
         try:
             result = units.parse(value, self.dimension)
         except units.UnitProblem as problem:
-            raise ValueError(f"{problem}{allowed}") from problem
+            raise ValueError(f"{problem}{self._in_brackets}") from problem
+        return self.check(result)
+
+    def check(self, result: float) -> float:
+        """The SI value as it is.
+
+        Raises:
+            ValueError: it is outside the range.
+        """
         if self.low is not None:
             low = units.parse(self.low, self.dimension)
             if result < low or (self.above and result == low):
-                raise ValueError(f"too small{allowed}")
+                raise ValueError(f"too small{self._in_brackets}")
         if self.high is not None and result > units.parse(self.high, self.dimension):
-            raise ValueError(f"too large{allowed}")
+            raise ValueError(f"too large{self._in_brackets}")
         return result
 
+    @property
+    def _in_brackets(self) -> str:
+        return f" ({self.allowed})" if self.allowed else ""
+
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        from pydantic_core import core_schema
+
         return core_schema.no_info_plain_validator_function(
             self.convert, metadata={"pydantic_js_functions": [self._json_schema]}
         )
@@ -89,81 +106,77 @@ class Wording:
     example: str
 
 
-def constraints(field: FieldInfo) -> Iterator[object]:
-    """Every annotation of a model's field, also of the entries of its list: `Quantity`, `Wording`, `Ge`, `Le` ..."""
-    yield from _constraints(field.annotation, field.metadata)
+@dataclass(frozen=True)
+class Text:
+    """Annotation of a text of 1 to `longest` characters and, where given, of this `pattern`; `wording` describes it."""
+
+    longest: int
+    pattern: str | None = None
+    wording: Wording | None = None
+
+    def check(self, value: str) -> str:
+        """The text as it is.
+
+        Raises:
+            ValueError: it is empty, too long, or of another shape.
+        """
+        if not 1 <= len(value) <= self.longest or (self.pattern is not None and not re.fullmatch(self.pattern, value)):
+            raise ValueError(f"must be {self.wording.words if self.wording else f'1 to {self.longest} characters'}")
+        return value
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        from pydantic_core import core_schema
+
+        return core_schema.str_schema(min_length=1, max_length=self.longest, strict=True, pattern=self.pattern)
 
 
-def _constraints(annotation: object, metadata: Sequence[object]) -> Iterator[object]:
-    for item in metadata:
-        yield item
-        yield from getattr(item, "metadata", ())  # a Field(...) inside Annotated
-    if (inner := getattr(annotation, "__metadata__", None)) is not None:
-        yield from _constraints(None, inner)
-    for part in get_args(annotation):
-        yield from _constraints(part, ())
+@dataclass(frozen=True)
+class Check:
+    """Annotation with a check of its own: a function that returns the value, or raises ValueError with what would fit.
 
-
-def quantity_of(field: FieldInfo) -> Quantity | None:
-    """The quantity a model's field holds, alone or in a list of them; None for other fields."""
-    return next((item for item in constraints(field) if isinstance(item, Quantity)), None)
-
-
-class Section(BaseModel):
-    """Base of every table in a user's file: unknown keys, guesses of type, inf and nan are refused.
-
-    A quantity may be written `amplitude = "50 mm"` or, with the unit in the key, `amplitude_mm = 50`.
+    With `alone` nothing else looks at the value, whatever its type.
     """
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    check: Callable[[Any], Any]
+    alone: bool = False
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        from pydantic_core import core_schema
+
+        inner = handler(source)
+        if self.alone:
+            return core_schema.no_info_plain_validator_function(self.check, json_schema_input_schema=inner)
+        return core_schema.no_info_after_validator_function(self.check, inner)
+
+
+def key(name: str | None = None, **shape: object) -> dict[str, object]:
+    """Metadata of a field: its key in the file where that is another, range of a whole number, description, examples.
+
+    Whole numbers, texts and truth values are taken as they are written: no "3" for 3.
+    """
+    given = {"alias": name} if name is not None else {}
+    return {**given, **shape}
+
+
+class Settings:
+    """Base of the tables below: how the validator reads one, where there is a validator."""
+
+    __pydantic_config__: ClassVar[Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
+
+    def problems(self) -> Iterator[Problem]:
+        """What its entries, each right by itself, say wrong together."""
+        yield from ()
 
     @classmethod
-    def key_of(cls, name: str) -> str:
-        """The key in the file of a field of the model."""
-        return cls.model_fields[name].alias or name
+    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        from rig.bench.section import settings_schema
 
-    @classmethod
-    @functools.cache
-    def suffixed_keys(cls) -> dict[str, tuple[str, str]]:
-        """Keys with a unit suffix: {"speed_m_s": ("speed", "m/s"), ...}."""
-        keys: dict[str, tuple[str, str]] = {}
-        for name, field in cls.model_fields.items():
-            quantity = quantity_of(field)
-            if quantity is not None:
-                key = cls.key_of(name)
-                keys |= {f"{key}_{end}": (key, unit) for end, unit in units.key_suffixes(quantity.dimension).items()}
-        return keys
-
-    @model_validator(mode="before")
-    @classmethod
-    def _fold_unit_suffixes(cls, data: object) -> object:
-        if not isinstance(data, dict):
-            return data
-        suffixed = cls.suffixed_keys()
-        folded: dict[str, Any] = {key: value for key, value in data.items() if key not in suffixed}
-        for written in data.keys() & suffixed.keys():
-            key, unit = suffixed[written]
-            if key in folded:
-                raise PydanticCustomError("written_twice", f"{key} is given twice (also as {written}); keep one")
-            folded[key] = _with_unit(data[written], unit, written)
-        return folded
+        return settings_schema(cls, source, handler)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        result = handler.resolve_ref_schema(handler(schema))
-        suffixed = cls.suffixed_keys()
-        if suffixed:
-            number = {"type": "number"}
-            either: Mapping[str, object] = {"anyOf": [number, {"type": "array", "items": number}]}
-            result["patternProperties"] = {f"^({'|'.join(suffixed)})$": either}
-            bare = {key for key, _ in suffixed.values()}
-            result["required"] = [key for key in result.get("required", []) if key not in bare]
+        from rig.bench.section import with_suffixes
+
+        result = handler(schema)
+        with_suffixes(cls, handler.resolve_ref_schema(result))
         return result
-
-
-def _with_unit(value: object, unit: str, key: str) -> object:
-    if isinstance(value, tuple):
-        return tuple(_with_unit(item, unit, key) for item in value)
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise PydanticCustomError("not_a_number", f"{key} has its unit in the key and takes a plain number")
-    return f"{value!r} {unit}"

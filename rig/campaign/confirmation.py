@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.campaign.cause import OPERATOR
+from rig.campaign.stop_cause import OPERATOR
 from rig.errors import Refused
 from rig.fault_matrix import MATRIX
 from rig.recording.campaign_log import UNREADABLE, read_lines

@@ -7,6 +7,7 @@ every proof of the preflight is made again. Valid points stay as they are, all o
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,11 +15,9 @@ from typing import Any
 
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop
-from rig.campaign.ledger import INVALID, RANKS
-from rig.campaign.options import CampaignOptions, PointResult
+from rig.campaign.preflight.zero_return import ENTRY
+from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
 from rig.campaign.setup import campaign_hash
-from rig.campaign.simulator_arguments import of_the_rig
-from rig.campaign.zero_return import ENTRY
 from rig.clock import utc_now
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
@@ -108,12 +107,12 @@ def described(folder: Path) -> dict[str, Any]:
     Raises:
         FileProblem: there is none, or it is damaged.
     """
-    found = read_campaign(folder) if folder.is_dir() else {}
-    if not isinstance(found.get("hashes"), dict) or not (folder / "matrix.toml").is_file():
+    description = read_campaign(folder) if folder.is_dir() else {}
+    if not isinstance(description.get("hashes"), dict) or not (folder / "matrix.toml").is_file():
         raise FileProblem(
             str(folder), ["holds no campaign that was begun; give the directory `rig run` printed (see `rig runs`)"]
         )
-    return found
+    return description
 
 
 def same_matrix(folder: Path, matrix: Matrix) -> None:
@@ -183,30 +182,30 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         points: the matrix's points in order.
     """
     (folder / "points").mkdir(exist_ok=True)
-    problems = [f"{each.id}: {each.error}" for each in recover_held(folder) if each.error]
+    problems = [f"{finished.id}: {finished.error}" for finished in recover_held(folder) if finished.error]
     best: dict[str, tuple[tuple[int, int], RecordedPoint]] = {}
     attempts: dict[str, int] = {}
     temperatures_degC: list[float] = []
     for file in sorted((folder / "points").glob("*.h5")):
         try:
-            found = RecordedPoint.open(file, whole=False)
+            recorded = RecordedPoint.open(file, whole=False)
         except FileProblem as error:
             problems += [f"points/{file.name}: {problem}" for problem in error.problems]
             continue
-        name = str(found.provenance.get("point", found.id))
+        name = str(recorded.provenance.get("point", recorded.id))
         try:
-            attempt = int(found.provenance.get("attempt", 1))
-            seen_degC = [float(found.quality[each]) for each in TEMPERATURES if each in found.quality]
-            rank = (RANKS.index(found.verdict), attempt)
+            attempt = int(recorded.provenance.get("attempt", 1))
+            seen_degC = [float(recorded.quality[name]) for name in TEMPERATURES if name in recorded.quality]
+            rank = (RANKS.index(recorded.verdict), attempt)
         except (TypeError, ValueError) as error:
             problems.append(f"points/{file.name}: not as a campaign writes it: {error}")
             continue
         temperatures_degC += seen_degC
         attempts[name] = max(attempts.get(name, 0), attempt)
         if name not in best or rank > best[name][0]:
-            best[name] = rank, found
+            best[name] = rank, recorded
     points = tuple(points)
-    kept = {name: found for name, (_, found) in best.items() if found.verdict != INVALID}
+    kept = {name: recorded for name, (_, recorded) in best.items() if recorded.verdict != INVALID}
     return Stock(
         results=tuple(_result(point, kept[point.id]) for point in points if point.id in kept),
         remaining=tuple(point for point in points if point.id not in kept),
@@ -254,15 +253,94 @@ def _session(options: CampaignOptions, confirmed: Iterable[EarlierStop]) -> dict
     }  # fmt: skip
 
 
-def _result(point: TestPoint, found: RecordedPoint) -> PointResult:
+def _result(point: TestPoint, recorded: RecordedPoint) -> PointResult:
     return PointResult(
         id=point.id,
-        file=found.path,
-        verdict=found.verdict,
-        reasons=found.reasons,
+        file=recorded.path,
+        verdict=recorded.verdict,
+        reasons=recorded.reasons,
         waveform=point.waveform,
         amplitude_m=point.amplitude_m,
         frequency_Hz=point.frequency_Hz,
         current_A=point.current_A,
-        lost_samples=found.lost_samples,
+        lost_samples=recorded.lost_samples,
     )
+
+
+NAME = r"[a-z0-9_]{1,60}"
+QUANTITY = r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,3})?( ?[A-Za-z/%^0-9*]{1,12})?"
+ASSIGNMENT = r"[a-z][a-z_]*(\.[A-Za-z0-9_]+)*=[^\x00-\x1f\x7f]{1,200}"
+FLAG = ""
+INPUTS = ("delay", "bandwidth", "gain", "zero", "noise", "resolution")
+
+ALLOWED: dict[str, str] = {
+    "--config": r"[^-\x00-\x1f\x7f][^\x00-\x1f\x7f]{0,1000}\.toml",
+    "--option": ASSIGNMENT,
+    "--specimen": ASSIGNMENT,
+    "--model": NAME,
+    "--set": NAME,
+    "--force-format": "frame16|ascii",
+    "--rate": QUANTITY,
+    "--auxiliary": r"[0-9]",
+    "--ports": "pty|socket|by-id",
+    "--actuator": "tcp|rtu",
+    "--real-time": FLAG,
+    "--no-real-time": FLAG,
+    "--drop-unread": FLAG,
+    **{
+        f"--{name}": QUANTITY
+        for name in (
+            "servo-stiffness", "load-train-stiffness", "actuator-friction", "load-cell-zero-drift", "hum", "crosstalk",
+            "ecu-current-gain", "ecu-current-offset", "coil-sensor-offset", "coil-heat-capacity", "body-heat-capacity",
+            "coil-to-body",
+            *(f"actuator-{which}-{what}" for which in ("force", "position") for what in INPUTS),
+            *(f"{sensor}-{what}" for sensor in ("load-cell", "lvdt") for what in INPUTS),
+        )
+    },
+}
+"""Option -> the shape of its value; a flag has none."""
+OF_ONE_SESSION = {
+    "--fault": True, "--fault-seed": True, "--fault-within": True, "--truth": True, "--bench": True, "--speed": True,
+    "--seed": True, "--exit-when-idle": False, "--list-faults": False, "--json": False, "--help": False,
+}  # fmt: skip
+"""Option -> whether it has a value; these are left out."""
+
+
+class StrangeArgument(ValueError):
+    """An argument that no simulated rig of a resumed campaign is given."""
+
+
+def of_the_rig(arguments: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Sort an earlier session's arguments.
+
+    Args:
+        arguments: as they were given, each an own text.
+
+    Returns:
+        Those to be given again, as `--name=value`; and the names of those that are left out.
+
+    Raises:
+        StrangeArgument: one is no option of a rig, or its value has not the shape of one.
+    """
+    kept: list[str] = []
+    left_out: list[str] = []
+    waiting = list(arguments)
+    for argument in waiting:
+        if not isinstance(argument, str):
+            raise StrangeArgument(f"{argument!r:.60} is not a text")
+    while waiting:
+        argument = waiting.pop(0)
+        name, equals, value = argument.partition("=")
+        if name not in ALLOWED and name not in OF_ONE_SESSION:
+            raise StrangeArgument(f"{name[:60]!r} is no option of a resumed simulated rig")
+        if not equals and (OF_ONE_SESSION.get(name, False) or ALLOWED.get(name, FLAG) != FLAG):
+            if not waiting:
+                raise StrangeArgument(f"{name}: its value is missing")
+            value = waiting.pop(0)
+        if name in OF_ONE_SESSION:
+            left_out.append(name)
+            continue
+        if not re.fullmatch(ALLOWED[name], value, re.ASCII if name != "--config" else 0):
+            raise StrangeArgument(f"{name}: {value[:60]!r} is not the shape of its value")
+        kept.append(name if ALLOWED[name] == FLAG else f"{name}={value}")
+    return tuple(kept), tuple(left_out)

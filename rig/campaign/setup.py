@@ -1,4 +1,7 @@
-"""Before anything is connected: the campaign's directory, its description, the room on the disk."""
+"""Before anything is connected: the campaign's directory, its description, room on the disk, the station's settings.
+
+Also what the bench file must promise: calibrations that are not overdue, and clocks where the matrix asks for the skew.
+"""
 
 from __future__ import annotations
 
@@ -7,25 +10,22 @@ import json
 import math
 import secrets
 import shutil
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 from rig import __version__
-from rig.bench.model import Bench, Sensor
-from rig.campaign.adaptation import MOST_STEPS
-from rig.campaign.options import CampaignOptions
+from rig.bench.model import Bench
+from rig.bench.settings import StationConfig
+from rig.campaign.results import CampaignOptions
+from rig.campaign.sequencer.amplitude_compensation import MOST_STEPS
 from rig.clock import utc_now
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan
 from rig.recording.durable import write_text_durably
 from rig.recording.layout import RECORD_DTYPE
-from rig.station.config import ActuatorConfig, EcuConfig, Limits, SensorConfig, StationConfig
 
-SPIKE_FORCE_SHARE = 0.6
-"""A triangle's reversal turns the whole yield force round between two samples; a larger jump is no physics."""
-SPIKE_SPEED_FACTOR = 2.0
-SPIKE_DISPLACEMENT_M = 1e-3
 RESERVE_BYTES = 200_000_000
 COPIES_ON_DISK = 2.5
 """Journal, HDF5 file being written beside it, and margin."""
@@ -138,9 +138,7 @@ def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options
 
 
 def station_config(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConfig:
-    """What the station is told, from the bench file and the specimen.
-
-    The specimen's stroke about its mid-stroke narrows the bench's position limits.
+    """What the station is told: the bench's settings as they are, its limits narrowed to the specimen's travel.
 
     Args:
         bench: the bench.
@@ -148,83 +146,63 @@ def station_config(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConf
         ring_path: where the station makes its ring.
     """
     return StationConfig(
-        actuator=_actuator(bench),
-        ecu=_ecu(bench),
-        load_cell=_sensor(
-            "load_cell", bench.load_cell, bench.load_cell.range_N, SPIKE_FORCE_SHARE * bench.limits.force_N
-        ),
-        lvdt=_sensor(
-            "lvdt",
-            bench.lvdt,
-            bench.lvdt.range_m,
-            SPIKE_DISPLACEMENT_M + SPIKE_SPEED_FACTOR * bench.limits.speed_m_s / bench.lvdt.rate_Hz,
-        ),
-        auxiliary=tuple(_sensor(each.name, each, each.range_SI, float("inf")) for each in bench.auxiliary),
-        limits=limits(bench, matrix),
+        **vars(bench.station),
+        **vars(bench.clock),
+        actuator=bench.actuator,
+        ecu=bench.ecu,
+        load_cell=bench.load_cell,
+        lvdt=bench.lvdt,
+        auxiliary=bench.auxiliary,
+        limits=bench.limits.within_stroke(matrix.specimen.stroke_m, matrix.specimen.mid_stroke_m),
         ring_path=str(ring_path),
-        device_rate=bench.clock.device_rate,
-        heartbeat_timeout_s=bench.station.heartbeat_timeout_s,
-        late_limit_s=bench.station.late_limit_s,
-        real_time=bench.station.real_time,
     )
 
 
-def limits(bench: Bench, matrix: Matrix) -> Limits:
-    """The bench's limits, the stroke narrowed to the specimen's."""
-    allowed, specimen = bench.limits, matrix.specimen
-    half_m = 0.5 * specimen.stroke_m
-    return Limits(
-        position_min_m=max(allowed.position_m[0], specimen.mid_stroke_m - half_m),
-        position_max_m=min(allowed.position_m[1], specimen.mid_stroke_m + half_m),
-        speed_m_s=allowed.speed_m_s,
-        acceleration_m_s2=allowed.acceleration_m_s2,
-        force_N=allowed.force_N,
-        current_A=allowed.current_A,
-        coil_temperature_degC=allowed.coil_temperature_degC,
+def check_calibrations(bench: Bench, today: date) -> tuple[str, ...]:
+    """One warning for each sensor whose calibration is past its due date.
+
+    Args:
+        bench: the bench.
+        today: the date to compare with.
+
+    Raises:
+        Refused: there is one, and the bench file says `require_valid_calibration = true` (slug `calibration-overdue`).
+    """
+    sensors = {"load_cell": bench.load_cell, "lvdt": bench.lvdt, **{item.name: item for item in bench.auxiliary}}
+    warnings = tuple(
+        f"{name}: the calibration of sensor {sensors[name].calibration.serial_number} was due on "
+        f"{sensors[name].calibration.due}"
+        for name in bench.overdue(today)
     )
+    if warnings and bench.require_valid_calibration:
+        raise Refused(
+            "calibration-overdue",
+            "; ".join(warnings) + "; have it calibrated and enter the new certificate and due date in the bench file "
+            "(it says require_valid_calibration = true); nothing was moved",
+        )
+    return warnings
 
 
-def _actuator(bench: Bench) -> ActuatorConfig:
-    given = bench.actuator
-    return ActuatorConfig(
-        url=given.url,
-        baudrate=given.baudrate,
-        parity=given.parity,
-        device_id=given.device_id,
-        register_map=given.register_map,
-        poll_s=given.poll_s,
-        timeout_s=given.timeout_s,
-        stale_after_s=given.stale_after_s,
-        watchdog_s=given.watchdog_s,
-        fade_out_cycles=given.fade_out_cycles,
-        halt_deceleration_m_s2=given.halt_deceleration_m_s2,
-        serial_number=given.serial_number,
-    )
+CLOCKED = "frame16"
+"""The only format with a device clock and latched edges; others count their samples against the nominal rate."""
 
 
-def _ecu(bench: Bench) -> EcuConfig:
-    given = bench.ecu
-    return EcuConfig(
-        interface=given.interface,
-        channel=given.channel,
-        bitrate=given.bitrate,
-        dbc=given.dbc,
-        command_period_s=given.command_period_s,
-        stale_after_s=given.stale_after_s,
-        serial_number=given.serial_number,
-    )
+def check_clocks(bench: Bench) -> None:
+    """Refuse a bench on which the skew between force and displacement cannot be measured.
 
-
-def _sensor(name: str, given: Sensor, span: float, spike_jump: float) -> SensorConfig:
-    return SensorConfig(
-        name=name,
-        url=given.url,
-        rate_Hz=given.rate_Hz,
-        span=span,
-        stale_after_s=given.stale_after_s,
-        baudrate=given.baudrate,
-        format=given.format,
-        sensitivity=given.sensitivity,
-        offset=given.offset,
-        spike_jump=spike_jump,
-    )
+    Raises:
+        Refused: a sensor speaks a format without a clock (slug `format-without-clock`); each is named.
+    """
+    formats = {"load_cell": bench.load_cell.format, "lvdt": bench.lvdt.format}
+    without = [
+        f"[{name}] format = {value if isinstance(value, str) else 'a described line'!r} carries neither a clock nor "
+        "sync edges"
+        for name, value in formats.items() if value != CLOCKED
+    ]
+    if without:
+        raise Refused(
+            "format-without-clock",
+            "; ".join(without) + f", and the matrix asks for the skew ([campaign] require_skew = true): use a sensor "
+            f'that speaks "{CLOCKED}", or leave require_skew out and take the skew as uncertain as the report states '
+            "it; nothing was moved",
+        )

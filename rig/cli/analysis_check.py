@@ -14,8 +14,9 @@ from rig.errors import FileProblem
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rig.matrix.model import Identify, Matrix
+    from rig.matrix.model import Matrix
     from rig.matrix.point import TestPoint
+    from rig.matrix.sections import Identify
 
 ALL = "all"
 AFFINE = "affine"

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rig.cli.output import Command, console, json_option, out_option, write_json
+from rig.cli.options import Command, json_option, out_option
+from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
@@ -19,7 +20,8 @@ MATRIX = Path(__file__).with_name("demo.toml")
 
 @click.command(name="demo", cls=Command, examples=("rig demo", "rig demo --speed 10 --seed 7 --out /tmp/runs"))
 @click.option(
-    "--speed", type=click.FloatRange(0.1, 100.0), default=25.0, show_default=True, help="Simulated seconds per second."
+    "--speed", type=click.FloatRange(0.1, 100.0), default=25.0, show_default=True,
+    help="Speed of the simulated rig: simulated seconds per second.",
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the simulated rig.")
 @out_option
@@ -27,10 +29,10 @@ MATRIX = Path(__file__).with_name("demo.toml")
 def command(speed: float, seed: int, out: Path, as_json: bool) -> int:
     """Complete example on the simulated rig, in under a minute: plan, run, identify, report.
 
-    Processes and sockets are real, only the devices are simulated. The fit is compared with the true parameters of the
+    Only the devices are simulated; processes and sockets are real. The fit is compared with the true parameters of the
     simulated damper.
     """
-    from rig.campaign.options import CampaignOptions
+    from rig.campaign.results import CampaignOptions
     from rig.cli.job import run_job
     from rig.cli.run import show_paths, show_result
     from rig.matrix.model import load_matrix

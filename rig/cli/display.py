@@ -12,11 +12,11 @@ from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.text import Text
 
-from rig.cli.ending import verdict_words
 from rig.cli.tables import COLOURS, duration, plan_table
+from rig.cli.words import verdict_words
 
 if TYPE_CHECKING:
-    from rig.campaign.options import PointResult
+    from rig.campaign.results import PointResult
     from rig.matrix.plan import Plan
     from rig.matrix.point import TestPoint
 
@@ -37,7 +37,7 @@ def describe(waveform: str, amplitude_m: float, frequency_Hz: float, current_A: 
 
 
 class PlainDisplay:
-    """One line an event; for files, pipes and continuous integration. Implements `rig.campaign.options.Display`."""
+    """One line an event; for files, pipes and continuous integration. Implements `rig.campaign.results.Display`."""
 
     def __init__(self, console: Console) -> None:
         self.console = console
@@ -75,9 +75,8 @@ class PlainDisplay:
         """Print a point's verdict, its reasons and the time left."""
         self.done += 1
         line = Text(f"{MARKS.get(result.verdict, '-')} {result.id}  ", style=COLOURS.get(result.verdict, ""))
-        line.append(
-            describe(result.waveform, result.amplitude_m, result.frequency_Hz, result.current_A).ljust(32), style="none"
-        )
+        motion = describe(result.waveform, result.amplitude_m, result.frequency_Hz, result.current_A)
+        line.append(motion.ljust(31) + " ", style="none")
         line.append(verdict_words(result))
         line.append(f"   {self.done}/{self.total}, {duration(self.time_left_s)} left", style="dim")
         self.console.print(line)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.output import Command, console, json_option, scheduler_option, write_json
+from rig.cli.options import Command, json_option, scheduler_option
+from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
 from rig.matrix.methods import DEPENDENCES, METHODS
 
@@ -30,26 +31,43 @@ if TYPE_CHECKING:
     ),
 )
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
-@click.option("--model", default="asymmetric", show_default=True, help="Damper model, or `all` to let the data choose.")
-@click.option("--method", type=click.Choice(METHODS), default="separable", show_default=True)
-@click.option("--holdout", help="What the fit must not see and is scored on: a run, or a filter (waveform=triangle).")
+@click.option("--model", default="asymmetric", show_default=True, help="Damper model, or `all` to compare every model.")
+@click.option(
+    "--method", type=click.Choice(METHODS), default="separable", show_default=True, help="Fitting method."
+)
+@click.option(
+    "--holdout",
+    help="Tests left out of the fit and used to validate it: a run, or a filter (waveform=triangle).",
+)
 @click.option(
     "--hysteresis", type=click.Choice(["kwok", "printed"]), default="kwok", show_default=True,
-    help="Argument of the tanh models: Kwok's, or as the c-FOA paper prints it.",
+    help="Argument of the tanh models: Kwok's, or as printed in the c-FOA paper.",
 )  # fmt: skip
 @click.option(
     "--current", "dependence", type=click.Choice(DEPENDENCES), default="affine", show_default=True,
-    help="How parameters depend on the current: affine in one fit, or one fit a current and a relation between them.",
+    help="Dependence of the parameters on current: affine in one fit, or one fit per current and a relation of them.",
 )  # fmt: skip
-@click.option("--series-spring", is_flag=True, help="Look for a spring in series: mounts that give way.")
-@click.option("--suspect", is_flag=True, help="Take suspect points too; without it only valid ones are fitted.")
-@click.option("--weight", type=click.Choice(["1", "v"]), help="Of a residual: 1 or the speed; default: the method's.")
-@click.option("--loss", type=click.Choice(["squares", "huber"]), default="squares", show_default=True)
-@click.option("--budget", type=click.IntRange(1), default=16_000, show_default=True, help="Evaluations of a search.")
-@click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates a generation.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of methods that draw lots.")
-@click.option("--profile", is_flag=True, help="Profile likelihoods of the nonlinear parameters, too.")
-@click.option("--profile-of", multiple=True, metavar="NAME", help="Profile likelihood of this parameter (repeatable).")
+@click.option("--series-spring", is_flag=True, help="Add a spring in series: compliant mounts.")
+@click.option("--suspect", is_flag=True, help="Include suspect points; by default only valid points are fitted.")
+@click.option(
+    "--weight", type=click.Choice(["1", "v"]),
+    help="Weight of a residual: 1 or the speed.  [default: the method's own]",
+)
+@click.option(
+    "--loss", type=click.Choice(["squares", "huber"]), default="squares", show_default=True,
+    help="Loss function.",
+)
+@click.option(
+    "--budget", type=click.IntRange(1), default=16_000, show_default=True,
+    help="Model evaluations of a search.",
+)
+@click.option("--population", type=click.IntRange(2), default=50, show_default=True, help="Candidates per generation.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed of stochastic methods.")
+@click.option("--profile", is_flag=True, help="Also compute profile likelihoods of the nonlinear parameters.")
+@click.option(
+    "--profile-of", multiple=True, metavar="NAME",
+    help="Also compute the profile likelihood of this parameter (repeatable).",
+)
 @scheduler_option
 @json_option
 def command(
@@ -73,9 +91,10 @@ def command(
 ) -> int:
     """Fit a damper model to RUNS and write fit.json into the first; an earlier fit.json is kept under another name.
 
-    A run is a campaign's directory, a folder in which exactly one campaign lies, or a point's file.
+    A run is a campaign directory, a folder with exactly one campaign, or a point file.
 
-    Says what the data cannot identify instead of guessing it; exit 6 when nothing can be fitted.
+    Parameters that the tests do not determine are reported as not identifiable, with the reason. Exit 6 if nothing can
+    be fitted.
     """
     from rig.identification import Method, identify_run
 

@@ -6,27 +6,10 @@ from pathlib import Path
 
 import click
 
-from rig.cli.output import Command, console, json_option, out_option, write_json
-from rig.cli.stream import say
+from rig.cli.options import Command, QuantityOption, json_option, out_option
+from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
-
-
-class QuantityOption(click.ParamType[float]):
-    """A quantity with its unit on the command line, such as 0.5 A."""
-
-    name = "quantity"
-
-    def __init__(self, dimension: str) -> None:
-        self.dimension = dimension
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Text to SI; what does not fit is a usage error."""
-        from rig.units import UnitProblem, parse
-
-        try:
-            return parse(value, self.dimension)
-        except UnitProblem as problem:
-            self.fail(str(problem), param, ctx)
+from rig.matrix.waveform import SINE, WAVEFORM_NAMES
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> dict[str, str]:
@@ -62,14 +45,19 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -
     multiple=True,
     callback=_pairs,
     metavar="QUANTITY=COLUMN",
-    help="Column of time, displacement, force, current (measured) or commanded_current; its unit as a suffix (x_mm) or "
+    help="Column of time, displacement, force, current (measured) or commanded_current; unit as a suffix (x_mm) or "
     "after a colon (x:mm).",
 )
 @click.option("--current", type=QuantityOption("current"), help="Coil current of all files, such as '0.5 A'.")
-@click.option("--current-from-name", metavar="REGEX", help="Regular expression with a group `current` (A) in the name.")
-@click.option("--waveform", type=click.Choice(["sine", "triangle"]), default="sine", show_default=True)
+@click.option(
+    "--current-from-name", metavar="REGEX",
+    help="Regular expression for the file name with a group `current` (A).",
+)
+@click.option(
+    "--waveform", type=click.Choice(WAVEFORM_NAMES), default=SINE.name, show_default=True, help="Waveform of all files."
+)
 @click.option("--specimen", default="imported", show_default=True, help="Serial number of the damper.")
-@click.option("--mid-stroke", type=QuantityOption("length"), help="Mid-stroke in the displacement column's coordinate.")
+@click.option("--mid-stroke", type=QuantityOption("length"), help="Mid-stroke position in the displacement column.")
 @out_option
 @json_option
 def command(
@@ -83,7 +71,10 @@ def command(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Make a run from CSV FILES, one test a file, all or none; then `rig identify` and `rig report` work on it."""
+    """Convert CSV FILES to a run, one test per file; if one file is unusable, nothing is written.
+
+    `rig identify` and `rig report` take the run like a recorded one.
+    """
     from rig.recording.importing import import_tests
     from rig.recording.run import Run
 

@@ -16,14 +16,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from rig.cli.ending import error_words
+from rig.cli.words import error_words
 from rig.errors import EXIT_DONE, EXIT_IDENTIFICATION, EXIT_NOT_ALL_VALID
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rig.campaign.options import CampaignOptions, CampaignResult
-    from rig.matrix.model import Identify
+    from rig.campaign.results import CampaignOptions, CampaignResult
+    from rig.matrix.sections import Identify
 
 
 @dataclass(frozen=True)

@@ -7,26 +7,29 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from importlib.machinery import PathFinder
+from pathlib import Path
 
 import click
 
 from rig import __version__
-from rig.cli.output import write_examples, write_json
-from rig.cli.packages import foreign_packages
-from rig.cli.stream import say, take_every_character
-from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, Refused, RigError, Stopped
+from rig.cli.options import write_examples
+from rig.cli.output import say, take_every_character, write_json
+from rig.errors import EXIT_DONE, EXIT_STOPPED, EXIT_USAGE, FileProblem, RigError
+
+OPERATOR_STOP = "sigint"
 
 # Command -> module that holds it as `command`, and its line in the help (so that the help loads no module).
 COMMANDS = {
     "demo": ("rig.cli.demo", "Complete example on the simulated rig, in under a minute."),
-    "plan": ("rig.cli.plan", "Judge every point of a matrix before anything moves."),
+    "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
     "import": ("rig.cli.importing", "Convert CSV test files to a run."),
-    "report": ("rig.cli.report", "Write the report of a run."),
+    "report": ("rig.cli.report", "Write the report of a run as one HTML file."),
     "runs": ("rig.cli.runs", "List recorded runs."),
     "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
-    "study": ("rig.cli.study", "Compare the papers' algorithms over recordings; tables and figures."),
+    "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
     "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
 }
@@ -46,6 +49,9 @@ EXIT_CODES = (
     ("6", "identification failed"),
     ("7", "rig state unknown: go and look"),
 )
+
+PACKAGES = ("drivers", "protocols", "simulators")
+"""What lies beside `rig`: names that other projects use, too."""
 
 
 class LazyGroup(click.Group):
@@ -95,41 +101,58 @@ def main(arguments: Sequence[str]) -> int:
         return int(cli.main(args=list(arguments), prog_name="rig", standalone_mode=False) or EXIT_DONE)
     except click.ClickException as error:
         error.show(sys.stderr)
-        if as_json:
-            write_json({"error": error.format_message(), "exit_code": EXIT_USAGE})
-        return EXIT_USAGE
+        return _ended("", {"error": error.format_message(), "slug": RigError.slug}, EXIT_USAGE, as_json=as_json)
+    except FileProblem as error:
+        answer: dict[str, object] = {"error": str(error), "slug": error.slug}
+        answer |= {"file": error.file, "problems": error.problems}
+        return _ended(str(error), answer, error.exit_code, as_json=as_json)
     except RigError as error:
-        _tell(f"rig: {error}" if not isinstance(error, FileProblem) else str(error), _described(error), as_json=as_json)
-        return error.exit_code
+        return _ended(f"rig: {error}", {"error": str(error), "slug": error.slug}, error.exit_code, as_json=as_json)
     except BrokenPipeError:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - whoever read the output has left; nothing more is said
         return EXIT_DONE
     except OSError as error:
         text = f"{error.filename or 'input or output'}: {error.strerror or error}"
-        _tell(f"rig: {text}", {"error": text, "exit_code": EXIT_USAGE}, as_json=as_json)
-        return EXIT_USAGE
+        return _ended(f"rig: {text}", {"error": text, "slug": FileProblem.slug}, EXIT_USAGE, as_json=as_json)
     except (click.Abort, KeyboardInterrupt):
-        text = "stopped by the operator"
-        _tell(f"rig: {text}", {"error": text, "exit_code": EXIT_STOPPED}, as_json=as_json)
-        return EXIT_STOPPED
+        text = "stopped by operator"
+        return _ended(f"rig: {text}", {"error": text, "slug": OPERATOR_STOP}, EXIT_STOPPED, as_json=as_json)
 
 
-def _tell(text: str, answer: dict[str, object], *, as_json: bool) -> None:
-    """Say why a command ended; a terminal that was closed takes nothing from its exit code."""
-    with contextlib.suppress(OSError):
-        say(text, err=True)
+def _ended(text: str, answer: dict[str, object], code: int, *, as_json: bool) -> int:
+    """End a command early: say why, in words and as one object; returns the exit code.
+
+    A terminal that was closed takes nothing from it.
+    """
+    if text:
+        with contextlib.suppress(OSError):
+            say(text, err=True)
     if as_json:
         with contextlib.suppress(OSError):
-            write_json(answer)
+            write_json({**answer, "exit_code": code})
+    return code
 
 
-def _described(error: RigError) -> dict[str, object]:
-    described: dict[str, object] = {"error": str(error), "exit_code": error.exit_code}
-    if isinstance(error, FileProblem):
-        described |= {"file": error.file, "problems": error.problems}
-    if isinstance(error, FileProblem | Refused | Stopped) and error.slug:
-        described["slug"] = error.slug
-    return described
+def foreign_packages(search: list[str] | None = None) -> str | None:
+    """Name what is wrong with the four packages; None when all are ours.
+
+    Args:
+        search: where Python looks (default `sys.path`).
+
+    Returns:
+        One message with what to do, or None.
+    """
+    home = Path(__file__).resolve().parents[2]
+    for name in PACKAGES:
+        spec = PathFinder.find_spec(name, search)
+        if spec is None or spec.origin is None:
+            return f"the package {name} is missing beside {home / 'rig'}: install mr-damper-rig again"
+        if Path(spec.origin).resolve().parents[1] != home:
+            return (
+                f"the package {name} at {Path(spec.origin).parent} belongs to another project of that name, and it "
+                f"hides ours in {home}: install mr-damper-rig into an environment of its own (python3 dev.py install)"
+            )
+    return None
 
 
 def run() -> None:

@@ -1,59 +1,21 @@
-"""What every command shares: `--json`, examples in the help, one object on standard output, a place for progress."""
+"""What a command writes: one JSON object, or text for people in whatever encoding their terminal has."""
 
 from __future__ import annotations
 
+import codecs
+import io
 import json
 import math
 import shutil
-from collections.abc import Callable
+import sys
+import unicodedata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
-
-import click
-
-from rig.cli.stream import say
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-F = TypeVar("F", bound=Callable[..., Any])
-
 PLAIN_WIDTH = 132
-
-
-class Command(click.Command):
-    """A command whose help ends with examples, printed as they are typed."""
-
-    def __init__(self, *args: Any, examples: tuple[str, ...] = (), **kwargs: Any) -> None:  # noqa: ANN401 - click's own
-        super().__init__(*args, **kwargs)
-        self.examples = examples
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The examples, one a line."""
-        del ctx
-        write_examples(formatter, self.examples)
-
-
-def write_examples(formatter: click.HelpFormatter, examples: tuple[str, ...]) -> None:
-    """Print examples in a help text as they are typed, never wrapped."""
-    with formatter.section("Example" if len(examples) == 1 else "Examples"):
-        for line in examples:
-            formatter.write(f"{'':>{formatter.current_indent}}{line}\n")
-
-
-json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output.")
-scheduler_option = click.option(
-    "--scheduler",
-    metavar="URL",
-    help="Dask scheduler (tcp://HOST:8786) whose workers do the searching; they need this software, too.",
-)
-out_option = click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path("logs"),
-    show_default=True,
-    help="Folder in which the run's directory is made.",
-)
 
 
 def write_json(value: object) -> None:
@@ -82,3 +44,44 @@ def _plain(value: object) -> object:
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
     return str(value) if isinstance(value, Path) else value
+
+
+HANDLER = "rig.ascii"
+PLAIN = {
+    "°": "deg ", "µ": "u", "μ": "u", "²": "^2", "³": "^3", "±": "+-", "×": "x", "·": "*", "–": "-", "—": "-", "−": "-",
+    "…": "...", "≤": "<=", "≥": ">=", "→": "->", "Ω": "ohm", "π": "pi", "√": "sqrt", "✓": "+", "✗": "x", "•": "*",
+    "┃": "|", "│": "|", "━": "-", "─": "-", "╸": "-", "╺": "-", "“": '"', "”": '"', "’": "'",
+}  # fmt: skip
+
+
+def replaced(error: UnicodeError) -> tuple[str, int]:
+    """Error handler of a codec: look-alikes in ASCII, "?" where there is none.
+
+    Raises:
+        UnicodeError: it is not an error of encoding.
+    """
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_in_ascii, error.object[error.start : error.end])), error.end
+
+
+def _in_ascii(letter: str) -> str:
+    """One character in ASCII: as in `PLAIN`, or without its accents, or "?"."""
+    if letter in PLAIN:
+        return PLAIN[letter]
+    return unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode() or "?"
+
+
+def take_every_character() -> None:
+    """Let standard output and error replace what they cannot encode, instead of ending the command."""
+    codecs.register_error(HANDLER, replaced)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=HANDLER)
+
+
+def say(text: object, *, err: bool = False) -> None:
+    """Write one line, in the stream's own encoding (`click.echo` writes UTF-8 to an ASCII terminal)."""
+    stream = sys.stderr if err else sys.stdout
+    stream.write(f"{text}\n")
+    stream.flush()

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from rig.cli.output import Command, console, json_option, write_json
+from rig.cli.options import Command, json_option
+from rig.cli.output import console, write_json
 from rig.clock import utc_now
 from rig.errors import EXIT_DONE, EXIT_REFUSED
 
@@ -22,13 +23,19 @@ from rig.errors import EXIT_DONE, EXIT_REFUSED
 )
 @click.argument("matrix", type=click.Path(path_type=Path))
 @click.option("--bench", type=click.Path(path_type=Path), required=True, help="Bench file of the rig.")
-@click.option("--all", "everything", is_flag=True, help="Show every row; without it, long plans are shown by groups.")
+@click.option(
+    "--all", "everything", is_flag=True,
+    help="Show every point; without it long plans are summarised by groups.",
+)
 @json_option
 def command(matrix: Path, bench: Path, everything: bool, as_json: bool) -> int:
-    """Judge every point of MATRIX on a bench; exit 3 if any cannot be done, with what would fit."""
+    """Check every point of MATRIX against the limits of a bench; nothing is connected.
+
+    Exit 3 if a point is infeasible; the reasons and the largest feasible amplitude are shown.
+    """
     from rig.cli.analysis_check import check_analysis
-    from rig.cli.plan_text import PlanText
-    from rig.matrix.files import load_files
+    from rig.cli.tables import PlanText
+    from rig.matrix.model import load_files
     from rig.matrix.plan import plan
 
     tests, loaded = load_files(matrix, bench)

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import click
 
-from rig.cli.output import Command, json_option, write_json
-from rig.cli.stream import say
+from rig.cli.options import Command, json_option, run_argument
+from rig.cli.output import say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 
 
 @click.command(name="recover", cls=Command, examples=("rig recover logs/20260102T030405Z-MR-001-ab12cd",))
-@click.argument("run", type=click.Path(path_type=Path))
+@run_argument
 @json_option
 def command(run: Path, as_json: bool) -> int:
-    """Finish the points of the interrupted campaign in RUN: every journal becomes a point's file, marked recovered.
+    """Finish the points of an interrupted campaign: every journal in RUN becomes a point file, marked as recovered.
 
-    Finished points are not touched. Exit 5 when a recovered point is not valid, for example because it was cut off.
+    Finished points are not changed. Exit 5 if a recovered point is not valid, for example because it was cut off.
     """
     from rig.recording.recovery import recover
 

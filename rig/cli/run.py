@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.output import Command, console, json_option, out_option, write_json
+from rig.cli.options import Command, json_option, out_option
+from rig.cli.output import console, write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,19 +31,20 @@ if TYPE_CHECKING:
 @click.argument("matrix", type=click.Path(path_type=Path), required=False)
 @click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
 @click.option("--bench", type=click.Path(path_type=Path), help="Bench file of the rig.")
-@click.option("--simulate", is_flag=True, help="Start a simulated rig and run on that.")
+@click.option("--simulate", is_flag=True, help="Start a simulated rig and run on it.")
 @click.option(
     "--speed", type=click.FloatRange(0.01, 1000.0), help="Simulated seconds per second (with --simulate; default 1)."
 )
 @click.option("--seed", type=click.IntRange(0), help="Seed of the simulated rig (with --simulate; default 0).")
 @click.option(
-    "--resume", type=click.Path(path_type=Path), metavar="RUN", help="Continue the campaign in RUN; valid points stay."
+    "--resume", type=click.Path(path_type=Path), metavar="RUN",
+    help="Continue the campaign in directory RUN; valid points are kept.",
 )
 @click.option(
     "--requalified", metavar="TEXT",
-    help="With --resume, after an e-stop, a broken coil and the like: what was checked or replaced; recorded.",
+    help="With --resume after a stop that demands requalification (e-stop, broken coil): what was checked or replaced.",
 )
-@click.option("--no-identify", is_flag=True, help="Record only, whatever the matrix file says.")
+@click.option("--no-identify", is_flag=True, help="Record only; ignore [identify] in the matrix file.")
 @out_option
 @json_option
 def command(
@@ -58,23 +60,24 @@ def command(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Run MATRIX: judge it, run it, record every point, fit the damper, write the report.
+    """Run MATRIX on a rig: check it, record every point, identify the damper, write the report.
 
-    Ctrl-C stops the rig safely: current to 0 A, motion faded out by the controller; finished points are kept. Ctrl-Z
-    pauses after the running point and, pressed again, goes on. A campaign that was stopped, crashed or lost its rig is
-    continued by --resume: on its own bench, or on a simulated rig again if it ran on one. Typing --resume confirms that
-    what stopped it was looked at and mended; what that was is printed.
+    Ctrl-C stops the rig: coil to 0 A, motion faded out by the controller; finished points are kept. Ctrl-Z pauses after
+    the running point, Ctrl-Z again continues.
+
+    --resume repeats all preflight checks, keeps the valid points and continues with the rest, on the campaign's own
+    bench or on a simulated rig again. It confirms that the cause of the stop was looked at and removed; the cause is
+    printed.
     """
     if resume is not None and matrix is not None and str(matrix).startswith("-"):
         matrix, simulator_args = None, (str(matrix), *simulator_args)
     _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate)
     words = _requalified(requalified, resume)
-    from rig.campaign.options import CampaignOptions
+    from rig.campaign.results import CampaignOptions
     from rig.cli.analysis_check import check_analysis
-    from rig.cli.ending import ending
     from rig.cli.job import run_job
-    from rig.matrix.files import load_files
-    from rig.matrix.model import load_matrix
+    from rig.cli.words import ending
+    from rig.matrix.model import load_files, load_matrix
 
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
@@ -184,8 +187,8 @@ def show_result(result: JobResult, shown: Console) -> None:
 
     from rich.text import Text
 
-    from rig.cli.ending import ending
     from rig.cli.tables import duration, fit_tables
+    from rig.cli.words import ending
 
     campaign = result.campaign
     if not campaign.refused:

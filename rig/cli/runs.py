@@ -7,14 +7,16 @@ from typing import Any
 
 import click
 
-from rig.cli.output import Command, console, json_option, write_json
+from rig.cli.options import Command, json_option
+from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE, FileProblem
 from rig.text_file import read_json
 
 
 @click.command(name="runs", cls=Command, examples=("rig runs", "rig runs --in /data/dampers --json"))
 @click.option(
-    "--in", "folder", type=click.Path(path_type=Path), default=Path("logs"), show_default=True, help="Folder of runs."
+    "--in", "folder", type=click.Path(path_type=Path), default=Path("logs"), show_default=True,
+    help="Folder with the runs.",
 )
 @json_option
 def command(folder: Path, as_json: bool) -> int:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from rig.cli.output import Command, json_option, write_json
+from rig.cli.options import Command, json_option
+from rig.cli.output import write_json
 from rig.errors import EXIT_DONE
 
 
@@ -12,7 +13,7 @@ from rig.errors import EXIT_DONE
 @click.argument("file", type=click.Choice(["bench", "matrix"]))
 @json_option
 def command(file: str, as_json: bool) -> int:
-    """Print the JSON schema of the bench or matrix FILE, for editors that check while you type."""
+    """Print the JSON schema of the bench or matrix FILE, for editors that validate while you type."""
     del as_json  # a schema is JSON anyway
     from rig.bench.model import Bench
     from rig.matrix.model import Matrix

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 import click
 
-from rig.cli.output import Command
+from rig.cli.options import Command
 
 
 @click.command(
@@ -19,8 +19,8 @@ from rig.cli.output import Command
 )
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def command(arguments: tuple[str, ...]) -> NoReturn:
-    """Start `python -m simulators` with ARGUMENTS.
+    """Run the simulated rig alone: `python -m simulators` with ARGUMENTS.
 
-    Its first line is the path of the bench file to give to `rig run --bench`; Ctrl-C ends it.
+    It prints the path of its bench file first, for `rig run --bench`; Ctrl-C ends it.
     """
     os.execv(sys.executable, [sys.executable, "-m", "simulators", *arguments])

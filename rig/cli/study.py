@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.output import Command, console, json_option, scheduler_option, write_json
+from rig.cli.options import Command, json_option, scheduler_option
+from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
@@ -19,16 +20,16 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of the results; given again, it continues an interrupted study.  [default: logs/study-<file's name>]",
+    help="Folder of the results; an interrupted study in it is continued.  [default: logs/study-<file's name>]",
 )
-@click.option("--processes", type=click.IntRange(1, 1024), help="Worker processes.  [default: one for each processor]")
+@click.option("--processes", type=click.IntRange(1, 1024), help="Worker processes.  [default: one per processor]")
 @scheduler_option
 @json_option
 def command(file: Path, out: Path | None, processes: int | None, scheduler: str | None, as_json: bool) -> int:
-    """Run the study FILE: tables, statistics and figures of both papers over its recordings.
+    """Run the study FILE: tables, statistics and figures of both papers from its recordings.
 
-    It can be interrupted: finished searches are kept, and the same command continues. Writes tables (CSV), study.json
-    and study.html.
+    Writes tables (CSV), study.json and study.html. It can be interrupted: finished searches are kept, and the same
+    command continues.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
@@ -46,8 +47,8 @@ def command(file: Path, out: Path | None, processes: int | None, scheduler: str 
 
         outcome = run_study(file, folder, processes, show, scheduler)
     if as_json:
-        found = plain(outcome.tables, outcome.kruskal_wallis, outcome.facts)
-        write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **found})
+        results = plain(outcome.tables, outcome.kruskal_wallis, outcome.facts)
+        write_json({"folder": folder.absolute(), "page": outcome.page.absolute(), **results})
     else:
         shown = console()
         counts = f"{outcome.facts['searches']} searches over {outcome.facts['samples']} samples"

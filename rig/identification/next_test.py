@@ -90,8 +90,9 @@ def bench_of(folder: Path) -> Allowance | None:
         return None
     from rig.bench.model import Bench
     from rig.matrix.feasibility import HEADROOM_M
-    from rig.matrix.model import ExtraPoint, Matrix, load_matrix
+    from rig.matrix.model import Matrix, load_matrix
     from rig.matrix.plan import plan
+    from rig.matrix.sections import ExtraPoint
 
     bench, matrix = Bench.load(folder / "bench.toml"), load_matrix(folder / "matrix.toml")
 

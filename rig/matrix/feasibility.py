@@ -1,15 +1,21 @@
-"""Whether one point can be run: every limit of machine and specimen, and the amplitude that would fit."""
+"""Whether one point can be run: every limit of machine and specimen, the amplitude that would fit, and hints.
+
+A hint warns of a point that can be run, but whose recording could be too coarse to identify a damper from.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from rig.bench.model import Bench
+from rig.bench.sensor_settings import SensorConfig
+from rig.bench.settings import Limits
 from rig.matrix.forecast import Forecast
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
+from rig.matrix.waveform import waveform_named
 from rig.units import show
 
 SAMPLES_A_CYCLE = 25
@@ -48,7 +54,7 @@ def reasons_against(point: TestPoint, force_N: float | None, matrix: Matrix, ben
         yield Reason("acceleration", f"acceleration {reached:.3g} m/s^2 is above the bench's {limit:.3g} m/s^2")
     low, high = limits.position_m
     room = f"; {show(HEADROOM_M, 'mm')} must be left at each end"
-    if _beyond(point.amplitude_m, _room_m(point, bench)):
+    if _beyond(point.amplitude_m, _room_m(point, limits)):
         text = f"{_span(point)} leaves the bench's {show(low, 'mm')} to {show(high, 'mm')}{room}"
         yield Reason("position", text)
     if _beyond(point.amplitude_m, specimen.stroke_m / 2.0 - HEADROOM_M):
@@ -81,9 +87,7 @@ def command_limit(point: TestPoint, bench: Bench) -> tuple[float, str]:
 
 def command_room(matrix: Matrix, bench: Bench) -> tuple[float, float, str]:
     """Lowest and highest position (m) that may be commanded, headroom taken off, and what sets them, in words."""
-    (low_m, high_m), specimen = bench.limits.position_m, matrix.specimen
-    half_m = 0.5 * specimen.stroke_m
-    low_m, high_m = max(low_m, specimen.mid_stroke_m - half_m), min(high_m, specimen.mid_stroke_m + half_m)
+    low_m, high_m = _travel(matrix, bench).position_m
     where = f"the positions that bench and specimen allow, {show(low_m, 'mm')} to {show(high_m, 'mm')}"
     return low_m + HEADROOM_M, high_m - HEADROOM_M, where
 
@@ -118,9 +122,14 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
         yield Reason("sampling", text)
 
 
-def _room_m(point: TestPoint, bench: Bench) -> float:
-    """The largest amplitude the bench's position limits leave about the point's centre (m)."""
-    low, high = bench.limits.position_m
+def _travel(matrix: Matrix, bench: Bench) -> Limits:
+    """The bench's limits with the travel that machine and specimen both allow."""
+    return bench.limits.within_stroke(matrix.specimen.stroke_m, matrix.specimen.mid_stroke_m)
+
+
+def _room_m(point: TestPoint, limits: Limits) -> float:
+    """The largest amplitude that position limits leave about the point's centre (m), headroom taken off."""
+    low, high = limits.position_m
     return min(high - point.centre_m, point.centre_m - low) - HEADROOM_M
 
 
@@ -146,8 +155,7 @@ def would_fit(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast)
         point.amplitude_m,
         bench.limits.speed_m_s / one_metre.peak_speed_m_s,
         bench.limits.acceleration_m_s2 / one_metre.peak_acceleration_m_s2,
-        _room_m(point, bench),
-        matrix.specimen.stroke_m / 2.0 - HEADROOM_M,
+        _room_m(point, _travel(matrix, bench)),
     )
     steps = math.floor(amplitude_m / AMPLITUDE_STEP_M + 1e-6)
     steps = _largest_within_force(point, steps, matrix, bench, predict)
@@ -170,3 +178,68 @@ def _largest_within_force(point: TestPoint, steps: int, matrix: Matrix, bench: B
         middle = (low + high) // 2
         low, high = (middle, high) if fits(middle) else (low, middle)
     return low
+
+
+HARMONICS = 20
+"""The sensor passes so many: a first-order filter at 20 f takes 0.1 % of the fundamental, and 11 % of the tenth."""
+
+DELAY_TIMES_BANDWIDTH = math.sqrt(2.0) / math.tau
+"""Group delay times cut-off frequency of a second-order Butterworth filter at low frequency, 0.225."""
+
+
+def sampling_hints(points: Sequence[TestPoint], bench: Bench) -> tuple[str, ...]:
+    """One line for each sensor and each way in which it is too slow, with the points concerned and the limit.
+
+    Args:
+        points: all points of a plan.
+        bench: rates, declared bandwidths and delays of its sensors.
+    """
+    moving = [point for point in points if point.kind != "current_step"]
+    hints: list[str] = []
+    for name, sensor in (("load cell", bench.load_cell), ("LVDT", bench.lvdt)):
+        hints += _rate(name, sensor, moving)
+        hints += _bandwidth(name, sensor, moving)
+    return tuple(hints)
+
+
+def _rate(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Iterator[str]:
+    for waveform in sorted({point.waveform for point in points}):
+        needed = waveform_named(waveform).samples_needed
+        coarse = [
+            point for point in points if point.waveform == waveform and sensor.rate_Hz < needed * point.frequency_Hz
+        ]
+        if coarse:
+            fewest = sensor.rate_Hz / max(point.frequency_Hz for point in coarse)
+            need_Hz = needed * max(point.frequency_Hz for point in coarse)
+            yield (
+                f"{_some(coarse)}: down to {fewest:.3g} samples a cycle of the {name} at {sensor.rate_Hz:.4g} Hz; "
+                f"identification from a {waveform} needs {needed:g}, that is {show(need_Hz, 'Hz')} here, because force "
+                "turns round within a few samples at each reversal"
+            )
+
+
+def _bandwidth(name: str, sensor: SensorConfig, points: Sequence[TestPoint]) -> Iterator[str]:
+    if sensor.bandwidth_Hz is not None and sensor.bandwidth_Hz > 0.5 * sensor.rate_Hz:
+        yield (
+            f"{name}: declared bandwidth {show(sensor.bandwidth_Hz, 'Hz')} is above half its rate, "
+            f"{show(0.5 * sensor.rate_Hz, 'Hz')} (Nyquist): noise and hum above that appear at lower frequencies"
+        )
+    band_Hz, source = sensor.bandwidth_Hz, "declared bandwidth"
+    if band_Hz is None and sensor.delay_s:
+        band_Hz, source = DELAY_TIMES_BANDWIDTH / sensor.delay_s, f"declared delay {show(sensor.delay_s, 'ms')}, about"
+    if band_Hz is None:
+        return
+    slow = [point for point in points if band_Hz < HARMONICS * point.frequency_Hz]
+    if slow:
+        fastest_Hz = max(point.frequency_Hz for point in slow)
+        yield (
+            f"{_some(slow)}: the {name} ({source} {show(band_Hz, 'Hz', 3)}) passes {math.floor(band_Hz / fastest_Hz)} "
+            f"harmonics of {show(fastest_Hz, 'Hz')}; the shape of a loop needs {HARMONICS}, that is "
+            f"{show(HARMONICS * fastest_Hz, 'Hz')} here"
+        )
+
+
+def _some(points: Sequence[TestPoint]) -> str:
+    """The first points by name, and how many more there are."""
+    names = ", ".join(point.id for point in points[:3])
+    return names + (f" and {len(points) - 3} more" if len(points) > 3 else "")

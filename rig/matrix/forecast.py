@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
-from rig.matrix.model import Specimen
 from rig.matrix.point import TestPoint
+from rig.matrix.sections import Specimen
 
 Forecast = Callable[[TestPoint], tuple[float | None, float | None]]
 """Largest force (N) and energy turned to heat over the whole program (J); None where unknown."""
@@ -49,17 +48,9 @@ def _from_prior(specimen: Specimen, name: str) -> Forecast:
 
     def predicted(point: TestPoint) -> tuple[float | None, float | None]:
         # Two cycles; the second counts, because models with memory start at rest.
-        omega = math.tau * point.frequency_Hz
         dt_s = 1.0 / (point.frequency_Hz * STEPS_A_CYCLE)
-        phase = math.tau * (np.arange(2 * STEPS_A_CYCLE) + 0.5) / STEPS_A_CYCLE
-        if point.waveform == "triangle":
-            u = point.amplitude_m * (2.0 / math.pi) * np.arcsin(np.sin(phase))
-            v = point.peak_speed_m_s * np.sign(np.cos(phase))
-            a = np.zeros_like(phase)
-        else:
-            u = point.amplitude_m * np.sin(phase)
-            v = omega * point.amplitude_m * np.cos(phase)
-            a = -omega * omega * u
+        phase = (np.arange(2 * STEPS_A_CYCLE) + 0.5) / STEPS_A_CYCLE
+        u, v, a = point.shape.motion(phase, point.amplitude_m, point.frequency_Hz)
         force_N = damper.force(prior.values, u, v, a, point.current_A, dt_s)[STEPS_A_CYCLE:]
         cycle_J = float(np.sum(force_N * v[STEPS_A_CYCLE:]) * dt_s)
         return float(np.max(np.abs(force_N))), cycle_J * _full_cycles(point) + _coil_J(point, specimen)

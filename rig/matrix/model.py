@@ -3,234 +3,36 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import math
 import random
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from rig.bench.problems import close_match, load_section
-from rig.bench.quantity import Quantity, Section, Wording
-from rig.matrix.methods import DEPENDENCES, METHODS
+from rig.bench.model import Bench
+from rig.bench.problems import WrongKind, load_section
+from rig.bench.section import Section
+from rig.errors import FileProblem, FileProblems
 from rig.matrix.point import TestPoint
-from rig.units import show
-
-V = TypeVar("V", str, float)
+from rig.matrix.sections import (
+    Campaign,
+    CurrentStep,
+    ExtraPoint,
+    Friction,
+    Identify,
+    Specimen,
+    Sweep,
+    Temperature,
+)  # fmt: skip
+from rig.matrix.waveform import HOLD, TRIANGLE
 
 POINT_LIMIT = 10_000
-NARROWEST_WINDOW_K = 2.0
-
-Waveform = Literal["sine", "triangle"]
-Amplitude = Annotated[float, Quantity("length", "0 mm", "1 m", above=True)]
-Frequency = Annotated[float, Quantity("frequency", "0.001 Hz", "100 Hz")]
-CoilCurrent = Annotated[float, Quantity("current", "0 A", "20 A")]
-CoilTemperature = Annotated[float, Quantity("temperature", "-40 degC", "250 degC")]
-Cycles = Annotated[int, Field(ge=3, le=10_000, description="at full amplitude; first and last are dropped")]
-RampCycles = Annotated[float, Field(ge=0.5, le=20.0)]
-Identifier = Annotated[
-    str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"),
-    Wording("a letter or digit, then letters, digits, - or _ (32 at most)", "MR-001"),
-]  # fmt: skip
-
-
-class Specimen(Section):
-    """The damper under test."""
-
-    serial_number: Identifier
-    stroke_m: Annotated[float, Quantity("length", "0 mm", "2 m", above=True)] = Field(alias="stroke")
-    mid_stroke_m: Annotated[float, Quantity("length", "-1 m", "1 m")] = Field(default=0.0, alias="mid_stroke")
-    prior: str | None = None
-    max_force_N: Annotated[float, Quantity("force", "0 N", "200 kN", above=True)] | None = Field(
-        default=None, alias="max_force"
-    )
-    max_current_A: Annotated[float, Quantity("current", "0 A", "20 A", above=True)] | None = Field(
-        default=None, alias="max_current"
-    )
-    coil_resistance_ohm: Annotated[float, Quantity("resistance", "0 ohm", "1 kohm", above=True)] | None = Field(
-        default=None, alias="coil_resistance"
-    )
-
-    @field_validator("prior")
-    @classmethod
-    def _known_prior(cls, value: str | None) -> str | None:
-        from rig.dampers.parameter_sets import PARAMETER_SETS
-
-        if value is not None and value not in PARAMETER_SETS:
-            raise ValueError(_unknown("parameter set", value, sorted(PARAMETER_SETS)))
-        return value
-
-    @model_validator(mode="after")
-    def _one_prediction(self) -> Self:
-        if self.prior is not None and self.max_force_N is not None:
-            raise PydanticCustomError("two_priors", "give prior or max_force, not both")
-        return self
-
-
-class Sweep(Section):
-    """The product of waveforms, currents, amplitudes and frequencies, and how each point is run."""
-
-    waveform: tuple[Waveform, ...] = Field(default=("sine",), min_length=1)
-    amplitude_m: tuple[Amplitude, ...] = Field(default=(), alias="amplitude")
-    frequency_Hz: tuple[Frequency, ...] = Field(default=(), alias="frequency")
-    current_A: tuple[CoilCurrent, ...] = Field(default=(), alias="current")
-    cycles: Cycles = 10
-    ramp_in_cycles: RampCycles = 1.0
-    ramp_out_cycles: RampCycles = 1.0
-    amplitude_tolerance: Annotated[float, Quantity("ratio", "0.1 %", "20 %")] = 0.01
-    adapt_amplitude: bool = True
-    order: Literal["as written", "random", "by heat"] = "as written"
-    seed: int | None = Field(default=None, ge=0)
-    repeats: int = Field(default=1, ge=1, le=1000)
-    rest_s: Annotated[float, Quantity("time", "0 s", "24 h")] = Field(default=0.0, alias="rest")
-
-    @field_validator("waveform")
-    @classmethod
-    def _no_waveform_twice(cls, values: tuple[str, ...]) -> tuple[str, ...]:
-        return _no_value_twice(values, str)
-
-    @field_validator("amplitude_m")
-    @classmethod
-    def _no_amplitude_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        return _no_value_twice(values, lambda value: show(value, "mm", 10))
-
-    @field_validator("frequency_Hz")
-    @classmethod
-    def _no_frequency_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        return _no_value_twice(values, lambda value: show(value, "Hz", 10))
-
-    @field_validator("current_A")
-    @classmethod
-    def _no_current_twice(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        return _no_value_twice(values, lambda value: show(value, "A", 10))
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        given = {"amplitude": self.amplitude_m, "frequency": self.frequency_Hz, "current": self.current_A}
-        missing = [key for key, values in given.items() if not values]
-        if missing and len(missing) < len(given):
-            raise PydanticCustomError(
-                "incomplete", f"{' and '.join(missing)} missing: give amplitude, frequency and current, or none of them"
-            )
-        if self.order == "random" and self.seed is None:
-            raise PydanticCustomError("no_seed", 'order = "random" needs a seed, for example seed = 1')
-        return self
-
-
-class ExtraPoint(Section):
-    """One explicit point beside the sweep; what it does not say is as in `[matrix]`."""
-
-    id: Identifier | None = None
-    waveform: Waveform = "sine"
-    amplitude_m: Amplitude = Field(alias="amplitude")
-    frequency_Hz: Frequency = Field(alias="frequency")
-    current_A: CoilCurrent = Field(alias="current")
-    cycles: Cycles | None = None
-
-
-class WarmUp(Section):
-    """The motion that warms a cold damper; without it, the matrix's point with the largest forecast power."""
-
-    amplitude_m: Amplitude = Field(alias="amplitude")
-    frequency_Hz: Frequency = Field(alias="frequency")
-    current_A: CoilCurrent = Field(alias="current")
-
-
-class Temperature(Section):
-    """Between which coil temperatures a point may be measured, and how the damper warms and cools."""
-
-    window_degC: tuple[CoilTemperature, CoilTemperature] = Field(alias="window", examples=[["25 degC", "45 degC"]])
-    ambient_degC: CoilTemperature = Field(default=23.0, alias="ambient")
-    heat_capacity_J_K: Annotated[float, Quantity("heat capacity", "1 J/K", "1000 kJ/K")] = Field(
-        default=1500.0, alias="heat_capacity"
-    )
-    heat_loss_W_K: Annotated[float, Quantity("heat loss", "0.01 W/K", "10000 W/K")] = Field(
-        default=5.0, alias="heat_loss"
-    )
-    longest_s: Annotated[float, Quantity("time", "1 s", "24 h")] = Field(default=3600.0, alias="longest")
-    warm_up: WarmUp | None = None
-
-    @model_validator(mode="after")
-    def _possible(self) -> Self:
-        low, high = self.window_degC
-        if not high - low >= NARROWEST_WINDOW_K:
-            raise PydanticCustomError(
-                "no_window",
-                f"window: the first must lie at least {NARROWEST_WINDOW_K:g} K below the second, as in "
-                '["25 degC", "45 degC"]',
-            )
-        if high <= self.ambient_degC:
-            raise PydanticCustomError(
-                "window_below_ambient",
-                f"window: no damper cools to {high:g} degC by itself where it is {self.ambient_degC:g} degC; raise the "
-                "window above ambient, or correct ambient",
-            )
-        return self
-
-
-class Friction(Section):
-    """A slow triangle without current: gas force from its mean, friction from its half width."""
-
-    id: Identifier = "friction"
-    amplitude_m: Amplitude = Field(alias="amplitude")
-    speed_m_s: Annotated[float, Quantity("speed", "0.05 mm/s", "50 mm/s")] = Field(default=0.005, alias="speed")
-    cycles: Cycles = 3
-
-
-class CurrentStep(Section):
-    """Currents in turn while the rod stands: the coil's lag is fitted to them."""
-
-    id: Identifier | None = None
-    current_A: tuple[CoilCurrent, ...] = Field(min_length=2, max_length=100, alias="current")
-    hold_s: Annotated[float, Quantity("time", "50 ms", "60 s")] = Field(default=0.5, alias="hold")
-
-    @field_validator("current_A")
-    @classmethod
-    def _steps(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        if any(first == second for first, second in itertools.pairwise(values)):
-            raise ValueError("two currents in succession are equal; a step needs two different currents")
-        return values
-
-
-class Identify(Section):
-    """What is fitted when the last point is recorded."""
-
-    enabled: bool = True
-    model: str = "asymmetric"
-    method: Literal[METHODS] = "separable"  # type: ignore[valid-type]  # one list serves the schema and the message
-    holdout: str | None = Field(default=None, examples=["waveform=triangle", "frequency_Hz=2"])
-    series_spring: bool = False
-    current: Literal[DEPENDENCES] = "affine"  # type: ignore[valid-type]  # one list serves the schema and the message
-
-    @field_validator("model")
-    @classmethod
-    def _known_model(cls, value: str) -> str:
-        from rig.dampers.catalogue import MODELS
-
-        known = ["all", *MODELS]
-        if value not in known:
-            raise ValueError(_unknown("model", value, known))
-        return value
-
-
-class Campaign(Section):
-    """How a campaign treats its points."""
-
-    retries: int = Field(default=0, ge=0, le=2)
-    current_settled_A: Annotated[float, Quantity("current", "1 mA", "500 mA")] = Field(
-        default=0.020, alias="current_settled"
-    )
-    demagnetise: bool = False
-    require_skew: bool = Field(
-        default=False, description="refuse a bench whose load cell or LVDT speaks a format without a clock"
-    )
 
 
 class Matrix(Section):
@@ -261,7 +63,7 @@ class Matrix(Section):
             random.Random(self.sweep.seed).shuffle(written)
         if self.sweep.order == "by heat" and self.temperature is not None:
             from rig.matrix.forecast import forecaster
-            from rig.matrix.schedule import by_heat
+            from rig.matrix.order_by_heat import by_heat
 
             return by_heat(tuple(written), forecaster(self.specimen), self.temperature)
         return tuple(written)
@@ -295,12 +97,12 @@ class Matrix(Section):
         special = []
         if self.friction is not None:
             slow = self.friction
-            row = self._point("triangle", slow.amplitude_m, slow.speed_m_s / (4.0 * slow.amplitude_m), 0.0)
+            row = self._point(TRIANGLE.name, slow.amplitude_m, slow.speed_m_s / (4.0 * slow.amplitude_m), 0.0)
             special.append(
                 replace(row, id=slow.id, kind="friction", cycles=slow.cycles, ramp_in_cycles=0.5, ramp_out_cycles=0.5)
             )
         for number, item in enumerate(self.current_step, start=1):
-            row = self._point("hold", 0.0, 1.0 / item.hold_s, max(item.current_A))
+            row = self._point(HOLD.name, 0.0, 1.0 / item.hold_s, max(item.current_A))
             special.append(
                 replace(
                     row,
@@ -370,24 +172,6 @@ class Matrix(Section):
         return self
 
 
-def _no_value_twice(values: tuple[V, ...], written: Callable[[V], str]) -> tuple[V, ...]:
-    """The values as they are.
-
-    Raises:
-        ValueError: one stands there twice; it is named as a user writes it.
-    """
-    for value, count in Counter(values).items():
-        if count > 1:
-            raise ValueError(f"duplicate value {written(value)}; to repeat points set `repeats = N`")
-    return values
-
-
-def _unknown(what: str, value: str, known: list[str]) -> str:
-    """An unknown name, the nearest known one, and all of them."""
-    match = close_match(value, known)
-    return f"unknown {what}{f'; did you mean {match}?' if match else ''}; known: {', '.join(known)}"
-
-
 def load_matrix(path: str | Path) -> Matrix:
     """Read and check a matrix file.
 
@@ -395,3 +179,28 @@ def load_matrix(path: str | Path) -> Matrix:
         FileProblem: with every wrong entry of the file.
     """
     return load_section(Path(path), Matrix, "matrix")[0]
+
+
+def load_files(matrix_path: Path, bench_path: Path) -> tuple[Matrix, Bench]:
+    """Read and check both files.
+
+    Raises:
+        FileProblem: one of them cannot be used, with every wrong entry; or they are exchanged, in one line.
+        FileProblems: both cannot.
+    """
+    problems: list[FileProblem] = []
+    matrix = bench = None
+    try:
+        matrix = load_matrix(matrix_path)
+    except FileProblem as error:
+        problems.append(error)
+    try:
+        bench = Bench.load(bench_path)
+    except FileProblem as error:
+        problems.append(error)
+    if [error.kind for error in problems if isinstance(error, WrongKind)] == ["bench", "matrix"]:
+        turned = f"rig plan {bench_path} --bench {matrix_path}"
+        raise FileProblem(str(matrix_path), [f"matrix and bench file are exchanged: this is the bench file; {turned}"])
+    if matrix is None or bench is None:
+        raise problems[0] if len(problems) == 1 else FileProblems(problems)
+    return matrix, bench

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rig.bench.model import Bench
-from rig.matrix.feasibility import Reason, reasons_against, too_hot, would_fit
+from rig.matrix.feasibility import Reason, reasons_against, sampling_hints, too_hot, would_fit
 from rig.matrix.forecast import Forecast, forecaster
-from rig.matrix.hints import sampling_hints
 from rig.matrix.model import Matrix
+from rig.matrix.order_by_heat import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
 from rig.matrix.point import TestPoint
-from rig.matrix.schedule import BETWEEN_POINTS_S, Thermal, load_of, thermal_of, warm_up_point
 from rig.units import show
 
 SETTLING_S = 0.5

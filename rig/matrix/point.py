@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
-CORNER_SHARE = 0.05
-"""A triangle's corner is rounded by the controller; it still counts as a triangle if that takes <= 1/20 period."""
+from rig.matrix.waveform import Waveform, waveform_named
 
 
 @dataclass(frozen=True)
@@ -16,6 +15,9 @@ class TestPoint:
     `cycles` are at full amplitude; the ramps come beside them. `repeat` counts from 1. `kind` is `loop`, `friction`
     (a slow triangle without current, for gas force and friction) or `current_step`: then `waveform` is `hold`, the
     amplitude 0, a cycle one step, `steps_A` the currents in turn and `current_A` the largest of them.
+
+    Raises:
+        UnknownWaveform: `waveform` is no waveform's name.
     """
 
     __test__ = False  # not a test class, whatever its name
@@ -34,6 +36,14 @@ class TestPoint:
     kind: str = "loop"
     steps_A: tuple[float, ...] = ()
 
+    def __post_init__(self) -> None:
+        waveform_named(self.waveform)
+
+    @property
+    def shape(self) -> Waveform:
+        """The waveform as a value."""
+        return waveform_named(self.waveform)
+
     @property
     def first_current_A(self) -> float:
         """The current that must have settled before the point begins (A)."""
@@ -41,22 +51,20 @@ class TestPoint:
 
     @property
     def peak_speed_m_s(self) -> float:
-        """Largest speed (m/s): 2 pi f A of a sine (1), 4 f A of a triangle (2)."""
-        if self.waveform == "triangle":
-            return 4.0 * self.frequency_Hz * self.amplitude_m
-        return math.tau * self.frequency_Hz * self.amplitude_m
+        """Largest speed (m/s)."""
+        return self.shape.peak_velocity * self.frequency_Hz * self.amplitude_m
 
     @property
     def peak_acceleration_m_s2(self) -> float:
-        """Largest acceleration (m/s2): (2 pi f)^2 A of a sine.
-
-        Of a triangle, the speed step 8 f A of a corner spread over `CORNER_SHARE` of a period: 160 f^2 A.
-        """
-        if self.waveform == "triangle":
-            return 8.0 * self.frequency_Hz**2 * self.amplitude_m / CORNER_SHARE
-        return (math.tau * self.frequency_Hz) ** 2 * self.amplitude_m
+        """Largest acceleration (m/s2), corners as the controller rounds them."""
+        return self.shape.peak_acceleration * self.frequency_Hz**2 * self.amplitude_m
 
     @property
     def motion_s(self) -> float:
         """Duration of the programme, ramps included (s)."""
         return (self.ramp_in_cycles + self.cycles + self.ramp_out_cycles) / self.frequency_Hz
+
+    def to_json(self) -> dict[str, Any]:
+        """Its fields by name, as the header of a point's journal holds them: the steps as one text."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {**values, "steps_A": " ".join(f"{step_A:g}" for step_A in self.steps_A)}

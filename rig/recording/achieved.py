@@ -6,11 +6,12 @@ The recording's file and the campaign's amplitude compensation measure with the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rig.matrix import waveform as matrix_waveform
+from rig.matrix.waveform import SINE, TRIANGLE, waveform_named
 from rig.recording.cycles import NoCycles, find_cycles, full_cycles
 from rig.recording.differentiation import harmonic_columns
 from rig.recording.layout import FloatArray
@@ -18,8 +19,6 @@ from rig.recording.layout import FloatArray
 HARMONICS = 9
 PEAK_SHARE = 0.04
 """Half width, as a share of the period, of the parabola that finds a sine's peak."""
-TRIANGLE_FUNDAMENTAL = 8.0 / math.pi**2
-"""Fundamental of the ideal triangle (2) relative to its amplitude."""
 MOST_FOLDED = 8000
 MOST_ORDERS = 100
 SERIES_SHARE = 0.4
@@ -79,13 +78,13 @@ class Achieved:
     fundamental_amplitude_m: float | None = None
 
 
-def achieved_motion(time_s: FloatArray, displacement_m: FloatArray, waveform: str = "sine") -> Achieved | None:
+def achieved_motion(time_s: FloatArray, displacement_m: FloatArray, waveform: str = SINE.name) -> Achieved | None:
     """Measure the motion of one point.
 
     Args:
         time_s: (n,) s, increasing.
         displacement_m: (n,) m; NaN where nothing was measured.
-        waveform: the wanted one, `sine` or `triangle`: its own harmonics are no distortion.
+        waveform: the wanted one's name: its own harmonics are no distortion.
 
     Returns:
         None when there is not one full cycle.
@@ -94,23 +93,24 @@ def achieved_motion(time_s: FloatArray, displacement_m: FloatArray, waveform: st
         full = full_cycles(find_cycles(time_s, displacement_m))
     except NoCycles:
         return None
+    shape = waveform_named(waveform)
     start_s, end_s = float(full.start_s[0]), float(full.start_s[-1])
     frequency_Hz = len(full) / (end_s - start_s)
     usable = np.isfinite(displacement_m)
     t, u = time_s[usable], displacement_m[usable]
     bounds = np.searchsorted(t, full.start_s)
     shapes = [
-        _cycle(t[a:b], u[a:b], 1.0 / (end - start), waveform, frequency_Hz)
+        _cycle(t[a:b], u[a:b], 1.0 / (end - start), shape, frequency_Hz)
         for a, b, start, end in zip(bounds, bounds[1:], full.start_s, full.start_s[1:], strict=False)
     ]
     columns = np.array(shapes, np.float64).reshape(len(shapes), 5).T
     cycles = Waveform(*columns)
     fundamental_m = None
-    if waveform == "triangle" and np.any(np.isfinite(cycles.amplitude_m)):
+    if shape.corner_share is not None and np.any(np.isfinite(cycles.amplitude_m)):
         fundamental_m = float(np.nanmean(cycles.amplitude_m))
         phase = np.interp(t, full.start_s, np.arange(len(full) + 1.0), left=-1.0, right=-1.0)
         inside = (t >= start_s) & (t < end_s)
-        rounded = TRIANGLE_FUNDAMENTAL * peak_of_fundamental(phase[inside] % 1.0, u[inside])
+        rounded = shape.fundamental * peak_of_fundamental(phase[inside] % 1.0, u[inside], shape)
         cycles = replace(cycles, amplitude_m=cycles.amplitude_m * rounded)
     known = cycles.amplitude_m[np.isfinite(cycles.amplitude_m)]
     amplitude_m = known if len(known) else full.amplitude_m
@@ -121,16 +121,17 @@ def achieved_motion(time_s: FloatArray, displacement_m: FloatArray, waveform: st
     )
 
 
-def peak_of_fundamental(phase: FloatArray, values: FloatArray) -> float:
-    """Half of peak to valley of a triangle over the amplitude of its fundamental; ideally pi^2/8 (2).
+def peak_of_fundamental(phase: FloatArray, values: FloatArray, shape: matrix_waveform.Waveform = TRIANGLE) -> float:
+    """Half of peak to valley of a waveform with corners over its fundamental's amplitude; of a triangle pi^2/8 (2).
 
-    The cycles together are one Fourier series, as long as the phases they were sampled at allow. Of a triangle with
-    sharp corners the harmonics beyond its end (1/k^2 of the fundamental each) are missing at the corner: they are added
-    in the proportion in which the series' last ones are those of the ideal triangle; of rounded corners none are left.
+    The cycles together are one Fourier series, as long as the phases they were sampled at allow. With sharp corners the
+    harmonics beyond its end (of a triangle 1/k^2 of the fundamental each) are missing at the corner: they are added in
+    the proportion in which the series' last ones are those of the ideal waveform; of rounded corners none are left.
 
     Args:
         phase: of the samples in their cycle (n,), 0 to 1.
         values: samples (n,), any unit.
+        shape: the waveform.
     """
     every = -(-len(phase) // MOST_FOLDED)
     phase, values = phase[::every], values[::every]
@@ -138,7 +139,7 @@ def peak_of_fundamental(phase: FloatArray, values: FloatArray) -> float:
     widest = float(np.max(np.diff(known, append=known[0] + 1.0)))
     orders = np.arange(1, max(HARMONICS, min(MOST_ORDERS, int(SERIES_SHARE / widest))) + 1)
     if len(phase) < 2 * len(orders) + 4:
-        return 1.0 / TRIANGLE_FUNDAMENTAL
+        return 1.0 / shape.fundamental
     design = harmonic_columns(phase, math.tau, orders)
     # The orders are as many as the widest gap between the phases allows, so the normal equations are well conditioned.
     found = np.linalg.solve(design.T @ design, design.T @ values)
@@ -147,10 +148,11 @@ def peak_of_fundamental(phase: FloatArray, values: FloatArray) -> float:
     shown = np.fft.irfft(np.concatenate(([0.0], -0.5j * GRID * harmonics)), GRID)
     odd = orders[orders % 2 == 1]
     turned = np.real(harmonics[odd - 1] * np.exp(-1j * odd * math.atan2(first.imag, first.real))) / abs(first)
-    ideal = np.where((odd - 1) // 2 % 2 == 0, 1.0, -1.0) / odd**2
+    ideal = np.array([shape.harmonic(order) for order in odd.tolist()])
+    at_peak = np.where((odd - 1) // 2 % 2 == 0, 1.0, -1.0)
     last = slice(-LAST_ORDERS, None)
     sharp = float(np.clip(np.sum(turned[last] * ideal[last]) / np.sum(ideal[last] ** 2), 0.0, 1.0))
-    missing = sharp * (math.pi**2 / 8.0 - float(np.sum(1.0 / odd**2)))
+    missing = sharp * (1.0 / shape.fundamental - float(np.sum(at_peak * ideal)))
     return float(0.5 * np.ptp(shown)) / abs(first) + missing
 
 
@@ -177,7 +179,7 @@ def wrapped(angle_rad: float) -> float:
 
 
 def _cycle(
-    t: FloatArray, u: FloatArray, frequency_Hz: float, waveform: str, mean_frequency_Hz: float,
+    t: FloatArray, u: FloatArray, frequency_Hz: float, shape: matrix_waveform.Waveform, mean_frequency_Hz: float,
 ) -> tuple[float, float, float, float, float]:
     """Amplitude, mean, frequency, phase and distortion of one cycle; NaN where samples are missing."""
     expected = len(t)
@@ -190,22 +192,15 @@ def _cycle(
     harmonics = found[2::2] + 1j * found[1::2]
     first = complex(harmonics[0])
     phase = math.atan2(first.imag, first.real)
-    if waveform == "triangle":
-        amplitude_m = abs(first) / TRIANGLE_FUNDAMENTAL
+    if shape.corner_share is not None:
+        amplitude_m = abs(first) / shape.fundamental
     else:
         amplitude_m = 0.5 * (_peak(t, u, frequency_Hz) + _peak(t, -u, frequency_Hz))
     turned = harmonics * np.exp(-1j * orders * phase)
-    ideal = abs(first) * np.array([_ideal(waveform).get(order, 0.0) for order in orders.tolist()])
+    ideal = abs(first) * np.array([shape.harmonic(order) for order in orders.tolist()])
     distortion = float(np.sqrt(np.sum(np.abs(turned - ideal)[1:] ** 2))) / abs(first)
     phase = wrapped(phase - math.tau * mean_frequency_Hz * float(t[0]))
     return (amplitude_m, float(found[0]), frequency_Hz, phase, distortion)
-
-
-def _ideal(waveform: str) -> Mapping[int, float]:
-    """Harmonics of the ideal waveform relative to its fundamental; a triangle's are (-1)^j/k^2, k = 2 j + 1 (2)."""
-    if waveform != "triangle":
-        return {1: 1.0}
-    return {order: (-1.0) ** ((order - 1) // 2) / order**2 for order in range(1, HARMONICS + 1, 2)}
 
 
 def _peak(t: FloatArray, u: FloatArray, frequency_Hz: float) -> float:

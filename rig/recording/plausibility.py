@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rig.matrix.waveform import is_waveform
 from rig.recording.column import Records
 from rig.recording.context import PointContext
 from rig.recording.journal import JournalProblem
@@ -42,7 +43,7 @@ def checked_context(context: PointContext, name: str) -> PointContext:
     point = context.point
     problems = _outside("point", point, POINT, needed=tuple(POINT))
     problems += _outside("header", vars(context), CONTEXT, needed=("device_rate",))
-    if not isinstance(point.get("waveform"), str):
+    if not is_waveform(point.get("waveform")):
         problems.append(f"point: waveform = {point.get('waveform')!r:.40}, expected its name")
     for channel in ("force", "displacement"):
         if channel not in context.sensors:

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 
+from rig.errors import told
+
 BLAMED: dict[str, str] = {
     "free-play": "bench",
     "force-scatter": "specimen",
@@ -83,12 +85,12 @@ class Reason:
 
 def suspect(slug: str, text: str, **numbers: float) -> Reason:
     """A reason that leaves a point suspect."""
-    return Reason(slug, Kind.SUSPECT, text, numbers)
+    return Reason(slug, Kind.SUSPECT, told(text), numbers)
 
 
 def invalid(slug: str, text: str, **numbers: float) -> Reason:
     """A reason that makes a point invalid."""
-    return Reason(slug, Kind.INVALID, text, numbers)
+    return Reason(slug, Kind.INVALID, told(text), numbers)
 
 
 def stored_reasons(verdict: str, lines: Sequence[str], kinds: Sequence[str] = ()) -> tuple[Reason, ...]:

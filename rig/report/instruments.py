@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rig.campaign.zero_return import read_zero_checks
+from rig.campaign.preflight.zero_return import read_zero_checks
 from rig.recording.calibration_check import checked, doubts, instruments_of
 from rig.recording.cross_check import AGREES, DISAGREES, UNCHECKED, CrossCheck, cross_checks
 from rig.recording.estimate import Estimate

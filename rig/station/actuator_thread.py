@@ -17,8 +17,8 @@ from typing import TypeVar
 from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused
 from drivers.ring import Record
 from protocols.actuator import ActuatorIdentity, ActuatorStatus, Command, Input, State
+from rig.bench.settings import ActuatorConfig
 from rig.clock import monotonic_ns
-from rig.station.config import ActuatorConfig
 from rig.station.device_thread import DeviceThread
 from rig.station.interlocks import CONSECUTIVE, Finding
 from rig.station.line_judge import ClockWatch

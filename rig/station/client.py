@@ -19,8 +19,8 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
-from rig.station.config import StationConfig
 from rig.station.errors import StationLost, StationRefused
 
 START_TIMEOUT_S = 15.0

@@ -14,9 +14,9 @@ from drivers.errors import DriverError
 from drivers.ring import Record
 from protocols.ecu import EcuFault, EcuIdentity, EcuState
 from protocols.quality import Quality
+from rig.bench.settings import EcuConfig
 from rig.clock import monotonic_ns
 from rig.station.coil_judge import BusJudge, CurrentJudge
-from rig.station.config import EcuConfig
 from rig.station.device_thread import DeviceThread
 from rig.station.errors import StationRefused
 from rig.station.host_watch import Listener

@@ -11,9 +11,10 @@ from drivers.ring import Channel, Record
 from drivers.serial_sensor import SerialSensor
 from protocols.errors import ProtocolError
 from protocols.line_format import LineFormat, from_description
+from rig.bench.sensor_settings import SensorConfig
+from rig.bench.settings import StationConfig
 from rig.station.actuator_thread import ActuatorThread
 from rig.station.coil_thread import CoilThread
-from rig.station.config import SensorConfig, StationConfig
 from rig.station.errors import StationRefused
 from rig.station.interlocks import ChannelJudge, MotionJudge
 from rig.station.line_judge import ClockWatch
@@ -40,14 +41,14 @@ class Devices:
             config.load_cell,
             "loadcell-pulled",
             Channel.FORCE,
-            _judge(config.load_cell, "force-limit", -limits.force_N, limits.force_N, "N"),
+            _judge(config, config.load_cell, "force-limit", -limits.force_N, limits.force_N, "N"),
             append,
         )
         self.lvdt = self._sensor(
             config.lvdt,
             "lvdt-pulled",
             Channel.DISPLACEMENT,
-            _judge(config.lvdt, "stroke-limit", limits.position_min_m, limits.position_max_m, "m"),
+            _judge(config, config.lvdt, "stroke-limit", limits.position_min_m, limits.position_max_m, "m"),
             append,
             MotionJudge(speed_limit_m_s, config.lvdt.rate_Hz),
         )
@@ -56,7 +57,7 @@ class Devices:
                 given,
                 "auxiliary-pulled",
                 Channel(Channel.AUXILIARY_1 + index),
-                _judge(given, "sensor-saturated", -given.span, given.span, ""),
+                _judge(config, given, "sensor-saturated", -given.span, given.span, ""),
                 append,
             )
             for index, given in enumerate(config.auxiliary)
@@ -108,7 +109,7 @@ class Devices:
         driver = SerialSensor(
             given.url,
             given.baudrate,
-            name=given.name,
+            name=given.label,
             channel=channel,
             line_format=_line_format(given),
             sensitivity=given.sensitivity,
@@ -184,8 +185,11 @@ def slug_of(error: Exception) -> str:
     return "unreachable"
 
 
-def _judge(given: SensorConfig, slug: str, low: float, high: float, unit: str) -> ChannelJudge:
-    return ChannelJudge(given.name, slug, low=low, high=high, span=given.span, spike_jump=given.spike_jump, unit=unit)
+def _judge(
+    config: StationConfig, given: SensorConfig, slug: str, low: float, high: float, unit: str
+) -> ChannelJudge:
+    jump = config.spike_jump(given)
+    return ChannelJudge(given.label, slug, low=low, high=high, span=given.span, spike_jump=jump, unit=unit)
 
 
 def _line_format(given: SensorConfig) -> str | LineFormat:

@@ -7,10 +7,6 @@ class StationError(Exception):
     """Base of this room's errors."""
 
 
-class ConfigProblem(StationError):
-    """An entry of the station's configuration is missing, unknown, of the wrong type or out of range."""
-
-
 class StationRefused(StationError):
     """The station did not do what was asked, or could not prove that it was done; `slug` names why."""
 

@@ -6,9 +6,9 @@ import math
 from dataclasses import asdict
 
 from protocols.actuator import ActuatorLimits, Command, FaultBit, Input, State, WatchdogAction
+from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.station.commander import ACK_TIMEOUT_S, Commander
-from rig.station.config import StationConfig
 from rig.station.devices import Devices
 from rig.station.errors import StationRefused
 from rig.station.safe_stop import STILL_S, ZERO_CURRENT_A

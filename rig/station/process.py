@@ -15,10 +15,11 @@ from pathlib import Path
 
 from drivers.actuator import draw_number
 from drivers.ring import RingWriter, ring_bytes
+from rig.bench.settings import StationConfig
+from rig.bench.settings_json import ConfigProblem, from_json
 from rig.errors import EXIT_DONE, EXIT_REFUSED, EXIT_UNKNOWN_STATE, EXIT_USAGE
-from rig.station.config import StationConfig, from_json
 from rig.station.devices import Devices
-from rig.station.errors import ConfigProblem, StationRefused
+from rig.station.errors import StationRefused
 from rig.station.fault_table import TABLE, Stop
 from rig.station.link import Link
 from rig.station.requests import Requests

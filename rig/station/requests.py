@@ -25,9 +25,9 @@ from dataclasses import asdict
 from drivers.errors import DriverError, RequestRefused
 from protocols.actuator import ActuatorStatus, Command, Input, State, Waveform
 from protocols.register_map import Value
+from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.station.commander import ACK_TIMEOUT_S, Commander
-from rig.station.config import StationConfig
 from rig.station.devices import Devices, slug_of
 from rig.station.errors import StationRefused
 from rig.station.fault_table import Stop

@@ -11,8 +11,8 @@ from drivers.errors import DriverError
 from drivers.ring import Channel, Record
 from drivers.sample_stream import Batch
 from protocols.quality import Quality
+from rig.bench.sensor_settings import SensorConfig
 from rig.clock import monotonic_ns
-from rig.station.config import SensorConfig
 from rig.station.device_thread import DeviceThread
 from rig.station.host_watch import Listener
 from rig.station.interlocks import ChannelJudge, Finding, MotionJudge
@@ -79,7 +79,7 @@ class SensorThread(DeviceThread):
         motion: MotionJudge | None = None,
         device_rate: float = 1.0,
     ) -> None:
-        super().__init__(config.name, slug)
+        super().__init__(config.label, slug)
         self.config = config
         self.judge = judge
         self.motion = motion
@@ -92,7 +92,7 @@ class SensorThread(DeviceThread):
         self._standing = StandingJudge(stuck_samples, STANDING_FLOOR_SHARE * config.span)
         self.clock = ClockWatch(device_rate)
         self.reference_ppm: Callable[[], float] = lambda: math.nan
-        self._line = LineJudge(config.name, config.rate_Hz)
+        self._line = LineJudge(config.label, config.rate_Hz)
         self._bad_frames = 0
         self._garbage = 0
         self._channel = int(channel)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.station import safe_stop
-from rig.station.config import StationConfig
 from rig.station.events import Trip, late_event, step_event, trip_event
 from rig.station.fault_table import TABLE, FaultRow, Stop
 from rig.station.host_watch import HostWatch, Listener, quiet_s

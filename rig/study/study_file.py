@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from rig.bench.problems import load_section, problem_at
-from rig.bench.quantity import Quantity, Section
+from rig.bench.quantity import Quantity
+from rig.bench.section import Section
 from rig.errors import FileProblem
 
 Method = Literal[

@@ -45,11 +45,11 @@ def deaf_station(slug: str) -> Edit:
 
 BLIND_RECORDER = (
     Edit(
-        "rig/campaign/hands.py",
+        "rig/campaign/execution/action_executor.py",
         "if self._recorder is None or self._recorder.healthy:",
         "if True or self._recorder is None or self._recorder.healthy:",
     ),
-    Edit("rig/campaign/runner.py", "self._fault_once(Cause(disk_slug(error), str(error)))", "pass"),
+    Edit("rig/campaign/execution/runner.py", "self._fault_once(StopCause(disk_slug(error), str(error)))", "pass"),
 )
 """Nobody hears that the recorder can no longer write."""
 
@@ -61,7 +61,7 @@ HALVES = {
 """Slugs of the station that share a row of the matrix with another one, and the tests that prove them."""
 
 DEAF_PREFLIGHT = (
-    Edit("rig/campaign/sequencer.py", "_arm(state) if event.cause is None else", "_arm(state) if True else"),
+    Edit("rig/campaign/sequencer/step.py", "_arm(state) if event.cause is None else", "_arm(state) if True else"),
 )
 
 MUTATIONS: dict[str, tuple[Edit, ...]] = {
@@ -74,7 +74,11 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
         Edit("drivers/actuator.py", "if identity.layout_version != LAYOUT_VERSION:", "if False:"),
     ),
     "load-train": (
-        Edit("rig/campaign/runner.py", "if changed is not None and self.state.phase", "if False and self.state.phase"),
+        Edit(
+            "rig/campaign/execution/runner.py",
+            "if changed is not None and self.state.phase",
+            "if False and self.state.phase",
+        ),
     ),
     "not-tared": DEAF_PREFLIGHT,
     "sensors-swapped": DEAF_PREFLIGHT,
@@ -86,35 +90,35 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
         deaf_station("stop-ignored"),
         Edit("rig/station/safe_stop.py", "    if _late(stop, view):\n", "    if False:\n"),
     ),
-    "sigint": (Edit("rig/campaign/signals.py", "self._caught.append(number)", "pass"),),
+    "sigint": (Edit("rig/campaign/operator_link.py", "self._caught.append(number)", "pass"),),
     "sigint-storm": (
         Edit(
-            "rig/campaign/signals.py",
+            "rig/campaign/operator_link.py",
             "self._caught.append(number)",
             "if number in self._caught_once:\n            raise KeyboardInterrupt\n"
             "        self._caught_once.add(number)\n        self._caught.append(number)",
         ),
         Edit(
-            "rig/campaign/signals.py",
+            "rig/campaign/operator_link.py",
             "self._paused = False\n\n",
             "self._paused = False\n        self._caught_once: set[int] = set()\n\n",
         ),
     ),
-    "sigterm": (Edit("rig/campaign/signals.py", "for number in (*STOPS, *PAUSES):", "for number in PAUSES:"),),
+    "sigterm": (Edit("rig/campaign/operator_link.py", "for number in (*STOPS, *PAUSES):", "for number in PAUSES:"),),
     "sigkill": (deaf_station("sigkill"),),
     "clock-step": (Edit("rig/clock.py", "if abs(stepped_s) < STEP_S:", "if True or abs(stepped_s) < STEP_S:"),),
     "disk-full": BLIND_RECORDER,
     "fsync-error": BLIND_RECORDER,
     "dir-readonly": (Edit("rig/campaign/setup.py", '(folder / "points").mkdir(parents=True)', "pass"),),
     "two-instances": (
-        Edit("rig/campaign/locks.py", "fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)", "pass"),
+        Edit("rig/campaign/machine_resources.py", "fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)", "pass"),
         Edit("rig/station/preparation.py", 'if error.slug != "second-master":', "if True:"),
     ),
     "config-absurd": (
         Edit("rig/units.py", "if unit.dimension != dimension:", "if False:"),
         Edit("rig/bench/quantity.py", "if self.high is not None and result", "if False and result"),
     ),
-    "matrix-infeasible": (Edit("rig/campaign/conduct.py", "    if lines:\n", "    if False:\n"),),
+    "matrix-infeasible": (Edit("rig/campaign/campaign.py", "    if lines:\n", "    if False:\n"),),
     "matrix-changed": (
         Edit(
             "rig/campaign/resume.py",
@@ -124,9 +128,9 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     ),
     "wrong-damper": (
         Edit(
-            "rig/campaign/signature.py",
-            "if expected is not None and found.peak_N >",
-            "if False and expected is not None and found.peak_N >",
+            "rig/campaign/preflight/baseline.py",
+            "if expected is not None and now.peak_N >",
+            "if False and expected is not None and now.peak_N >",
         ),
     ),
 }

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from rig.campaign.cause import may_restart
+from rig.campaign.stop_cause import may_restart
 from rig.fault_matrix import MATRIX, stop_of
 from rig.station.fault_table import TABLE
 from simulators.injection import INJECTORS
@@ -59,11 +59,11 @@ def test_the_station_takes_its_stops_from_the_matrix() -> None:
 
 
 def test_only_rows_with_automatic_resume_and_s2_restart_by_themselves() -> None:
-    from rig.campaign.cause import Cause, StopKind
+    from rig.campaign.stop_cause import StopCause, StopKind
 
     for slug, row in MATRIX.items():
         for kind in StopKind:
-            assert may_restart(kind, Cause(slug)) is (row.resume == "a" and kind is StopKind.S2)
+            assert may_restart(kind, StopCause(slug)) is (row.resume == "a" and kind is StopKind.FADE_OUT)
 
 
 def test_exit_codes_follow_the_rows_and_a_file_of_no_use_is_a_bad_file() -> None:

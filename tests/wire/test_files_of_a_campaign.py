@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from simulated_campaign import simulated
 
-from rig.campaign.ring_place import SHARED_MEMORY
+from rig.campaign.machine_resources import SHARED_MEMORY
 from rig.clock import monotonic_ns
 
 pytestmark = pytest.mark.wire

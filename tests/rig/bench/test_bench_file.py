@@ -11,7 +11,7 @@ import pytest
 
 from protocols.line_format import from_description
 from rig.bench.model import Bench
-from rig.campaign.crew import sensor_contexts
+from rig.campaign.execution.campaign_context import sensor_contexts
 from rig.errors import EXIT_USAGE, FileProblem
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -195,7 +195,7 @@ def test_an_auxiliary_channel_has_its_own_unit(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text(TEXT + auxiliary())
     (channel,) = Bench.load(path).auxiliary
-    assert channel.range_SI == pytest.approx(4e7)
+    assert channel.span == pytest.approx(4e7)
     assert channel.offset == pytest.approx(1e5)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rig.bench.model import Bench
-from rig.campaign.calibration import check_calibrations
+from rig.campaign.setup import check_calibrations
 from rig.errors import Refused
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "demo-bench.toml"

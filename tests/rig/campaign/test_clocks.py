@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from rig.bench.model import Bench
-from rig.campaign.clocks import check_clocks
+from rig.campaign.setup import check_clocks
 from rig.errors import Refused
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "demo-bench.toml"

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
-from rig.campaign.load_train import Cycle, LoadTrainWatch, difference
+from rig.campaign.execution.load_train import Cycle, LoadTrainWatch, difference
 from rig.recording.layout import RECORD_DTYPE
 
 RATE_HZ = 250.0

@@ -13,15 +13,18 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from protocols.actuator import State
 from protocols.quality import Quality
-from rig.campaign import event as ev
-from rig.campaign.observer import Observer
-from rig.campaign.preflight import AtRest, RestLimits, judge_rest
+from rig.campaign.execution.motion_measurement import WantedMotion
+from rig.campaign.execution.observer import Observer
+from rig.campaign.preflight.rest_check import AtRest, RestLimits, judge_rest
+from rig.campaign.sequencer import event as ev
 from rig.recording.layout import RECORD_DTYPE
 
 LIMITS = RestLimits(
     force_N=5000.0, position_min_m=-0.085, position_max_m=0.085, disagreement_m=0.005, range_N=10_000.0,
-    zero_N=25.0,
+    zero_N=25.0, current_zero_A=0.02, force_per_wire=1.0,
+    displacement_per_wire=1e-3, force_offset_N=0.0, displacement_offset_m=0.0,
 )
+WANTED = WantedMotion("sine", 2.0, 250.0)
 
 
 def zeros(seen: AtRest) -> ev.Event:
@@ -56,7 +59,7 @@ def test_the_centre_is_reached_when_the_actuator_holds_there_after_the_move() ->
 def test_a_program_has_ended_when_it_was_seen_running_and_holds_again() -> None:
     observer = Observer()
     observer.observe(status(50, State.HOLD))
-    observer.await_program(0.0, since_ns=100)
+    observer.await_program(0.0, 100, WANTED, 0.0)
     assert observer.observe(status(150, State.HOLD)) is None, "still the hold from before the start"
     assert observer.observe(status(200, State.RUNNING, 0.01)) is None
     assert observer.observe(status(300, State.HOLD, 0.002)) == ev.ProgramEnded(at_centre=False)
@@ -65,7 +68,7 @@ def test_a_program_has_ended_when_it_was_seen_running_and_holds_again() -> None:
 def test_a_program_too_short_to_be_seen_is_known_by_its_pulses() -> None:
     observer = Observer()
     observer.observe(status(50, State.HOLD, pulses=7))
-    observer.await_program(0.0, since_ns=100)
+    observer.await_program(0.0, 100, WANTED, 0.0)
     assert observer.observe(status(150, State.HOLD, pulses=7)) is None
     assert observer.observe(status(200, State.HOLD, pulses=12)) == ev.ProgramEnded(at_centre=True)
 
@@ -74,7 +77,7 @@ def test_a_program_has_ended_only_when_every_sensor_was_read_after_it() -> None:
     observer = Observer()
     observer.observe(status(50, State.HOLD))
     observer.observe(records((Channel.FORCE, 50, 1.0), (Channel.DISPLACEMENT, 50, 0.0)))
-    observer.await_program(0.0, since_ns=100)
+    observer.await_program(0.0, 100, WANTED, 0.0)
     assert observer.observe(status(200, State.RUNNING, 0.01)) is None
     assert observer.observe(status(300, State.HOLD)) is None, "the sensors' samples of the last cycles are still unread"
     assert observer.observe(records((Channel.FORCE, 310, 1.0))) is None
@@ -85,7 +88,7 @@ def ended(done: float, *early: State) -> ev.ProgramEnded:
     """How a program of 1 + 6 + 1 cycles ends that went through these states and shows so many cycles at its end."""
     observer = Observer()
     observer.observe(status(50, State.HOLD))
-    observer.await_program(0.0, since_ns=100, ordered_cycles=8.0)
+    observer.await_program(0.0, 100, WANTED, 8.0)
     for host_ns, state in enumerate((State.RUNNING, *early), start=200):
         assert observer.observe(status(host_ns, state)) is None
     observer.observe(records((Channel.CYCLES_DONE, 299, done)))
@@ -114,7 +117,7 @@ def test_a_program_that_nobody_here_stopped_shows_when_it_was_cut_short(
 def test_cycles_of_the_program_before_are_not_counted() -> None:
     observer = Observer()
     observer.observe(records((Channel.STATE, 50, State.HOLD), (Channel.CYCLES_DONE, 50, 12.0)))
-    observer.await_program(0.0, since_ns=100)
+    observer.await_program(0.0, 100, WANTED, 0.0)
     observer.observe(records((Channel.STATE, 150, State.HOLD), (Channel.CYCLES_DONE, 150, 12.0)))
     assert observer.cycles_done == 0
     observer.observe(records((Channel.STATE, 200, State.RUNNING), (Channel.CYCLES_DONE, 200, 1.0)))
@@ -123,7 +126,7 @@ def test_cycles_of_the_program_before_are_not_counted() -> None:
 
 def test_a_program_that_tripped_has_not_ended() -> None:
     observer = Observer()
-    observer.await_program(0.0, since_ns=100)
+    observer.await_program(0.0, 100, WANTED, 0.0)
     assert observer.observe(status(150, State.RUNNING)) is None
     assert observer.observe(status(200, State.TRIPPED)) is None
 

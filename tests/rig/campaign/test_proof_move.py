@@ -9,9 +9,9 @@ import pytest
 
 from drivers.ring import Channel
 from protocols.actuator import State
-from rig.campaign import event as ev
-from rig.campaign.observer import Observer
-from rig.campaign.proof_move import PROOF_M, Leg, judge_proof, proof_targets
+from rig.campaign.execution.observer import Observer
+from rig.campaign.preflight.proof_move import PROOF_M, Leg, judge_proof, proof_targets
+from rig.campaign.sequencer import event as ev
 from rig.recording.layout import RECORD_DTYPE
 
 RANDOM = np.random.default_rng(5)

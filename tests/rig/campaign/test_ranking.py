@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.campaign.ledger import Ledger
+from rig.campaign.results import PointResults
 from rig.campaign.resume import take_stock
 from rig.matrix.point import TestPoint
 from rig.recording.layout import AlignedChannel, PointFile, write_file
@@ -40,10 +40,10 @@ def write(folder: Path, attempt: int, verdict: str) -> None:
 
 @pytest.mark.parametrize("verdicts", ATTEMPTS)
 def test_the_books_keep_the_best_attempt(verdicts: tuple[str, ...]) -> None:
-    ledger = Ledger((POINT,))
+    results = PointResults((POINT,))
     for attempt, verdict in enumerate(verdicts, start=1):
-        ledger.judged(POINT, Path(f"{name_of(attempt)}.h5"), verdict, (), 0)
-    assert str(ledger.results["p001"].file) == expected(verdicts)
+        results.judged(POINT, Path(f"{name_of(attempt)}.h5"), verdict, (), 0)
+    assert str(results.results["p001"].file) == expected(verdicts)
 
 
 @pytest.mark.parametrize("verdicts", [*ATTEMPTS, ("suspect", "suspect", "invalid"), ("invalid", "suspect", "valid")])

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from drivers.ring import RingReader, RingWriter
-from rig.campaign.ring_place import ring_path_for
+from rig.campaign.machine_resources import ring_path_for
 
 
 def ring_of(path: Path) -> None:

@@ -9,18 +9,17 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from rig.campaign import action as act
-from rig.campaign import event as ev
-from rig.campaign.action import Action, Request
-from rig.campaign.adaptation import Ceiling, MotionSeen
-from rig.campaign.cause import Cause, StopKind
-from rig.campaign.conditions import NO_CONDITIONS, Conditions
-from rig.campaign.sequencer import step
-from rig.campaign.state import Phase, RigState, State, start_state
-from rig.campaign.stopping import COOLING_PAUSE_S
-from rig.matrix.heat import HeatModel
+from rig.campaign.results import RigState
+from rig.campaign.sequencer import action as act
+from rig.campaign.sequencer import event as ev
+from rig.campaign.sequencer.action import Action, Request
+from rig.campaign.sequencer.amplitude_compensation import Ceiling, MeasuredMotion
+from rig.campaign.sequencer.state import NO_CONDITIONS, Conditions, Phase, State, start_state
+from rig.campaign.sequencer.step import step
+from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
+from rig.campaign.stop_cause import StopCause, StopKind
+from rig.matrix.order_by_heat import HeatModel, Load, Thermal
 from rig.matrix.point import TestPoint
-from rig.matrix.schedule import Load, Thermal
 
 POINTS = (
     TestPoint("p001", "sine", 0.02, 2.0, 0.5, cycles=3, rest_s=1.0),
@@ -43,20 +42,20 @@ TEMPERED = (
         demagnetise=True,
     ),
 )
-RESTARTABLE = Cause("ecu-silent", "no status")
-STILL_HOT = Cause("coil-not-ready", "ECU in state FAULT")
-HOT = Cause("ecu-overtemp", "over-temperature bit")
-FINAL = Cause("estop", "chain open")
+RESTARTABLE = StopCause("ecu-silent", "no status")
+STILL_HOT = StopCause("coil-not-ready", "ECU in state FAULT")
+HOT = StopCause("ecu-overtemp", "over-temperature bit")
+FINAL = StopCause("estop", "chain open")
 
 EVENTS: tuple[ev.Event, ...] = (
     ev.Begin(),
     *(ev.Done(request) for request in Request),
-    *(ev.Declined(request, Cause("modbus-reject", "refused")) for request in Request),
+    *(ev.Declined(request, StopCause("modbus-reject", "refused")) for request in Request),
     ev.ZerosJudged(None),
     ev.ProofLegDone(),
     ev.ProofJudged(None),
-    ev.ProofJudged(Cause("sensors-swapped", "the LVDT shows -4 mm")),
-    ev.ZerosJudged(Cause("not-tared", "900 N at rest")),
+    ev.ProofJudged(StopCause("sensors-swapped", "the LVDT shows -4 mm")),
+    ev.ZerosJudged(StopCause("not-tared", "900 N at rest")),
     ev.Centred(),
     ev.CurrentSettled(),
     ev.ProgramEnded(at_centre=True),
@@ -67,15 +66,15 @@ EVENTS: tuple[ev.Event, ...] = (
     ev.Standstill(),
     *(ev.Judged(point.id, valid) for point in POINTS for valid in (True, False)),
     *(ev.TimedOut(phase) for phase in Phase),
-    ev.Spoiled(Cause("sample-gap", "12 lost")),
-    ev.Fault(StopKind.S2, Cause("disk-full", "journal")),
-    ev.Tripped(StopKind.S2, RESTARTABLE),
-    ev.Tripped(StopKind.S1, FINAL),
+    ev.Spoiled(StopCause("sample-gap", "12 lost")),
+    ev.Fault(StopKind.FADE_OUT, StopCause("disk-full", "journal")),
+    ev.Tripped(StopKind.FADE_OUT, RESTARTABLE),
+    ev.Tripped(StopKind.PRESSURE_OFF, FINAL),
     ev.Safe(),
     ev.Unknown("links lost"),
     ev.StationGone("exit code -9"),
-    ev.Abort(StopKind.S2, Cause("sigint")),
-    ev.Abort(StopKind.S1, Cause("sigterm")),
+    ev.Abort(StopKind.FADE_OUT, StopCause("sigint")),
+    ev.Abort(StopKind.PRESSURE_OFF, StopCause("sigterm")),
     ev.PauseAsked(),
     ev.ResumeAsked(),
 )
@@ -91,8 +90,8 @@ class Edge:
 
 # With retries the histories multiply; the events left out there are explored without retries.
 MEASURED_MOTIONS: tuple[ev.Event, ...] = (
-    ev.ProgramEnded(at_centre=True, motion=MotionSeen(0.018, 0.0)),
-    ev.ProgramEnded(at_centre=True, motion=MotionSeen(0.02, 0.0)),
+    ev.ProgramEnded(at_centre=True, motion=MeasuredMotion(0.018, 0.0)),
+    ev.ProgramEnded(at_centre=True, motion=MeasuredMotion(0.02, 0.0)),
 )
 TEMPERATURES: tuple[ev.Event, ...] = (
     *(ev.TemperatureRead(temperature_degC) for temperature_degC in (24.0, 30.0, 45.5, 60.0)),
@@ -117,7 +116,7 @@ HOT_EVENTS: tuple[ev.Event, ...] = (
     *(event for event in EVENTS if isinstance(event, HEALTHY + STOPPED)),
     ev.ProgramEnded(at_centre=True),
     ev.Standstill(),
-    ev.Tripped(StopKind.S2, HOT),
+    ev.Tripped(StopKind.FADE_OUT, HOT),
     ev.Declined(Request.RESET, STILL_HOT),
     ev.Declined(Request.RESET, FINAL),
 )
@@ -140,7 +139,7 @@ CASES = {
 }
 
 
-FULL = Cause("disk-full", "no space left")
+FULL = StopCause("disk-full", "no space left")
 
 
 def explore(case: Case) -> list[Edge]:
@@ -227,7 +226,7 @@ def test_a_reset_demands_every_proof_again(edges: list[Edge]) -> None:
 
 def test_no_restart_follows_an_operators_stop_or_a_fault_that_forbids_it(edges: list[Edge]) -> None:
     for edge in edges:
-        forbids = isinstance(edge.event, ev.Abort | ev.Fault) or edge.event == ev.Tripped(StopKind.S1, FINAL)
+        forbids = isinstance(edge.event, ev.Abort | ev.Fault) or edge.event == ev.Tripped(StopKind.PRESSURE_OFF, FINAL)
         if forbids and edge.before.latch is not None:
             for event in (ev.Safe(), ev.Done(Request.RESET), ev.Declined(Request.RESET, STILL_HOT)):
                 after, actions = step(edge.after, event)
@@ -327,7 +326,8 @@ def test_pressure_is_only_gone_when_a_disarm_or_a_stop_with_hydraulics_off_was_p
     gone = [edge for edge in edges if edge.before.pressurised and not edge.after.pressurised]
     assert gone
     for edge in gone:
-        stopped = edge.event in PROOFS and edge.before.latch is not None and edge.before.latch.stop is StopKind.S1
+        latch = edge.before.latch
+        stopped = edge.event in PROOFS and latch is not None and latch.stop is StopKind.PRESSURE_OFF
         assert stopped or edge.event == ev.Done(Request.DISARM)
 
 
@@ -370,7 +370,7 @@ def test_deadlines_alone_end_every_campaign_at_rest_or_left_to_its_station(edges
 
 def test_the_operator_is_obeyed_in_every_phase(edges: list[Edge]) -> None:
     for state in {edge.before for edge in edges}:
-        after, actions = step(state, ev.Abort(StopKind.S1, Cause("sigterm")))
+        after, actions = step(state, ev.Abort(StopKind.PRESSURE_OFF, StopCause("sigterm")))
         ending = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
         assert after.phase in ending
         assert not any(act.energises(action) for action in actions)
@@ -475,7 +475,7 @@ def test_a_held_centre_is_not_approached_again() -> None:
 
 def test_a_restartable_trip_repeats_the_point_as_another_attempt_and_keeps_the_broken_one_invalid() -> None:
     state, _ = play(start_state(POINTS, 1), until=Phase.RUNNING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, RESTARTABLE))
     state, actions = play(state)
     ended = [action for action in actions if isinstance(action, act.EndRecording)]
     assert [(action.point.id, action.attempt, action.fault) for action in ended] == [
@@ -488,7 +488,7 @@ def test_a_restartable_trip_repeats_the_point_as_another_attempt_and_keeps_the_b
 
 def test_a_hot_ecu_is_asked_again_until_it_has_cooled_down_and_then_the_point_is_repeated() -> None:
     state, _ = play(start_state(POINTS, 1, Conditions(longest_s=3 * COOLING_PAUSE_S)), until=Phase.RUNNING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, HOT))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, HOT))
     state, actions = step(state, ev.Safe())
     for waited in (1, 2):
         assert state.phase is Phase.COOLING_DOWN
@@ -500,10 +500,10 @@ def test_a_hot_ecu_is_asked_again_until_it_has_cooled_down_and_then_the_point_is
     assert [action.point.id for action in actions if isinstance(action, act.BeginRecording)] == ["p001", "p002"]
 
 
-@pytest.mark.parametrize("refusal", [STILL_HOT, Cause("estop", "chain open")], ids=["still-hot", "something-else"])
-def test_an_ecu_that_stays_hot_or_is_not_all_that_is_wrong_ends_the_campaign(refusal: Cause) -> None:
+@pytest.mark.parametrize("refusal", [STILL_HOT, StopCause("estop", "chain open")], ids=["still-hot", "something-else"])
+def test_an_ecu_that_stays_hot_or_is_not_all_that_is_wrong_ends_the_campaign(refusal: StopCause) -> None:
     state, _ = play(start_state(POINTS, 1, Conditions(longest_s=COOLING_PAUSE_S)), until=Phase.RUNNING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, HOT))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, HOT))
     state, _ = play(state, until=Phase.RESETTING)
     state, _ = step(state, ev.Declined(Request.RESET, refusal))
     state, actions = play(state)
@@ -514,9 +514,9 @@ def test_an_ecu_that_stays_hot_or_is_not_all_that_is_wrong_ends_the_campaign(ref
 
 def test_a_trip_right_after_the_stations_reset_is_a_stop_of_its_own_although_the_answer_comes_later() -> None:
     state, _ = play(start_state(POINTS, 2), until=Phase.RUNNING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, RESTARTABLE))
     state, _ = play(state, until=Phase.RESETTING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, RESTARTABLE))
     state, actions = step(state, ev.Done(Request.RESET))
     assert (state.phase, actions) == (Phase.STOPPING, ()), "the answer belongs to the reset before"
     state, actions = play(state)
@@ -526,16 +526,16 @@ def test_a_trip_right_after_the_stations_reset_is_a_stop_of_its_own_although_the
 
 def test_a_station_that_stands_safely_already_answers_the_stop_with_its_proof() -> None:
     state, _ = play(start_state(POINTS, 0), until=Phase.RUNNING)
-    state, _ = step(state, ev.Fault(StopKind.S2, FINAL))
+    state, _ = step(state, ev.Fault(StopKind.FADE_OUT, FINAL))
     state, _ = step(state, ev.Done(Request.STOP))
     state, _ = play(state)
     assert (state.rig_state, state.pressurised) == (RigState.SAFE, False)
 
 
 @pytest.mark.parametrize(
-    ("stop", "cause"), [(StopKind.S1, RESTARTABLE), (StopKind.SO, RESTARTABLE), (StopKind.S2, FINAL)]
+    ("stop", "cause"), [(StopKind.PRESSURE_OFF, RESTARTABLE), (StopKind.HALT, RESTARTABLE), (StopKind.FADE_OUT, FINAL)]
 )
-def test_nothing_restarts_by_itself_after_a_harder_stop_or_another_cause(stop: StopKind, cause: Cause) -> None:
+def test_nothing_restarts_by_itself_after_a_harder_stop_or_another_cause(stop: StopKind, cause: StopCause) -> None:
     state, _ = play(start_state(POINTS, 2), until=Phase.RUNNING)
     state, _ = step(state, ev.Tripped(stop, cause))
     state, actions = play(state)
@@ -578,11 +578,13 @@ def test_nonsense_is_not_a_campaign(points: tuple[TestPoint, ...], retries: int)
 
 
 @pytest.mark.parametrize(
-    "event", [ev.Abort(StopKind.S2, Cause("sigint")), ev.Fault(StopKind.S2, Cause("disk-full"))], ids=str
+    "event",
+    [ev.Abort(StopKind.FADE_OUT, StopCause("sigint")), ev.Fault(StopKind.FADE_OUT, StopCause("disk-full"))],
+    ids=str,
 )
 def test_an_operator_or_a_fault_ends_a_restart_under_way(event: ev.Event) -> None:
     state, _ = play(start_state(POINTS, 1), until=Phase.RUNNING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, RESTARTABLE))
     state, _ = play(state, until=Phase.RESETTING)
     state, _ = step(state, event)
     state, actions = play(state)
@@ -595,7 +597,7 @@ def test_a_journal_that_cannot_be_opened_stops_the_rig_and_the_end_is_reached() 
     state, actions = step(state, ev.CurrentSettled())
     begin = next(action for action in actions if isinstance(action, act.BeginRecording))
     state, actions = step(state, ev.ActionFailed(begin, state.phase, FULL))
-    assert act.Stop(StopKind.S2, FULL) in actions
+    assert act.Stop(StopKind.FADE_OUT, FULL) in actions
     state, actions = play(state)
     assert not any(isinstance(action, act.EndRecording) for action in actions)
     assert act.Ask(Request.DISARM) in actions
@@ -621,7 +623,9 @@ def test_at_the_end_the_zeros_are_checked_again_before_the_pressure_goes() -> No
     assert again < off
 
 
-@pytest.mark.parametrize(("stop", "checked"), [(StopKind.S2, True), (StopKind.S1, False), (StopKind.SO, False)])
+@pytest.mark.parametrize(
+    ("stop", "checked"), [(StopKind.FADE_OUT, True), (StopKind.PRESSURE_OFF, False), (StopKind.HALT, False)]
+)
 def test_after_a_stop_the_zeros_are_only_checked_where_the_rod_is_held(stop: StopKind, checked: bool) -> None:
     state, _ = play(start_state(POINTS, 0), until=Phase.RUNNING)
     state, _ = step(state, ev.Tripped(stop, FINAL))

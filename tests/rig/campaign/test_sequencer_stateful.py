@@ -6,12 +6,13 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from rig.campaign import action as act
-from rig.campaign import event as ev
-from rig.campaign.action import Action, Request
-from rig.campaign.cause import Cause, StopKind
-from rig.campaign.sequencer import step
-from rig.campaign.state import Phase, RigState, start_state
+from rig.campaign.results import RigState
+from rig.campaign.sequencer import action as act
+from rig.campaign.sequencer import event as ev
+from rig.campaign.sequencer.action import Action, Request
+from rig.campaign.sequencer.state import Phase, start_state
+from rig.campaign.sequencer.step import step
+from rig.campaign.stop_cause import StopCause, StopKind
 from rig.matrix.point import TestPoint
 
 POINTS = tuple(
@@ -21,7 +22,7 @@ POINTS = tuple(
 CAUSES = st.sampled_from(
     ["ecu-silent", "ecu-crc", "ecu-overtemp", "estop", "coil-open-short", "serial-garbage", "stroke-limit"]
 )
-KINDS = st.sampled_from([StopKind.S2, StopKind.S1, StopKind.SO])
+KINDS = st.sampled_from([StopKind.FADE_OUT, StopKind.PRESSURE_OFF, StopKind.HALT])
 ENDS = {
     Phase.STOPPING, Phase.COOLING_DOWN, Phase.RESETTING, Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED,
 }  # fmt: skip
@@ -69,7 +70,7 @@ class Rig(RuleBasedStateMachine):
         self.faults_in_open = self.faults_in_open or self.open is not None
         armed, phase = self.state.armed, self.state.phase
         self.last = ()
-        self.take(ev.ActionFailed(action, phase, Cause("disk-full")))
+        self.take(ev.ActionFailed(action, phase, StopCause("disk-full")))
         if armed:
             assert self.state.phase in ENDS
 
@@ -99,7 +100,7 @@ class Rig(RuleBasedStateMachine):
     def the_station_trips(self, kind: StopKind, slug: str) -> None:
         armed = self.state.armed
         self.faults_in_open = self.faults_in_open or self.open is not None
-        self.take(ev.Tripped(kind, Cause(slug)))
+        self.take(ev.Tripped(kind, StopCause(slug)))
         if armed:
             assert self.state.phase in ENDS
             assert self.state.latch is not None or self.state.phase is Phase.ENDED
@@ -107,12 +108,12 @@ class Rig(RuleBasedStateMachine):
     @rule(slug=CAUSES)
     def a_point_is_spoiled(self, slug: str) -> None:
         self.faults_in_open = self.faults_in_open or self.open is not None
-        self.take(ev.Spoiled(Cause(slug)))
+        self.take(ev.Spoiled(StopCause(slug)))
 
-    @rule(kind=st.sampled_from([StopKind.S2, StopKind.S1]))
+    @rule(kind=st.sampled_from([StopKind.FADE_OUT, StopKind.PRESSURE_OFF]))
     def the_operator_stops(self, kind: StopKind) -> None:
         self.faults_in_open = self.faults_in_open or self.open is not None
-        self.take(ev.Abort(kind, Cause("sigint")))
+        self.take(ev.Abort(kind, StopCause("sigint")))
 
     @rule(paused=st.booleans())
     def the_operator_pauses_or_goes_on(self, paused: bool) -> None:
@@ -126,7 +127,7 @@ class Rig(RuleBasedStateMachine):
     @rule(request=st.sampled_from(list(Request)))
     def something_is_refused(self, request: Request) -> None:
         self.faults_in_open = self.faults_in_open or self.open is not None
-        self.take(ev.Declined(request, Cause("modbus-reject")))
+        self.take(ev.Declined(request, StopCause("modbus-reject")))
 
     @rule(name=st.sampled_from([point.id for point in POINTS]), valid=st.booleans())
     def a_verdict_comes(self, name: str, valid: bool) -> None:

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from rig.bench.model import Bench
-from rig.campaign.crew import sensor_contexts
-from rig.campaign.locks import locked
-from rig.campaign.options import CampaignOptions
+from rig.bench.settings_json import from_json
+from rig.campaign.execution.campaign_context import sensor_contexts
+from rig.campaign.machine_resources import locked
+from rig.campaign.results import CampaignOptions
 from rig.campaign.setup import (
     campaign_hash,
     check_room,
@@ -23,7 +24,6 @@ from rig.campaign.setup import (
 from rig.errors import Refused
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import plan
-from rig.station.config import from_json
 
 BENCH = """
 format = 1

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.campaign.baseline import Baseline
-from rig.campaign.signature import Signature, expected_signature, judge_damper, measured_signature
+from rig.campaign.preflight.baseline import Baseline, Signature, expected_signature, judge_damper, measured_signature
 from rig.errors import FileProblem
-from rig.matrix.model import Specimen
+from rig.matrix.sections import Specimen
 
 DEMO = Specimen.model_validate({"serial_number": "MR-1", "stroke": "170 mm", "prior": "demo"})
 IDENTITIES = {

@@ -9,9 +9,17 @@ from typing import Any
 import click
 import pytest
 
-from rig.campaign.options import CampaignOptions
-from rig.campaign.resume import as_before, left_out, speed_before
-from rig.campaign.simulator_arguments import ALLOWED, FLAG, OF_ONE_SESSION, StrangeArgument, of_the_rig
+from rig.campaign.results import CampaignOptions
+from rig.campaign.resume import (
+    ALLOWED,
+    FLAG,
+    OF_ONE_SESSION,
+    StrangeArgument,
+    as_before,
+    left_out,
+    of_the_rig,
+    speed_before,
+)
 from rig.errors import FileProblem
 from simulators.__main__ import main
 

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.campaign.ledger import Ledger
-from rig.campaign.options import CampaignFinding
-from rig.campaign.zero_doubt import doubt_points
+from rig.campaign.preflight.zero_return import doubt_points
+from rig.campaign.results import CampaignFinding, PointResults
 from rig.matrix.point import TestPoint
 from rig.recording.calibration_check import doubts
 from rig.recording.layout import AlignedChannel, PointFile, write_file
@@ -22,8 +21,8 @@ FINDING = CampaignFinding(
 )
 
 
-def books(folder: Path) -> Ledger:
-    ledger = Ledger(POINTS)
+def books(folder: Path) -> PointResults:
+    results = PointResults(POINTS)
     time_s = np.arange(1000) / 250.0
     for point in POINTS:
         file = folder / f"{point.id}.h5"
@@ -33,40 +32,40 @@ def books(folder: Path) -> Ledger:
             test={"id": point.id, "waveform": "sine", "amplitude_m": 0.02, "frequency_Hz": 1.0, "current_A": 0.0},
             quality={"verdict": "valid"}, provenance={"bench_hash": "b"},
         ))
-        ledger.judged(point, file, "valid", (), 0)
-    return ledger
+        results.judged(point, file, "valid", (), 0)
+    return results
 
 
 def test_every_point_of_the_session_is_doubted_and_none_of_an_earlier_one(tmp_path: Path) -> None:
-    ledger = books(tmp_path)
+    results = books(tmp_path)
     warned: list[str] = []
-    doubt_points(ledger, [FINDING], warned.append, [ledger.results["p001"]])
+    doubt_points(results, [FINDING], warned.append, [results.results["p001"]])
     assert warned == []
-    assert ledger.valid == 1
-    assert ledger.results["p001"].verdict == "valid"
+    assert results.valid == 1
+    assert results.results["p001"].verdict == "valid"
     for name in ("p002", "p003"):
         read = RecordedPoint.open(tmp_path / f"{name}.h5")
-        assert (read.verdict, read.reasons) == ("suspect", ledger.results[name].reasons)
+        assert (read.verdict, read.reasons) == ("suspect", results.results[name].reasons)
         assert "load cell and controller's force input" in read.reasons[0]
         assert read.quality["blamed"] == ("bench",)
         assert len(doubts([read])) == 1
 
 
 def test_a_later_judgement_of_all_points_keeps_the_doubt(tmp_path: Path) -> None:
-    ledger = books(tmp_path)
-    doubt_points(ledger, [FINDING], str)
+    results = books(tmp_path)
+    doubt_points(results, [FINDING], str)
     list(judge_together(tmp_path))
     assert {RecordedPoint.open(file).verdict for file in tmp_path.glob("*.h5")} == {"suspect"}
 
 
 def test_zeros_that_returned_touch_nothing_and_a_file_that_cannot_be_read_is_told(tmp_path: Path) -> None:
-    ledger = books(tmp_path)
+    results = books(tmp_path)
     before = (tmp_path / "p001.h5").read_bytes()
-    doubt_points(ledger, [], str)
+    doubt_points(results, [], str)
     assert (tmp_path / "p001.h5").read_bytes() == before
     (tmp_path / "p002.h5").write_bytes(b"no HDF5")
     warned: list[str] = []
-    doubt_points(ledger, [FINDING], warned.append)
+    doubt_points(results, [FINDING], warned.append)
     assert len(warned) == 1
     assert "p002.h5" in warned[0]
-    assert ledger.results["p003"].verdict == "suspect"
+    assert results.results["p003"].verdict == "suspect"

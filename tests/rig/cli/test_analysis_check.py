@@ -9,7 +9,8 @@ import pytest
 from rig.cli.analysis_check import analysis_problems
 from rig.cli.main import main
 from rig.matrix.methods import METHODS
-from rig.matrix.model import Identify, load_matrix
+from rig.matrix.model import load_matrix
+from rig.matrix.sections import Identify
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 QUICK = (EXAMPLES / "quick.toml").read_text(encoding="utf-8")

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from rig.cli.main import COMMANDS
-from rig.cli.stream import replaced
+from rig.cli.output import replaced
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "examples"

@@ -13,8 +13,7 @@ from typing import Any
 
 import pytest
 
-from rig.cli.main import COMMANDS
-from rig.cli.packages import foreign_packages
+from rig.cli.main import COMMANDS, foreign_packages
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "examples"

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from rig.bench.model import Bench
-from rig.campaign.options import CampaignFinding, CampaignResult, PointResult, StopReport
+from rig.campaign.results import CampaignFinding, CampaignResult, PointResult, StopReport
 from rig.cli.display import LiveDisplay, PlainDisplay, display_for
 from rig.cli.job import JobResult
 from rig.cli.run import show_result

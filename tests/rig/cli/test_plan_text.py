@@ -12,7 +12,7 @@ from rich.console import Console
 
 from rig.bench.model import Bench
 from rig.cli.main import main
-from rig.cli.plan_text import PlanText, duration, energy
+from rig.cli.tables import PlanText, duration, energy
 from rig.errors import EXIT_DONE, EXIT_REFUSED
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
@@ -168,7 +168,7 @@ def test_the_limit_of_fifty_samples_is_where_the_recorded_velocity_loses_three_p
 def test_a_declared_bandwidth_is_compared_with_the_points_and_the_rate(
     changes: dict[str, float], expected: str | None
 ) -> None:
-    bench = DEMO.model_copy(update={"load_cell": DEMO.load_cell.model_copy(update=changes)})
+    bench = DEMO.model_copy(update={"load_cell": replace(DEMO.load_cell, **changes)})
     warnings = hints("2 mm", "4 Hz", bench=bench).warnings
     assert len(warnings) == (expected is not None)
     if expected is not None:

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig.bench.model import Bench
-from rig.cli.plan_text import PlanText
+from rig.cli.tables import PlanText
 from rig.dampers import model, parameter_set
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
@@ -99,7 +99,7 @@ def test_the_specimens_stroke_limits_the_travel() -> None:
 
 
 def test_a_predicted_force_beyond_the_limit_names_an_amplitude_whose_force_fits() -> None:
-    weak = DEMO.model_copy(update={"limits": DEMO.limits.model_copy(update={"force_N": 600.0})})
+    weak = DEMO.model_copy(update={"limits": replace(DEMO.limits, force_N=600.0)})
     given = one("50 mm", "2 Hz", current="0.5 A", specimen='prior = "demo"')
     feasible, reasons, would_fit_m = only(plan(given, weak))
     assert not feasible

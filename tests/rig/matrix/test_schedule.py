@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from rig.errors import FileProblem
-from rig.matrix.heat import HeatModel
 from rig.matrix.model import Matrix, load_matrix
-from rig.matrix.schedule import Load, Thermal, fastest_order
+from rig.matrix.order_by_heat import HeatModel, Load, Thermal, fastest_order
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 HEAD = """

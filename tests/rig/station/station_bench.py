@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from rig.station.config import ActuatorConfig, EcuConfig, Limits, SensorConfig, StationConfig
+from rig.bench.sensor_settings import Calibration, LoadCell, Lvdt
+from rig.bench.settings import ActuatorConfig, EcuConfig, Limits, StationConfig
 
 
 class Told(list[dict[str, object]]):
@@ -16,10 +17,13 @@ class Told(list[dict[str, object]]):
 def config_for(url: str = "nowhere", actuator_url: str = "modbus-tcp://127.0.0.1:1") -> StationConfig:
     """A station whose sensors are at `url` and whose controller is at `actuator_url`."""
     return StationConfig(
-        actuator=ActuatorConfig(actuator_url),
-        ecu=EcuConfig("slcan", url),
-        load_cell=SensorConfig("load_cell", url, 250.0, 1e4, 0.02),
-        lvdt=SensorConfig("lvdt", url, 250.0, 0.1, 0.02),
-        limits=Limits(-0.085, 0.085, 0.8, 60.0, 5000.0, 3.0, 120.0),
+        actuator=ActuatorConfig(url=actuator_url),
+        ecu=EcuConfig(interface="slcan", channel=url),
+        load_cell=LoadCell(url=url, rate_Hz=250.0, range_N=1e4, calibration=Calibration(serial_number="LC-1")),
+        lvdt=Lvdt(url=url, rate_Hz=250.0, range_m=0.1, calibration=Calibration(serial_number="LV-1")),
+        limits=Limits(
+            position_m=(-0.085, 0.085), speed_m_s=0.8, acceleration_m_s2=60.0, force_N=5000.0, current_A=3.0,
+            coil_temperature_degC=120.0,
+        ),
         ring_path="nowhere",
     )

@@ -11,9 +11,9 @@ from station_bench import Told, config_for
 
 from drivers.actuator import ModbusActuator
 from protocols.actuator import STATUS, Command, Input, State
+from rig.bench.settings import ActuatorConfig
 from rig.clock import monotonic_ns
 from rig.station.actuator_thread import ActuatorThread
-from rig.station.config import ActuatorConfig
 from rig.station.fault_table import Stop
 from rig.station.safe_stop import Action, Step
 from rig.station.status_judge import ControllerJudge
@@ -58,7 +58,7 @@ class Controller:
         self.told = Told()
         self.supervisor = Supervisor(config_for(), self.told.append, lambda records: None, lambda now_ns: None)
         self.thread = ActuatorThread(
-            ActuatorConfig(self.device.url, poll_s=poll_s),
+            ActuatorConfig(url=self.device.url, poll_s=poll_s),
             ModbusActuator(self.device.url, timeout_s=0.1, owner_id=77),
             ControllerJudge(77, frozen_after_ns=frozen_after_ns, disagreement_m=1.0, lag_s=0.0),
             MovingRod(),

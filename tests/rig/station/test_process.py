@@ -17,8 +17,9 @@ from pathlib import Path
 import pytest
 
 from drivers.ring import RingReader
+from rig.bench.sensor_settings import Calibration, LoadCell, Lvdt
+from rig.bench.settings import ActuatorConfig, EcuConfig, Limits, StationConfig
 from rig.station.client import StationClient, StationLost, StationRefused
-from rig.station.config import ActuatorConfig, EcuConfig, Limits, SensorConfig, StationConfig
 from rig.station.process import MUTATION_VARIABLE
 
 MOST_RESIDENT_KB = 64 * 1024
@@ -30,11 +31,18 @@ def config_in(folder: Path) -> StationConfig:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
     return StationConfig(
-        actuator=ActuatorConfig(f"modbus-tcp://127.0.0.1:{port}"),
-        ecu=EcuConfig("slcan", f"socket://127.0.0.1:{port}"),
-        load_cell=SensorConfig("load_cell", str(folder / "no-such-port"), 250.0, 1e4, 0.02),
-        lvdt=SensorConfig("lvdt", f"socket://127.0.0.1:{port}", 250.0, 0.1, 0.02),
-        limits=Limits(-0.085, 0.085, 0.8, 60.0, 5000.0, 3.0, 120.0),
+        actuator=ActuatorConfig(url=f"modbus-tcp://127.0.0.1:{port}"),
+        ecu=EcuConfig(interface="slcan", channel=f"socket://127.0.0.1:{port}"),
+        load_cell=LoadCell(
+            url=str(folder / "no-such-port"), rate_Hz=250.0, range_N=1e4, calibration=Calibration(serial_number="LC-1")
+        ),
+        lvdt=Lvdt(
+            url=f"socket://127.0.0.1:{port}", rate_Hz=250.0, range_m=0.1, calibration=Calibration(serial_number="LV-1")
+        ),
+        limits=Limits(
+            position_m=(-0.085, 0.085), speed_m_s=0.8, acceleration_m_s2=60.0, force_N=5000.0, current_A=3.0,
+            coil_temperature_degC=120.0,
+        ),
         ring_path=str(folder / "ring"),
     )
 

@@ -15,7 +15,7 @@ from station_bench import Told, config_for
 from drivers.ring import Channel
 from drivers.serial_sensor import FRAME16, SerialSensor
 from protocols.frame_format import encode
-from rig.station.config import SensorConfig
+from rig.bench.sensor_settings import Calibration, LoadCell
 from rig.station.interlocks import ChannelJudge
 from rig.station.sensor_thread import SensorThread
 from rig.station.supervisor import Supervisor
@@ -37,7 +37,10 @@ class Cable:
         url = os.ttyname(self._slave)
         self.told = Told()
         self.supervisor = Supervisor(config_for(url), self.told.append, lambda records: None, lambda now_ns: None)
-        given = SensorConfig("load_cell", url, 1.0 / PERIOD_S, 10e3, STALE_S, format=line_format)
+        given = LoadCell(
+            url=url, rate_Hz=1.0 / PERIOD_S, range_N=10e3, stale_after_s=STALE_S, format=line_format,
+            calibration=Calibration(serial_number="LC-1"),
+        )
         driver = SerialSensor(url, name="load_cell", channel=Channel.FORCE, line_format=line_format)
         judge = ChannelJudge("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
         self.thread = SensorThread(

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 from rig.bench.model import Bench
+from rig.bench.settings import StationConfig
 from rig.campaign.setup import station_config
 from rig.clock import monotonic_ns
 from rig.matrix.model import load_matrix
 from rig.station.client import StationClient, StationLost
-from rig.station.config import StationConfig
 
 MATRIX = """
 format = 1

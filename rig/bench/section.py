@@ -1,0 +1,163 @@
+"""Tables of a user's file as the validator sees them: strict, with the unit in the value or in the key.
+
+A table is a `Section` (a model of the validator), or one of the frozen `rig.bench.settings`, which loads no validator
+by itself: what both need is here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, get_args
+
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from rig import units
+from rig.bench.quantity import Problem, Quantity, Settings
+
+
+class Section(BaseModel):
+    """Base of a table in a user's file: unknown keys, guesses of type, inf and nan are refused.
+
+    A quantity may be written `amplitude = "50 mm"` or, with the unit in the key, `amplitude_mm = 50`.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fold_unit_suffixes(cls, data: object) -> object:
+        return folded(cls, data)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return with_suffixes(cls, handler.resolve_ref_schema(handler(schema)))
+
+
+Table = type[Any]
+"""A class derived from `Section` or `Settings`."""
+
+
+def fields_of(table: Table) -> Mapping[str, FieldInfo]:
+    """The fields of a table by name in the program."""
+    return _fields_of(typing.cast("typing.Hashable", table))
+
+
+@functools.cache
+def _fields_of(table: Table) -> Mapping[str, FieldInfo]:
+    if issubclass(table, Section):
+        return dict(table.model_fields)
+    hints = typing.get_type_hints(table, include_extras=True)
+    return {
+        field.name: FieldInfo.from_annotated_attribute(hints[field.name], field)
+        for field in dataclasses.fields(table)
+    }
+
+
+def key_of(table: Table, name: str) -> str:
+    """The key in the file of a field of the program."""
+    return fields_of(table)[name].alias or name
+
+
+def suffixed_keys(table: Table) -> Mapping[str, tuple[str, str]]:
+    """Keys with a unit suffix: {"speed_m_s": ("speed", "m/s"), ...}."""
+    return _suffixed_keys(typing.cast("typing.Hashable", table))
+
+
+@functools.cache
+def _suffixed_keys(table: Table) -> Mapping[str, tuple[str, str]]:
+    keys: dict[str, tuple[str, str]] = {}
+    for name, field in fields_of(table).items():
+        quantity = quantity_of(field)
+        if quantity is not None:
+            key = key_of(table, name)
+            keys |= {f"{key}_{end}": (key, unit) for end, unit in units.key_suffixes(quantity.dimension).items()}
+    return keys
+
+
+def constraints(field: FieldInfo) -> Iterator[object]:
+    """Every annotation of a field, also of the entries of its list: `Quantity`, `Wording`, `Ge`, `Le` ..."""
+    yield from _constraints(field.annotation, field.metadata)
+
+
+def _constraints(annotation: object, metadata: Sequence[object]) -> Iterator[object]:
+    for item in metadata:
+        yield item
+        yield from getattr(item, "metadata", ())  # a Field(...) inside Annotated
+    if (inner := getattr(annotation, "__metadata__", None)) is not None:
+        yield from _constraints(None, inner)
+    for part in get_args(annotation):
+        yield from _constraints(part, ())
+
+
+def quantity_of(field: FieldInfo) -> Quantity | None:
+    """The quantity a field holds, alone or in a list of them; None for other fields."""
+    return next((item for item in constraints(field) if isinstance(item, Quantity)), None)
+
+
+def folded(table: Table, data: object) -> object:
+    """A table's data with `amplitude_mm = 50` as `amplitude = "50 mm"`.
+
+    Raises:
+        PydanticCustomError: one is given twice, or a value with its unit in the key is no number.
+    """
+    if not isinstance(data, dict):
+        return data
+    suffixed = suffixed_keys(table)
+    values: dict[str, Any] = {key: value for key, value in data.items() if key not in suffixed}
+    for written in data.keys() & suffixed.keys():
+        key, unit = suffixed[written]
+        if key in values:
+            raise PydanticCustomError("written_twice", f"{key} is given twice (also as {written}); keep one")
+        values[key] = _with_unit(data[written], unit, written)
+    return values
+
+
+def with_suffixes(table: Table, schema: JsonSchemaValue) -> JsonSchemaValue:
+    """The JSON schema of a table whose quantities may carry the unit in the key."""
+    suffixed = suffixed_keys(table)
+    if suffixed:
+        number = {"type": "number"}
+        either: Mapping[str, object] = {"anyOf": [number, {"type": "array", "items": number}]}
+        schema["patternProperties"] = {f"^({'|'.join(suffixed)})$": either}
+        bare = {key for key, _ in suffixed.values()}
+        schema["required"] = [key for key in schema.get("required", []) if key not in bare]
+    return schema
+
+
+def located(problems: Sequence[Problem]) -> PydanticCustomError:
+    """An error of a whole table that names the places inside it."""
+    return PydanticCustomError("inconsistent", "entries contradict each other", {"problems": list(problems)})
+
+
+def settings_schema(table: type[Settings], source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+    """The validator's schema of a table of settings: unit suffixes first, its entries, what they say together last."""
+    result = handler(source)
+    definition: dict[str, Any] = handler.resolve_ref_schema(result)  # type: ignore[assignment]  # changed in place
+    own: Any = {**definition, "strict": False}  # its entries are strict; the table itself comes as a mapping
+    name = own.pop("ref", None)
+
+    def together(value: Any) -> Any:  # noqa: ANN401 - an instance of `table`
+        problems = tuple(value.problems())
+        if problems:
+            raise located(problems)
+        return value
+
+    checked = core_schema.no_info_after_validator_function(together, own)
+    whole = core_schema.no_info_before_validator_function(lambda data: folded(table, data), checked)
+    definition.clear()
+    definition.update(whole, **({} if name is None else {"ref": name}))
+    return result
+
+
+def _with_unit(value: object, unit: str, key: str) -> object:
+    if isinstance(value, tuple):
+        return tuple(_with_unit(item, unit, key) for item in value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise PydanticCustomError("not_a_number", f"{key} has its unit in the key and takes a plain number")
+    return f"{value!r} {unit}"

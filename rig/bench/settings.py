@@ -1,0 +1,226 @@
+"""The rig's settings: frozen values that the bench file is read into and the station uses as they are.
+
+Each entry is declared once, here and in `sensor_settings`: key in the file, unit, range, default. `rig.bench.model`
+reads them from TOML with a place for every problem; `StationConfig.to_json` and `settings_json.from_json` carry them to
+the station's process, which loads no validator (0.1 s of its start) but checks the same ranges. Every number is SI;
+durations are wall seconds unless the name says otherwise.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import date
+from typing import Annotated, Literal
+
+from rig.bench import address
+from rig.bench.quantity import Check, Problem, Quantity, Settings, Text, key
+from rig.bench.sensor_settings import (
+    Auxiliary,
+    Delay,
+    Force,
+    LoadCell,
+    Lvdt,
+    Name,
+    SensorConfig,
+    Timeout,
+)
+
+ECU_STATUS_Hz = 100.0
+MOST_AUXILIARY = 7
+SPIKE_FORCE_SHARE = 0.6
+"""A triangle's reversal turns the whole yield force round between two samples; a larger jump is no physics."""
+SPIKE_SPEED_FACTOR = 2.0
+SPIKE_DISPLACEMENT_M = 1e-3
+
+# A limit outside these is a slip of the pen, not a damper test rig (fault row `config-absurd`).
+Position = Annotated[float, Quantity("length", "-1 m", "1 m")]
+Speed = Annotated[float, Quantity("speed", "0 m/s", "5 m/s", above=True)]
+Acceleration = Annotated[float, Quantity("acceleration", "0 m/s^2", "500 m/s^2", above=True)]
+Current = Annotated[float, Quantity("current", "0 A", "20 A", above=True)]
+Temperature = Annotated[float, Quantity("temperature", "20 degC", "250 degC")]
+
+
+
+def _ordered(value: tuple[float, float]) -> tuple[float, float]:
+    if not value[0] < value[1]:
+        raise ValueError("the first must be below the second")
+    return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits(Settings):
+    """What the machine may do; plan, station and controller hold every motion inside them.
+
+    The interlocks trip beyond these values, speed and current beyond `Margins`.
+    """
+
+    position_m: Annotated[tuple[Position, Position], Check(_ordered)] = field(
+        metadata=key("position", examples=[["-85 mm", "85 mm"]])
+    )
+    speed_m_s: Speed = field(metadata=key("speed"))
+    acceleration_m_s2: Acceleration = field(metadata=key("acceleration"))
+    force_N: Force = field(metadata=key("force"))
+    current_A: Current = field(metadata=key("current"))
+    coil_temperature_degC: Temperature = field(metadata=key("coil_temperature"))
+
+    @property
+    def position_min_m(self) -> float:
+        """Lowest position (m, LVDT coordinate)."""
+        return self.position_m[0]
+
+    @property
+    def position_max_m(self) -> float:
+        """Highest position (m, LVDT coordinate)."""
+        return self.position_m[1]
+
+    def within_stroke(self, stroke_m: float, mid_stroke_m: float) -> Limits:
+        """The same limits with the travel that machine and specimen both allow.
+
+        Args:
+            stroke_m: the specimen's whole stroke (m).
+            mid_stroke_m: its middle in the LVDT's coordinate (m).
+        """
+        low_m = max(self.position_min_m, mid_stroke_m - 0.5 * stroke_m)
+        high_m = min(self.position_max_m, mid_stroke_m + 0.5 * stroke_m)
+        return dataclasses.replace(self, position_m=(low_m, high_m))
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far beyond a limit the trip lies, for the two limits whose measurement is not the limited quantity itself.
+
+    Position, force, acceleration and temperature trip at their limit; the plan keeps the headroom a point needs.
+    `speed` is a share of the speed limit: the speed is a difference of LVDT samples, and sensor noise, latency jitter
+    and the servo's ripple come with it. `current_A` is the ECU's tracking tolerance, so that a set-point at the limit
+    can be held. The controller is given the same values.
+    """
+
+    speed: float = 0.10
+    current_A: float = 0.15
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuatorConfig(Settings):
+    """The servo-hydraulic controller, over Modbus TCP or RTU, and what it is told at `arm`."""
+
+    url: Annotated[str, Text(256), Check(address.modbus_url)] = field(
+        metadata=key(examples=["modbus-tcp://192.168.0.10:502", "modbus-rtu:/dev/ttyUSB0"])
+    )
+    baudrate: int = field(
+        default=115_200, metadata=key(ge=1200, le=12_000_000, description="of a serial line (modbus-rtu)")
+    )
+    parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line (modbus-rtu)"))
+    device_id: int = field(default=1, metadata=key(ge=0, le=247))
+    register_map: Literal["demo"] = "demo"
+    poll_s: Annotated[float, Quantity("time", "2 ms", "100 ms")] = field(default=0.010, metadata=key("poll"))
+    timeout_s: Timeout = field(default=0.040, metadata=key("timeout"))
+    stale_after_s: Timeout = field(default=0.150, metadata=key("stale_after"))
+    watchdog_s: Annotated[float, Quantity("time", "50 ms", "10 s")] = field(default=0.500, metadata=key("watchdog"))
+    fade_out_cycles: float = field(default=1.0, metadata=key(ge=1.0, le=10.0))
+    halt_deceleration_m_s2: Acceleration = field(default=20.0, metadata=key("halt_deceleration"))
+    input_delay_s: Delay | None = field(
+        default=None,
+        metadata=key(
+            "input_delay",
+            description="delay of the controller's own position and force inputs; sensors are checked against them",
+        ),
+    )
+    serial_number: Name | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EcuConfig(Settings):
+    """The current controller of the coil, over CAN by any python-can interface."""
+
+    interface: Annotated[str, Text(256), Check(address.can_interface)] = field(metadata=key(examples=["socketcan"]))
+    channel: Name = field(metadata=key(examples=["can0"]))
+    bitrate: int = field(default=500_000, metadata=key(ge=10_000, le=1_000_000))
+    dbc: Literal["demo"] = "demo"
+    command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = field(
+        default=0.010, metadata=key("command_period")
+    )
+    stale_after_s: Timeout = field(default=0.030, metadata=key("stale_after"))
+    serial_number: int | None = field(default=None, metadata=key(ge=0, le=0xFFFF_FFFF))
+
+    def problems(self) -> Iterator[Problem]:
+        """A serial CAN adapter's channel is a port."""
+        if self.interface == "slcan":
+            try:
+                address.serial_url(self.channel)
+            except ValueError as problem:
+                yield ("channel",), str(problem)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock(Settings):
+    """At what rate device clocks run against the wall: 1 on hardware, the speed of a simulated rig."""
+
+    device_rate: float = field(default=1.0, metadata=key(ge=0.01, le=1000.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Station(Settings):
+    """The I/O process."""
+
+    heartbeat_timeout_s: Annotated[float, Quantity("time", "100 ms", "10 s")] = field(
+        default=0.500, metadata=key("heartbeat_timeout")
+    )
+    late_limit_s: Annotated[float, Quantity("time", "20 ms", "1 s")] = field(
+        default=0.050,
+        metadata=key(
+            "late_limit",
+            description="so long the station may be kept from running; beyond it the rig stops as host-late",
+        ),
+    )
+    real_time: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class StationConfig(Station, Clock):
+    """Everything the station needs: the bench's own settings, and what only the station knows.
+
+    A time for which the station itself did not watch is recorded from `late_after_s` on and stops the rig beyond
+    `late_limit_s`. `disagreement_m` is how far LVDT and controller position may be apart. `owner_id` is the lease at
+    the controller, 1..65535; 0 has the station draw one at random.
+    """
+
+    actuator: ActuatorConfig
+    ecu: EcuConfig
+    load_cell: LoadCell
+    lvdt: Lvdt
+    limits: Limits
+    ring_path: str
+    auxiliary: tuple[Auxiliary, ...] = field(default=(), metadata=key(max_length=MOST_AUXILIARY))
+    margins: Margins = field(default_factory=Margins)
+    ring_capacity: int = field(default=1 << 19, metadata=key(ge=1))
+    late_after_s: float = 0.020
+    disagreement_m: float = 0.005
+    owner_id: int = field(default=0, metadata=key(ge=0, le=0xFFFF))
+    disabled_detectors: tuple[str, ...] = ()
+
+    @property
+    def sensors(self) -> tuple[SensorConfig, ...]:
+        """Load cell, LVDT and the auxiliary channels."""
+        return (self.load_cell, self.lvdt, *self.auxiliary)
+
+    @property
+    def periods_s(self) -> list[float]:
+        """At which periods the devices are heard (wall s): polls, samples, the ECU's status frames."""
+        rates_Hz = [*(sensor.rate_Hz for sensor in self.sensors), ECU_STATUS_Hz]
+        return [self.actuator.poll_s, *(1.0 / (rate_Hz * self.device_rate) for rate_Hz in rates_Hz)]
+
+    def spike_jump(self, sensor: SensorConfig) -> float:
+        """The change between two samples (SI) that physics cannot make; none is known of an auxiliary channel."""
+        if isinstance(sensor, LoadCell):
+            return SPIKE_FORCE_SHARE * self.limits.force_N
+        if isinstance(sensor, Lvdt):
+            return SPIKE_DISPLACEMENT_M + SPIKE_SPEED_FACTOR * self.limits.speed_m_s / sensor.rate_Hz
+        return math.inf
+
+    def to_json(self) -> str:
+        """This configuration as JSON text."""
+        return json.dumps(dataclasses.asdict(self), indent=1, default=date.isoformat)

@@ -1,0 +1,374 @@
+"""A whole campaign from two files to a directory of judged points: `run_campaign`."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from rig.bench.model import Bench
+from rig.campaign import resume
+from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class, resume_command
+from rig.campaign.execution.action_executor import disk_slug
+from rig.campaign.execution.campaign_context import CampaignContext
+from rig.campaign.execution.runner import Runner
+from rig.campaign.machine_resources import locked, ring_path_for
+from rig.campaign.operator_link import GuardedDisplay, Signals
+from rig.campaign.preflight.baseline import read_baseline
+from rig.campaign.preflight.zero_return import doubt_points
+from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResults, RigState, StopReport
+from rig.campaign.resume import Stock
+from rig.campaign.setup import (
+    check_calibrations,
+    check_clocks,
+    check_room,
+    copy_into,
+    make_campaign_folder,
+    station_config,
+    write_description,
+)
+from rig.campaign.simulated_rig import rig_in_use
+from rig.campaign.words import say
+from rig.clock import utc_now
+from rig.errors import FileProblem, Refused, RigError, Stopped, UnknownRigState
+from rig.matrix.model import Matrix, load_matrix
+from rig.matrix.plan import Plan, plan
+from rig.recording.campaign_log import CampaignLog
+from rig.recording.claim import campaign_held
+from rig.recording.finaliser import Finaliser
+from rig.station.client import StationClient, StationLost
+
+DISPLAY_ENDS_S = 5.0
+DISK = frozenset({"disk-full", "dir-readonly", "fsync-error"})
+TRUTH_AFTER_STOP_S = 1.0
+"""What a simulated rig's truth still shows after a stop (s, its own clock): the coil empty, the rod at rest."""
+
+
+def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
+    """Plan a matrix, run it on the bench or on a simulated rig, record and judge every point.
+
+    Args:
+        options: which matrix, which rig, where to.
+        display: what the operator sees meanwhile.
+
+    Returns:
+        How it ended; also when the rig refused at connect or preflight, was stopped, or is in an unknown state.
+
+    Raises:
+        FileProblem: matrix or bench file cannot be used, or there is no campaign to resume; nothing was connected.
+        Refused: a matrix or bench that is not the resumed campaign's, a campaign that still runs, infeasible points,
+            no room on the disk, a locked rig, a simulated rig that does not start.
+        UnknownRigState: this process failed twice over; the station was left to stop the rig by itself.
+        RigError: `options` name neither or both of bench and simulation.
+    """
+    if options.resume_path is not None:
+        earlier = options.resume_path.resolve()
+        options = resume.as_before(earlier, replace(options, resume_path=earlier))
+    if (options.bench_path is None) != options.simulate:
+        raise RigError("give either a bench file or --simulate, not both and not neither")
+    shown = GuardedDisplay(display)
+    try:
+        return _campaign(options, shown)
+    finally:
+        shown.close(DISPLAY_ENDS_S)
+
+
+def _campaign(options: CampaignOptions, display: Display) -> CampaignResult:
+    """The campaign with a display that cannot hold it up; raises as `run_campaign`."""
+    matrix = load_matrix(options.matrix_path)
+    known = None
+    if options.bench_path is not None:
+        known = bench = Bench.load(options.bench_path)
+        if options.resume_path is not None:
+            resume.same_campaign(options.resume_path, bench, matrix)
+        _accepted(matrix, bench)
+    with Signals() as signals, contextlib.ExitStack() as ends:
+        folder = options.resume_path or make_campaign_folder(options.out, matrix.specimen.serial_number)
+        ends.enter_context(campaign_held(folder))
+        log = _journal(folder)
+        ends.callback(_or_say, display, log.close)
+        ends.enter_context(_refusals_in(log))
+        locks = () if known is None else ends.enter_context(locked(known))
+        if options.resume_path is None:
+            copy_into(options.matrix_path, folder, "matrix.toml")
+            if options.bench_path is not None:
+                copy_into(options.bench_path, folder, "bench.toml")
+            write_description(folder, known, matrix, options)
+        stock = _stock(folder, options, matrix, log, display)
+        if not stock.remaining:
+            return _nothing_left(folder, matrix, stock)
+        signals.check()
+        finaliser = Finaliser.start(folder)
+        ends.callback(_or_say, display, finaliser.close)
+        rig = ends.enter_context(rig_in_use(folder, options, matrix.specimen, display, signals.check))
+        bench = Bench.load(rig.bench_path)
+        start = _Start(folder, matrix, bench, _accepted(matrix, bench), options, stock)
+        check_room(folder, start.plan, bench, matrix)
+        _describe(start, rig.bench_path)
+        display.planned(start.plan)
+        for warning in check_calibrations(bench, utc_now().date()):
+            log.write("warning", slug="calibration-overdue", text=warning)
+            display.message("warning", f"calibration-overdue: {warning}")
+        for result in stock.results:
+            display.point_done(result)
+        locks = locks or ends.enter_context(locked(bench))
+        signals.check()
+        ended = _run(start, locks, log, finaliser, signals, display)
+        if ended.rig_state is RigState.UNKNOWN:
+            rig.settle_s = _dead_men_s(bench, start.plan)
+        elif ended.stopped_by is not None:
+            rig.settle_s = TRUTH_AFTER_STOP_S / bench.clock.device_rate
+        rig.disk_refuses = ended.stopped_by in DISK
+        return ended
+
+
+def _journal(folder: Path) -> CampaignLog:
+    """The campaign's journal.
+
+    Raises:
+        Refused: it cannot be opened.
+    """
+    try:
+        return CampaignLog(folder)
+    except OSError as error:
+        raise Refused(disk_slug(error), f"{folder / 'journal.jsonl'}: {error}; nothing was connected") from error
+
+
+def _stock(
+    folder: Path, options: CampaignOptions, matrix: Matrix, log: CampaignLog, display: Display
+) -> resume.Stock:
+    """What is there and what remains: all of a new campaign; what is not valid yet of an earlier one.
+
+    Raises:
+        Refused: the matrix is not the earlier campaign's, or a stop of an earlier session demands a requalification.
+    """
+    if options.resume_path is None:
+        return resume.Stock(matrix.points())
+    resume.same_matrix(folder, matrix)
+    stops = open_stops(folder)
+    confirm(stops, options.requalified)
+    display.phase("taking stock of the earlier session")
+    stock = replace(resume.take_stock(folder, matrix.points()), confirmed=stops)
+    confirmed = [stop.to_json() for stop in stops]
+    if options.requalified:
+        log.write("requalified", text=options.requalified, after=[stop.slug for stop in stops])
+        display.message("info", say("requalified", text=options.requalified))
+    for stop in stops:
+        display.message("info", say("resume-confirms", text=stop.text))
+    log.write(
+        "resumed", kept=[result.id for result in stock.results], remaining=[point.id for point in stock.remaining],
+        confirmed=confirmed,
+    )
+    if options.simulate and (names := resume.left_out(folder)):
+        text = say("without-options", names=", ".join(names))
+        log.write("info", text=text)
+        display.message("info", text)
+    for problem in stock.problems:
+        log.write("warning", text=problem)
+        display.message("warning", problem)
+    display.message("info", say("resuming", kept=len(stock.results), left=len(stock.remaining)))
+    return stock
+
+
+def _nothing_left(folder: Path, matrix: Matrix, stock: resume.Stock) -> CampaignResult:
+    results = PointResults(matrix.points(), {result.id: result for result in stock.results})
+    return CampaignResult(
+        folder, results.all_results(), results.valid, len(results.points), RigState.SAFE, None, "", False, 0.0,
+        0.0,
+        confirmed=tuple(stop.to_json() for stop in stock.confirmed),
+    )
+
+
+def _describe(start: _Start, bench_path: Path) -> None:
+    """Keep the bench file and the description of a new campaign, or enter a further session of an earlier one.
+
+    Raises:
+        Refused: they cannot be written, or the rig is not the earlier campaign's.
+        FileProblem: the earlier campaign's description or the bench file cannot be read.
+    """
+    folder = start.folder
+    if start.options.resume_path is None or resume.bench_is_new(folder):
+        copy_into(bench_path, folder, "bench.toml")
+        write_description(folder, start.bench, start.matrix, start.options)
+        return
+    resume.same_campaign(folder, start.bench, start.matrix)
+    session = resume.note_session(folder, start.options, start.stock.confirmed)
+    copy_into(bench_path, folder, f"bench-session{session}.toml")
+
+
+@dataclass(frozen=True)
+class _Start:
+    """What is fixed before the station starts."""
+
+    folder: Path
+    matrix: Matrix
+    bench: Bench
+    plan: Plan
+    options: CampaignOptions
+    stock: resume.Stock
+
+
+def _accepted(matrix: Matrix, bench: Bench) -> Plan:
+    """The plan, when every point of it is feasible.
+
+    Raises:
+        Refused: some point is not; each is named with its reason and the amplitude that would fit.
+    """
+    check_calibrations(bench, utc_now().date())
+    if matrix.campaign.require_skew:
+        check_clocks(bench)
+    judged = plan(matrix, bench)
+    lines = []
+    for item in judged.judged:
+        if not item.feasible:
+            fit = "" if item.would_fit_m is None else f"; an amplitude of {1e3 * item.would_fit_m:g} mm would fit"
+            lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")
+    if lines:
+        raise Refused("matrix-infeasible", "the matrix does not fit the rig, nothing was moved:\n" + "\n".join(lines))
+    return judged
+
+
+def _or_say(display: Display, what: Callable[[], None]) -> None:
+    """Do what belongs to the end of a campaign; a disk that refuses it takes nothing from the result."""
+    try:
+        what()
+    except (OSError, FileProblem, subprocess.TimeoutExpired) as error:
+        display.message("error", say("at-the-end", error=error))
+
+
+@contextmanager
+def _refusals_in(log: CampaignLog) -> Iterator[None]:
+    """Keep a refusal before the start in the campaign's journal too, where the disk takes it.
+
+    Raises:
+        Refused: the same one, or that of a disk on which nothing can be begun.
+        Stopped: the operator's stop before the rig was connected.
+    """
+    try:
+        try:
+            yield
+        except OSError as error:
+            text = f"the campaign cannot be begun: {error}; nothing was connected"
+            raise Refused(disk_slug(error), text) from error
+    except Refused as refusal:
+        with contextlib.suppress(OSError):
+            log.write("refused", slug=refusal.slug, text=str(refusal))
+        raise
+    except Stopped as stop:
+        text = f"{stop}: nothing moved. Continue with: {resume_command(log.path.parent)}"
+        with contextlib.suppress(OSError):
+            log.write("refused", slug=stop.slug, text=text)
+        raise Stopped(stop.slug, text) from stop
+
+
+def _dead_men_s(bench: Bench, accepted: Plan) -> float:
+    """How long the controller needs to notice a silent host, fade out and hold (wall s), with a second to spare."""
+    period_s = max(1.0 / item.point.frequency_Hz for item in accepted.points)
+    fade_s = (bench.actuator.fade_out_cycles + 1.0) * period_s
+    return bench.actuator.watchdog_s + fade_s / bench.clock.device_rate + 1.0
+
+
+def _run(
+    start: _Start,
+    locks: tuple[int, ...],
+    log: CampaignLog,
+    finaliser: Finaliser,
+    signals: Signals,
+    display: Display,
+) -> CampaignResult:
+    with ring_path_for(start.folder.name) as ring_path:
+        config = station_config(start.bench, start.matrix, ring_path)
+        baseline = read_baseline(start.folder)
+        display.phase("starting the station")
+        try:
+            client = StationClient.start(config, start.folder, inherited=locks)
+        except StationLost as error:
+            raise Refused("task-dies", str(error)) from error
+        campaign = CampaignContext(
+            folder=start.folder,
+            bench=start.bench,
+            matrix=start.matrix,
+            plan=start.plan,
+            config=config,
+            client=client,
+            log=log,
+            display=display,
+            simulated=start.options.simulate,
+            stock=start.stock,
+            baseline=baseline,
+        )
+        try:
+            runner = Runner(campaign, signals, finaliser)
+            runner.run()
+        except Exception as error:
+            client.close()
+            text = f"the campaign's loop failed; the station was left to stop the rig: {error!r}"
+            _or_say(display, lambda: log.write("ended", rig_state="unknown", text=text))
+            raise UnknownRigState(text) from error
+        client.close()
+    if runner.zeros.start is not None:
+        _or_say(display, lambda: resume.note_zeros(start.folder, runner.zeros.to_json()))
+    doubt_points(
+        runner.results, runner.zeros.findings(), partial(display.message, "warning"), start.stock.results,
+    )
+    result = result_of(runner, start.folder, start.stock)
+    for finding in result.findings:
+        fields = finding.to_json()
+        _or_say(display, partial(log.write, "finding", **fields))
+        display.message("warning", f"{finding.slug}: {finding.text}")
+    refused = runner.state.refused
+    if refused is not None:
+        _or_say(display, lambda: log.write("refused", slug=refused.slug, text=refused.detail))
+    _or_say(display, lambda: log.write("result", **result.to_json(), detail=result.detail))
+    return result
+
+
+def result_of(runner: Runner, folder: Path, stock: Stock) -> CampaignResult:
+    """The result of a session that has ended.
+
+    Args:
+        runner: what ran it.
+        folder: the campaign's directory.
+        stock: what was kept of earlier sessions.
+    """
+    state, results = runner.state, runner.results
+    cause = state.refused or (None if state.latch is None else state.latch.cause)
+    return CampaignResult(
+        campaign=folder,
+        points=results.all_results(),
+        valid=results.valid,
+        total=len(results.points),
+        rig_state=state.rig_state,
+        stopped_by=None if cause is None else cause.slug,
+        detail="" if cause is None else cause.detail,
+        refused=state.refused is not None,
+        wall_s=results.wall_s,
+        motion_s=results.motion_s,
+        start_temperature_degC=results.start_temperature_degC,
+        waits=tuple(results.waits),
+        findings=runner.zeros.findings(),
+        stop=_stop_report(runner),
+        confirmed=tuple(stop.to_json() for stop in stock.confirmed),
+    )
+
+
+def _stop_report(runner: Runner) -> StopReport | None:
+    """How the campaign was stopped; None when it ran to its end or was refused."""
+    state = runner.state
+    if state.latch is None or state.refused is not None:
+        return None
+    classes = {resume_class(slug) for slug in {state.latch.cause.slug, *runner.stop_causes}}
+    return StopReport(
+        kind=str(state.latch.stop),
+        slug=state.latch.cause.slug,
+        proved=state.rig_state is RigState.SAFE and (state.stopped or not state.pressurised),
+        current_zero=runner.current_zero or not state.moved,
+        pressure_off=state.rig_state is RigState.SAFE and not state.pressurised,
+        moved=state.moved,
+        unfinished=state.queue[0].id if state.queue else "",
+        resume=REQUALIFY if REQUALIFY in classes else CONFIRM,
+    )

@@ -1,0 +1,361 @@
+"""Watches the load train: a crack or a loose joint changes a cycle against the ones before it.
+
+Cycles are cut by the controller's cycle pulse, which every sensor latches in its own clock. Each full cycle is compared
+with the median of up to three before it: slow changes (a warming damper) pass, a sudden one does not. Cycles of another
+amplitude or duration (ramps), with lost samples, with a sensor that stands still, or beside a change of the current are
+not compared. What a cycle may differ by is a share of it and several times what the sensors' own noise makes of it.
+
+Beyond a point's beginning, where there is nothing to compare with, two things are known from the points before: whether
+the force rested at zero after its changes of sign (free play, whatever the current), and the least force that a damper
+shows which showed more of it at no higher current, on no longer stroke and at no higher speed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import astuple, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.ring import Channel
+from protocols.quality import Quality
+from rig.recording.loop_shape import noise_of, resting_travel_m
+
+REFERENCES = 3
+FEWEST_SAMPLES = 24
+"""A cycle with fewer samples says too little."""
+SAME_SHAPE = 0.02
+WORK_SHARE = 0.06
+PEAK_SHARE = 0.12
+QUIET_SHARE = 0.04
+QUIET_SAMPLES = 3
+"""So many samples more or less fall near zero from cycle to cycle, by where in the cycle they are taken."""
+QUIET_OF_PEAK = 0.05
+SERVO_SHARE = 0.5
+SERVO_FLOOR_M = 1e-4
+NOISES = 6.0
+"""So many standard deviations of what noise makes of a cycle are no change."""
+STANDING_SHARE = 0.02
+STANDING_SAMPLES = 6
+"""Of a cycle, and at least so many samples, for which one value repeats where the others do not: a sensor's fault."""
+REPEATED_SHARE = 0.3
+"""Where so many neighbours are equal the resolution is coarse, and repeated values say nothing."""
+PHASES = 400
+PLAY_CYCLES = 2
+NEW_PLAY_M = 0.2e-3
+MORE_PLAY = 3.0
+"""Travel at rest is measured to a factor of two: a loose joint is looser when it rests over so many times more."""
+KEPT_FORCE = 0.5
+"""Heat and remanence change a damper's force by less."""
+CURRENT_APART_A = 0.1
+CYCLES_AFTER_CURRENT = 1
+_EDGES = {Channel.FORCE_EDGE: Channel.FORCE, Channel.DISPLACEMENT_EDGE: Channel.DISPLACEMENT}
+_EDGE_MODULUS = 256
+_MOST_KEPT = 200_000
+_MOST_KNOWN = 500
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """What is compared of one cycle.
+
+    Attributes:
+        stroke_m: peak to peak displacement.
+        duration_us: on the displacement sensor's clock.
+        peak_N: half of the force's peak to peak.
+        work_J: dissipated, the area of the force-displacement loop.
+        quiet: share of the cycle in which the force is below `QUIET_OF_PEAK` of the peak.
+        servo_error_m: RMS of the controller's servo error; NaN with too few statuses.
+        sample: share of the cycle that one force sample stands for.
+        noise_N: standard deviation of the force's noise.
+        noise_m: standard deviation of the displacement's noise.
+        work_noise_J: standard deviation that both make of the work.
+        work_steps_J: what the work may be off because the loop is known at its samples only.
+    """
+
+    stroke_m: float
+    duration_us: float
+    peak_N: float
+    work_J: float
+    quiet: float
+    servo_error_m: float
+    sample: float = 0.0
+    noise_N: float = 0.0
+    noise_m: float = 0.0
+    work_noise_J: float = 0.0
+    work_steps_J: float = 0.0
+
+    @property
+    def mean_N(self) -> float:
+        """The constant friction that would dissipate as much."""
+        return self.work_J / (2.0 * self.stroke_m) if self.stroke_m > 0.0 else 0.0
+
+    @property
+    def speed(self) -> float:
+        """Strokes a microsecond times their length: of one waveform in proportion to its peak speed."""
+        return self.stroke_m / self.duration_us
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the damper showed in an earlier point: current, motion and the friction that would dissipate as much."""
+
+    current_A: float
+    stroke_m: float
+    speed: float
+    mean_N: float
+
+
+class Samples(NamedTuple):
+    """One channel in one cycle: phases (n,) from 0 to 1, values (n,), the cycle's duration on the channel's clock."""
+
+    phases: NDArray[np.float64]
+    values: NDArray[np.float64]
+    duration_us: float
+
+    def at(self, phases: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values at these phases (n,); the cycle's end is its beginning."""
+        return np.interp(phases, self.phases, self.values, period=1.0)
+
+
+class _Track:
+    """Samples of one channel, and the cycle edges on the same clock."""
+
+    def __init__(self) -> None:
+        self.times = np.empty(0)
+        self.values = np.empty(0)
+        self.edges: dict[int, float] = {}
+
+    def take(self, records: NDArray[Any]) -> None:
+        # A sample that waited in its port is as good as any other.
+        good = np.isfinite(records["value"]) & ((records["flags"] & ~np.uint16(Quality.STALE)) == 0)
+        self.times = np.concatenate((self.times, records["device_us"][good].astype(float)))[-_MOST_KEPT:]
+        self.values = np.concatenate((self.values, records["value"][good]))[-_MOST_KEPT:]
+
+    def forget_before(self, first: int) -> None:
+        """Drop what lies before the edge `first`."""
+        begin = self.edges.get(first % _EDGE_MODULUS)
+        if begin is not None:
+            kept = self.times >= begin
+            self.times, self.values = self.times[kept], self.values[kept]
+
+    def mark(self, count: int, at_us: float) -> None:
+        self.edges[count % _EDGE_MODULUS] = at_us
+        while len(self.edges) > REFERENCES + 1:
+            del self.edges[next(iter(self.edges))]
+
+    def between(self, first: int) -> Samples | None:
+        """What came from the edge `first` up to the next one; None until that cycle is complete."""
+        begin, end = self.edges.get(first % _EDGE_MODULUS), self.edges.get((first + 1) % _EDGE_MODULUS)
+        if begin is None or end is None or end <= begin or len(self.times) == 0 or self.times[-1] < end:
+            return None
+        inside = (self.times >= begin) & (self.times < end)
+        return Samples((self.times[inside] - begin) / (end - begin), self.values[inside], end - begin)
+
+
+class LoadTrainWatch:
+    """Follows the ring's records; says once when a cycle differs."""
+
+    def __init__(self) -> None:
+        self._tracks = {channel: _Track() for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.SERVO_ERROR)}
+        self._before: deque[Cycle] = deque(maxlen=REFERENCES)
+        self._next: int | None = None
+        self._skip = 0
+        self._current_A = self._before_A = np.nan
+        self._phases: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque(maxlen=PLAY_CYCLES)
+        self._usual_play_m: float | None = None
+        self._known: deque[Known] = deque(maxlen=_MOST_KNOWN)
+
+    def watch(self, records: NDArray[Any]) -> str | None:
+        """Take new records of the ring.
+
+        Args:
+            records: (n,) of the ring's record type, oldest first.
+
+        Returns:
+            What changed, when a cycle differs from those before it.
+        """
+        self._sort(records)
+        while self._next is not None:
+            parts = [self._tracks[channel].between(self._next) for channel in _EDGES.values()]
+            if any(part is None for part in parts):
+                if not self._overtaken():
+                    return None
+                self._forget()
+                self._next += 1
+                continue
+            whole = [part for part in parts if part is not None]
+            cycle = self._measure(*whole)
+            self._next += 1
+            for track in self._tracks.values():
+                track.forget_before(self._next)
+            change = None if cycle is None else self._compare(cycle) or self._rests(cycle, *whole)
+            if change is not None:
+                return change
+        return None
+
+    def _sort(self, records: NDArray[Any]) -> None:
+        channels = records["channel"]
+        for channel, track in self._tracks.items():
+            chosen = records[channels == channel]
+            track.take(chosen[chosen["device_us"] >= 0])
+        for edge, channel in _EDGES.items():
+            for record in records[channels == edge]:
+                self._tracks[channel].mark(int(record["sequence"]), float(record["device_us"]))
+                if self._next is None:
+                    self._next = int(record["sequence"]) % _EDGE_MODULUS
+        for record in records[channels == Channel.PULSE]:
+            self._tracks[Channel.SERVO_ERROR].mark(int(record["value"]), float(record["device_us"]))
+        commanded = records["value"][channels == Channel.COMMANDED_CURRENT]
+        if len(commanded) and (np.ptp(commanded) > 0 or commanded[-1] != self._current_A):
+            self._current_A = float(commanded[-1])
+            self._begin_anew()
+        measured = records["value"][channels == Channel.COIL_CURRENT]
+        if np.any(np.abs(measured - self._current_A) > CURRENT_APART_A):
+            # Another current is another damper; that row has a detector of its own.
+            self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._forget()
+        self._skip = CYCLES_AFTER_CURRENT
+
+    def _forget(self) -> None:
+        """Another motion or another current begins: what the last one showed is kept as known."""
+        if len(self._before) == REFERENCES:
+            cycle = _usual(self._before)
+            self._known.append(Known(abs(self._before_A), cycle.stroke_m, cycle.speed, cycle.mean_N))
+            # A campaign whose first motion was too weak to tell began with a joint that was taken for tight.
+            self._usual_play_m = self._usual_play_m or 0.0
+        self._before.clear()
+        self._phases.clear()
+
+    def _overtaken(self) -> bool:
+        """The cycle waited for will not be completed: every channel is already at a later one."""
+        newest = [next(reversed(self._tracks[channel].edges), None) for channel in _EDGES.values()]
+        ahead = [0 if edge is None else (edge - (self._next or 0)) % _EDGE_MODULUS for edge in newest]
+        return all(1 < lead < _EDGE_MODULUS // 2 for lead in ahead)
+
+    def _measure(self, force: Samples, displacement: Samples) -> Cycle | None:
+        force_N, displacement_m = force.values, displacement.values
+        if min(len(force_N), len(displacement_m)) < FEWEST_SAMPLES or _stands(force_N) or _stands(displacement_m):
+            return None
+        at_force_m = displacement.at(force.phases)
+        closed_N, closed_m = np.append(force_N, force_N[0]), np.append(at_force_m, at_force_m[0])
+        noise_N, noise_m = _noise(force_N), _noise(displacement_m)
+        by_force_J = noise_N * float(np.sqrt(np.sum((0.5 * (closed_m[2:] - closed_m[:-2])) ** 2)))
+        by_move_J = noise_m * float(np.sqrt(np.sum((0.5 * (closed_N[2:] - closed_N[:-2])) ** 2)))
+        peak_N = 0.5 * float(np.ptp(force_N))
+        servo = self._tracks[Channel.SERVO_ERROR].between(self._next or 0)
+        few = servo is None or len(servo.values) < FEWEST_SAMPLES
+        return Cycle(
+            stroke_m=float(np.ptp(displacement_m)),
+            duration_us=displacement.duration_us,
+            peak_N=peak_N,
+            work_J=abs(float(np.trapezoid(closed_N, closed_m))),
+            quiet=float(np.mean(np.abs(force_N) < QUIET_OF_PEAK * peak_N)),
+            servo_error_m=np.nan if few or servo is None else float(np.sqrt(np.mean(servo.values**2))),
+            sample=1.0 / len(force_N),
+            noise_N=noise_N,
+            noise_m=noise_m,
+            work_noise_J=float(np.hypot(by_force_J, by_move_J)),
+            work_steps_J=float(np.sqrt(np.sum((np.diff(closed_N) * np.diff(closed_m)) ** 2))),
+        )
+
+    def _compare(self, cycle: Cycle) -> str | None:
+        if self._skip > 0:
+            self._skip -= 1
+            return None
+        if self._before:
+            usual = _usual(self._before)
+            if not _alike(cycle, usual):
+                self._forget()
+            elif change := difference(cycle, usual) or self._weaker(usual):
+                return change
+        self._before.append(cycle)
+        self._before_A = self._current_A
+        return None
+
+    def _weaker(self, usual: Cycle) -> str | None:
+        """Whether the motion that goes on now shows far less force than a weaker one did before."""
+        if len(self._before) < REFERENCES:
+            return None
+        slack = 1.0 + SAME_SHAPE
+        before = [
+            known for known in self._known
+            if known.current_A <= abs(self._current_A) + CURRENT_APART_A
+            and known.stroke_m <= slack * usual.stroke_m and known.speed <= slack * usual.speed
+        ]
+        most = max(before, key=lambda known: known.mean_N, default=None)
+        noise_N = NOISES * usual.work_noise_J / (2.0 * usual.stroke_m)
+        if most is None or usual.mean_N + noise_N >= KEPT_FORCE * most.mean_N:
+            return None
+        return (
+            f"mean force of a cycle is {usual.mean_N:.4g} N, at no higher current and speed it was {most.mean_N:.4g} N"
+        )
+
+    def _rests(self, cycle: Cycle, force: Samples, displacement: Samples) -> str | None:
+        """Whether the force has begun to rest at zero after its changes of sign, in two cycles of one motion."""
+        if not self._before:
+            return None
+        grid = np.arange(PHASES) / PHASES
+        self._phases.append((force.at(grid), displacement.at(grid)))
+        if len(self._phases) < PLAY_CYCLES:
+            return None
+        forces_N, moves_m = (np.array(rows) for rows in zip(*self._phases, strict=True))
+        play_m = resting_travel_m(forces_N, moves_m, cycle.noise_N)
+        if play_m is None:
+            return None
+        if self._usual_play_m is None:
+            # A rest that noise hides today may show tomorrow: that is no change of the joint.
+            self._usual_play_m = resting_travel_m(forces_N, moves_m, cycle.noise_N, at_most=True) or 0.0
+        if play_m <= MORE_PLAY * self._usual_play_m + NEW_PLAY_M:
+            return None
+        was_mm, is_mm = 1e3 * self._usual_play_m, 1e3 * play_m
+        return f"the force now rests at zero over {is_mm:.2g} mm after its changes of sign, before over {was_mm:.2g} mm"
+
+
+def _usual(before: deque[Cycle]) -> Cycle:
+    return Cycle(*np.median([astuple(cycle) for cycle in before], axis=0).tolist())
+
+
+def _alike(cycle: Cycle, usual: Cycle) -> bool:
+    """Both are cycles of one motion."""
+    apart_m = SAME_SHAPE * usual.stroke_m + NOISES * usual.noise_m
+    same_stroke = abs(cycle.stroke_m - usual.stroke_m) <= apart_m
+    return same_stroke and abs(cycle.duration_us - usual.duration_us) <= SAME_SHAPE * usual.duration_us
+
+
+def _noise(values: NDArray[np.float64]) -> float:
+    """Standard deviation of a sensor's noise in one cycle; at least what its resolution makes where values repeat."""
+    steps = np.diff(np.unique(values))
+    coarse = np.mean(np.diff(values) == 0.0) > REPEATED_SHARE
+    return max(noise_of(values), 0.5 * float(np.min(steps)) if coarse and len(steps) else 0.0)
+
+
+def _stands(values: NDArray[np.float64]) -> bool:
+    """One value repeats for a part of the cycle, of a sensor whose values do not."""
+    equal = np.diff(values) == 0.0
+    ends = np.flatnonzero(np.diff(np.concatenate(([False], equal, [False])).astype(np.int8)))
+    runs = ends[1::2] - ends[::2]
+    longest = int(np.max(runs, initial=0))
+    others = (np.count_nonzero(equal) - longest) / max(1, len(equal) - longest)
+    return longest > max(STANDING_SAMPLES, STANDING_SHARE * len(values)) and bool(others <= REPEATED_SHARE)
+
+
+def difference(cycle: Cycle, usual: Cycle) -> str | None:
+    """What of a cycle differs from the usual one by more than cycles and their noise do; None when nothing does."""
+    work_J = WORK_SHARE * usual.work_J + NOISES * usual.work_noise_J + usual.work_steps_J
+    if abs(cycle.work_J - usual.work_J) > work_J:
+        return f"work of a cycle went from {usual.work_J:.4g} J to {cycle.work_J:.4g} J"
+    if abs(cycle.peak_N - usual.peak_N) > PEAK_SHARE * usual.peak_N + NOISES * usual.noise_N:
+        return f"peak force of a cycle went from {usual.peak_N:.4g} N to {cycle.peak_N:.4g} N"
+    few = NOISES * float(np.sqrt(usual.quiet * (1.0 - usual.quiet) * cycle.sample)) if usual.noise_N > 0.0 else 0.0
+    if cycle.quiet - usual.quiet > QUIET_SHARE + QUIET_SAMPLES * cycle.sample + few:
+        return f"force near zero went from {100 * usual.quiet:.2g} % to {100 * cycle.quiet:.2g} % of a cycle"
+    allowed_m = SERVO_FLOOR_M + SERVO_SHARE * usual.servo_error_m
+    if abs(cycle.servo_error_m - usual.servo_error_m) > allowed_m:
+        was_mm, is_mm = 1e3 * usual.servo_error_m, 1e3 * cycle.servo_error_m
+        return f"servo error of a cycle went from {was_mm:.3g} mm to {is_mm:.3g} mm"
+    return None

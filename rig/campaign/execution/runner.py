@@ -1,0 +1,393 @@
+"""The application's loop: what the rig reports becomes events, the sequencer's actions are carried out.
+
+One turn every few milliseconds: beat, collect events, step, act. Nothing in a turn waits for the rig; requests are
+answered on threads of their own (`requests`), samples are recorded on the recorder's thread, files are written by the
+finaliser's process. Events of one turn are taken in this order: signals, station, answers, facts, verdicts, faults,
+deadlines; so a trip is always known before the answer or the fact that came with it.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from numpy.typing import NDArray
+
+from drivers.ring import Channel
+from rig.campaign.execution.action_executor import ActionExecutor, cause_of
+from rig.campaign.execution.campaign_context import CampaignContext
+from rig.campaign.execution.load_train import LoadTrainWatch
+from rig.campaign.execution.station_requests import LoopWatch, Outcome
+from rig.campaign.operator_link import Signals
+from rig.campaign.preflight.zero_return import ZeroReturn
+from rig.campaign.results import VALID, PointResults, RigState
+from rig.campaign.sequencer import action as act
+from rig.campaign.sequencer import event as ev
+from rig.campaign.sequencer import stopping
+from rig.campaign.sequencer.action import Request
+from rig.campaign.sequencer.state import Latch, Phase, State, conditions_of, start_state
+from rig.campaign.sequencer.step import step
+from rig.campaign.stop_cause import SPOIL, StopCause, StopKind, because
+from rig.campaign.words import say
+from rig.clock import WallClockWatch, monotonic_ns
+from rig.recording.finaliser import Finaliser
+from rig.recording.ring_reader import RingReader
+from rig.station.client import StationLost
+
+TURN_S = 0.002
+BEAT_NS = 40_000_000
+PROGRESS_NS = 100_000_000
+STALE_HEARTBEATS = 2.0
+STATION_ENDS_S = 30.0
+MOST_FAILURES = 10
+"""So many failed turns of the loop after the first one, and the rig is left to its station."""
+
+Given = TypeVar("Given")
+
+
+class Runner:
+    """Runs one campaign to its end. Made once the station process is up.
+
+    Args:
+        campaign: what the campaign works with.
+        signals: the operator's signals.
+        finaliser: the process that writes the points' files.
+    """
+
+    def __init__(self, campaign: CampaignContext, signals: Signals, finaliser: Finaliser) -> None:
+        points = tuple(item.point for item in campaign.plan.points)
+        remaining = {point.id for point in campaign.stock.remaining}
+        queue = tuple(point for point in points if point.id in remaining)
+        conditions = conditions_of(campaign.matrix, campaign.bench)
+        self.state = start_state(queue, campaign.matrix.campaign.retries, conditions)
+        self.results = PointResults(points, {result.id: result for result in campaign.stock.results})
+        self._campaign = campaign
+        self._signals = signals
+        self._finaliser = finaliser
+        self._executor = ActionExecutor(campaign, self.results, finaliser)
+        self._ring: RingReader | None = None
+        self._waiting: deque[ev.Event] = deque()
+        self._said: set[str] = set()
+        self._failures = 0
+        self._enough = False
+        self.current_zero = False
+        """The station's last proof of standstill proved 0 A, too."""
+        self.stop_causes: set[str] = set()
+        """Slugs of everything that stopped the rig in this session, first causes and later ones."""
+        self._turn_ns = self._beat_ns = self._progress_ns = 0
+        self._recorder_well = True
+        self._wall_clock = WallClockWatch()
+        self._load_train = LoadTrainWatch()
+
+    @property
+    def zeros(self) -> ZeroReturn:
+        """What the sensors showed at rest, before and after this session's motion."""
+        return self._executor.zeros
+
+    def run(self) -> State:
+        """Run until the sequencer has ended and every recorded point is judged; returns the last state.
+
+        A failure of this loop itself stops the rig like any other fault; when it goes on failing, or stands still, the
+        station's link is closed, and the station stops the rig by itself.
+        """
+        self._waiting.append(ev.Begin())
+        watch = LoopWatch(lambda: self._campaign.client.close(0.0))
+        try:
+            while self.state.phase is not Phase.ENDED:
+                self._guarded_turn()
+                watch.turned()
+            watch.end()
+            if self.state.armed:
+                self._leave_to_the_station()
+            self._collect_files()
+            self._campaign.display.phase(str(Phase.ENDED))
+        finally:
+            watch.end()
+            self._executor.close()
+            if self._ring is not None:
+                self._ring.close()
+        return self.state
+
+    def _leave_to_the_station(self) -> None:
+        """A rig that could not be disarmed is shut down by its station now, before anybody waits for a disk.
+
+        A station that ends with 0 has proved standstill and taken the pressure away. Standstill that was proved before
+        stays proved although the pressure may still be on; the operator was told.
+        """
+        code = self._campaign.client.close(STATION_ENDS_S)
+        self._executor.note("station", what="ended", exit_code=code)
+        if code == 0:
+            self.state = replace(self.state, armed=False, pressurised=False, powered=False)
+        elif not self.state.stopped:
+            self.state = replace(self.state, rig_state=RigState.UNKNOWN)
+
+    def _collect_files(self) -> None:
+        """Wait for the points' files, unless the operator has had enough; the rig is at rest, whatever happens here."""
+        try:
+            self._executor.collect_files(self._operator_has_enough)
+        except Exception as error:  # noqa: BLE001 - the rig is at rest: whatever fails here costs no safety
+            self._executor.note("error", text=f"the points' files: {error!r}", trace=traceback.format_exc())
+            self._campaign.display.message("error", say("points-files", error=error))
+
+    def _operator_has_enough(self) -> bool:
+        for event in self._signals.take():
+            if isinstance(event, ev.Abort):
+                self._enough = True
+                self.state = replace(self.state, latch=self.state.latch or Latch(event.stop, event.cause))
+        return self._enough
+
+    def _guarded_turn(self) -> None:
+        try:
+            self._turn()
+        except Exception as error:  # noqa: BLE001 - the last resort of the loop stops the rig
+            self._failures += 1
+            self._tell_failure("the campaign's loop", error)
+            cause = because("task-dies", "said", text=_named(error))
+            if self._failures == 1:
+                self._waiting.appendleft(ev.Fault(StopKind.FADE_OUT, cause))
+            elif self._failures > MOST_FAILURES:
+                self.state, actions = stopping.leave_to_station(self.state, cause)
+                self._carry_out(actions)
+
+    def _tell_failure(self, what: str, error: Exception) -> None:
+        self._executor.note("error", text=f"{what} failed: {_named(error)}", trace=traceback.format_exc())
+
+    def _collected(self, what: str, source: Callable[[], Iterable[Given]]) -> list[Given]:
+        """What a source of events gives; one that fails stops the rig, and the others still count."""
+        try:
+            return list(source())
+        except Exception as error:  # noqa: BLE001 - one source that fails must not hide the others
+            if what not in self._said:
+                self._said.add(what)
+                self._tell_failure(what, error)
+                cause = because("task-dies", "said", text=f"{what}: {_named(error)}")
+                self._waiting.append(ev.Fault(StopKind.FADE_OUT, cause))
+            return []
+
+    def _turn(self) -> None:
+        self._beat()
+        self._gather()
+        while self._waiting and self.state.phase is not Phase.ENDED:
+            self._take(self._waiting.popleft())
+        self._show_progress()
+        if self.state.phase is not Phase.ENDED:
+            self._waiting.extend(self._station_events(TURN_S))
+
+    def _gather(self) -> None:
+        """Collect what happened since the last turn, in the order in which it is to be taken."""
+        facts = self._collected("the samples", self._facts)
+        outcomes = self._executor.requests.outcomes()
+        self._waiting.extend(self._signals.take())
+        self._waiting.extend(self._station_events(0.0))
+        self._waiting.extend(self._collected("the station's answers", lambda: map(self._answered, outcomes)))
+        self._waiting.extend(facts)
+        self._waiting.extend(self._collected("the verdicts", self._verdicts))
+        self._look_for_faults()
+        phase = self._executor.overdue()
+        if phase is not None:
+            self._waiting.append(ev.TimedOut(phase))
+
+    def _facts(self) -> list[ev.Event]:
+        fact = None if self._ring is None else self._observe(self._ring.read())
+        return [] if fact is None else [fact]
+
+    def _verdicts(self) -> list[ev.Event]:
+        events: list[ev.Event] = []
+        for finished in self._finaliser.results():
+            result = self._executor.enter(finished)
+            if result is not None and self._is_last_attempt(finished.id, result.id):
+                events.append(ev.Judged(result.id, result.verdict == VALID))
+        return events
+
+    def _is_last_attempt(self, name: str, point_id: str) -> bool:
+        """Whether a verdict is on the point's last attempt; a late one on an earlier attempt decides nothing."""
+        attempts = self.state.attempts.count(point_id)
+        return name == self._campaign.attempt_name(point_id, max(1, attempts))
+
+    def _take(self, event: ev.Event) -> None:
+        before = self.state.phase
+        if isinstance(event, ev.PauseAsked | ev.ResumeAsked):
+            self._tell_pause(event)
+        self.state, actions = step(self.state, event)
+        if self.state.phase is not before:
+            self._executor.note("phase", phase=str(self.state.phase), after=type(event).__name__)
+            if self.state.phase is not Phase.ENDED:
+                self._campaign.display.phase(str(self.state.phase))
+        self._carry_out(actions)
+
+    def _carry_out(self, actions: Iterable[act.Action]) -> None:
+        """Do everything a step wants; what raises becomes the next event, and nothing is energised after it."""
+        failed: list[ev.Event] = []
+        for action in actions:
+            if failed and act.energises(action):
+                continue
+            try:
+                self._executor.carry_out(action)
+            except Exception as error:  # noqa: BLE001 - whatever an action raises is an event
+                self._tell_failure(type(action).__name__, error)
+                failed.append(ev.ActionFailed(action, self.state.phase, cause_of(error)))
+        self._waiting.extendleft(reversed(failed))
+
+    def _tell_pause(self, event: ev.PauseAsked | ev.ResumeAsked) -> None:
+        asked = isinstance(event, ev.PauseAsked)
+        text = say("pause-asked" if asked else "pause-over")
+        self._executor.note("info", text=text)
+        self._campaign.display.message("info", text)
+
+    def _station_events(self, timeout_s: float) -> list[ev.Event]:
+        events: list[ev.Event] = []
+        for message in self._campaign.client.events(timeout_s=timeout_s):
+            self._executor.note("station", **{_KEYS.get(key, key): value for key, value in message.items()})
+            events += self._collected(f"the station's {message.get('event')}", partial(self._translated, message))
+        if not self._campaign.client.alive and "gone" not in self._said:
+            self._said.add("gone")
+            events.append(
+                ev.StationGone("the station process has ended; station.log in the campaign's directory says why")
+            )
+        return events
+
+    def _translated(self, message: dict[str, Any]) -> list[ev.Event]:
+        name, detail = message.get("event"), str(message.get("detail", ""))
+        if name in {"warning", "also"}:
+            self._campaign.display.message("warning", f"{message.get('slug')}: {detail}")
+        if name in {"trip", "also"}:
+            self.stop_causes.add(str(message["slug"]))
+            cause = because(str(message["slug"]), "said", text=detail)
+            return [ev.Tripped(StopKind(message["stop"]), cause, name == "trip")]
+        if name == "safe":
+            self.current_zero = message.get("current_zero") is True
+            return [ev.Safe()]
+        if name == "unknown":
+            return [ev.Unknown(str(message.get("reason", "")))]
+        if name == "late":
+            late_ms, count = 1e3 * float(message["late_s"]), message.get("count")
+            text = say("station-late", late_ms=late_ms, count=count)
+            self._executor.carry_out(act.Remark("host-late", text))
+        if name == "warning" and message.get("slug") in SPOIL:
+            return [ev.Spoiled(because(str(message["slug"]), "said", text=detail))]
+        return []
+
+    def _answered(self, outcome: Outcome) -> ev.Event:
+        request, error = outcome.request, outcome.error
+        if isinstance(error, StationLost):
+            return ev.StationGone(str(error))
+        if error is not None:
+            return ev.Declined(request, because(error.slug, "said", text=error.message))
+        if request is Request.CONNECT:
+            self._connected(outcome.answer)
+            other = self._campaign.baseline.other_device(outcome.answer)
+            if other is not None:
+                return ev.Declined(request, other)
+        elif request is Request.MOVE and self.state.phase is Phase.CENTRING:
+            self._executor.observer.await_centre(self._executor.move_target_m, outcome.answered_ns)
+        elif request is Request.MOVE and self.state.phase is Phase.PROVING_SENSORS:
+            self._executor.watch_proof(outcome.answered_ns)
+        return ev.Done(request)
+
+    def _connected(self, identities: dict[str, Any]) -> None:
+        self._campaign.identities.update(identities)
+        self._executor.note("connected", **identities)
+        self._ring = RingReader(Path(self._campaign.config.ring_path))
+        self._executor.open_recorder()
+
+    def _look_for_faults(self) -> None:
+        """What the application itself can see: a recorder or disk that refuses, data that stand still."""
+        executor = self._executor
+        if executor.recorder_trouble is not None:
+            self._fault_once(executor.recorder_trouble)
+        if not self._finaliser.alive:
+            self._fault_once(because("task-dies", "finaliser-ended"))
+        if executor.trouble is not None:
+            self._fault_once(executor.trouble)
+        newest_ns = executor.observer.last_host_ns(Channel.STATE)
+        stale_s = STALE_HEARTBEATS * self._campaign.config.heartbeat_timeout_s
+        # By the time before the ring was read: what this process itself slept through since is nobody's silence.
+        if self.state.armed and newest_ns is not None and self._turn_ns - newest_ns > stale_s * 1e9:
+            self._fault_once(self._stale_cause(stale_s))
+        if self._ring is not None and self._ring.lost > 0 and "lapped" not in self._said:
+            self._said.add("lapped")
+            cause = because("slow-consumer", "records-lost", count=self._ring.lost)
+            self._waiting.append(ev.Spoiled(cause))
+
+    def _stale_cause(self, stale_s: float) -> StopCause:
+        """Why no status comes: the station's own beat in the ring tells whether it runs at all."""
+        if self._ring is not None and self._turn_ns - self._ring.writer_heartbeat_ns > 0.5e9 * stale_s:
+            return because("host-silent", "station-silent", silent_s=stale_s / 2.0)
+        return because("data-stale", "no-status", silent_s=stale_s)
+
+    def _observe(self, records: NDArray[Any]) -> ev.Event | None:
+        """The awaited fact in new records; a load train that changed is a fault of its own."""
+        if self.results.start_temperature_degC is None:
+            for temperature_degC in records["value"][records["channel"] == Channel.COIL_TEMPERATURE].tolist():
+                self.results.found(temperature_degC)
+        if self.state.phase is Phase.RUNNING:
+            self._executor.zeros.watch(records)
+        changed = self._load_train.watch(records)
+        # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
+        if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":
+            self._fault_once(because("load-train", "said", text=changed), StopKind.PRESSURE_OFF)
+        return self._executor.observer.observe(records)
+
+    def _watch_wall_clock(self) -> None:
+        """Log a step of the wall clock; nothing here depends on it, but the times in names and journals do."""
+        stepped_s = self._wall_clock.stepped_s()
+        if stepped_s != 0.0:
+            text = say("clock-step", stepped_s=stepped_s)
+            self._executor.note("warning", slug="clock-step", text=text, stepped_s=stepped_s)
+            self._campaign.display.message("warning", f"clock-step: {text}")
+
+    def _fault_once(self, cause: StopCause, stop: StopKind = StopKind.FADE_OUT) -> None:
+        if cause.slug not in self._said:
+            self._said.add(cause.slug)
+            self._waiting.append(ev.Fault(stop, cause))
+
+    def _beat(self) -> None:
+        self._turn_ns = now_ns = monotonic_ns()
+        if now_ns - self._beat_ns < BEAT_NS or "gone" in self._said:
+            return
+        self._beat_ns = now_ns
+        # The stop by its own name goes first; a beat later the station stops the rig should that have been lost.
+        well, self._recorder_well = self._recorder_well, self._executor.recorder_trouble is None
+        try:
+            self._campaign.client.beat(well)
+        except StationLost as error:
+            self._said.add("gone")
+            self._waiting.append(ev.StationGone(str(error)))
+
+    def _show_progress(self) -> None:
+        now_ns = monotonic_ns()
+        if now_ns - self._progress_ns < PROGRESS_NS:
+            return
+        self._progress_ns = now_ns
+        self._watch_wall_clock()
+        state, observer = self.state, self._executor.observer
+        running = state.phase is Phase.RUNNING
+        cycles = observer.cycles_done if running else 0
+        left_s = sum(point.motion_s + point.rest_s for point in state.queue)
+        left_s -= cycles / state.point.frequency_Hz if running else 0.0
+        left_s += self._cooling_left_s()
+        point_id = state.point.id if state.queue else ""
+        left_s /= self._campaign.bench.clock.device_rate
+        self._campaign.display.progress(point_id, cycles, left_s, observer.live())
+
+    def _cooling_left_s(self) -> float:
+        """Forecast time (s, rig's clock) until the damper is cool enough; 0 when it is not cooling down."""
+        state, thermal = self.state, self.state.conditions.thermal
+        if state.phase is not Phase.COOLING or thermal is None:
+            return 0.0
+        now_degC = self._executor.observer.value(Channel.COIL_TEMPERATURE)
+        highest_degC = state.conditions.highest_start(state.point)
+        return thermal.heat.time_to(highest_degC, now_degC) if now_degC > highest_degC else 0.0
+
+
+def _named(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+_KEYS = {"event": "what"}
+"""The campaign's journal has an `event` of its own; the station's is kept beside it."""

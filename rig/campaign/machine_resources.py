@@ -1,0 +1,247 @@
+"""What a campaign takes of this machine: the locks of its devices, and the place of the station's ring.
+
+Locks end with the process that holds them, however it ends. One names the device, not how a bench file writes it:
+`localhost`, `127.0.0.1`, `::1` and this machine's own name are one, a symbolic link is the port it leads to. The files
+lie in one directory for every user of the machine, whatever TMPDIR says. Other machines, and containers with a
+directory of their own, are told apart by the controller's lease. The ring lies in memory where there is such a place:
+its pages must never wait for a disk.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import ipaddress
+import os
+import socket
+import stat
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from drivers.ring import MAGIC
+from rig.bench.model import Bench
+from rig.clock import monotonic_ns
+from rig.errors import Refused
+
+STATION_STOPS_S = 90.0
+"""How long the station of a killed campaign may need to bring its rig to rest and give the devices back."""
+LOOK_AGAIN_S = 0.1
+LOCK_FOLDERS = (Path("/run/lock"), Path("/tmp"))
+"""The first that everybody may write to is taken."""
+SHARED = stat.S_ISVTX | stat.S_IWOTH
+SERIAL_PREFIXES = ("modbus-rtu:", "spy://")
+SLCAN = "slcan"
+THIS_MACHINE = "this machine"
+
+
+@contextmanager
+def locked(bench: Bench) -> Iterator[tuple[int, ...]]:
+    """Hold the rig's devices for this process while the block runs: one lock a device.
+
+    The station inherits the descriptors (`pass_fds`), so the locks last until it is gone too: after a killed
+    application it still stops the rig. Such a station is waited for; a campaign that lives is not.
+
+    Raises:
+        Refused: another campaign on this machine holds one of them, or its lock cannot be had (slug `two-instances`).
+    """
+    sensors = (bench.load_cell, bench.lvdt, *bench.auxiliary)
+    can = bench.ecu.channel if bench.ecu.interface == SLCAN else f"{bench.ecu.interface}:{bench.ecu.channel}"
+    addresses = (bench.actuator.url, can, *(sensor.url for sensor in sensors))
+    devices = {device: address for address in addresses for device in device_names(address)}
+    with contextlib.ExitStack() as held:
+        descriptors = []
+        # Always in the same order, so that two that start together cannot each hold what the other wants.
+        for device in sorted(devices):
+            descriptors.append(_lock(device, devices[device]))
+            held.callback(os.close, descriptors[-1])
+        yield tuple(descriptors)
+
+
+def device_names(address: str) -> tuple[str, ...]:
+    """What a bench file's address leads to: the same names for the same device, however it is written.
+
+    Args:
+        address: serial port, `modbus-tcp://host:port`, `socket://host:port`, `modbus-rtu:PORT`, `interface:channel`.
+
+    Returns:
+        One name; for a host with several network addresses one for each of them.
+    """
+    for prefix in SERIAL_PREFIXES:
+        address = address.removeprefix(prefix)
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if host is not None and port is not None:
+        return tuple(sorted({f"{place}:{port}" for place in _places(host)}))
+    return (os.path.realpath(address) if os.path.exists(address) else address,)
+
+
+def _places(host: str) -> set[str]:
+    """Network addresses of a host; every address of this machine is one. A name nobody knows stands for itself."""
+    try:
+        answers = socket.getaddrinfo(host, None, type=socket.SOCK_DGRAM)
+    except OSError:
+        return {host.lower()}
+    return {
+        THIS_MACHINE if _is_here(family, place) else _plain(str(place[0])) for family, _, _, _, place in answers
+    }
+
+
+def _plain(address: str) -> str:
+    given = ipaddress.ip_address(address.partition("%")[0])
+    mapped = given.ipv4_mapped if isinstance(given, ipaddress.IPv6Address) else None
+    return str(mapped or given)
+
+
+def _is_here(family: int, place: tuple[Any, ...]) -> bool:
+    """An address that can be bound to is one of this machine's own."""
+    if ipaddress.ip_address(_plain(place[0])).is_loopback:
+        return True
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.bind((place[0], 0, *place[2:]))
+    except OSError:
+        return False
+    return True
+
+
+def _lock(device: str, address: str) -> int:
+    """A descriptor that holds the device's lock.
+
+    Raises:
+        Refused: somebody else holds it, or its file is not one of ours to open.
+    """
+    name = hashlib.sha256(device.encode()).hexdigest()[:16]
+    path = _folder() / f"mr-damper-rig-{name}.lock"
+    try:
+        descriptor = _open(path)
+    except OSError as error:
+        reason = f"{address}: its lock {path} cannot be opened ({error}); look at that file and remove it"
+        raise Refused("two-instances", reason) from error
+    deadline_ns = monotonic_ns() + int(STATION_STOPS_S * 1e9)
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        except OSError as error:
+            if _lives(_owner(descriptor)) or monotonic_ns() > deadline_ns:
+                os.close(descriptor)
+                raise Refused(
+                    "two-instances", f"{address} is in use by another campaign on this machine ({path})"
+                ) from error
+        # A lock cannot be waited for with a time limit.
+        time.sleep(LOOK_AGAIN_S)
+    # What holds is the lock; the number only tells a waiting campaign whether the holder lives.
+    with contextlib.suppress(OSError):
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, b"%d\n" % os.getpid(), 0)
+    return descriptor
+
+
+def _folder() -> Path:
+    for folder in LOCK_FOLDERS[:-1]:
+        with contextlib.suppress(OSError):
+            if folder.stat().st_mode & SHARED == SHARED:
+                return folder
+    return LOCK_FOLDERS[-1]
+
+
+def _open(path: Path) -> int:
+    """Open a lock's file without following, truncating or trusting what somebody may have put there.
+
+    Raises:
+        OSError: it is a symbolic link, has a second name, is no regular file, or may not be opened.
+    """
+    flags = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | flags, 0o666)
+        os.fchmod(descriptor, 0o666)
+    except FileExistsError:
+        try:
+            descriptor = os.open(path, os.O_RDWR | flags)
+        except PermissionError:
+            # Another user's: a lock needs no writing.
+            descriptor = os.open(path, os.O_RDONLY | flags)
+    status = os.fstat(descriptor)
+    if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
+        os.close(descriptor)
+        raise OSError("not a regular file of one name")
+    return descriptor
+
+
+def _owner(descriptor: int) -> int:
+    """Process id of the campaign that took the lock; 0 when it is not written yet."""
+    text = os.pread(descriptor, 32, 0).strip()
+    return int(text) if text.isdigit() else 0
+
+
+def _lives(process: int) -> bool:
+    """Whether a process runs; one that is not known (0) counts as running."""
+    if process == 0:
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
+
+
+SHARED_MEMORY = Path("/dev/shm")
+PREFIX = "mr-damper-rig-"
+
+
+@contextmanager
+def ring_path_for(campaign: str, place: Path | None = None) -> Iterator[Path]:
+    """A path for the ring of the campaign of that name; the file is removed when the block ends.
+
+    The station removes it too at its own end, in case the application was killed. Rings of stations that were killed
+    themselves are removed here.
+
+    Args:
+        campaign: the campaign's id.
+        place: the folder to use; by default shared memory, else the folder for temporary files.
+    """
+    folder = place or (SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir()))
+    for left in [*folder.glob(f"{PREFIX}*.ring"), *folder.glob(f"{PREFIX}*.ring.new")]:
+        # Another campaign may end at the same moment and remove its own.
+        with contextlib.suppress(FileNotFoundError):
+            if left.lstat().st_uid == os.getuid() and not _written(left):
+                left.unlink()
+    path = folder / f"{PREFIX}{campaign}.ring"
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _written(ring: Path) -> bool:
+    """Whether the station that made the ring still lives: it holds the file's lock. True where that cannot be told.
+
+    Raises:
+        FileNotFoundError: the ring is gone.
+    """
+    try:
+        handle = os.open(ring, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK)
+    except FileNotFoundError:
+        raise
+    except OSError:
+        return True
+    try:
+        if os.pread(handle, len(MAGIC), 0) != MAGIC:
+            return True  # begun at this moment, or not a ring
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(handle)
+    return False

@@ -1,0 +1,258 @@
+"""Zeros at the end of a session against those of its start: values in, findings out, and doubt in the points' files.
+
+Load cell and LVDT are compared with the controller's own force and position inputs, before the first motion and again
+when the rod rests at 0 A at the end. What has changed between the two comparisons is drift of one of the two
+instruments; which one, no bench can tell by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.ring import Channel
+from rig.campaign.preflight.rest_check import FEWEST_SAMPLES, AtRest
+from rig.campaign.results import CampaignFinding, PointResult, PointResults
+from rig.campaign.words import say
+from rig.errors import FileProblem
+from rig.recording.reason import suspect
+from rig.recording.reference_judgement import ZERO_RETURN
+from rig.recording.rejudging import finished, write_verdict
+from rig.recording.run import RecordedPoint, read_campaign
+from rig.recording.verdict import Verdict
+from rig.station.interlocks import BAD
+
+DRIFT_SHARE = 0.01
+"""Of the largest measured force, or of the largest measured displacement from rest."""
+SURE = 5.0
+"""Standard errors by which a drift is more than noise ..."""
+FEW = 4.0
+"""... and so many times more, divided by the degrees of freedom that the noise itself is known by."""
+FEWEST_STATUSES = 3
+REPEATS = 1e-6
+"""Of the noise: the scatter that rounding makes of one value many times over."""
+ENTRY = "zero_checks"
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One quantity over a rest window: mean and standard deviation (of a sample; SI) of `count` samples."""
+
+    mean: float
+    std: float
+    count: int
+
+    @classmethod
+    def of(cls, samples: NDArray[np.float64]) -> Reading:
+        """Of samples (n,); those that are not finite do not count."""
+        finite = samples[np.isfinite(samples)]
+        if len(finite) == 0:
+            return cls(math.nan, math.nan, 0)
+        std = float(np.std(finite, ddof=1)) if len(finite) > 1 else 0.0
+        return cls(float(np.mean(finite)), std, len(finite))
+
+
+@dataclass(frozen=True)
+class RestWindow:
+    """A resting rig as its instruments show it; the controller's own inputs are its `position_m` and force.
+
+    `force_flagged` and `displacement_flagged` count samples that the sensor itself calls overloaded or faulty.
+    """
+
+    force_N: Reading
+    displacement_m: Reading
+    position_m: Reading
+    controller_force_N: Reading
+    force_flagged: int = 0
+    displacement_flagged: int = 0
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields by name, readings as objects."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> RestWindow:
+        """The opposite of `to_json`.
+
+        Raises:
+            KeyError, TypeError, ValueError: something is missing or of a wrong type.
+        """
+        names = ("force_N", "displacement_m", "position_m", "controller_force_N")
+        force_N, displacement_m, position_m, controller_force_N = (
+            Reading(float(values[name]["mean"]), float(values[name]["std"]), int(values[name]["count"]))
+            for name in names
+        )
+        flagged = int(values["force_flagged"]), int(values["displacement_flagged"])
+        return cls(force_N, displacement_m, position_m, controller_force_N, *flagged)
+
+
+def at_rest(seen: AtRest) -> RestWindow:
+    """The rest window of these samples."""
+    return RestWindow(
+        Reading.of(seen.force_N), Reading.of(seen.displacement_m), Reading.of(seen.position_m),
+        Reading.of(seen.controller_force_N), seen.force_flagged, seen.displacement_flagged,
+    )
+
+
+@dataclass
+class ZeroReturn:
+    """Both rest windows of a session, and how much was measured between them.
+
+    Attributes:
+        start: before the rig was armed; None when it never came so far.
+        end: at the end, at 0 A and standstill; None when the end did not allow it.
+        peak_force_N: largest force while points ran.
+        peak_displacement_m: largest distance from the start's rest while points ran.
+        force_step_N, displacement_step_m: least difference of two samples: the sensors' resolution.
+    """
+
+    start: RestWindow | None = None
+    end: RestWindow | None = None
+    peak_force_N: float = 0.0
+    peak_displacement_m: float = 0.0
+    force_step_N: float = math.inf
+    displacement_step_m: float = math.inf
+
+    def watch(self, records: NDArray[Any]) -> None:
+        """Take records of a running point."""
+        if self.start is None:
+            return
+        good = records[(records["flags"] & int(BAD)) == 0]
+        force_N, displacement_m = (
+            np.unique(good["value"][good["channel"] == channel]) for channel in (Channel.FORCE, Channel.DISPLACEMENT)
+        )
+        if len(force_N):
+            self.peak_force_N = max(self.peak_force_N, abs(float(force_N[0])), abs(float(force_N[-1])))
+            self.force_step_N = min(self.force_step_N, _step(force_N))
+        if len(displacement_m):
+            apart_m = displacement_m[[0, -1]] - self.start.displacement_m.mean
+            self.peak_displacement_m = max(self.peak_displacement_m, float(np.max(np.abs(apart_m))))
+            self.displacement_step_m = min(self.displacement_step_m, _step(displacement_m))
+
+    def findings(self) -> tuple[CampaignFinding, ...]:
+        """What has drifted by more than the tests allow; nothing where a window is missing."""
+        start, end = self.start, self.end
+        if start is None or end is None:
+            return ()
+        flagged = end.force_flagged, end.displacement_flagged
+        pairs = (
+            _drift(
+                ("load cell", "controller's force input"), "N", 1.0, self.peak_force_N, self.force_step_N,
+                (start.force_N, start.controller_force_N, end.force_N, end.controller_force_N), flagged[0],
+            ),
+            _drift(
+                ("LVDT", "controller's position input"), "mm", 1e3, self.peak_displacement_m, self.displacement_step_m,
+                (start.displacement_m, start.position_m, end.displacement_m, end.position_m), flagged[1],
+            ),
+        )
+        return tuple(finding for finding in pairs if finding is not None)
+
+    def to_json(self) -> dict[str, Any]:
+        """One entry of `zero_checks` in `campaign.json`; null where a window is missing."""
+        return {
+            "start": None if self.start is None else self.start.to_json(),
+            "end": None if self.end is None else self.end.to_json(),
+            "peak_force_N": self.peak_force_N,
+            "peak_displacement_m": self.peak_displacement_m,
+            "force_step_N": None if math.isinf(self.force_step_N) else self.force_step_N,
+            "displacement_step_m": None if math.isinf(self.displacement_step_m) else self.displacement_step_m,
+            "findings": [finding.to_json() for finding in self.findings()],
+        }
+
+
+def _noise(first: Reading, last: Reading) -> float:
+    """What the difference of two means may be by noise alone; few samples know their own scatter badly."""
+    freedom = first.count + last.count - 2
+    variance = ((first.count - 1) * first.std**2 + (last.count - 1) * last.std**2) / freedom
+    return SURE * (1.0 + FEW / freedom) * math.sqrt(variance * (1.0 / first.count + 1.0 / last.count))
+
+
+def _step(values: NDArray[np.float64]) -> float:
+    """Least difference between neighbours of sorted distinct values (n,)."""
+    return float(np.min(np.diff(values))) if len(values) > 1 else math.inf
+
+
+def _drift(
+    instruments: tuple[str, str], unit: str, factor: float, peak: float, step: float, readings: tuple[Reading, ...],
+    flagged: int,
+) -> CampaignFinding | None:
+    """The finding when two instruments agree less at the end than at the start; SI in, `factor` to the text's unit.
+
+    A sensor whose value repeats at the end, though it was noisy at the start, is stuck: its zero is not judged.
+    """
+    first, first_own, last, last_own = readings
+    few = min(first.count, last.count) < FEWEST_SAMPLES or min(first_own.count, last_own.count) < FEWEST_STATUSES
+    resolution = 0.0 if math.isinf(step) else step
+    stuck = last.std < REPEATS * first.std and first.std > resolution
+    if few or flagged or stuck:
+        return None
+    drift = (last.mean - last_own.mean) - (first.mean - first_own.mean)
+    noise = math.hypot(_noise(first, last), _noise(first_own, last_own))
+    limit = max(DRIFT_SHARE * peak, noise, resolution)
+    if abs(drift) <= limit:
+        return None
+    measured, own = instruments
+    text = say(
+        "drifted-apart", measured=measured, own=own, drift=factor * drift, limit=factor * limit, peak=factor * peak,
+        unit=unit,
+    )
+    values = {"drift": drift, "limit": limit, "noise": noise, "largest_measured": peak}
+    return CampaignFinding("zero-drift", "bench", text, instruments, values)
+
+
+def read_zero_checks(folder: Path) -> tuple[ZeroReturn, ...]:
+    """The zero checks of a campaign's sessions, oldest first.
+
+    Raises:
+        FileProblem: an entry is damaged.
+    """
+    checks = []
+    for entry in read_campaign(folder).get(ENTRY, ()):
+        try:
+            start, end = (
+                None if entry[name] is None else RestWindow.from_json(entry[name]) for name in ("start", "end")
+            )
+            peaks = float(entry["peak_force_N"]), float(entry["peak_displacement_m"])
+            steps = (
+                math.inf if entry.get(name) is None else float(entry[name])
+                for name in ("force_step_N", "displacement_step_m")
+            )
+            checks.append(ZeroReturn(start, end, *peaks, *steps))
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileProblem(str(folder / "campaign.json"), [f"{ENTRY}: {error!r}"]) from error
+    return tuple(checks)
+
+
+def doubt_points(
+    results: PointResults, findings: Sequence[CampaignFinding], warn: Callable[[str], None],
+    earlier: Iterable[PointResult] = (),
+) -> None:
+    """Make the session's valid points suspect for what the rest after its motion showed, in their files and the books.
+
+    Args:
+        results: the campaign's points.
+        findings: of `ZeroReturn.findings`; without any nothing is touched.
+        warn: told of a file that could not be written; its point then stays as it was judged.
+        earlier: points of earlier sessions, which were measured between other rests.
+    """
+    reasons = [suspect(ZERO_RETURN, finding.text, **finding.values) for finding in findings]
+    others = {result.file for result in earlier}
+    files = [
+        result.file for result in results.results.values()
+        if result.file is not None and result.file not in others and result.file.is_file()
+    ]
+    for file in files if reasons else ():
+        try:
+            judged = Verdict.stored(RecordedPoint.open(file, whole=False).quality).replaced({ZERO_RETURN}, reasons)
+            write_verdict(file, judged, "load cell and LVDT at rest after the session's motion")
+            told = finished(RecordedPoint.open(file, whole=False))
+        except (FileProblem, OSError) as error:
+            warn(f"{file.name} does not say that a zero did not return: {error}")
+            continue
+        results.mended(file, told.verdict, told.reasons, told.quality)

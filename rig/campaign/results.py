@@ -1,0 +1,347 @@
+"""What the caller of a campaign gives and gets: options, a display, the points' results, how it ended."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Protocol
+
+from rig.campaign.stop_cause import StopCause
+from rig.campaign.words import say
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
+from rig.matrix.plan import Plan
+from rig.matrix.point import TestPoint
+from rig.recording.reason import Kind, Reason, blamed
+
+WARMING_UP = "warming up"
+NOT_RUN = "not run"
+INVALID = "invalid"
+VALID = "valid"
+RANKS = (INVALID, "suspect", VALID)
+"""Verdicts, worst first: of a point's attempts the best verdict counts, then the latest."""
+
+
+class RigState(StrEnum):
+    """What is known about the rig when a campaign has ended."""
+
+    SAFE = "safe"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class CampaignOptions:
+    """One campaign as asked for on the command line.
+
+    Attributes:
+        matrix_path: the matrix file.
+        out: the folder in which the campaign's directory is made.
+        bench_path: the bench file of the rig to use; None together with `simulate`.
+        simulate: start a simulated rig and use the bench file it prints.
+        speed: simulated seconds per wall second, passed to the simulated rig.
+        seed: seed of the simulated rig.
+        simulator_args: further arguments for `python -m simulators`, as given.
+        resume_path: the directory of an earlier campaign to continue (then `out` does not count); None for a new one.
+        requalified: what was checked or replaced after a stop that demands it, in the operator's words; empty: nothing.
+    """
+
+    matrix_path: Path
+    out: Path
+    bench_path: Path | None = None
+    simulate: bool = False
+    speed: float = 1.0
+    seed: int = 0
+    simulator_args: tuple[str, ...] = ()
+    resume_path: Path | None = None
+    requalified: str = ""
+
+
+@dataclass(frozen=True)
+class PointResult:
+    """How one test point ended; the fields are the keys of `rig run --json`."""
+
+    id: str
+    file: Path | None
+    verdict: str
+    reasons: tuple[str, ...]
+    waveform: str
+    amplitude_m: float
+    frequency_Hz: float
+    current_A: float
+    lost_samples: int
+    quality: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def slugs(self) -> tuple[str, ...]:
+        """The reasons' names."""
+        return tuple(Reason.stored(line, Kind.SUSPECT).slug for line in self.reasons)
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of one entry of `points` in `rig run --json`; `file` absolute or null."""
+        return {
+            "id": self.id,
+            "file": None if self.file is None else str(self.file.resolve()),
+            "verdict": self.verdict,
+            "reasons": list(self.reasons),
+            "waveform": self.waveform,
+            "amplitude_m": self.amplitude_m,
+            "frequency_Hz": self.frequency_Hz,
+            "current_A": self.current_A,
+            "lost_samples": self.lost_samples,
+            "blamed": [blamed(reason) for reason in self.reasons],
+            "quality": {name: value for name, value in self.quality.items() if math.isfinite(value)},
+        }
+
+
+@dataclass(frozen=True)
+class Wait:
+    """What the damper's temperature cost before a point.
+
+    Attributes:
+        point: id of the point that could not begin yet.
+        phase: `warming up` (one program) or `cooling down`.
+        from_degC: the coil's temperature then.
+        to_degC: the one it must reach.
+        planned_s: motion of the warm-up program, or the forecast of cooling down (s, rig's clock).
+    """
+
+    point: str
+    phase: str
+    from_degC: float
+    to_degC: float
+    planned_s: float
+
+    @property
+    def text(self) -> str:
+        """For the operator and the journal."""
+        return say("warming" if self.phase == WARMING_UP else "cooling", **asdict(self))
+
+
+@dataclass(frozen=True)
+class CampaignFinding:
+    """Something about the whole session that no single point shows.
+
+    Attributes:
+        slug: its name.
+        blamed: `bench`, `specimen` or `test`.
+        text: what happened, the numbers, what to do.
+        instruments: which instruments disagree.
+        values: the numbers (SI) by name.
+    """
+
+    slug: str
+    blamed: str
+    text: str
+    instruments: tuple[str, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """One entry of `findings` in `rig run --json`."""
+        return {
+            "slug": self.slug, "blamed": self.blamed, "text": self.text, "instruments": list(self.instruments),
+            "values": dict(self.values),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class StopReport:
+    """How a campaign was stopped.
+
+    Attributes:
+        kind: `S2`, `S1` or `SO`.
+        slug: of the first cause.
+        proved: the station proved standstill.
+        current_zero: it proved 0 A, too.
+        pressure_off: the hydraulics are proved off.
+        moved: anything had moved before.
+        unfinished: id of the point that was prepared or running; empty when there was none.
+        resume: fault matrix's word on going on: `a`, `c` (typing `--resume` confirms), `n` (requalify first).
+    """
+
+    kind: str
+    slug: str
+    proved: bool
+    current_zero: bool
+    pressure_off: bool
+    moved: bool
+    unfinished: str
+    resume: str
+
+
+@dataclass(frozen=True)
+class CampaignResult:
+    """How a campaign ended.
+
+    Attributes:
+        campaign: the campaign's directory.
+        points: every point of the matrix in planned order, the ones never begun included (verdict `not run`).
+        valid: how many points are valid.
+        total: how many points the matrix has.
+        rig_state: `safe` (standstill and 0 A proved) or `unknown` (go and look).
+        stopped_by: slug of the first cause when the campaign was stopped, else None.
+        detail: the first cause in words, empty when the campaign ran to its end.
+        refused: True when the rig refused before anything moved.
+        wall_s: wall seconds from the first point's start to the last point's end (0 when none ran).
+        motion_s: planned seconds of motion of the points that ran, on the rig's clock.
+        start_temperature_degC: the coil's first reading of this session; None where there was none.
+        waits: warming up and cooling down in this session, in order.
+        findings: what the session as a whole showed about its instruments.
+        stop: how it was stopped; None when it ran to its end or was refused.
+        confirmed: stops of earlier sessions whose mending the operator confirmed by resuming.
+    """
+
+    campaign: Path
+    points: tuple[PointResult, ...]
+    valid: int
+    total: int
+    rig_state: RigState
+    stopped_by: str | None
+    detail: str
+    refused: bool
+    wall_s: float
+    motion_s: float
+    start_temperature_degC: float | None = None
+    waits: tuple[Wait, ...] = ()
+    findings: tuple[CampaignFinding, ...] = ()
+    stop: StopReport | None = None
+    confirmed: tuple[Mapping[str, str], ...] = ()
+
+    @property
+    def exit_code(self) -> int:
+        """The command's exit code before identification: the first that applies of 7, 3, 4, 5, 0."""
+        if self.rig_state == RigState.UNKNOWN:
+            return EXIT_UNKNOWN_STATE
+        if self.refused:
+            return EXIT_REFUSED
+        if self.stopped_by is not None:
+            return EXIT_STOPPED
+        return EXIT_DONE if self.valid == self.total else EXIT_NOT_ALL_VALID
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of `rig run --json` that the campaign knows; `fit` and `report` are the caller's."""
+        return {
+            "campaign": str(self.campaign.resolve()),
+            "points": [point.to_json() for point in self.points],
+            "valid": self.valid,
+            "total": self.total,
+            "rig_state": self.rig_state,
+            "stopped_by": self.stopped_by,
+            "wall_s": self.wall_s,
+            "motion_s": self.motion_s,
+            "start_temperature_degC": self.start_temperature_degC,
+            "waits": [asdict(wait) for wait in self.waits],
+            "findings": [finding.to_json() for finding in self.findings],
+            "stop": None if self.stop is None else asdict(self.stop),
+            "confirmed": [dict(stop) for stop in self.confirmed],
+        }
+
+
+class Display(Protocol):
+    """What the operator sees while a campaign runs; every method returns quickly and raises nothing."""
+
+    def planned(self, plan: Plan) -> None:
+        """The plan was accepted; the rig is about to be connected."""
+
+    def phase(self, text: str) -> None:
+        """The campaign entered another phase, in words."""
+
+    def progress(self, point_id: str, cycles_done: int, time_left_s: float, live: Mapping[str, float]) -> None:
+        """Live numbers, about 10 times a wall second.
+
+        Args:
+            point_id: the point that is prepared or runs; empty between points.
+            cycles_done: whole cycles done of its program, ramps included.
+            time_left_s: estimated wall seconds to the end of the campaign.
+            live: last values by name: `position_m`, `force_N`, `current_A`, `coil_temperature_degC` (those known).
+        """
+
+    def point_done(self, result: PointResult) -> None:
+        """A point's file was written and judged (or the point was lost)."""
+
+    def message(self, level: str, text: str) -> None:
+        """Something the operator should read; `level` is `info`, `warning` or `error`."""
+
+
+@dataclass
+class PointResults:
+    """Results by point id; a later attempt replaces an earlier one unless that one had a better verdict."""
+
+    points: tuple[TestPoint, ...]
+    results: dict[str, PointResult] = field(default_factory=dict)
+    began_ns: int | None = None
+    ended_ns: int | None = None
+    motion_s: float = 0.0
+    start_temperature_degC: float | None = None
+    waits: list[Wait] = field(default_factory=list)
+
+    def found(self, temperature_degC: float) -> None:
+        """A reading of the coil's temperature, NaN where unknown; the session's first one counts."""
+        if self.start_temperature_degC is None and math.isfinite(temperature_degC):
+            self.start_temperature_degC = temperature_degC
+
+    def begun(self, now_ns: int) -> None:
+        """A point's recording began at `now_ns` (monotonic)."""
+        self.began_ns = now_ns if self.began_ns is None else self.began_ns
+
+    def ended(self, point: TestPoint, now_ns: int) -> None:
+        """A point's recording ended at `now_ns` (monotonic)."""
+        self.ended_ns = now_ns
+        self.motion_s += point.motion_s
+
+    def judged(
+        self, point: TestPoint, file: Path | None, verdict: str, reasons: Iterable[str], lost_samples: int,
+        quality: Mapping[str, float] | None = None,
+    ) -> PointResult:
+        """Enter an attempt's verdict and, when measured, its numbers; returns what was entered."""
+        result = replace(_result(point, file, verdict, tuple(reasons), lost_samples), quality=quality or {})
+        known = self.results.get(point.id)
+        if known is None or RANKS.index(verdict) >= RANKS.index(known.verdict):
+            self.results[point.id] = result
+        return result
+
+    def mended(self, file: Path, verdict: str, reasons: Iterable[str], quality: Mapping[str, float]) -> None:
+        """A point's file (absolute path) was written again; its verdict and numbers are these now."""
+        for point_id, result in self.results.items():
+            if result.file == file:
+                self.results[point_id] = replace(result, verdict=verdict, reasons=tuple(reasons), quality=quality)
+
+    def given_up(self, point: TestPoint, cause: StopCause) -> PointResult:
+        """Enter a point that could not be begun or whose file could not be written."""
+        return self.judged(point, None, INVALID, (f"{cause.slug}: {cause.detail}",), 0)
+
+    def all_results(self) -> tuple[PointResult, ...]:
+        """Every point in planned order; the ones without a result were not run."""
+        return tuple(self.results.get(point.id) or _result(point, None, NOT_RUN, (), 0) for point in self.points)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every planned point was run, whatever its verdict."""
+        return all(point.id in self.results for point in self.points)
+
+    @property
+    def valid(self) -> int:
+        """How many points are valid."""
+        return sum(result.verdict == VALID for result in self.results.values())
+
+    @property
+    def wall_s(self) -> float:
+        """Wall seconds from the first point's start to the last point's end; 0 when none ran."""
+        if self.began_ns is None or self.ended_ns is None:
+            return 0.0
+        return 1e-9 * (self.ended_ns - self.began_ns)
+
+
+def _result(point: TestPoint, file: Path | None, verdict: str, reasons: tuple[str, ...], lost: int) -> PointResult:
+    return PointResult(
+        id=point.id,
+        file=file,
+        verdict=verdict,
+        reasons=reasons,
+        waveform=point.waveform,
+        amplitude_m=point.amplitude_m,
+        frequency_Hz=point.frequency_Hz,
+        current_A=point.current_A,
+        lost_samples=lost,
+    )

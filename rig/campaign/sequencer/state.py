@@ -1,0 +1,277 @@
+"""Where a campaign stands: one frozen value, its phases, and the conditions under which points are measured."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from rig.bench.model import Bench
+from rig.campaign.results import RigState
+from rig.campaign.sequencer.amplitude_compensation import Ceiling, Drives
+from rig.campaign.stop_cause import MOST_RETRIES, StopCause, StopKind
+from rig.matrix.feasibility import command_limit, command_room
+from rig.matrix.forecast import forecaster
+from rig.matrix.model import Matrix
+from rig.matrix.order_by_heat import Load, Thermal, load_of, thermal_of, warm_up_point
+from rig.matrix.point import TestPoint
+
+DEMAGNETISING_RATIO = 0.7
+DEMAGNETISED_A = 0.05
+LONGEST_WARM_UP_PROGRAM_S = 60.0
+FEWEST_WARM_UP_CYCLES = 3
+UNKNOWN_WARM_UP_S = 10.0
+LONGEST_GROWTH = 2.0
+"""Of a warm-up program over the one before: a temperature read to 0.1 K says little of the pace."""
+WARM_UP_MARGIN_K = 0.3
+"""Warmed a little beyond the window's lower end, so that the rod's return does not cost another program."""
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """What every point of a campaign must find. Made once and the same object ever after.
+
+    Attributes:
+        tolerance: allowed deviation of the amplitude, relative; None: the command is not compensated.
+        ceilings: by point id, what may be commanded.
+        thermal: temperature window and heat model; None without a window.
+        loads: by point id, its heat.
+        warm_up: the motion that warms; None without a window.
+        longest_s: longest warming up or cooling down before a point or a restart (s, rig's clock).
+        demagnetise: the coil's core is demagnetised before another current.
+    """
+
+    tolerance: float | None = None
+    ceilings: tuple[tuple[str, Ceiling], ...] = ()
+    thermal: Thermal | None = None
+    loads: tuple[tuple[str, Load], ...] = ()
+    warm_up: TestPoint | None = None
+    longest_s: float = 3600.0
+    demagnetise: bool = False
+
+    def ceiling(self, point: TestPoint) -> Ceiling:
+        """What may be commanded for a point."""
+        return dict(self.ceilings).get(point.id, Ceiling())
+
+    def highest_start(self, point: TestPoint) -> float:
+        """Largest temperature (degC) at which the point may begin; inf without a window."""
+        if self.thermal is None:
+            return math.inf
+        return self.thermal.highest_start(dict(self.loads).get(point.id, Load(point.motion_s, 0.0)))
+
+    def warm_up_program(
+        self, now_degC: float, before: tuple[float, float] | None = None
+    ) -> tuple[TestPoint, float] | None:
+        """The next warm-up program from a temperature (degC), and its motion (s); None without a window.
+
+        The forecast is corrected by doing: where `before`, the last program's motion (s) and the temperature it began
+        at (degC), warmed less than forecast, the next one is longer, up to twice as long. A damper near the temperature
+        that the motion can hold would never arrive by programs that shorten as it comes closer.
+        """
+        if self.thermal is None or self.warm_up is None:
+            return None
+        thermal, period_s = self.thermal, 1.0 / self.warm_up.frequency_Hz
+        goal_degC = min(thermal.low_degC + WARM_UP_MARGIN_K, 0.5 * (thermal.low_degC + thermal.high_degC))
+        needed_s = thermal.heat.time_to(goal_degC, now_degC, thermal.warm_up_W)
+        needed_s = UNKNOWN_WARM_UP_S if math.isinf(needed_s) else needed_s
+        if before is not None:
+            needed_s = max(needed_s, _at_the_pace_of(before, now_degC, goal_degC))
+        needed_s = min(needed_s, LONGEST_WARM_UP_PROGRAM_S)
+        program = replace(self.warm_up, cycles=max(FEWEST_WARM_UP_CYCLES, math.ceil(needed_s / period_s)))
+        return program, program.motion_s
+
+
+def _at_the_pace_of(before: tuple[float, float], now_degC: float, goal_degC: float) -> float:
+    """How long the motion takes to a goal if it warms as it last did (s); at most twice what it last took."""
+    lasted_s, from_degC = before
+    longest_s = LONGEST_GROWTH * lasted_s
+    gained_K = now_degC - from_degC
+    return longest_s if gained_K <= 0.0 else min(longest_s, lasted_s * (goal_degC - now_degC) / gained_K)
+
+
+NO_CONDITIONS = Conditions()
+
+
+def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
+    """The conditions a matrix asks for on a bench."""
+    points, temperature = matrix.points(), matrix.temperature
+    conditions = Conditions(
+        tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
+        ceilings=tuple((point.id, _ceiling(point, matrix, bench)) for point in points if point.kind == "loop"),
+        demagnetise=matrix.campaign.demagnetise,
+    )
+    if temperature is None:
+        return conditions
+    forecast = forecaster(matrix.specimen)
+    return replace(
+        conditions,
+        thermal=thermal_of(points, forecast, temperature),
+        loads=tuple((point.id, load_of(point, forecast)) for point in points),
+        warm_up=warm_up_point(points, forecast, temperature),
+        longest_s=temperature.longest_s,
+    )
+
+
+def _ceiling(point: TestPoint, matrix: Matrix, bench: Bench) -> Ceiling:
+    amplitude_m, what = command_limit(point, bench)
+    low_m, high_m, where = command_room(matrix, bench)
+    return Ceiling(amplitude_m, what, low_m, high_m, where)
+
+
+def demagnetising_currents(largest_A: float) -> tuple[float, ...]:
+    """Currents (A) of alternating sign and falling size that take a core's remanence away, 0 last."""
+    steps = max(0, math.ceil(math.log(DEMAGNETISED_A / largest_A) / math.log(DEMAGNETISING_RATIO)))
+    sizes = [largest_A * DEMAGNETISING_RATIO**number for number in range(1, steps + 1)]
+    return (*(size if number % 2 else -size for number, size in enumerate(sizes)), 0.0)
+
+
+class Phase(StrEnum):
+    """What the campaign waits for."""
+
+    NEW = "new"
+    CONNECTING = "connecting"
+    ARMING = "arming"
+    PROVING_WATCHDOG = "proving the watchdog"
+    CHECKING_ZEROS = "checking zeros"
+    PRESSURE_LOW = "hydraulics to low pressure"
+    PRESSURE_ON = "hydraulics to full pressure"
+    PROVING_SENSORS = "proving the sensors by a slow move"
+    CENTRING = "centring"
+    GATING = "reading the temperature"
+    COOLING = "cooling down"
+    DEMAGNETISING = "demagnetising"
+    SETTLING = "settling the current"
+    WARMING = "warming up"
+    ADAPTING = "adapting the amplitude"
+    RUNNING = "running"
+    STEPPING = "stepping the current"
+    CLEARING = "back to 0 A"
+    RESTING = "resting"
+    PAUSED = "paused"
+    JUDGING = "waiting for verdicts"
+    STOPPING = "stopping"
+    COOLING_DOWN = "standing still until the ECU has cooled down"
+    RESETTING = "resetting after a stop"
+    STANDING = "coming to rest"
+    CHECKING_RETURN = "checking zeros again"
+    FINISHING = "hydraulics off"
+    ENDED = "ended"
+
+
+@dataclass(frozen=True)
+class Latch:
+    """The first cause of a stop; later causes never replace it."""
+
+    stop: StopKind
+    cause: StopCause
+
+
+@dataclass(frozen=True)
+class State:
+    """A campaign's state; made by `start_state`, changed only by `rig.campaign.sequencer.step`.
+
+    Attributes:
+        queue: the points still to be done; the first one is the current one.
+        retries: how often a point may be repeated without the operator (0..2).
+        phase: what the campaign waits for.
+        attempts: point ids, one entry for each attempt begun.
+        unjudged: ids whose file is being written and judged; only kept when a bad verdict could lead to a repeat.
+        given_back: points kept for a repeat while their verdict is awaited.
+        held_at_m: the centre at which the actuator is known to hold, None when not known.
+        rest_s: rest still to be taken after the point that just ran (s, rig's clock).
+        recording: the current point's journal is open.
+        armed: the station was asked to arm; only a proved disarm undoes it.
+        proved: watchdog and zeros were proved since the last arming.
+        pressurised: pressure was asked for, and is not proved gone.
+        powered: the hydraulics are at full pressure.
+        moved: something was moved in this campaign.
+        pause_asked: stop at the next point boundary.
+        spoiled: why the running point cannot be valid, though it was not stopped.
+        latch: the stop under way or done; None while nothing is wrong.
+        stopped: standstill and 0 A were proved after the latch.
+        cooled_s: how long the stopped rig has waited for the ECU to cool down (s, rig's clock).
+        refused: why the campaign was refused before anything moved.
+        left_to_station: the link was closed; whether the rig is safe is proved by how the station ends.
+        rig_state: what is known about the rig.
+        conditions: under what conditions points are measured.
+        drives: how motions are commanded, as far as they were tried.
+        warming: the warm-up program that comes before the current point, None when there is none.
+        warmed_s: motion of warm-up programs before the current point (s).
+        warmed_with: the last of them (s) and the temperature it began at (degC), None before the first.
+        steps_left: currents still to come of a current-step point (A).
+        demagnetising: currents still to come of the demagnetising sequence (A).
+        magnetised_A: the largest current since the last demagnetising (A).
+        last_current_A: the current of the last program (A).
+    """
+
+    queue: tuple[TestPoint, ...]
+    retries: int
+    phase: Phase = Phase.NEW
+    attempts: tuple[str, ...] = ()
+    unjudged: tuple[str, ...] = ()
+    given_back: tuple[TestPoint, ...] = ()
+    held_at_m: float | None = None
+    rest_s: float = 0.0
+    recording: bool = False
+    armed: bool = False
+    proved: bool = False
+    pressurised: bool = False
+    powered: bool = False
+    moved: bool = False
+    pause_asked: bool = False
+    spoiled: StopCause | None = None
+    latch: Latch | None = None
+    stopped: bool = False
+    cooled_s: float = 0.0
+    refused: StopCause | None = None
+    left_to_station: bool = False
+    rig_state: RigState = RigState.SAFE
+    conditions: Conditions = NO_CONDITIONS
+    drives: Drives = ()
+    warming: TestPoint | None = None
+    warmed_s: float = 0.0
+    warmed_with: tuple[float, float] | None = None
+    steps_left: tuple[float, ...] = ()
+    demagnetising: tuple[float, ...] = ()
+    magnetised_A: float = 0.0
+    last_current_A: float = 0.0
+
+    @property
+    def point(self) -> TestPoint:
+        """The current point."""
+        return self.queue[0]
+
+    @property
+    def attempt(self) -> int:
+        """Attempts of the current point begun so far."""
+        return self.attempts.count(self.point.id)
+
+    def may_repeat(self, point_id: str) -> bool:
+        """Whether another attempt of a point is allowed."""
+        return self.attempts.count(point_id) <= self.retries
+
+    def unlatched(self) -> State:
+        """The state after an explicit reset: nothing is proved any more, the position is not known."""
+        return replace(
+            self, latch=None, stopped=False, proved=False, powered=False, held_at_m=None, rest_s=0.0, warming=None,
+            warmed_with=None, cooled_s=0.0,
+        )
+
+
+def start_state(points: tuple[TestPoint, ...], retries: int, conditions: Conditions = NO_CONDITIONS) -> State:
+    """The state before anything has happened.
+
+    Args:
+        points: the planned points in order.
+        retries: automatic repeats of a point, 0..2.
+        conditions: under what conditions points are measured; by default none.
+
+    Raises:
+        ValueError: no points, two points with one id, or `retries` out of range.
+    """
+    ids = [point.id for point in points]
+    if not points or len(set(ids)) != len(ids):
+        raise ValueError(f"expected at least one point and no id twice, got {ids}")
+    if not 0 <= retries <= MOST_RETRIES:
+        raise ValueError(f"retries: expected 0..{MOST_RETRIES}, got {retries}")
+    return State(queue=points, retries=retries, conditions=conditions)

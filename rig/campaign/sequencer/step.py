@@ -1,0 +1,400 @@
+"""The campaign's order of things as a pure function: `step(state, event) -> (state, actions)`.
+
+1. No clock, no I/O: everything that happens arrives as an event, everything wanted leaves as an action.
+2. Nothing moves unless the rig is armed, watchdog and zeros are proved, pressure is on and no stop is latched.
+
+The way through: connect, check zeros, arm, prove the watchdog, pressure low, pressure on, prove the sensors by a slow
+move, then for each point: centre, settle the current, record and run, back to 0 A, rest; at the end hydraulics off.
+Temperature, magnetic history and trial programs come in between where the matrix asks for them (`point_preparation`).
+Tables hold it: `NEXT` for the phase an event belongs to, `ALWAYS` for what can come at any time, `OVERDUE` for phases
+that last too long. An event in none of them is late news and changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from rig.campaign.sequencer import action as act
+from rig.campaign.sequencer import amplitude_compensation, point_preparation, stopping
+from rig.campaign.sequencer import event as ev
+from rig.campaign.sequencer.action import Action, Request
+from rig.campaign.sequencer.state import Phase, State
+from rig.campaign.sequencer.stopping import Handler, Step
+from rig.campaign.stop_cause import StopKind, because
+from rig.campaign.words import say
+
+CENTRING_LIMIT_S = 60.0
+ZEROS_LIMIT_S = 5.0
+PROOF_LIMIT_S = 10.0
+PROGRAM_LIMIT_S = 5.0
+JUDGING_LIMIT_S = 120.0
+"""Wall time: files are written on the host."""
+REST_EXTRA_S = 5.0
+PAUSE_LIMIT_S = 7200.0
+"""Wall time: nobody leaves a rig under pressure for longer."""
+
+
+def step(state: State, event: ev.Event) -> Step:
+    """The next state and what to do, in order.
+
+    Args:
+        state: where the campaign stands.
+        event: what happened.
+    """
+    if state.phase is Phase.ENDED:
+        return state, ()
+    handler = NEXT.get((state.phase, type(event))) or ALWAYS.get(type(event))
+    if handler is None:
+        return state, ()
+    return handler(state, event)
+
+
+# Preflight
+
+
+def _begin(state: State, event: ev.Begin) -> Step:
+    return stopping.request(state, Phase.CONNECTING, Request.CONNECT)
+
+
+def _arm(state: State) -> Step:
+    return stopping.request(replace(state, armed=True, proved=False), Phase.ARMING, Request.ARM)
+
+
+def _prove_watchdog(state: State) -> Step:
+    return stopping.request(state, Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG)
+
+
+def _check_zeros(state: State) -> Step:
+    return stopping.enter(state, Phase.CHECKING_ZEROS, act.WatchZeros(), device_s=ZEROS_LIMIT_S)
+
+
+def _begin_again(state: State) -> Step:
+    """The trip is reset: every proof is made again, unless something has taken the restart away meanwhile."""
+    return stopping.finish(state) if stopping.gave_up(state) else _check_zeros(state.unlatched())
+
+
+def _zeros(state: State, event: ev.ZerosJudged) -> Step:
+    return _arm(state) if event.cause is None else stopping.refuse(state, event.cause)
+
+
+def _pressure_low(state: State) -> Step:
+    state = replace(state, proved=True, pressurised=True)
+    return stopping.request(state, Phase.PRESSURE_LOW, Request.HYDRAULICS_LOW)
+
+
+def _pressure_on(state: State) -> Step:
+    return stopping.request(state, Phase.PRESSURE_ON, Request.HYDRAULICS_ON)
+
+
+def _powered(state: State) -> Step:
+    return _prove_sensors(replace(state, powered=True), 0)
+
+
+def _prove_sensors(state: State, leg: int) -> Step:
+    return stopping.enter(state, Phase.PROVING_SENSORS, act.ProveSensors(leg), device_s=PROOF_LIMIT_S)
+
+
+def _sensors_proved(state: State, event: ev.ProofJudged) -> Step:
+    return _next_point(state) if event.cause is None else stopping.refuse(state, event.cause)
+
+
+PROVED: dict[tuple[Phase, Request], Callable[[State], Step]] = {
+    (Phase.CONNECTING, Request.CONNECT): _check_zeros,
+    (Phase.ARMING, Request.ARM): _prove_watchdog,
+    (Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG): _pressure_low,
+    (Phase.PRESSURE_LOW, Request.HYDRAULICS_LOW): _pressure_on,
+    (Phase.PRESSURE_ON, Request.HYDRAULICS_ON): _powered,
+    (Phase.STOPPING, Request.STOP): lambda state: stopping.stopped(state, ev.Safe()),
+    (Phase.RESETTING, Request.RESET): _begin_again,
+    (Phase.FINISHING, Request.DISARM): lambda state: stopping.end(
+        replace(state, armed=False, pressurised=False, powered=False)
+    ),
+}
+
+
+def _done(state: State, event: ev.Done) -> Step:
+    proved = PROVED.get((state.phase, event.request))
+    return (state, ()) if proved is None else proved(state)
+
+
+# One point after the other
+
+
+def _next_point(state: State) -> Step:
+    if not state.queue:
+        if state.unjudged:
+            return stopping.enter(state, Phase.JUDGING, device_s=0.0, wall_s=JUDGING_LIMIT_S)
+        return stopping.finish(state)
+    if state.pause_asked:
+        note = act.Note("info", say("paused", point=state.point.id))
+        return stopping.enter(state, Phase.PAUSED, note, device_s=0.0, wall_s=PAUSE_LIMIT_S)
+    if state.conditions.thermal is not None:
+        return point_preparation.read_temperature(state)
+    return _approach(state)
+
+
+def _approach(state: State) -> Step:
+    centre_m = point_preparation.program(state).centre_m
+    if state.held_at_m == centre_m:
+        return _settle(state)
+    state = replace(state, moved=True, held_at_m=None)
+    return stopping.enter(state, Phase.CENTRING, act.Move(centre_m), device_s=CENTRING_LIMIT_S)
+
+
+def _centred(state: State, event: ev.Centred) -> Step:
+    return _settle(replace(state, held_at_m=point_preparation.program(state).centre_m))
+
+
+def _settle(state: State) -> Step:
+    program = point_preparation.program(state)
+    demagnetising = point_preparation.demagnetise(state, program.first_current_A)
+    if demagnetising is not None:
+        return demagnetising
+    largest_A = max(state.magnetised_A, program.current_A)
+    state = replace(state, magnetised_A=largest_A, last_current_A=program.first_current_A)
+    current = act.SetCurrent(program.first_current_A)
+    return stopping.enter(state, Phase.SETTLING, current, device_s=point_preparation.CURRENT_LIMIT_S)
+
+
+def _run(state: State, event: ev.CurrentSettled) -> Step:
+    point, program = state.point, point_preparation.program(state)
+    if state.warming is not None:
+        return point_preparation.start(state, Phase.WARMING, program)
+    if point_preparation.wants_trial(state):
+        trial = amplitude_compensation.trial(point, point_preparation.drive(state))
+        return point_preparation.start(state, Phase.ADAPTING, trial)
+    state = replace(state, attempts=(*state.attempts, point.id), recording=True, spoiled=None)
+    begin = act.BeginRecording(point, state.attempt, program)
+    if point.kind == "current_step":
+        state = replace(state, steps_left=point.steps_A[1:])
+        return _hold_step(state, begin)
+    return point_preparation.start(state, Phase.RUNNING, program, begin)
+
+
+def _hold_step(state: State, *actions: Action) -> Step:
+    hold_s = 1.0 / state.point.frequency_Hz
+    return stopping.enter(state, Phase.STEPPING, *actions, act.Rest(hold_s), device_s=hold_s + PROGRAM_LIMIT_S)
+
+
+def _stepped(state: State, event: ev.RestOver) -> Step:
+    if not state.steps_left:
+        return _recorded(state, state.held_at_m)
+    following, *rest = state.steps_left
+    state = replace(state, steps_left=tuple(rest), last_current_A=following)
+    return _hold_step(state, act.SetCurrent(following))
+
+
+def _second_master(state: State, event: ev.ProgramEnded) -> Step:
+    """A program that ended before its end, though nobody here stopped it: nothing starts after it."""
+    point = point_preparation.program(state).id
+    cause = because("second-master", "ended-by-another", point=point, how=event.cut_short)
+    return stopping.fault(state, ev.Fault(StopKind.FADE_OUT, cause))
+
+
+def _ran_through(handler: Handler) -> Handler:
+    return lambda state, event: _second_master(state, event) if event.cut_short else handler(state, event)
+
+
+def _warmed(state: State, event: ev.ProgramEnded) -> Step:
+    return _onwards(replace(state, held_at_m=_held(state, event), warming=None))
+
+
+def _tried(state: State, event: ev.ProgramEnded) -> Step:
+    held_at_m = _held(state, event)
+    if event.motion is None:
+        cause = because("amplitude", "no-full-cycle")
+        return point_preparation.give_up(replace(state, held_at_m=held_at_m), cause)
+    state = point_preparation.learn(replace(state, held_at_m=held_at_m), event)
+    note = point_preparation.learned_note(state, event)
+    state, actions = _onwards(state)
+    return state, (note, *actions)
+
+
+def _held(state: State, event: ev.ProgramEnded) -> float | None:
+    return point_preparation.program(state).centre_m if event.at_centre else None
+
+
+def _onwards(state: State) -> Step:
+    """After a program that is not recorded, current still on: back to 0 A only for a pause."""
+    if state.pause_asked:
+        return stopping.enter(state, Phase.CLEARING, act.SetCurrent(0.0), device_s=point_preparation.CURRENT_LIMIT_S)
+    return _next_point(state)
+
+
+def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
+    held_at_m = _held(state, event)
+    if state.spoiled is not None:
+        return _recorded(state, held_at_m)
+    state = point_preparation.learn(state, event)
+    drive = point_preparation.drive(state) if point_preparation.adapts(state) else None
+    if drive is None or event.motion is None or (drive.settled and not drive.cannot):
+        return _recorded(state, held_at_m)
+    note = point_preparation.learned_note(state, event)
+    if drive.cannot:
+        state, actions = _recorded(state, held_at_m, act.Remark("machine-cannot", drive.cannot))
+        return state, (note, *actions)
+    point = state.point
+    state = replace(state, recording=False, attempts=_without_last(state.attempts, point.id), held_at_m=held_at_m)
+    state, actions = _onwards(state)
+    return state, (act.DropRecording(point, note.text), note, *actions)
+
+
+def _without_last(attempts: tuple[str, ...], point_id: str) -> tuple[str, ...]:
+    last = len(attempts) - 1 - attempts[::-1].index(point_id)
+    return attempts[:last] + attempts[last + 1 :]
+
+
+def _recorded(state: State, held_at_m: float | None, *remarks: Action) -> Step:
+    point, spoiled = state.point, state.spoiled
+    state, actions = stopping.end_recording(state, spoiled)
+    actions = remarks + actions
+    state = replace(state, held_at_m=held_at_m, spoiled=None, rest_s=point.rest_s)
+    if spoiled is None:
+        state = _await_verdict(state)
+    elif not state.may_repeat(point.id):
+        state = replace(state, queue=state.queue[1:])
+    state, more = stopping.enter(state, Phase.CLEARING, act.SetCurrent(0.0), device_s=point_preparation.CURRENT_LIMIT_S)
+    return state, actions + more
+
+
+def _await_verdict(state: State) -> State:
+    point = state.point
+    state = replace(state, queue=state.queue[1:])
+    if state.may_repeat(point.id):
+        return replace(state, unjudged=(*state.unjudged, point.id), given_back=(*state.given_back, point))
+    return state
+
+
+def _cleared(state: State, event: ev.CurrentSettled) -> Step:
+    if state.rest_s > 0.0:
+        limit_s = state.rest_s + REST_EXTRA_S
+        return stopping.enter(replace(state, rest_s=0.0), Phase.RESTING, act.Rest(state.rest_s), device_s=limit_s)
+    return _next_point(state)
+
+
+def _rested(state: State, event: ev.RestOver) -> Step:
+    return _next_point(state)
+
+
+def _judged(state: State, event: ev.Judged) -> Step:
+    if event.point_id not in state.unjudged:
+        return state, ()
+    again = tuple(point for point in state.given_back if point.id == event.point_id and not event.valid)
+    state = replace(
+        state,
+        unjudged=tuple(name for name in state.unjudged if name != event.point_id),
+        given_back=tuple(point for point in state.given_back if point.id != event.point_id),
+        queue=state.queue + again,
+    )
+    return _next_point(state) if state.phase is Phase.JUDGING else (state, ())
+
+
+def _resume(state: State, event: ev.ResumeAsked) -> Step:
+    return _next_point(replace(state, pause_asked=False))
+
+
+def _timed_out(state: State, event: ev.TimedOut) -> Step:
+    overdue = OVERDUE.get(state.phase) if event.phase == state.phase else None
+    return (state, ()) if overdue is None else overdue(state, event)
+
+
+NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
+    (Phase.NEW, ev.Begin): _begin,
+    (Phase.CHECKING_ZEROS, ev.ZerosJudged): _zeros,
+    (Phase.PROVING_SENSORS, ev.ProofLegDone): lambda state, _: _prove_sensors(state, 1),
+    (Phase.PROVING_SENSORS, ev.ProofJudged): _sensors_proved,
+    (Phase.CENTRING, ev.Centred): _centred,
+    (Phase.GATING, ev.TemperatureRead): lambda state, event: point_preparation.gate(state, event, _approach),
+    (Phase.COOLING, ev.CooledDown): lambda state, _: _next_point(state),
+    (Phase.DEMAGNETISING, ev.CurrentSettled): lambda state, _: point_preparation.demagnetised(state, _settle),
+    (Phase.SETTLING, ev.CurrentSettled): _run,
+    (Phase.WARMING, ev.ProgramEnded): _ran_through(_warmed),
+    (Phase.ADAPTING, ev.ProgramEnded): _ran_through(_tried),
+    (Phase.RUNNING, ev.ProgramEnded): _ran_through(_program_ended),
+    (Phase.STEPPING, ev.RestOver): _stepped,
+    (Phase.CLEARING, ev.CurrentSettled): _cleared,
+    (Phase.RESTING, ev.RestOver): _rested,
+    (Phase.PAUSED, ev.ResumeAsked): _resume,
+    (Phase.STANDING, ev.Standstill): lambda state, _: stopping.check_return(state),
+    (Phase.CHECKING_RETURN, ev.ZerosReturned): lambda state, _: stopping.disarm(state),
+    (Phase.CHECKING_RETURN, ev.Fault): stopping.abort_while_checking_return,
+    (Phase.CHECKING_RETURN, ev.Abort): stopping.abort_while_checking_return,
+    (Phase.CHECKING_RETURN, ev.Tripped): stopping.abort_while_checking_return,
+    (Phase.STOPPING, ev.Safe): stopping.stopped,
+    (Phase.COOLING_DOWN, ev.RestOver): lambda state, _: stopping.reset(state),
+    (Phase.FINISHING, ev.Fault): stopping.note_abort_while_finishing,
+    (Phase.FINISHING, ev.Abort): stopping.note_abort_while_finishing,
+}
+
+ALWAYS: dict[type[ev.Event], Handler] = {
+    ev.Done: _done,
+    ev.Declined: stopping.declined,
+    ev.Judged: _judged,
+    ev.TimedOut: _timed_out,
+    ev.ActionFailed: stopping.action_failed,
+    ev.Spoiled: stopping.spoiled,
+    ev.Fault: stopping.fault,
+    ev.Abort: stopping.fault,
+    ev.Tripped: stopping.tripped,
+    ev.Unknown: stopping.not_proved_safe,
+    ev.StationGone: stopping.station_gone,
+    ev.PauseAsked: lambda state, _: (replace(state, pause_asked=True), ()),
+    ev.ResumeAsked: lambda state, _: (replace(state, pause_asked=False), ()),
+}
+
+
+# Deadlines: no phase is without one, and none without an answer here
+
+
+def _stops(stop: StopKind, slug: str, message: str, **values: object) -> Handler:
+    """The answer of a phase that lasts longer than it may: stop the rig for this cause."""
+    return lambda state, _: stopping.fault(state, ev.Fault(stop, because(slug, message, **values)))
+
+
+_program_overdue = _stops(StopKind.FADE_OUT, "modbus-write-lost", "program-overdue")
+
+
+def _current_never_settled(state: State, event: ev.TimedOut) -> Step:
+    wanted_A = point_preparation.program(state).first_current_A
+    limit_s = point_preparation.CURRENT_LIMIT_S
+    cause = because("current-tracking", "current-not-settled", wanted_A=wanted_A, limit_s=limit_s)
+    return point_preparation.give_up(state, cause)
+
+
+def _unanswered(state: State, event: ev.TimedOut) -> Step:
+    """A station that proves nothing is asked for a stop; before arming there is nothing to stop."""
+    cause = because("task-dies", "unanswered", phase=state.phase)
+    if not state.armed:
+        return stopping.leave_to_station(state, cause)
+    return stopping.fault(state, ev.Fault(StopKind.PRESSURE_OFF, cause))
+
+
+OVERDUE: dict[Phase, Handler] = {
+    Phase.CONNECTING: _unanswered,
+    Phase.ARMING: _unanswered,
+    Phase.PROVING_WATCHDOG: _unanswered,
+    Phase.PRESSURE_LOW: _unanswered,
+    Phase.PRESSURE_ON: _unanswered,
+    Phase.RESETTING: stopping.overdue,
+    Phase.FINISHING: stopping.overdue,
+    Phase.CHECKING_RETURN: lambda state, _: stopping.disarm(state),
+    Phase.RESTING: _stops(StopKind.FADE_OUT, "data-stale", "rest-overdue"),
+    Phase.PAUSED: _stops(StopKind.PRESSURE_OFF, "pause-ended", "pause-overdue", hours=PAUSE_LIMIT_S / 3600.0),
+    Phase.GATING: _stops(StopKind.FADE_OUT, "temperature-window", "no-temperature"),
+    Phase.COOLING: point_preparation.cooling_overdue,
+    Phase.DEMAGNETISING: point_preparation.demagnetising_overdue,
+    Phase.WARMING: _program_overdue,
+    Phase.ADAPTING: _program_overdue,
+    Phase.STEPPING: _program_overdue,
+    Phase.CHECKING_ZEROS: lambda state, _: stopping.refuse(state, because("not-tared", "few-rest-samples")),
+    Phase.PROVING_SENSORS: _stops(StopKind.FADE_OUT, "modbus-write-lost", "no-proof-move"),
+    Phase.CENTRING: _stops(StopKind.FADE_OUT, "modbus-write-lost", "centre-overdue"),
+    Phase.SETTLING: _current_never_settled,
+    Phase.RUNNING: _program_overdue,
+    Phase.CLEARING: _stops(StopKind.PRESSURE_OFF, "current-stuck", "current-not-zero"),
+    Phase.JUDGING: lambda state, _: stopping.finish(state),
+    Phase.STANDING: _stops(StopKind.PRESSURE_OFF, "stop-ignored", "standstill-overdue"),
+    Phase.STOPPING: stopping.overdue,
+    Phase.COOLING_DOWN: lambda state, _: stopping.finish(state),
+}

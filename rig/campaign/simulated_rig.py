@@ -1,0 +1,254 @@
+"""The simulated rig as a process: started like hardware is switched on, known only by the bench file it prints."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import select
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.campaign.results import CampaignOptions, Display
+from rig.campaign.words import say
+from rig.clock import monotonic_ns
+from rig.errors import EXIT_USAGE, Refused, RigError
+from rig.matrix.sections import Specimen
+from rig.recording.durable import room_for_truth
+
+SLOW_START_S = 3.0
+START_TIMEOUT_S = 180.0
+"""The first start on a machine compiles the simulated rig's loop: 45 s were seen on two busy cores."""
+STOP_TIMEOUT_S = 60.0
+EARLIER_RIG_S = 120.0
+"""How long a simulated rig whose campaign was killed may need to come to rest and complete its truth file."""
+DISK_PATIENCE_S = 5.0
+"""A simulated rig on a full disk completes its truth file when there is room again: it is not waited for."""
+LOOK_AGAIN_S = 0.1
+
+
+@dataclass
+class SimulatedRig:
+    """A running `python -m simulators` in a session of its own.
+
+    Attributes:
+        process: the simulated rig.
+        bench_path: the bench file it wrote.
+        truth_path: where its true states are when it has ended.
+    """
+
+    process: subprocess.Popen[bytes]
+    bench_path: Path
+    truth_path: Path
+
+    @classmethod
+    def start(
+        cls, folder: Path, options: CampaignOptions, specimen: Specimen, waiting: Callable[[float], None]
+    ) -> SimulatedRig:
+        """Start it with its truth file and log in `folder`; return when every one of its ports is open.
+
+        It is given the specimen's serial number and mid-stroke, and told to end by itself, at standstill, should this
+        process die. The truth of an earlier session is kept under another name.
+
+        Args:
+            folder: the campaign's directory.
+            options: speed, seed and further arguments.
+            specimen: the damper.
+            waiting: told again and again the seconds waited so far (s); what it raises ends the simulated rig.
+
+        Raises:
+            RigError: it does not take `options.simulator_args`.
+            Refused: it ended before it was ready, or was not ready in time; the end of its log is in the message.
+        """
+        truth_path, log_path = folder / "truth.h5", folder / "simulator.log"
+        keep_truth(truth_path)
+        arguments = ["--speed", str(options.speed), "--seed", str(options.seed), "--truth", str(truth_path)]
+        arguments += ["--exit-when-idle", "--specimen", f'serial_number="{specimen.serial_number}"']
+        arguments += ["--specimen", f"mid_stroke_m={specimen.mid_stroke_m}"]
+        with log_path.open("ab") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "simulators", *arguments, *options.simulator_args],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                start_new_session=True,
+            )
+        try:
+            line = _first_line(process, START_TIMEOUT_S, waiting)
+        except BaseException:
+            process.terminate()
+            raise
+        if not line:
+            _end(process)
+            tail = log_path.read_text(encoding="utf-8", errors="replace")[-2000:].strip()
+            if process.returncode == EXIT_USAGE:
+                raise RigError(f"arguments of the simulated rig (after --): {tail}")
+            raise Refused(
+                "simulator", f"the simulated rig did not start (exit code {process.returncode}); it said:\n{tail}"
+            )
+        return cls(process, Path(line), truth_path)
+
+    @property
+    def lacks_room(self) -> bool:
+        """Whether its disk is too full for its truth file."""
+        try:
+            collected = self.truth_path.with_name(self.truth_path.name + ".part").stat().st_size
+            return shutil.disk_usage(self.truth_path.parent).free < room_for_truth(collected)
+        except OSError:
+            return False
+
+    def stop(self, settle_s: float = 0.0, *, disk_refuses: bool = False) -> bool:
+        """End it and wait for its truth file; True when it ended by itself in time.
+
+        Args:
+            settle_s: wall seconds it is given first, when nobody proved standstill: its dead-men act on their own, and
+                what they do belongs to the truth.
+            disk_refuses: its disk is full or gone; then, and where it lacks room, it is not waited for long.
+        """
+        try:
+            self.process.wait(settle_s)
+        except subprocess.TimeoutExpired:
+            self.process.terminate()
+        try:
+            self.process.wait(DISK_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            if disk_refuses or self.lacks_room:
+                return False
+        try:
+            self.process.wait(STOP_TIMEOUT_S - DISK_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            return False
+        if self.process.stdout is not None:
+            self.process.stdout.close()
+        return True
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a simulated rig that did not start, however it takes it."""
+    process.terminate()
+    try:
+        process.wait(STOP_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def keep_truth(truth_path: Path) -> None:
+    """Give the truth of an earlier session another name, once the rig that writes it has ended.
+
+    Raises:
+        Refused: that rig still moves.
+    """
+    pieces = [truth_path.with_name(truth_path.name + end) for end in (".part", ".events.jsonl", "")]
+    _await_end(pieces[0])
+    number = 1
+    while truth_path.with_name(f"truth-session{number}.h5").exists() or any(
+        truth_path.with_name(f"truth-session{number}{piece.name.removeprefix('truth')}").exists() for piece in pieces
+    ):
+        number += 1
+    for piece in pieces:
+        if piece.exists():
+            piece.rename(piece.with_name(f"truth-session{number}{piece.name.removeprefix('truth')}"))
+
+
+def _await_end(part: Path) -> None:
+    """Wait until no simulated rig writes `part` any more; it holds a lock on it while it lives.
+
+    Raises:
+        Refused: it still does after `EARLIER_RIG_S`.
+    """
+    try:
+        handle = os.open(part, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return
+    deadline_ns = monotonic_ns() + int(EARLIER_RIG_S * 1e9)
+    try:
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                return
+            except OSError as error:
+                if monotonic_ns() > deadline_ns:
+                    raise Refused("two-instances", f"{part}: the earlier session's simulated rig still runs") from error
+            # A lock cannot be waited for with a time limit.
+            time.sleep(LOOK_AGAIN_S)
+    finally:
+        os.close(handle)
+
+
+def _first_line(process: subprocess.Popen[bytes], timeout_s: float, waiting: Callable[[float], None]) -> str:
+    """The first line of standard output without its end; empty when the process ends or is silent."""
+    if process.stdout is None:
+        return ""
+    began_ns = monotonic_ns()
+    descriptor, line = process.stdout.fileno(), b""
+    while (waited_s := (monotonic_ns() - began_ns) * 1e-9) < timeout_s:
+        if not select.select([descriptor], [], [], min(LOOK_AGAIN_S, timeout_s - waited_s))[0]:
+            waiting((monotonic_ns() - began_ns) * 1e-9)
+            continue
+        chunk = os.read(descriptor, 4096)
+        if not chunk:
+            break
+        line += chunk
+        if b"\n" in line:
+            return line.split(b"\n", 1)[0].decode("utf-8", "replace").strip()
+    return ""
+
+
+@dataclass
+class RigInUse:
+    """The rig in use.
+
+    Attributes:
+        bench_path: its bench file.
+        settle_s: how long a simulated one is left alone before it is ended (wall s).
+        disk_refuses: the disk on which it writes its truth is full or gone.
+    """
+
+    bench_path: Path
+    settle_s: float = 0.0
+    disk_refuses: bool = False
+
+
+@contextmanager
+def rig_in_use(
+    folder: Path, options: CampaignOptions, specimen: Specimen, display: Display, check: Callable[[], None]
+) -> Iterator[RigInUse]:
+    """The rig to use; a simulated one runs while the block does, and leaves its truth.
+
+    Args:
+        folder: the campaign's directory.
+        options: which rig.
+        specimen: the damper.
+        display: told while a simulated rig starts, and when it goes on running.
+        check: asked again and again during that start; what it raises ends the simulated rig.
+
+    Raises:
+        RigError: as `SimulatedRig.start`.
+        Refused: as `SimulatedRig.start`.
+    """
+    if options.bench_path is not None:
+        yield RigInUse(options.bench_path)
+        return
+    display.phase("starting the simulated rig")
+
+    def waiting(waited_s: float) -> None:
+        check()
+        told_s = SLOW_START_S * (waited_s // SLOW_START_S)
+        if told_s > 0.0:
+            display.phase(f"starting the simulated rig ({told_s:.0f} s; the first start on a machine compiles it)")
+
+    simulated = SimulatedRig.start(folder, options, specimen, waiting)
+    rig = RigInUse(simulated.bench_path)
+    try:
+        yield rig
+    finally:
+        if not simulated.stop(rig.settle_s, disk_refuses=rig.disk_refuses):
+            full = rig.disk_refuses or simulated.lacks_room
+            why = ": it completes truth.h5 when there is room on the disk" if full else ""
+            display.message("warning", say("rig-goes-on", process=simulated.process.pid, why=why))

@@ -1,0 +1,80 @@
+"""Why and how something stops: slugs of the fault matrix, kinds of stop, and which stops a retry may follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from rig.campaign import words
+from rig.fault_matrix import restarts_by_itself
+from rig.recording.reason import BLAMED
+
+
+class StopKind(StrEnum):
+    """How the rig is stopped; the values are those of files and JSON.
+
+    FADE_OUT: current to 0 A, the controller fades out and holds. HALT: current to 0 A and the controller's open-loop
+    halt ramp. PRESSURE_OFF: as FADE_OUT, then hydraulics off.
+    """
+
+    FADE_OUT = "S2"
+    HALT = "SO"
+    PRESSURE_OFF = "S1"
+
+
+@dataclass(frozen=True)
+class StopCause:
+    """Why something was stopped, refused or invalidated.
+
+    Attributes:
+        slug: the fault matrix's name; what is decided is decided by it.
+        detail: what was seen, in words.
+        message: which words (`rig.campaign.words`); empty where they come from elsewhere.
+        values: the numbers and names in them.
+    """
+
+    slug: str
+    detail: str = ""
+    message: str = field(default="", compare=False)
+    values: Mapping[str, object] = field(default_factory=dict, compare=False)
+
+    @property
+    def blamed(self) -> str:
+        """Who has to do something about it: `specimen`, `bench` or `test`."""
+        return BLAMED.get(self.slug, "bench")
+
+    def explained(self, slug: str, instead: str) -> StopCause:
+        """The same finding under another slug, with what explains it (`words.EXCHANGED`) in place of the advice."""
+        detail = words.message(self.message, dict(self.values), instead)
+        return replace(self, slug=slug, detail=detail)
+
+
+def because(slug: str, message: str, **values: object) -> StopCause:
+    """A cause in the words of `rig.campaign.words.MESSAGES`."""
+    return StopCause(slug, words.message(message, values), message, values)
+
+
+OPERATOR = frozenset({"sigint", "sigterm"})
+"""Stops that somebody wanted: no fault, and nobody's."""
+
+# The point may restart by itself from zero amplitude, where the matrix file's `[campaign] retries` allows it.
+RESTARTS_BY_ITSELF = restarts_by_itself()
+MOST_RETRIES = 2
+# Of these, the ones whose cause needs time to pass: a reset is tried again and again until it succeeds.
+COOLS_FIRST = frozenset({"ecu-overtemp"})
+
+# Warnings of the station that make the running point invalid. Those of samples are judged by their share instead.
+SPOIL = frozenset({"rtu-stale"})
+
+
+def may_restart(stop: StopKind, cause: StopCause) -> bool:
+    """Whether a point stopped like this may be repeated without the operator; never after HALT or PRESSURE_OFF."""
+    return stop is StopKind.FADE_OUT and cause.slug in RESTARTS_BY_ITSELF
+
+
+def stop_note(stop: StopKind, cause: StopCause) -> tuple[str, str]:
+    """Level and text of the line that says why the rig stops."""
+    if cause.slug in OPERATOR:
+        return "info", words.say("operator-stop", detail=cause.detail)
+    return "error", words.say("stop", slug=cause.slug, detail=cause.detail, stop=stop)

@@ -1,0 +1,78 @@
+"""How a campaign ended, in words: what stopped it, how the rig stands now, what is not finished, how to go on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rig.campaign.confirmation import resume_command
+from rig.campaign.results import INVALID, NOT_RUN, RigState
+from rig.campaign.stop_cause import OPERATOR, StopCause, StopKind
+
+if TYPE_CHECKING:
+    from rig.campaign.results import CampaignResult, PointResult, StopReport
+
+UNKNOWN = "THE RIG'S STATE IS UNKNOWN: standstill or 0 A could not be proved. Go and look."
+
+
+def ending(result: CampaignResult) -> list[tuple[str, str]]:
+    """Lines for the operator, each with its style (of rich); none for a campaign that ran to its end, all valid."""
+    stop = result.stop
+    lines: list[tuple[str, str]] = []
+    if result.rig_state == RigState.UNKNOWN:
+        lines.append(("bold red", UNKNOWN))
+    if result.refused:
+        lines.append(("red", f"Refused before anything moved: {result.stopped_by}: {result.detail}"))
+        lines.append(("", f"After removing the cause, continue with: {resume_command(result.campaign)}"))
+    elif stop is not None:
+        again = resume_command(result.campaign, stop.resume)
+        text = f"{stopped_by(stop, result.detail)}: {stands(stop)}. {left(stop, result)} Continue with: {again}"
+        lines.append(("yellow" if stop.slug in OPERATOR else "red", text))
+    elif result.stopped_by is not None:
+        lines.append(("red", f"Stopped by {result.stopped_by}: {result.detail}"))
+    elif result.valid < result.total:
+        missing = result.total - result.valid
+        what = "1 point is not valid. Run it" if missing == 1 else f"{missing} points are not valid. Run them"
+        lines.append(("yellow", f"{what} again with: {resume_command(result.campaign)}"))
+    lines += [("yellow", f"{finding.slug}: {finding.text}") for finding in result.findings]
+    return lines
+
+
+def stopped_by(stop: StopReport, detail: str) -> str:
+    """Who or what stopped the campaign."""
+    if stop.slug in OPERATOR:
+        return f"Stopped by operator ({detail})"
+    return f"Stopped by {stop.slug} ({stop.kind}), {detail}" if detail else f"Stopped by {stop.slug} ({stop.kind})"
+
+
+def stands(stop: StopReport) -> str:
+    """How the rig stands now, as far as it was proved."""
+    if not stop.moved:
+        return "nothing had moved"
+    if not stop.proved:
+        return "standstill is not proved"
+    said = ["motion halted" if stop.kind == StopKind.HALT else "motion faded out"]
+    said.append("coil at 0 A" if stop.current_zero else "coil current not proved")
+    said.append("hydraulics off" if stop.pressure_off else "HYDRAULICS STILL ON")
+    return ", ".join(said)
+
+
+def left(stop: StopReport, result: CampaignResult) -> str:
+    """What is not finished."""
+    waiting = sum(point.verdict == NOT_RUN for point in result.points)
+    said = f"{stop.unfinished} not finished" if stop.unfinished else "every point was run"
+    if stop.unfinished and any(point.id == stop.unfinished and point.verdict == NOT_RUN for point in result.points):
+        waiting -= 1
+    return f"{said}, {waiting} not begun." if waiting > 0 else f"{said}."
+
+
+def verdict_words(result: PointResult) -> str:
+    """A point's verdict and its reasons; a point that the operator stopped is nobody's fault."""
+    if result.verdict == INVALID and not OPERATOR.isdisjoint(result.slugs):
+        return "not finished: stopped by operator"
+    return "; ".join((result.verdict, *result.reasons))
+
+
+def error_words(result: CampaignResult) -> str:
+    """The `error` of `rig run --json`."""
+    cause = StopCause(result.stopped_by or "", result.detail)
+    return f"stopped by operator ({cause.detail})" if cause.slug in OPERATOR else cause.detail

@@ -1,0 +1,124 @@
+"""Nothing is decided by words: every message scrambled in every process leaves codes, slugs and verdicts the same."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig import errors
+from rig.recording.campaign_log import read_log
+
+SCRAMBLED = "#"
+SCRAMBLER = f"""
+try:
+    import rig.errors
+except ImportError:
+    pass
+else:
+    rig.errors.told = lambda text: {SCRAMBLED!r}
+"""
+MATRIX = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+amplitude = ["{amplitude}"]
+frequency = ["2 Hz"]
+current = ["0.5 A"]
+cycles = 5
+[identify]
+enabled = false
+"""
+CODES = ("slug", "stopped_by", "rig_state", "exit_code", "valid", "total")
+ON_DEMO_BENCH = ("MATRIX", "--bench", "examples/demo-bench.toml", "--json")
+
+
+@pytest.fixture
+def scrambler(tmp_path: Path) -> Path:
+    """A folder that makes every Python process which searches it scramble its messages."""
+    folder = tmp_path / "scrambler"
+    folder.mkdir()
+    (folder / "sitecustomize.py").write_text(SCRAMBLER, encoding="utf-8")
+    return folder
+
+
+def rig(*arguments: str, search: Path | None) -> tuple[int, dict[str, Any], str]:
+    """Exit code, answer and what was said of `rig ARGUMENTS --json`."""
+    ours = str(Path(errors.__file__).parents[1])
+    extra = {} if search is None else {"PYTHONPATH": os.pathsep.join((str(search), ours))}
+    done = subprocess.run(
+        [sys.executable, "-m", "rig.cli.main", *arguments], capture_output=True, text=True, timeout=170, check=False,
+        env={**os.environ, **extra},
+    )  # fmt: skip
+    return done.returncode, json.loads(done.stdout), done.stderr
+
+
+def decided(code: int, answer: dict[str, Any]) -> dict[str, object]:
+    """What a machine reads of an answer: everything but words, times and paths."""
+    stop = answer.get("stop") or {}
+    points = [(point["id"], point["verdict"], point["blamed"], slugs(point)) for point in answer.get("points", ())]
+    found = [finding["slug"] for finding in answer.get("findings", ())]
+    return {"code": code, **{key: answer.get(key) for key in CODES}, "stop": stop, "points": points, "findings": found}
+
+
+def slugs(point: dict[str, Any]) -> list[str]:
+    return [reason.partition(":")[0] for reason in point["reasons"]]
+
+
+def both(tmp_path: Path, scrambler: Path, text: str, *arguments: str) -> tuple[dict[str, object], dict[str, Any]]:
+    """The same command plain and scrambled: what was decided, asserted equal, and the scrambled answer."""
+    ends = []
+    for name, search in (("plain", None), ("scrambled", scrambler)):
+        matrix = tmp_path / f"{name}.toml"
+        matrix.write_text(text, encoding="utf-8")
+        given = [matrix.as_posix() if part == "MATRIX" else part for part in arguments]
+        out = ["--out", str(tmp_path / name)] if arguments[0] == "run" else []
+        given = [*given[:2], *out, *given[2:]]
+        ends.append(rig(*given, search=search))
+    (code, answer, said), (other_code, other, other_said) = ends
+    assert decided(other_code, other) == decided(code, answer)
+    assert not said or said != other_said
+    return decided(code, answer), other
+
+
+def test_a_wrong_matrix_file(tmp_path: Path, scrambler: Path) -> None:
+    ended, answer = both(tmp_path, scrambler, MATRIX.format(amplitude="5 A"), "plan", *ON_DEMO_BENCH)
+    assert (ended["code"], ended["slug"]) == (2, "config-absurd")
+    assert (answer["error"], answer["problems"]) == (SCRAMBLED, [SCRAMBLED])
+
+
+def test_a_matrix_that_does_not_fit_the_rig(tmp_path: Path, scrambler: Path) -> None:
+    ended, answer = both(tmp_path, scrambler, MATRIX.format(amplitude="84 mm"), "run", *ON_DEMO_BENCH)
+    assert (ended["code"], ended["slug"]) == (3, "matrix-infeasible")
+    assert answer["error"] == SCRAMBLED
+
+
+@pytest.mark.wire
+@pytest.mark.parametrize(
+    ("fault", "code", "slug"), [("not-tared", 3, "not-tared"), ("sensor-nan@1.5", 5, None), ("estop@1", 4, "estop")]
+)
+def test_a_campaign_refused_spoiled_or_stopped_and_resumed(
+    tmp_path: Path, scrambler: Path, fault: str, code: int, slug: str | None
+) -> None:
+    arguments = ("run", "MATRIX", "--simulate", "--speed", "20", "--json", "--", "--fault", fault)
+    ended, answer = both(tmp_path, scrambler, MATRIX.format(amplitude="30 mm"), *arguments)
+    assert (ended["code"], ended["stopped_by"]) == (code, slug)
+    if slug is not None:
+        assert answer["error"] == SCRAMBLED
+    if code != 4:
+        return
+    folder = Path(answer["campaign"])
+    assert {line["slug"] for line in read_log(folder) if line.get("what") in {"trip", "also"}} >= {slug}
+    assert rig("run", "--resume", str(folder), "--json", search=scrambler)[:2] == (
+        3, {"error": SCRAMBLED, "slug": "requalify", "exit_code": 3}
+    )  # fmt: skip
+    resumed, again, _ = rig("run", "--resume", str(folder), "--requalified", "chain", "--json", search=scrambler)
+    assert (resumed, again["valid"], again["rig_state"]) == (0, 1, "safe")
