@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import click
 
 from rig.errors import EXIT_USAGE, FileProblem, RigError
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
 from simulators.schedule import WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
 from simulators.settings import setting_options
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from rig.campaign.cause import Cause, StopKind
+from rig.campaign.cause import Cause
 from rig.campaign.options import Wait
+from rig.faults.row import StopKind
 from rig.matrix.point import TestPoint
 
 

@@ -3,18 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
-from rig.fault_matrix import restarts_by_itself
-
-
-class StopKind(StrEnum):
-    """How a stop goes; analogues of IEC 60204-1, as in the fault matrix."""
-
-    S2 = "S2"
-    S1 = "S1"
-    SO = "SO"
-    HW = "HW"
+from rig.faults.matrix import RESTARTS_BY_ITSELF
+from rig.faults.row import StopKind
 
 
 @dataclass(frozen=True)
@@ -29,7 +20,6 @@ OPERATOR = frozenset({"sigint", "sigterm"})
 """Stops that somebody wanted: no fault, and nobody's."""
 
 # The point may restart by itself from zero amplitude, where the matrix file's `[campaign] retries` allows it.
-RESTARTS_BY_ITSELF = restarts_by_itself()
 MOST_RETRIES = 2
 # Of these, the ones whose cause needs time to pass: a reset is tried again and again until it succeeds.
 COOLS_FIRST = frozenset({"ecu-overtemp"})
@@ -40,7 +30,7 @@ SPOIL = frozenset({"rtu-stale"})
 
 def may_restart(stop: StopKind, cause: Cause) -> bool:
     """Whether a point stopped like this may be repeated without the operator; never after S1, SO or HW."""
-    return stop is StopKind.S2 and cause.slug in RESTARTS_BY_ITSELF
+    return stop is StopKind.FADE_OUT and cause.slug in RESTARTS_BY_ITSELF
 
 
 def stop_note(stop: StopKind, cause: Cause) -> tuple[str, str]:

@@ -13,11 +13,12 @@ from dataclasses import replace
 from rig.campaign import action as act
 from rig.campaign import adaptation, stopping
 from rig.campaign import event as ev
-from rig.campaign.cause import Cause, StopKind
+from rig.campaign.cause import Cause
 from rig.campaign.conditions import demagnetising_currents
 from rig.campaign.options import Wait
 from rig.campaign.state import Phase, State
 from rig.campaign.stopping import Step
+from rig.faults.row import StopKind
 from rig.matrix.point import TestPoint
 
 Onwards = Callable[[State], Step]
@@ -110,7 +111,7 @@ def warm(state: State, now_degC: float, onwards: Onwards) -> Step:
     wanted = state.conditions.warm_up_program(now_degC, state.warmed_with)
     if wanted is None or state.warmed_s > state.conditions.longest_s:
         text = f"{now_degC:.1f} degC after {state.warmed_s:.0f} s of warming up; the window begins at {low_degC:g} degC"
-        return stopping.fault(state, ev.Fault(StopKind.S2, Cause("temperature-window", text)))
+        return stopping.fault(state, ev.Fault(StopKind.FADE_OUT, Cause("temperature-window", text)))
     motion, motion_s = wanted
     state = replace(
         state, warming=motion, warmed_s=state.warmed_s + motion_s, warmed_with=(motion_s, now_degC)

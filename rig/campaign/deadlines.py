@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from rig.campaign import conditioning, stopping
 from rig.campaign import event as ev
-from rig.campaign.cause import Cause, StopKind
+from rig.campaign.cause import Cause
 from rig.campaign.state import Phase, State
 from rig.campaign.stopping import Handler, Step
+from rig.faults.row import StopKind
 
 CURRENT_LIMIT_S = 5.0
 PAUSE_LIMIT_S = 7200.0
 """Wall time: nobody leaves a rig under pressure for longer."""
 
 _program_overdue: Handler = lambda state, _: stopping.fault(  # noqa: E731 - one entry of a table, four times
-    state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the motion program did not run to its end in time"))
+    state, ev.Fault(StopKind.FADE_OUT, Cause("modbus-write-lost", "the motion program did not run to its end in time"))
 )
 
 
@@ -28,7 +29,7 @@ def _unanswered(state: State, event: ev.TimedOut) -> Step:
     cause = Cause("task-dies", f"{state.phase}: the station proved nothing in time")
     if not state.armed:
         return stopping.leave_to_station(state, cause)
-    return stopping.fault(state, ev.Fault(StopKind.S1, cause))
+    return stopping.fault(state, ev.Fault(StopKind.PRESSURE_OFF, cause))
 
 
 OVERDUE: dict[Phase, Handler] = {
@@ -41,13 +42,15 @@ OVERDUE: dict[Phase, Handler] = {
     Phase.FINISHING: stopping.overdue,
     Phase.CHECKING_RETURN: lambda state, _: stopping.disarm(state),
     Phase.RESTING: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S2, Cause("data-stale", "the controller's clock stands still"))
+        state, ev.Fault(StopKind.FADE_OUT, Cause("data-stale", "the controller's clock stands still"))
     ),
     Phase.PAUSED: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S1, Cause("pause-ended", f"paused for {PAUSE_LIMIT_S / 3600.0:g} h: pressure off"))
+        state, ev.Fault(
+            StopKind.PRESSURE_OFF, Cause("pause-ended", f"paused for {PAUSE_LIMIT_S / 3600.0:g} h: pressure off")
+        )
     ),
     Phase.GATING: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S2, Cause("temperature-window", "the ECU reports no temperature"))
+        state, ev.Fault(StopKind.FADE_OUT, Cause("temperature-window", "the ECU reports no temperature"))
     ),
     Phase.COOLING: conditioning.cooling_overdue,
     Phase.DEMAGNETISING: conditioning.demagnetising_overdue,
@@ -58,19 +61,19 @@ OVERDUE: dict[Phase, Handler] = {
         state, Cause("not-tared", "too few samples from the resting rig")
     ),
     Phase.PROVING_SENSORS: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the actuator did not carry out the proof move"))
+        state, ev.Fault(StopKind.FADE_OUT, Cause("modbus-write-lost", "the actuator did not carry out the proof move"))
     ),
     Phase.CENTRING: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S2, Cause("modbus-write-lost", "the actuator did not reach the centre"))
+        state, ev.Fault(StopKind.FADE_OUT, Cause("modbus-write-lost", "the actuator did not reach the centre"))
     ),
     Phase.SETTLING: _current_never_settled,
     Phase.RUNNING: _program_overdue,
     Phase.CLEARING: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S1, Cause("current-stuck", "the measured current did not return to 0 A"))
+        state, ev.Fault(StopKind.PRESSURE_OFF, Cause("current-stuck", "the measured current did not return to 0 A"))
     ),
     Phase.JUDGING: lambda state, _: stopping.finish(state),
     Phase.STANDING: lambda state, _: stopping.fault(
-        state, ev.Fault(StopKind.S1, Cause("stop-ignored", "the actuator did not come to rest"))
+        state, ev.Fault(StopKind.PRESSURE_OFF, Cause("stop-ignored", "the actuator did not come to rest"))
     ),
     Phase.STOPPING: stopping.overdue,
     Phase.COOLING_DOWN: lambda state, _: stopping.finish(state),

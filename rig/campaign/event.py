@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from rig.campaign.action import Action, Request
 from rig.campaign.adaptation import MotionSeen
-from rig.campaign.cause import Cause, StopKind
+from rig.campaign.cause import Cause
+from rig.faults.row import StopKind
 
 
 @dataclass(frozen=True)

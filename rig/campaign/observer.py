@@ -19,7 +19,7 @@ from rig.campaign import event as ev
 from rig.campaign.motion_seen import MotionSight, MotionWanted
 from rig.campaign.preflight import AtRest
 from rig.campaign.proof_move import DamperJudge, ProofWatch
-from rig.station.interlocks import BAD
+from rig.station.interlocks.finding import BAD
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3

@@ -24,7 +24,7 @@ from rig.campaign import event as ev
 from rig.campaign import stopping
 from rig.campaign.action import Request
 from rig.campaign.asker import Outcome
-from rig.campaign.cause import SPOIL, Cause, StopKind
+from rig.campaign.cause import SPOIL, Cause
 from rig.campaign.conditions import conditions_of
 from rig.campaign.crew import Crew
 from rig.campaign.hands import Hands, cause_of
@@ -36,6 +36,7 @@ from rig.campaign.signals import Signals
 from rig.campaign.state import Latch, Phase, RigState, State, start_state
 from rig.campaign.zero_return import ZeroReturn
 from rig.clock import WallClockWatch, monotonic_ns
+from rig.faults.row import StopKind
 from rig.recording.finaliser import Finaliser
 from rig.recording.ring_reader import RingReader
 from rig.station.client import StationLost
@@ -148,7 +149,7 @@ class Runner:
             self._failures += 1
             self._tell_failure("the campaign's loop", error)
             if self._failures == 1:
-                self._waiting.appendleft(ev.Fault(StopKind.S2, Cause("task-dies", _named(error))))
+                self._waiting.appendleft(ev.Fault(StopKind.FADE_OUT, Cause("task-dies", _named(error))))
             elif self._failures > MOST_FAILURES:
                 self.state, actions = stopping.leave_to_station(self.state, Cause("task-dies", _named(error)))
                 self._carry_out(actions)
@@ -164,7 +165,7 @@ class Runner:
             if what not in self._said:
                 self._said.add(what)
                 self._tell_failure(what, error)
-                self._waiting.append(ev.Fault(StopKind.S2, Cause("task-dies", f"{what}: {_named(error)}")))
+                self._waiting.append(ev.Fault(StopKind.FADE_OUT, Cause("task-dies", f"{what}: {_named(error)}")))
             return []
 
     def _turn(self) -> None:
@@ -326,7 +327,7 @@ class Runner:
         changed = self._load_train.watch(records)
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
         if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":
-            self._fault_once(Cause("load-train", changed), StopKind.S1)
+            self._fault_once(Cause("load-train", changed), StopKind.PRESSURE_OFF)
         return self._hands.observer.observe(records)
 
     def _watch_wall_clock(self) -> None:
@@ -337,7 +338,7 @@ class Runner:
             self._hands.note("warning", slug="clock-step", text=text, stepped_s=stepped_s)
             self._crew.display.message("warning", f"clock-step: {text}")
 
-    def _fault_once(self, cause: Cause, stop: StopKind = StopKind.S2) -> None:
+    def _fault_once(self, cause: Cause, stop: StopKind = StopKind.FADE_OUT) -> None:
         if cause.slug not in self._said:
             self._said.add(cause.slug)
             self._waiting.append(ev.Fault(stop, cause))

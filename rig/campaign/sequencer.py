@@ -19,9 +19,10 @@ from rig.campaign import action as act
 from rig.campaign import adaptation, conditioning, deadlines, stopping
 from rig.campaign import event as ev
 from rig.campaign.action import Action, Request
-from rig.campaign.cause import Cause, StopKind
+from rig.campaign.cause import Cause
 from rig.campaign.state import Phase, State
 from rig.campaign.stopping import Handler, Step
+from rig.faults.row import StopKind
 
 CENTRING_LIMIT_S = 60.0
 ZEROS_LIMIT_S = 5.0
@@ -184,7 +185,7 @@ def _stepped(state: State, event: ev.RestOver) -> Step:
 def _second_master(state: State, event: ev.ProgramEnded) -> Step:
     """A program that ended before its end, though nobody here stopped it: nothing starts after it."""
     detail = f"{conditioning.program(state).id}: the motion was ended by somebody else: {event.cut_short}"
-    return stopping.fault(state, ev.Fault(StopKind.S2, Cause("second-master", detail)))
+    return stopping.fault(state, ev.Fault(StopKind.FADE_OUT, Cause("second-master", detail)))
 
 
 def _ran_through(handler: Handler) -> Handler:

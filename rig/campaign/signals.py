@@ -9,13 +9,14 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from rig.campaign import event as ev
-from rig.campaign.cause import Cause, StopKind
+from rig.campaign.cause import Cause
 from rig.errors import Stopped
+from rig.faults.row import StopKind
 
 STOPS = {
-    signal.SIGINT: (StopKind.S2, Cause("sigint", "Ctrl-C")),
-    signal.SIGTERM: (StopKind.S1, Cause("sigterm", "SIGTERM")),
-    signal.SIGHUP: (StopKind.S1, Cause("sigterm", "SIGHUP: the terminal went away")),
+    signal.SIGINT: (StopKind.FADE_OUT, Cause("sigint", "Ctrl-C")),
+    signal.SIGTERM: (StopKind.PRESSURE_OFF, Cause("sigterm", "SIGTERM")),
+    signal.SIGHUP: (StopKind.PRESSURE_OFF, Cause("sigterm", "SIGHUP: the terminal went away")),
 }
 PAUSES = (signal.SIGTSTP, signal.SIGUSR1)
 """Ctrl-Z, or `kill -USR1`: pause after the running point; once more: go on."""

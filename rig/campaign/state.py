@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from rig.campaign.adaptation import Drives
-from rig.campaign.cause import MOST_RETRIES, Cause, StopKind
+from rig.campaign.cause import MOST_RETRIES, Cause
 from rig.campaign.conditions import NO_CONDITIONS, Conditions
+from rig.faults.row import StopKind
 from rig.matrix.point import TestPoint
 
 

@@ -13,8 +13,9 @@ from typing import Any
 from rig.campaign import action as act
 from rig.campaign import event as ev
 from rig.campaign.action import LEAST_WALL_S, PATIENCE, PROOF_WALL_S, Action, Request
-from rig.campaign.cause import COOLS_FIRST, Cause, StopKind, may_restart, stop_note
+from rig.campaign.cause import COOLS_FIRST, Cause, may_restart, stop_note
 from rig.campaign.state import Latch, Phase, RigState, State
+from rig.faults.row import StopKind
 
 Step = tuple[State, tuple[Action, ...]]
 Handler = Callable[[State, Any], Step]
@@ -109,7 +110,7 @@ def stopped(state: State, event: ev.Safe) -> Step:
         return state, ()
     stop, cause = state.latch.stop, state.latch.cause
     state = replace(state, stopped=True)
-    if stop is StopKind.S1:
+    if stop is StopKind.PRESSURE_OFF:
         state = replace(state, pressurised=False, powered=False)
     if state.queue and not state.recording:
         state = replace(state, attempts=(*state.attempts, state.point.id))
@@ -176,7 +177,7 @@ def leave_to_station(state: State, cause: Cause) -> Step:
     """
     if not state.armed:
         return end(replace(state, refused=state.refused or cause) if state.latch is None else state)
-    first = state.latch or Latch(StopKind.S1, cause)
+    first = state.latch or Latch(StopKind.PRESSURE_OFF, cause)
     state, actions = end_recording(replace(state, latch=first, left_to_station=True), first.cause)
     state, more = end(state)
     left = "nothing more is asked of the station; its own watch and the controller's watchdog end the motion"
@@ -205,7 +206,7 @@ def action_failed(state: State, event: ev.ActionFailed) -> Step:
         watches = isinstance(event.action, act.WatchZeros | act.Deadline)
         return disarm(state) if watches else (without_restart(state), ())
     if state.latch is not None or state.armed:
-        return fault(state, ev.Fault(StopKind.S2, event.cause))
+        return fault(state, ev.Fault(StopKind.FADE_OUT, event.cause))
     return refuse(state, event.cause)
 
 
@@ -231,7 +232,7 @@ def declined(state: State, event: ev.Declined) -> Step:
         return declined_while_stopping(state, event)
     if not state.moved:
         return refuse(state, event.cause)
-    return fault(state, ev.Fault(StopKind.S2, event.cause))
+    return fault(state, ev.Fault(StopKind.FADE_OUT, event.cause))
 
 
 def disarm_declined(state: State, cause: Cause) -> Step:
@@ -248,7 +249,7 @@ def disarm_declined(state: State, cause: Cause) -> Step:
         return state, (act.Note("error", text), *actions)
     if state.latch is not None:
         return lost(state, cause)
-    return latch(state, StopKind.S1, cause, act.Stop(StopKind.S1, cause))
+    return latch(state, StopKind.PRESSURE_OFF, cause, act.Stop(StopKind.PRESSURE_OFF, cause))
 
 
 def declined_while_stopping(state: State, event: ev.Declined) -> Step:
@@ -265,7 +266,7 @@ def declined_while_stopping(state: State, event: ev.Declined) -> Step:
 def refuse(state: State, cause: Cause) -> Step:
     """Refuse the campaign; once something has moved this is a fault like any other."""
     if state.moved:
-        return fault(state, ev.Fault(StopKind.S2, cause))
+        return fault(state, ev.Fault(StopKind.FADE_OUT, cause))
     state, actions = finish(replace(state, refused=cause))
     return state, (act.Note("error", f"refused: {cause.slug}: {cause.detail}"), *actions)
 
@@ -283,7 +284,7 @@ def finish(state: State) -> Step:
         return end(state)
     if state.powered and state.moved and state.latch is None:
         return enter(state, Phase.STANDING, act.AwaitStandstill(), device_s=STANDSTILL_LIMIT_S)
-    held = state.stopped and state.latch is not None and state.latch.stop is StopKind.S2
+    held = state.stopped and state.latch is not None and state.latch.stop is StopKind.FADE_OUT
     return check_return(state) if state.powered and state.moved and held else disarm(state)
 
 

@@ -21,7 +21,7 @@ from rig.campaign.options import CampaignFinding
 from rig.campaign.preflight import FEWEST_SAMPLES, AtRest
 from rig.errors import FileProblem
 from rig.recording.run import read_campaign
-from rig.station.interlocks import BAD
+from rig.station.interlocks.finding import BAD
 
 DRIFT_SHARE = 0.01
 """Of the largest measured force, or of the largest measured displacement from rest."""

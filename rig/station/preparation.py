@@ -7,12 +7,12 @@ from dataclasses import asdict
 
 from protocols.actuator import ActuatorLimits, Command, FaultBit, Input, State, WatchdogAction
 from rig.clock import monotonic_ns
-from rig.station.commander import ACK_TIMEOUT_S, Commander
+from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.config import StationConfig
-from rig.station.devices import Devices
 from rig.station.errors import StationRefused
 from rig.station.safe_stop import STILL_S, ZERO_CURRENT_A
 from rig.station.supervisor import Supervisor
+from rig.station.threads.devices import Devices
 
 LEASE_WAIT_S = 3.0
 FIRST_DATA_S = 3.0
@@ -23,7 +23,9 @@ READ_BACK_SHARE = 1e-6
 class Preparation:
     """Proves and prepares the devices; every method either proves its point or refuses."""
 
-    def __init__(self, config: StationConfig, supervisor: Supervisor, devices: Devices, commander: Commander) -> None:
+    def __init__(
+        self, config: StationConfig, supervisor: Supervisor, devices: Devices, commander: CommandChannel
+    ) -> None:
         self._config = config
         self._supervisor = supervisor
         self._devices = devices

@@ -26,16 +26,17 @@ from drivers.errors import DriverError, RequestRefused
 from protocols.actuator import ActuatorStatus, Command, Input, State, Waveform
 from protocols.register_map import Value
 from rig.clock import monotonic_ns
-from rig.station.commander import ACK_TIMEOUT_S, Commander
+from rig.faults.row import StopKind
+from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.config import StationConfig
-from rig.station.devices import Devices, slug_of
 from rig.station.errors import StationRefused
-from rig.station.fault_table import Stop
-from rig.station.interlocks import SPEED_WINDOW_S, Finding
-from rig.station.link_troubles import link_slug
+from rig.station.interlocks.finding import Finding
+from rig.station.interlocks.link_faults import link_slug
+from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
 from rig.station.preparation import Preparation
 from rig.station.safe_stop import STILL_S
 from rig.station.supervisor import Movement, Supervisor
+from rig.station.threads.devices import Devices, slug_of
 
 Arguments = Mapping[str, object]
 Answer = dict[str, object]
@@ -57,7 +58,7 @@ class Requests:
         self._config = config
         self._supervisor = supervisor
         self._devices = devices
-        self._commander = Commander(devices.actuator, supervisor)
+        self._commander = CommandChannel(devices.actuator, supervisor)
         self._preparation = Preparation(config, supervisor, devices, self._commander)
         self._connected = False
         self._rtu = config.actuator.url.startswith("modbus-rtu:")
@@ -225,12 +226,12 @@ class Requests:
     # Stops
 
     def _stop(self, arguments: Arguments) -> Answer:
-        kind = arguments.get("kind", "S2")
-        if kind not in {Stop.S2, Stop.S1, Stop.SO}:
+        kind = arguments.get("kind", StopKind.FADE_OUT)
+        if kind not in set(StopKind):
             raise StationRefused("bad-request", f"stop: kind {kind!r} is not one of S2, S1, SO")
         supervisor = self._supervisor
         reason = str(arguments.get("reason", "operator"))
-        supervisor.ask_stop(Stop(str(kind)), reason, str(arguments.get("detail", "asked for by the application")))
+        supervisor.ask_stop(StopKind(str(kind)), reason, str(arguments.get("detail", "asked for by the application")))
         with supervisor.changed:
             settled = supervisor.changed.wait_for(lambda: supervisor.settled, STOP_TIMEOUT_S)
         stop = supervisor.stop

@@ -17,8 +17,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from rig.fault_matrix import MATRIX
-from rig.station.fault_table import TABLE
+from rig.faults.matrix import MATRIX, REACTIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("rig", "drivers", "protocols", "simulators")
@@ -38,7 +37,7 @@ class Edit:
 
 def deaf_station(slug: str) -> Edit:
     """The station does not hear what its detectors report by this slug."""
-    row = "            row = TABLE[finding.slug]\n"
+    row = "            row = REACTIONS[finding.slug]\n"
     deaf = f'            if finding.slug == "{slug}":\n                continue\n'
     return Edit("rig/station/supervisor.py", row, deaf + row)
 
@@ -137,7 +136,7 @@ def mutations_of(slug: str) -> tuple[Edit, ...]:
     """How this row's detector is switched off; empty when nobody has said."""
     if slug in MUTATIONS:
         return MUTATIONS[slug]
-    return (deaf_station(slug),) if slug in TABLE else ()
+    return (deaf_station(slug),) if slug in REACTIONS else ()
 
 
 def test_of(slug: str) -> str:

@@ -13,7 +13,7 @@ from protocols import ecu as wire
 from protocols.ecu import EcuFault
 from protocols.frame_format import STATUS_OVERLOAD, FrameDecoder, Reading
 from rig.errors import FileProblem
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
 from simulators.injection import INJECTORS, VARIANTS
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM

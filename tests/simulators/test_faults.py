@@ -12,7 +12,7 @@ from protocols import ecu
 from protocols.actuator import State
 from rig.clock import monotonic_ns
 from rig.errors import FileProblem
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
 from simulators.injection import INJECTORS
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM

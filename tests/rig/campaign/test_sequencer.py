@@ -13,11 +13,12 @@ from rig.campaign import action as act
 from rig.campaign import event as ev
 from rig.campaign.action import Action, Request
 from rig.campaign.adaptation import Ceiling, MotionSeen
-from rig.campaign.cause import Cause, StopKind
+from rig.campaign.cause import Cause
 from rig.campaign.conditions import NO_CONDITIONS, Conditions
 from rig.campaign.sequencer import step
 from rig.campaign.state import Phase, RigState, State, start_state
 from rig.campaign.stopping import COOLING_PAUSE_S
+from rig.faults.row import StopKind
 from rig.matrix.heat import HeatModel
 from rig.matrix.point import TestPoint
 from rig.matrix.schedule import Load, Thermal
@@ -68,14 +69,14 @@ EVENTS: tuple[ev.Event, ...] = (
     *(ev.Judged(point.id, valid) for point in POINTS for valid in (True, False)),
     *(ev.TimedOut(phase) for phase in Phase),
     ev.Spoiled(Cause("sample-gap", "12 lost")),
-    ev.Fault(StopKind.S2, Cause("disk-full", "journal")),
-    ev.Tripped(StopKind.S2, RESTARTABLE),
-    ev.Tripped(StopKind.S1, FINAL),
+    ev.Fault(StopKind.FADE_OUT, Cause("disk-full", "journal")),
+    ev.Tripped(StopKind.FADE_OUT, RESTARTABLE),
+    ev.Tripped(StopKind.PRESSURE_OFF, FINAL),
     ev.Safe(),
     ev.Unknown("links lost"),
     ev.StationGone("exit code -9"),
-    ev.Abort(StopKind.S2, Cause("sigint")),
-    ev.Abort(StopKind.S1, Cause("sigterm")),
+    ev.Abort(StopKind.FADE_OUT, Cause("sigint")),
+    ev.Abort(StopKind.PRESSURE_OFF, Cause("sigterm")),
     ev.PauseAsked(),
     ev.ResumeAsked(),
 )
@@ -117,7 +118,7 @@ HOT_EVENTS: tuple[ev.Event, ...] = (
     *(event for event in EVENTS if isinstance(event, HEALTHY + STOPPED)),
     ev.ProgramEnded(at_centre=True),
     ev.Standstill(),
-    ev.Tripped(StopKind.S2, HOT),
+    ev.Tripped(StopKind.FADE_OUT, HOT),
     ev.Declined(Request.RESET, STILL_HOT),
     ev.Declined(Request.RESET, FINAL),
 )
@@ -227,7 +228,7 @@ def test_a_reset_demands_every_proof_again(edges: list[Edge]) -> None:
 
 def test_no_restart_follows_an_operators_stop_or_a_fault_that_forbids_it(edges: list[Edge]) -> None:
     for edge in edges:
-        forbids = isinstance(edge.event, ev.Abort | ev.Fault) or edge.event == ev.Tripped(StopKind.S1, FINAL)
+        forbids = isinstance(edge.event, ev.Abort | ev.Fault) or edge.event == ev.Tripped(StopKind.PRESSURE_OFF, FINAL)
         if forbids and edge.before.latch is not None:
             for event in (ev.Safe(), ev.Done(Request.RESET), ev.Declined(Request.RESET, STILL_HOT)):
                 after, actions = step(edge.after, event)
@@ -327,7 +328,8 @@ def test_pressure_is_only_gone_when_a_disarm_or_a_stop_with_hydraulics_off_was_p
     gone = [edge for edge in edges if edge.before.pressurised and not edge.after.pressurised]
     assert gone
     for edge in gone:
-        stopped = edge.event in PROOFS and edge.before.latch is not None and edge.before.latch.stop is StopKind.S1
+        latch = edge.before.latch
+        stopped = edge.event in PROOFS and latch is not None and latch.stop is StopKind.PRESSURE_OFF
         assert stopped or edge.event == ev.Done(Request.DISARM)
 
 
@@ -370,7 +372,7 @@ def test_deadlines_alone_end_every_campaign_at_rest_or_left_to_its_station(edges
 
 def test_the_operator_is_obeyed_in_every_phase(edges: list[Edge]) -> None:
     for state in {edge.before for edge in edges}:
-        after, actions = step(state, ev.Abort(StopKind.S1, Cause("sigterm")))
+        after, actions = step(state, ev.Abort(StopKind.PRESSURE_OFF, Cause("sigterm")))
         ending = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
         assert after.phase in ending
         assert not any(act.energises(action) for action in actions)
@@ -475,7 +477,7 @@ def test_a_held_centre_is_not_approached_again() -> None:
 
 def test_a_restartable_trip_repeats_the_point_as_another_attempt_and_keeps_the_broken_one_invalid() -> None:
     state, _ = play(start_state(POINTS, 1), until=Phase.RUNNING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, RESTARTABLE))
     state, actions = play(state)
     ended = [action for action in actions if isinstance(action, act.EndRecording)]
     assert [(action.point.id, action.attempt, action.fault) for action in ended] == [
@@ -488,7 +490,7 @@ def test_a_restartable_trip_repeats_the_point_as_another_attempt_and_keeps_the_b
 
 def test_a_hot_ecu_is_asked_again_until_it_has_cooled_down_and_then_the_point_is_repeated() -> None:
     state, _ = play(start_state(POINTS, 1, Conditions(longest_s=3 * COOLING_PAUSE_S)), until=Phase.RUNNING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, HOT))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, HOT))
     state, actions = step(state, ev.Safe())
     for waited in (1, 2):
         assert state.phase is Phase.COOLING_DOWN
@@ -503,7 +505,7 @@ def test_a_hot_ecu_is_asked_again_until_it_has_cooled_down_and_then_the_point_is
 @pytest.mark.parametrize("refusal", [STILL_HOT, Cause("estop", "chain open")], ids=["still-hot", "something-else"])
 def test_an_ecu_that_stays_hot_or_is_not_all_that_is_wrong_ends_the_campaign(refusal: Cause) -> None:
     state, _ = play(start_state(POINTS, 1, Conditions(longest_s=COOLING_PAUSE_S)), until=Phase.RUNNING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, HOT))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, HOT))
     state, _ = play(state, until=Phase.RESETTING)
     state, _ = step(state, ev.Declined(Request.RESET, refusal))
     state, actions = play(state)
@@ -514,9 +516,9 @@ def test_an_ecu_that_stays_hot_or_is_not_all_that_is_wrong_ends_the_campaign(ref
 
 def test_a_trip_right_after_the_stations_reset_is_a_stop_of_its_own_although_the_answer_comes_later() -> None:
     state, _ = play(start_state(POINTS, 2), until=Phase.RUNNING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, RESTARTABLE))
     state, _ = play(state, until=Phase.RESETTING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, RESTARTABLE))
     state, actions = step(state, ev.Done(Request.RESET))
     assert (state.phase, actions) == (Phase.STOPPING, ()), "the answer belongs to the reset before"
     state, actions = play(state)
@@ -526,14 +528,14 @@ def test_a_trip_right_after_the_stations_reset_is_a_stop_of_its_own_although_the
 
 def test_a_station_that_stands_safely_already_answers_the_stop_with_its_proof() -> None:
     state, _ = play(start_state(POINTS, 0), until=Phase.RUNNING)
-    state, _ = step(state, ev.Fault(StopKind.S2, FINAL))
+    state, _ = step(state, ev.Fault(StopKind.FADE_OUT, FINAL))
     state, _ = step(state, ev.Done(Request.STOP))
     state, _ = play(state)
     assert (state.rig_state, state.pressurised) == (RigState.SAFE, False)
 
 
 @pytest.mark.parametrize(
-    ("stop", "cause"), [(StopKind.S1, RESTARTABLE), (StopKind.SO, RESTARTABLE), (StopKind.S2, FINAL)]
+    ("stop", "cause"), [(StopKind.PRESSURE_OFF, RESTARTABLE), (StopKind.HALT, RESTARTABLE), (StopKind.FADE_OUT, FINAL)]
 )
 def test_nothing_restarts_by_itself_after_a_harder_stop_or_another_cause(stop: StopKind, cause: Cause) -> None:
     state, _ = play(start_state(POINTS, 2), until=Phase.RUNNING)
@@ -578,11 +580,11 @@ def test_nonsense_is_not_a_campaign(points: tuple[TestPoint, ...], retries: int)
 
 
 @pytest.mark.parametrize(
-    "event", [ev.Abort(StopKind.S2, Cause("sigint")), ev.Fault(StopKind.S2, Cause("disk-full"))], ids=str
+    "event", [ev.Abort(StopKind.FADE_OUT, Cause("sigint")), ev.Fault(StopKind.FADE_OUT, Cause("disk-full"))], ids=str
 )
 def test_an_operator_or_a_fault_ends_a_restart_under_way(event: ev.Event) -> None:
     state, _ = play(start_state(POINTS, 1), until=Phase.RUNNING)
-    state, _ = step(state, ev.Tripped(StopKind.S2, RESTARTABLE))
+    state, _ = step(state, ev.Tripped(StopKind.FADE_OUT, RESTARTABLE))
     state, _ = play(state, until=Phase.RESETTING)
     state, _ = step(state, event)
     state, actions = play(state)
@@ -595,7 +597,7 @@ def test_a_journal_that_cannot_be_opened_stops_the_rig_and_the_end_is_reached() 
     state, actions = step(state, ev.CurrentSettled())
     begin = next(action for action in actions if isinstance(action, act.BeginRecording))
     state, actions = step(state, ev.ActionFailed(begin, state.phase, FULL))
-    assert act.Stop(StopKind.S2, FULL) in actions
+    assert act.Stop(StopKind.FADE_OUT, FULL) in actions
     state, actions = play(state)
     assert not any(isinstance(action, act.EndRecording) for action in actions)
     assert act.Ask(Request.DISARM) in actions
@@ -621,7 +623,9 @@ def test_at_the_end_the_zeros_are_checked_again_before_the_pressure_goes() -> No
     assert again < off
 
 
-@pytest.mark.parametrize(("stop", "checked"), [(StopKind.S2, True), (StopKind.S1, False), (StopKind.SO, False)])
+@pytest.mark.parametrize(
+    ("stop", "checked"), [(StopKind.FADE_OUT, True), (StopKind.PRESSURE_OFF, False), (StopKind.HALT, False)]
+)
 def test_after_a_stop_the_zeros_are_only_checked_where_the_rod_is_held(stop: StopKind, checked: bool) -> None:
     state, _ = play(start_state(POINTS, 0), until=Phase.RUNNING)
     state, _ = step(state, ev.Tripped(stop, FINAL))

@@ -9,9 +9,10 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from rig.campaign import action as act
 from rig.campaign import event as ev
 from rig.campaign.action import Action, Request
-from rig.campaign.cause import Cause, StopKind
+from rig.campaign.cause import Cause
 from rig.campaign.sequencer import step
 from rig.campaign.state import Phase, RigState, start_state
+from rig.faults.row import StopKind
 from rig.matrix.point import TestPoint
 
 POINTS = tuple(
@@ -21,7 +22,7 @@ POINTS = tuple(
 CAUSES = st.sampled_from(
     ["ecu-silent", "ecu-crc", "ecu-overtemp", "estop", "coil-open-short", "serial-garbage", "stroke-limit"]
 )
-KINDS = st.sampled_from([StopKind.S2, StopKind.S1, StopKind.SO])
+KINDS = st.sampled_from([StopKind.FADE_OUT, StopKind.PRESSURE_OFF, StopKind.HALT])
 ENDS = {
     Phase.STOPPING, Phase.COOLING_DOWN, Phase.RESETTING, Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED,
 }  # fmt: skip
@@ -109,7 +110,7 @@ class Rig(RuleBasedStateMachine):
         self.faults_in_open = self.faults_in_open or self.open is not None
         self.take(ev.Spoiled(Cause(slug)))
 
-    @rule(kind=st.sampled_from([StopKind.S2, StopKind.S1]))
+    @rule(kind=st.sampled_from([StopKind.FADE_OUT, StopKind.PRESSURE_OFF]))
     def the_operator_stops(self, kind: StopKind) -> None:
         self.faults_in_open = self.faults_in_open or self.open is not None
         self.take(ev.Abort(kind, Cause("sigint")))

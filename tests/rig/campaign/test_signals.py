@@ -7,8 +7,8 @@ import signal
 import threading
 
 from rig.campaign import event as ev
-from rig.campaign.cause import StopKind
 from rig.campaign.signals import Signals
+from rig.faults.row import StopKind
 
 
 def test_signals_become_aborts_in_order_and_the_process_lives() -> None:
@@ -19,7 +19,9 @@ def test_signals_become_aborts_in_order_and_the_process_lives() -> None:
         assert signals.take() == []
     assert all(isinstance(abort, ev.Abort) for abort in aborts)
     kinds = [(abort.stop, abort.cause.slug) for abort in aborts if isinstance(abort, ev.Abort)]
-    assert kinds == [(StopKind.S2, "sigint"), (StopKind.S1, "sigterm"), (StopKind.S1, "sigterm")]
+    assert kinds == [
+        (StopKind.FADE_OUT, "sigint"), (StopKind.PRESSURE_OFF, "sigterm"), (StopKind.PRESSURE_OFF, "sigterm")
+    ]
 
 
 def test_handlers_are_given_back() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from protocols.actuator import ActuatorStatus, Command, FaultBit, Input, Result, State
-from rig.station.command_watch import CommandWatch
+from rig.station.interlocks.actuator_interlock import CommandWatch
 
 CLOSED = int(Input.E_STOP_CLOSED)
 POWERED = CLOSED | int(Input.HYDRAULICS_ON)

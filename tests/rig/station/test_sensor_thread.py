@@ -16,9 +16,9 @@ from drivers.ring import Channel
 from drivers.serial_sensor import FRAME16, SerialSensor
 from protocols.frame_format import encode
 from rig.station.config import SensorConfig
-from rig.station.interlocks import ChannelJudge
-from rig.station.sensor_thread import SensorThread
+from rig.station.interlocks.channel_interlock import ChannelInterlock
 from rig.station.supervisor import Supervisor
+from rig.station.threads.sensor_thread import SensorThread
 
 PERIOD_S = 0.004
 STALE_S = 0.1
@@ -39,7 +39,7 @@ class Cable:
         self.supervisor = Supervisor(config_for(url), self.told.append, lambda records: None, lambda now_ns: None)
         given = SensorConfig("load_cell", url, 1.0 / PERIOD_S, 10e3, STALE_S, format=line_format)
         driver = SerialSensor(url, name="load_cell", channel=Channel.FORCE, line_format=line_format)
-        judge = ChannelJudge("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
+        judge = ChannelInterlock("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
         self.thread = SensorThread(
             given, "loadcell-pulled", Channel.FORCE, driver, judge, self.supervisor, lambda records: None
         )

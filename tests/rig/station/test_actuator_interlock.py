@@ -8,7 +8,8 @@ import pytest
 
 from protocols.actuator import ActuatorStatus, FaultBit, Input, State
 from protocols.ecu import CoilStatus, CoilTemperature, EcuFault, EcuState
-from rig.station.status_judge import ControllerJudge, EcuJudge
+from rig.station.interlocks.actuator_interlock import ActuatorInterlock
+from rig.station.interlocks.current_interlock import EcuInterlock
 
 OURS = 77
 NOTHING_SENT = [(0, 0)]
@@ -30,13 +31,15 @@ def status(ms: int, **changes: float) -> ActuatorStatus:
     return ActuatorStatus(**values)  # type: ignore[arg-type]  # numbers by name
 
 
-def judge() -> ControllerJudge:
-    made = ControllerJudge(OURS, frozen_after_ns=150 * MS, disagreement_m=0.005, lag_s=0.03)
+def judge() -> ActuatorInterlock:
+    made = ActuatorInterlock(OURS, frozen_after_ns=150 * MS, disagreement_m=0.005, lag_s=0.03)
     made.leased = True
     return made
 
 
-def slugs(made: ControllerJudge, answer: ActuatorStatus, lvdt_m: float | None = None, speed: float = 0.0) -> list[str]:
+def slugs(
+    made: ActuatorInterlock, answer: ActuatorStatus, lvdt_m: float | None = None, speed: float = 0.0
+) -> list[str]:
     return [finding.slug for finding in made.judge(answer, lvdt_m, speed, NOTHING_SENT)]
 
 
@@ -169,11 +172,11 @@ def coil(**changes: float) -> CoilStatus:
     ],
 )
 def test_every_ecu_fault_bit_is_named(bit: EcuFault, slug: str) -> None:
-    assert [f.slug for f in EcuJudge(3.15, 120.0).judge_status(coil(faults=int(bit)), 5)] == [slug]
+    assert [f.slug for f in EcuInterlock(3.15, 120.0).judge_status(coil(faults=int(bit)), 5)] == [slug]
 
 
 def test_a_command_time_out_waits_too_since_the_controller_may_know_of_a_silent_host() -> None:
-    made, polls = EcuJudge(3.15, 120.0), [7]
+    made, polls = EcuInterlock(3.15, 120.0), [7]
     made.controller_polls = lambda: polls[0]
     late = coil(faults=int(EcuFault.COMMAND_TIMEOUT))
     assert made.judge_status(late, 5) == []
@@ -182,7 +185,7 @@ def test_a_command_time_out_waits_too_since_the_controller_may_know_of_a_silent_
 
 
 def test_undervoltage_waits_for_two_polls_of_the_controller_which_may_know_of_an_open_e_stop_chain() -> None:
-    made, polls = EcuJudge(3.15, 120.0), [7]
+    made, polls = EcuInterlock(3.15, 120.0), [7]
     made.controller_polls = lambda: polls[0]
     low = coil(faults=int(EcuFault.UNDERVOLTAGE))
     assert [made.judge_status(answer, 5) for answer in (low, low, coil(), low)] == [[], [], [], []]
@@ -193,7 +196,7 @@ def test_undervoltage_waits_for_two_polls_of_the_controller_which_may_know_of_an
 
 
 def test_undervoltage_does_not_wait_for_a_controller_that_says_nothing() -> None:
-    made = EcuJudge(3.15, 120.0)
+    made = EcuInterlock(3.15, 120.0)
     low = coil(faults=int(EcuFault.UNDERVOLTAGE))
     assert made.judge_status(low, 0) == []
     assert [f.slug for f in made.judge_status(low, 50_000_000)] == ["ecu-overtemp"]
@@ -218,18 +221,18 @@ def test_a_controller_that_says_hold_while_the_lvdt_moves_is_not_believed() -> N
 
 @pytest.mark.parametrize(("current_A", "trips"), [(3.15, False), (3.151, True), (-3.151, True)])
 def test_measured_current_beyond_the_limit_trips_in_both_directions(current_A: float, trips: bool) -> None:
-    assert bool(EcuJudge(3.15, 120.0).judge_status(coil(current_A=current_A), 5)) is trips
+    assert bool(EcuInterlock(3.15, 120.0).judge_status(coil(current_A=current_A), 5)) is trips
 
 
 def test_hot_coil_and_a_new_boot_count_are_findings() -> None:
-    made = EcuJudge(3.15, 120.0)
+    made = EcuInterlock(3.15, 120.0)
     assert made.judge_temperature(CoilTemperature(119.9, 40.0, 13.5, 4), 5) == []
     assert [f.slug for f in made.judge_temperature(CoilTemperature(120.1, 40.0, 13.5, 4), 5)] == ["coil-temperature"]
     assert [f.slug for f in made.judge_temperature(CoilTemperature(20.0, 40.0, 13.5, 5), 5)] == ["ecu-restart"]
 
 
 def test_a_temperature_that_stays_away_for_five_of_its_periods_is_a_finding_for_as_long_as_it_does() -> None:
-    made = EcuJudge(3.15, 120.0)
+    made = EcuInterlock(3.15, 120.0)
     warm = CoilTemperature(60.0, 40.0, 13.5, 4)
     for _ in range(3):
         for _ in range(50):

@@ -11,15 +11,17 @@ from drivers.ring import Channel, Record
 from drivers.serial_sensor import SerialSensor
 from protocols.errors import ProtocolError
 from protocols.line_format import LineFormat, from_description
-from rig.station.actuator_thread import ActuatorThread
-from rig.station.coil_thread import CoilThread
 from rig.station.config import SensorConfig, StationConfig
 from rig.station.errors import StationRefused
-from rig.station.interlocks import ChannelJudge, MotionJudge
-from rig.station.line_judge import ClockWatch
-from rig.station.sensor_thread import SensorThread
-from rig.station.status_judge import ControllerJudge, EcuJudge
+from rig.station.interlocks.actuator_interlock import ActuatorInterlock
+from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.current_interlock import EcuInterlock
+from rig.station.interlocks.line_interlock import ClockWatch
+from rig.station.interlocks.motion_interlock import MotionInterlock
 from rig.station.supervisor import Supervisor
+from rig.station.threads.actuator_thread import ActuatorThread
+from rig.station.threads.current_source_thread import CurrentSourceThread
+from rig.station.threads.sensor_thread import SensorThread
 
 Append = Callable[[list[Record]], None]
 
@@ -49,7 +51,7 @@ class Devices:
             Channel.DISPLACEMENT,
             _judge(config.lvdt, "stroke-limit", limits.position_min_m, limits.position_max_m, "m"),
             append,
-            MotionJudge(speed_limit_m_s, config.lvdt.rate_Hz),
+            MotionInterlock(speed_limit_m_s, config.lvdt.rate_Hz),
         )
         self.auxiliary = tuple(
             self._sensor(
@@ -61,18 +63,18 @@ class Devices:
             )
             for index, given in enumerate(config.auxiliary)
         )
-        self.coil = CoilThread(
+        self.coil = CurrentSourceThread(
             config.ecu,
             CanEcu(
                 config.ecu.interface,
                 config.ecu.channel,
                 bitrate=config.ecu.bitrate,
             ),
-            EcuJudge(limits.current_A + margins.current_A, limits.coil_temperature_degC),
+            EcuInterlock(limits.current_A + margins.current_A, limits.coil_temperature_degC),
             supervisor,
             append,
         )
-        judge = ControllerJudge(
+        judge = ActuatorInterlock(
             owner_id,
             frozen_after_ns=int(config.actuator.stale_after_s * 1e9),
             disagreement_m=config.disagreement_m,
@@ -100,9 +102,9 @@ class Devices:
         given: SensorConfig,
         slug: str,
         channel: Channel,
-        judge: ChannelJudge,
+        judge: ChannelInterlock,
         append: Append,
-        motion: MotionJudge | None = None,
+        motion: MotionInterlock | None = None,
     ) -> SensorThread:
         # The bench states the offset as what the sensor shows at zero; the driver adds its own to the scaled value.
         driver = SerialSensor(
@@ -125,7 +127,7 @@ class Devices:
         """Load cell, LVDT and the auxiliary channels."""
         return (self.load_cell, self.lvdt, *self.auxiliary)
 
-    def __iter__(self) -> Iterator[SensorThread | CoilThread | ActuatorThread]:
+    def __iter__(self) -> Iterator[SensorThread | CurrentSourceThread | ActuatorThread]:
         return iter((*self.sensors, self.coil, self.actuator))
 
     def open(self) -> None:
@@ -157,7 +159,7 @@ class Devices:
         Raises:
             StationRefused: one of them is still gone.
         """
-        devices: tuple[SensorThread | CoilThread, ...] = (*self.sensors, self.coil)
+        devices: tuple[SensorThread | CurrentSourceThread, ...] = (*self.sensors, self.coil)
         for device in devices:
             try:
                 device.revive()
@@ -184,8 +186,10 @@ def slug_of(error: Exception) -> str:
     return "unreachable"
 
 
-def _judge(given: SensorConfig, slug: str, low: float, high: float, unit: str) -> ChannelJudge:
-    return ChannelJudge(given.name, slug, low=low, high=high, span=given.span, spike_jump=given.spike_jump, unit=unit)
+def _judge(given: SensorConfig, slug: str, low: float, high: float, unit: str) -> ChannelInterlock:
+    return ChannelInterlock(
+        given.name, slug, low=low, high=high, span=given.span, spike_jump=given.spike_jump, unit=unit
+    )
 
 
 def _line_format(given: SensorConfig) -> str | LineFormat:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 
-from rig.station.said import say_error
+from rig.station.log import say_error
 
 
 class DeviceThread(ABC):

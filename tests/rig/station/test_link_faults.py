@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import pytest
 
 from drivers.errors import DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer, WrongLayout
-from rig.station.link_troubles import BUSY_POLLS, LinkTroubles
+from rig.station.interlocks.link_faults import BUSY_POLLS, LinkFaults
 
 
 @dataclass
@@ -20,7 +20,7 @@ def error(kind: type[DriverError], message: str = "no") -> DriverError:
     return kind("actuator", "port", message)
 
 
-def named(troubles: LinkTroubles, kind: type[DriverError], message: str = "no") -> tuple[str, bool]:
+def named(troubles: LinkFaults, kind: type[DriverError], message: str = "no") -> tuple[str, bool]:
     finding = troubles.failed(error(kind, message), 5)
     return finding.slug, finding.warns
 
@@ -31,11 +31,11 @@ def named(troubles: LinkTroubles, kind: type[DriverError], message: str = "no") 
      (WrongLayout, "actuator-reboot")],
 )  # fmt: skip
 def test_what_cannot_be_overcome_is_a_fault_at_once(kind: type[DriverError], slug: str) -> None:
-    assert named(LinkTroubles(Link()), kind) == (slug, False)
+    assert named(LinkFaults(Link()), kind) == (slug, False)
 
 
 def test_busy_polls_are_a_fault_in_a_row_only() -> None:
-    troubles = LinkTroubles(Link())
+    troubles = LinkFaults(Link())
     for _ in range(2):
         polls = [named(troubles, RequestRefused, "exception 6 (busy)") for _ in range(BUSY_POLLS)]
         assert polls == [("modbus-busy", True)] * (BUSY_POLLS - 1) + [("modbus-busy", False)]
@@ -44,7 +44,7 @@ def test_busy_polls_are_a_fault_in_a_row_only() -> None:
 
 @pytest.mark.parametrize(("url", "slug"), [("modbus-tcp://h:1", "modbus-mismatch"), ("modbus-rtu:/dev/x", "rtu-crc")])
 def test_wrong_answers_are_a_fault_the_third_time_in_a_row(url: str, slug: str) -> None:
-    troubles = LinkTroubles(Link(url))
+    troubles = LinkFaults(Link(url))
     assert [named(troubles, WrongAnswer) for _ in range(3)] == [(slug, True), (slug, True), (slug, False)]
     troubles.answered(6)
     assert named(troubles, WrongAnswer) == (slug, True)
@@ -52,7 +52,7 @@ def test_wrong_answers_are_a_fault_the_third_time_in_a_row(url: str, slug: str) 
 
 def test_silence_is_a_fault_when_the_connection_was_given_up() -> None:
     link = Link()
-    troubles = LinkTroubles(link)
+    troubles = LinkFaults(link)
     assert named(troubles, NoAnswer) == ("modbus-halfopen", True)
     link.is_open = False
     assert named(troubles, NoAnswer) == ("modbus-halfopen", False)
@@ -60,14 +60,14 @@ def test_silence_is_a_fault_when_the_connection_was_given_up() -> None:
 
 def test_a_connection_given_up_because_only_others_were_answered_is_tried_again_first() -> None:
     link = Link(is_open=False, stale=2)
-    troubles = LinkTroubles(link)
+    troubles = LinkFaults(link)
     assert named(troubles, NoAnswer) == ("modbus-wrong-tid", True)
     assert named(troubles, NoAnswer) == ("modbus-halfopen", False), "nothing has answered since"
 
 
 def test_what_was_overcome_is_flagged_once() -> None:
     link = Link("modbus-rtu:/dev/x")
-    troubles = LinkTroubles(link)
+    troubles = LinkFaults(link)
     assert troubles.answered(5) == []
     link.stale, link.busy = 1, 2
     assert [(finding.slug, finding.warns) for finding in troubles.answered(6)] == [

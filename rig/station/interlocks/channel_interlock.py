@@ -7,44 +7,23 @@ past. The common case (nothing unusual) costs a minimum and a maximum over the b
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass
 from itertools import islice, pairwise
 from operator import eq
 
+from drivers.ring import Record
 from protocols.quality import Quality
+from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
-Record = tuple[int, int, float, int, int, int]
-"""host_ns, device_us (-1 none), value (SI), sequence, channel, flags: the ring's record."""
-
-CONSECUTIVE = 3
-SPEED_WINDOW_S = 0.010
-STILL_TOLERANCE_M = 0.0003
 REPEATED_SHARE = 0.3
 """Where so many neighbours are equal, the resolution is coarser than the noise."""
 FEWEST_PAIRS = 50
 MOST_OF_A_RUN = 20
 """A run of equal values counts as no more than this many: one is no proof of a coarse resolution, many are."""
-BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
 
 
-@dataclass(frozen=True)
-class Finding:
-    """Something a detector saw.
-
-    `slug` names the row of `fault_table`, `t_ns` is the host arrival of what showed it; `warns` marks what is worth a
-    warning only, whatever the row's stop.
-    """
-
-    slug: str
-    detail: str
-    t_ns: int
-    value: float = math.nan
-    limit: float = math.nan
-    warns: bool = False
 
 
-class ChannelJudge:
+class ChannelInterlock:
     """Judges one sensor channel: limits, saturation, spikes, sensor faults, gaps.
 
     A value beyond a limit trips at once, unless it is a jump that physics cannot make: then it is flagged as a spike
@@ -184,77 +163,3 @@ class ChannelJudge:
         findings.append(Finding(self.slug, detail, host_ns, value, limit))
 
 
-class MotionJudge:
-    """Speed and standstill from LVDT samples, on the sensor's own clock.
-
-    The speed is the slew over `SPEED_WINDOW_S` of device time (at least 3 samples), which divides the sensor's noise by
-    the window; it trips when `CONSECUTIVE` windows in a row exceed the limit, so that one spike (which spoils two
-    windows that are not neighbours) does not.
-    """
-
-    def __init__(self, speed_limit_m_s: float, rate_Hz: float) -> None:
-        self.speed_limit_m_s = speed_limit_m_s
-        self._period_s = 1.0 / rate_Hz
-        self._span = max(CONSECUTIVE, round(SPEED_WINDOW_S * rate_Hz))
-        self._recent: deque[tuple[float, float]] = deque(maxlen=self._span)
-        self._over = 0
-        self._unusable = 0
-        self._anchor_m = math.nan
-        self._anchor_s = math.nan
-        self._latest_s = math.nan
-        self.speed_m_s = math.nan
-
-    @property
-    def blind(self) -> bool:
-        """The sensor sends, but nothing that says where the rod is: its last samples are no measurements."""
-        return self._unusable >= CONSECUTIVE
-
-    @property
-    def still_s(self) -> float:
-        """For how many seconds of the sensor's clock the rod has stayed within `STILL_TOLERANCE_M` (0: it moves)."""
-        elapsed_s = self._latest_s - self._anchor_s
-        return 0.0 if math.isnan(elapsed_s) else max(0.0, elapsed_s)
-
-    def restart_still(self) -> None:
-        """Begin the proof of standstill anew, from the next sample on."""
-        # In this order: a sample judged between the two (the supervisor calls from its own thread) sets neither.
-        self._anchor_s = math.nan
-        self._anchor_m = math.nan
-
-    def judge(self, records: list[Record]) -> list[Finding]:
-        """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
-        findings: list[Finding] = []
-        for host_ns, device_us, value, sequence, _, flags in records:
-            if flags & BAD:
-                self._miss()
-            if flags & (BAD | Quality.SPIKE):
-                continue
-            self._unusable = 0
-            t_s = device_us * 1e-6 if device_us >= 0 else sequence * self._period_s
-            if self._recent and t_s <= self._recent[-1][0]:
-                self._recent.clear()
-                self.restart_still()
-            if len(self._recent) == self._span:
-                before_s, before_m = self._recent[0]
-                self.speed_m_s = (value - before_m) / (t_s - before_s)
-                self._judge_speed(host_ns, findings)
-            self._recent.append((t_s, value))
-            self._latest_s = t_s
-            if not abs(value - self._anchor_m) <= STILL_TOLERANCE_M:
-                self._anchor_m, self._anchor_s = value, t_s
-        return findings
-
-    def _miss(self) -> None:
-        """A sample that is no measurement; after a few in a row speed and standstill are unknown."""
-        self._unusable += 1
-        if self.blind:
-            self._recent.clear()
-            self.speed_m_s = math.nan
-            self.restart_still()
-
-    def _judge_speed(self, host_ns: int, findings: list[Finding]) -> None:
-        speed_m_s = abs(self.speed_m_s)
-        self._over = self._over + 1 if speed_m_s > self.speed_limit_m_s else 0
-        if self._over >= CONSECUTIVE:
-            detail = f"LVDT speed {speed_m_s:.4g} m/s, allowed {self.speed_limit_m_s:.4g} m/s"
-            findings.append(Finding("speed-limit", detail, host_ns, speed_m_s, self.speed_limit_m_s))

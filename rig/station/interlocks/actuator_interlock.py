@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 
-from protocols.actuator import ActuatorStatus, FaultBit, Input, State
-from protocols.ecu import CoilStatus, CoilTemperature, EcuFault
-from rig.station.command_watch import CommandWatch, Sent
-from rig.station.interlocks import CONSECUTIVE, STILL_TOLERANCE_M, Finding
+from protocols.actuator import ActuatorStatus, Command, FaultBit, Input, Result, State
+from rig.station.interlocks.finding import CONSECUTIVE, Finding
+from rig.station.interlocks.motion_interlock import STILL_TOLERANCE_M
 
 MEASURED = ("position_m", "velocity_m_s", "force_N")
 """What the controller measures; without a finite number of each, nothing it says about the rod is to be trusted."""
@@ -25,12 +24,6 @@ OVERRUN_S = 0.07
 AT_REST_STATES = frozenset({State.HOLD, State.LOW, State.OFF})
 RESTLESS_M_S = 0.02
 CLOCK_MODULUS = 1 << 32
-CONSEQUENCE_NS = 50_000_000
-CONSEQUENCES = EcuFault.UNDERVOLTAGE | EcuFault.COMMAND_TIMEOUT
-"""What the ECU reports when the fault is elsewhere."""
-STATUS_MS = 10
-UNTOLD_STATUSES = 50
-"""Status frames (`STATUS_MS` each on the ECU's clock) without a temperature: five of the temperature's periods."""
 
 _FAULT_SLUGS = (
     (FaultBit.E_STOP, "estop"),
@@ -41,15 +34,9 @@ _FAULT_SLUGS = (
     (FaultBit.FORCE_LIMIT, "force-limit"),
     (FaultBit.SENSOR, "feedback-lost"),
 )
-_ECU_SLUGS = (
-    (EcuFault.OPEN | EcuFault.SHORT, "coil-open-short"),
-    (EcuFault.OVER_TEMPERATURE | EcuFault.UNDERVOLTAGE, "ecu-overtemp"),
-    (EcuFault.RESTARTED, "ecu-restart"),
-    (EcuFault.COMMAND_TIMEOUT | EcuFault.COMMAND_CHECK, "ecu-command"),
-)
 
 
-class ControllerJudge:
+class ActuatorInterlock:
     """Follows the controller's status answers.
 
     Args (construction):
@@ -229,65 +216,103 @@ class ControllerJudge:
             findings.append(Finding("position-disagreement", detail, t_ns, apart_m, allowed_m))
 
 
-class EcuJudge:
-    """Follows the ECU's status and temperature frames."""
 
-    def __init__(self, current_limit_A: float, coil_temperature_limit_degC: float) -> None:
-        self.current_limit_A = current_limit_A
-        self.coil_temperature_limit_degC = coil_temperature_limit_degC
-        self.controller_polls: Callable[[], int] = lambda: 0
-        self._boot_count: int | None = None
-        self._untold = 0
-        self._consequence: tuple[int, int] | None = None
 
-    def judge_status(self, status: CoilStatus, t_ns: int) -> list[Finding]:
-        """Take one CoilStatus that arrived at `t_ns` (host monotonic)."""
-        self._untold += 1
-        faults = status.faults
-        if faults & CONSEQUENCES and self._controller_may_know(t_ns):
-            faults &= ~CONSEQUENCES
-        elif not faults & CONSEQUENCES:
-            self._consequence = None
-        findings = [
-            Finding(slug, f"ECU fault {EcuFault(faults & int(bits)).name}", t_ns, float(faults))
-            for bits, slug in _ECU_SLUGS
-            if faults & int(bits)
-        ]
-        if abs(status.current_A) > self.current_limit_A:
-            detail = f"coil current {status.current_A:.3f} A, allowed {self.current_limit_A:.3f} A"
-            findings.append(Finding("overcurrent", detail, t_ns, status.current_A, self.current_limit_A))
-        return findings
+SLUG = "second-master"
+UNASKED = 2
+"""Statuses in a row: a controller may show what it does one status before it says why."""
+MOTIONS = frozenset({Command.START, Command.MOVE_TO})
+STOPS = frozenset({Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF})
+PRESSURES = frozenset({Command.HYDRAULICS_LOW, Command.HYDRAULICS_ON, Command.HYDRAULICS_OFF})
+STOPPING_STATES = frozenset({State.FADING, State.HALTING})
+PRESSURELESS_STATES = frozenset({State.OFF, State.LOW})
+CYCLE_SLACK = 1e-6
 
-    def _controller_may_know(self, t_ns: int) -> bool:
-        """The controller is heard first, for it names the cause: two more polls, or `CONSEQUENCE_NS`.
+Sent = Sequence[tuple[int, int]]
+"""(sequence, command) of what was written to the controller, oldest first."""
 
-        An opened e-stop chain takes the ECU's supply too, and a silent host stops feeding both; the ECU is at 0 A by
-        itself meanwhile.
-        """
-        polls = self.controller_polls()
-        if self._consequence is None:
-            self._consequence = polls, t_ns
-        first_poll, since_ns = self._consequence
-        return polls < first_poll + 2 and t_ns - since_ns < CONSEQUENCE_NS
 
-    def judge_temperature(self, temperature: CoilTemperature, t_ns: int) -> list[Finding]:
-        """Take one CoilTemperature that arrived at `t_ns` (host monotonic)."""
-        self._untold = 0
-        findings: list[Finding] = []
-        limit = self.coil_temperature_limit_degC
-        if temperature.coil_degC > limit:
-            detail = f"coil at {temperature.coil_degC:.1f} degC, allowed {limit:.1f} degC"
-            findings.append(Finding("coil-temperature", detail, t_ns, temperature.coil_degC, limit))
-        if self._boot_count is not None and temperature.boot_count != self._boot_count:
-            detail = f"ECU boot count went from {self._boot_count} to {temperature.boot_count}"
-            findings.append(Finding("ecu-restart", detail, t_ns, temperature.boot_count, self._boot_count))
-        self._boot_count = temperature.boot_count
-        return findings
+class CommandWatch:
+    """Follows the controller's status while the lease is ours."""
 
-    def judge_temperature_age(self, t_ns: int) -> list[Finding]:
-        """Temperatures that stay away, by the statuses that came meanwhile; call it once a read's frames are judged."""
-        if self._untold <= UNTOLD_STATUSES:
+    def __init__(self) -> None:
+        self._cycles = 0.0
+        self._running = 0
+        self._pressurised = False
+        self._unasked = 0
+        self._knocked = (0, 0)
+
+    def expect_program(self, cycles: float) -> None:
+        """The program that is about to start has so many cycles, ramps included."""
+        self._cycles = cycles
+
+    def restart(self) -> None:
+        """Forget the past: after a reconnection nothing is compared with what was seen before."""
+        self._running = 0
+        self._pressurised = False
+        self._unasked = 0
+
+    def judge(self, status: ActuatorStatus, sent: Sent) -> list[Finding]:
+        """Take one status that shows our lease."""
+        findings = self._command(status, sent)
+        if findings or status.fault_bits or status.state == State.TRIPPED:
+            self._running, self._unasked = 0, 0
+            return findings
+        if not status.inputs & Input.E_STOP_CLOSED:
             return []
-        age_ms, allowed_ms = STATUS_MS * self._untold, STATUS_MS * UNTOLD_STATUSES
-        detail = f"ecu: no coil temperature for {age_ms} ms of its clock, allowed {allowed_ms} ms"
-        return [Finding("ecu-silent", detail, t_ns, age_ms / 1e3, allowed_ms / 1e3)]
+        return [*self._program(status, sent), *self._doing(status, sent)]
+
+    def _command(self, status: ActuatorStatus, sent: Sent) -> list[Finding]:
+        acknowledged = (status.acked_sequence, status.acked_command)
+        if acknowledged in sent:
+            return []
+        detail = f"the controller's last command is {_name(acknowledged[1])} as {acknowledged[0]}: not from this host"
+        if status.acked_command == Command.ACQUIRE and status.result == Result.REFUSED_OWNER:
+            # Another host asks whether the rig is free, and has been told that it is not: said once.
+            if acknowledged == self._knocked:
+                return []
+            self._knocked = acknowledged
+            return [Finding(SLUG, f"{detail}; it was refused", status.received_ns, warns=True)]
+        return [Finding(SLUG, detail, status.received_ns, status.acked_sequence)]
+
+    def _program(self, status: ActuatorStatus, sent: Sent) -> list[Finding]:
+        """The program that runs is ours, and it ends with the cycles that were ordered."""
+        before, self._running = self._running, status.program_id if status.state == State.RUNNING else 0
+        started = _last(sent, {Command.START})
+        if self._running and (self._running, int(Command.START)) != started:
+            detail = f"the controller runs program {status.program_id}, which was not started here"
+            return [Finding(SLUG, detail, status.received_ns, status.program_id)]
+        ended = before and before == status.program_id and status.state == State.HOLD
+        whole = int(self._cycles + CYCLE_SLACK)
+        if ended and not _stopped(sent) and status.cycles_done < whole:
+            detail = f"the program ended after {status.cycles_done} of {whole} cycles, and nobody here stopped it"
+            return [Finding(SLUG, detail, status.received_ns, status.cycles_done, whole)]
+        return []
+
+    def _doing(self, status: ActuatorStatus, sent: Sent) -> list[Finding]:
+        """A motion that is being stopped, or a pressure that goes, was ordered here or follows a fault."""
+        asked_on = (_last(sent, PRESSURES) or (0, 0))[1] == Command.HYDRAULICS_ON
+        pressureless = status.state in PRESSURELESS_STATES
+        self._pressurised = asked_on and (self._pressurised or not pressureless)
+        stopping = status.state in STOPPING_STATES and not _stopped(sent)
+        moving = status.state == State.MOVING and (_last(sent, MOTIONS) or (0, 0))[1] != Command.MOVE_TO
+        self._unasked = self._unasked + 1 if stopping or moving or (pressureless and self._pressurised) else 0
+        if self._unasked < UNASKED:
+            return []
+        detail = f"the controller is {State(status.state).name}, without a fault, and nobody here asked for it"
+        return [Finding(SLUG, detail, status.received_ns, status.state)]
+
+
+def _last(sent: Sent, commands: frozenset[Command] | set[Command]) -> tuple[int, int] | None:
+    """The newest of these commands that was sent; None when none of them was."""
+    return next((each for each in reversed(sent) if each[1] in commands), None)
+
+
+def _stopped(sent: Sent) -> bool:
+    """A stop was sent since the last motion was asked for, or no motion was."""
+    newest = _last(sent, MOTIONS | STOPS)
+    return newest is None or newest[1] in STOPS
+
+
+def _name(command: int) -> str:
+    return Command(command).name if command in set(Command) else str(command)

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from rig.station.interlocks import ChannelJudge
-from rig.station.standing import Reference, StandingJudge
+from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.motion_interlock import Reference, StandingInterlock
 
 RATE_HZ = 250.0
 POLL_SAMPLES = 3
@@ -26,8 +26,8 @@ def first_stuck(
 ) -> float | None:
     """When a load cell is called stuck (s); its value stands from `stuck_s` on. The rod rests for the first second."""
     random = np.random.default_rng(3)
-    channel = ChannelJudge("load_cell", "force-limit", low=-1e5, high=1e5, span=1e5)
-    judge = StandingJudge(SAMPLES, FLOOR_N)
+    channel = ChannelInterlock("load_cell", "force-limit", low=-1e5, high=1e5, span=1e5)
+    judge = StandingInterlock(SAMPLES, FLOOR_N)
     path_m, before_m, held, reference = 0.0, 0.0, math.nan, Reference(0, 0.0, 0.0)
     for number in range(int((1.0 + 4.0 / frequency_Hz) * RATE_HZ)):
         t_s = number / RATE_HZ
@@ -76,13 +76,13 @@ def test_a_coarse_load_cell_that_stands_is_seen_by_the_controllers_own_force(fre
 
 
 def test_a_rod_at_rest_calls_nothing_stuck() -> None:
-    judge = StandingJudge(SAMPLES, FLOOR_N)
+    judge = StandingInterlock(SAMPLES, FLOOR_N)
     said = [judge.judge(number, Reference(number, 0.0, 5.0), fine=True, step=0.0) for number in range(1000)]
     assert not any(said)
 
 
 def test_an_lvdt_of_coarse_steps_stands_at_a_reversal_and_is_well() -> None:
-    judge, path_m = StandingJudge(SAMPLES, 1e-3), 0.0
+    judge, path_m = StandingInterlock(SAMPLES, 1e-3), 0.0
     for number in range(100):
         path_m += 1e-5
         assert not judge.judge(number, Reference(number, path_m, 1e-5 * number % 2e-4), fine=False, step=1e-4)

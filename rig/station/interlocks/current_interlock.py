@@ -1,12 +1,13 @@
-"""Interlocks on the coil's current and on its bus; pure, no clock, no I/O."""
+"""Interlocks on the coil's current, on what the ECU says of itself, and on its bus; pure, no clock, no I/O."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from drivers.ecu import EcuCounters
-from protocols.ecu import CoilStatus
-from rig.station.interlocks import CONSECUTIVE, Finding
+from protocols.ecu import CoilStatus, CoilTemperature, EcuFault
+from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
 SETTLED_STATUSES = 15
 """Status frames (10 ms each on the ECU's clock) that a new set-point is given before it is compared."""
@@ -17,9 +18,22 @@ LATE = 4
 """Three repeated status frames, each followed by a fresh one."""
 FULL_BUS = 0.7
 BUS_WINDOW_NS = 50_000_000
+CONSEQUENCE_NS = 50_000_000
+CONSEQUENCES = EcuFault.UNDERVOLTAGE | EcuFault.COMMAND_TIMEOUT
+"""What the ECU reports when the fault is elsewhere."""
+STATUS_MS = 10
+UNTOLD_STATUSES = 50
+"""Status frames (`STATUS_MS` each on the ECU's clock) without a temperature: five of the temperature's periods."""
+
+_ECU_SLUGS = (
+    (EcuFault.OPEN | EcuFault.SHORT, "coil-open-short"),
+    (EcuFault.OVER_TEMPERATURE | EcuFault.UNDERVOLTAGE, "ecu-overtemp"),
+    (EcuFault.RESTARTED, "ecu-restart"),
+    (EcuFault.COMMAND_TIMEOUT | EcuFault.COMMAND_CHECK, "ecu-command"),
+)
 
 
-class CurrentJudge:
+class CurrentInterlock:
     """Compares the measured current with the commanded one, once a new set-point has had its time.
 
     Args (construction):
@@ -57,7 +71,7 @@ class CurrentJudge:
         return [Finding(slug, detail, t_ns, status.current_A, commanded_A)]
 
 
-class BusJudge:
+class BusInterlock:
     """Follows what the ECU's driver counts: frames dropped, repeated, left out, and what others send.
 
     Args (construction):
@@ -116,3 +130,67 @@ class BusJudge:
             return []
         detail = f"frames of others take {100 * share:.0f} % of the bus, allowed {100 * FULL_BUS:.0f} %"
         return [Finding("can-babble", detail, t_ns, share, FULL_BUS)]
+
+
+class EcuInterlock:
+    """Follows the ECU's status and temperature frames."""
+
+    def __init__(self, current_limit_A: float, coil_temperature_limit_degC: float) -> None:
+        self.current_limit_A = current_limit_A
+        self.coil_temperature_limit_degC = coil_temperature_limit_degC
+        self.controller_polls: Callable[[], int] = lambda: 0
+        self._boot_count: int | None = None
+        self._untold = 0
+        self._consequence: tuple[int, int] | None = None
+
+    def judge_status(self, status: CoilStatus, t_ns: int) -> list[Finding]:
+        """Take one CoilStatus that arrived at `t_ns` (host monotonic)."""
+        self._untold += 1
+        faults = status.faults
+        if faults & CONSEQUENCES and self._controller_may_know(t_ns):
+            faults &= ~CONSEQUENCES
+        elif not faults & CONSEQUENCES:
+            self._consequence = None
+        findings = [
+            Finding(slug, f"ECU fault {EcuFault(faults & int(bits)).name}", t_ns, float(faults))
+            for bits, slug in _ECU_SLUGS
+            if faults & int(bits)
+        ]
+        if abs(status.current_A) > self.current_limit_A:
+            detail = f"coil current {status.current_A:.3f} A, allowed {self.current_limit_A:.3f} A"
+            findings.append(Finding("overcurrent", detail, t_ns, status.current_A, self.current_limit_A))
+        return findings
+
+    def _controller_may_know(self, t_ns: int) -> bool:
+        """The controller is heard first, for it names the cause: two more polls, or `CONSEQUENCE_NS`.
+
+        An opened e-stop chain takes the ECU's supply too, and a silent host stops feeding both; the ECU is at 0 A by
+        itself meanwhile.
+        """
+        polls = self.controller_polls()
+        if self._consequence is None:
+            self._consequence = polls, t_ns
+        first_poll, since_ns = self._consequence
+        return polls < first_poll + 2 and t_ns - since_ns < CONSEQUENCE_NS
+
+    def judge_temperature(self, temperature: CoilTemperature, t_ns: int) -> list[Finding]:
+        """Take one CoilTemperature that arrived at `t_ns` (host monotonic)."""
+        self._untold = 0
+        findings: list[Finding] = []
+        limit = self.coil_temperature_limit_degC
+        if temperature.coil_degC > limit:
+            detail = f"coil at {temperature.coil_degC:.1f} degC, allowed {limit:.1f} degC"
+            findings.append(Finding("coil-temperature", detail, t_ns, temperature.coil_degC, limit))
+        if self._boot_count is not None and temperature.boot_count != self._boot_count:
+            detail = f"ECU boot count went from {self._boot_count} to {temperature.boot_count}"
+            findings.append(Finding("ecu-restart", detail, t_ns, temperature.boot_count, self._boot_count))
+        self._boot_count = temperature.boot_count
+        return findings
+
+    def judge_temperature_age(self, t_ns: int) -> list[Finding]:
+        """Temperatures that stay away, by the statuses that came meanwhile; call it once a read's frames are judged."""
+        if self._untold <= UNTOLD_STATUSES:
+            return []
+        age_ms, allowed_ms = STATUS_MS * self._untold, STATUS_MS * UNTOLD_STATUSES
+        detail = f"ecu: no coil temperature for {age_ms} ms of its clock, allowed {allowed_ms} ms"
+        return [Finding("ecu-silent", detail, t_ns, age_ms / 1e3, allowed_ms / 1e3)]

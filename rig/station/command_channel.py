@@ -7,16 +7,16 @@ from collections.abc import Callable
 from protocols.actuator import ActuatorStatus, Command, Result
 from protocols.register_map import Value
 from rig.clock import monotonic_ns
-from rig.station.actuator_thread import ActuatorThread
 from rig.station.errors import StationRefused
-from rig.station.roles import ActuatorDriver
+from rig.station.interfaces import ActuatorDriver
 from rig.station.supervisor import Supervisor
+from rig.station.threads.actuator_thread import ActuatorThread
 
 ACK_TIMEOUT_S = 1.0
 MOTION_COMMANDS = frozenset({Command.HYDRAULICS_LOW, Command.HYDRAULICS_ON, Command.MOVE_TO, Command.START})
 
 
-class Commander:
+class CommandChannel:
     """Sends commands through the actuator's thread and waits for their acknowledgement."""
 
     def __init__(self, actuator: ActuatorThread, supervisor: Supervisor) -> None:

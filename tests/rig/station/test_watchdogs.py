@@ -8,8 +8,7 @@ import pytest
 
 from rig import clock
 from rig.clock import monotonic_ns
-from rig.station.host_watch import HostWatch
-from rig.station.vigil import Vigil
+from rig.station.watchdogs import HostWatch, Watchdogs
 
 MS = 1_000_000
 TIMEOUT_S = 0.5
@@ -37,34 +36,34 @@ class Source:
 def test_a_device_is_silent_after_its_own_time_and_a_thread_that_ended_is_named(
     source: Source, found: list[str]
 ) -> None:
-    vigil = Vigil(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
-    vigil.watched = (Source(1), source)
-    assert [finding.slug for finding in vigil.devices(monotonic_ns())] == found
+    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
+    watchdogs.watched = (Source(1), source)
+    assert [finding.slug for finding in watchdogs.devices(monotonic_ns())] == found
 
 
 def test_an_application_that_does_not_beat_is_stalled_and_one_that_is_unwell_says_so() -> None:
-    vigil = Vigil(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
-    vigil.beat(healthy=True)
+    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
+    watchdogs.beat(healthy=True)
     now_ns = monotonic_ns()
-    assert not list(vigil.application(now_ns + 400 * MS))
-    assert [finding.slug for finding in vigil.application(now_ns + 501 * MS)] == ["host-stalled"]
-    vigil.beat(healthy=False)
-    assert [finding.slug for finding in vigil.application(monotonic_ns())] == ["recorder-unwell"]
+    assert not list(watchdogs.application(now_ns + 400 * MS))
+    assert [finding.slug for finding in watchdogs.application(now_ns + 501 * MS)] == ["host-stalled"]
+    watchdogs.beat(healthy=False)
+    assert [finding.slug for finding in watchdogs.application(monotonic_ns())] == ["recorder-unwell"]
 
 
 def test_a_recorder_that_leaves_half_of_the_ring_unread_is_slow() -> None:
-    vigil = Vigil(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
-    vigil.unread_share = lambda: 0.5
-    assert not list(vigil.consumer(0))
-    vigil.unread_share = lambda: 0.51
-    (finding,) = vigil.consumer(7)
+    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
+    watchdogs.unread_share = lambda: 0.5
+    assert not list(watchdogs.consumer(0))
+    watchdogs.unread_share = lambda: 0.51
+    (finding,) = watchdogs.consumer(7)
     assert (finding.slug, finding.t_ns, finding.value) == ("slow-consumer", 7, 0.51)
 
 
 def test_a_machine_that_slept_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
     slept = {"ns": 0}
     monkeypatch.setattr(clock, "suspended_ns", lambda: slept["ns"])
-    vigil = Vigil(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
+    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
     slept["ns"] = 2_000 * MS
-    assert [finding.slug for finding in vigil.machine(0)] == ["host-suspend"]
-    assert not list(vigil.machine(0))
+    assert [finding.slug for finding in watchdogs.machine(0)] == ["host-suspend"]
+    assert not list(watchdogs.machine(0))

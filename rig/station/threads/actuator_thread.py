@@ -19,17 +19,17 @@ from drivers.ring import Record
 from protocols.actuator import ActuatorIdentity, ActuatorStatus, Command, Input, State
 from rig.clock import monotonic_ns
 from rig.station.config import ActuatorConfig
-from rig.station.device_thread import DeviceThread
-from rig.station.interlocks import CONSECUTIVE, Finding
-from rig.station.line_judge import ClockWatch
-from rig.station.link_troubles import LinkTroubles, link_slug
-from rig.station.roles import ActuatorDriver, Travel
-from rig.station.safe_stop import STILL_S, Action
-from rig.station.said import say_error
-from rig.station.standing import Reference
-from rig.station.status_judge import ControllerJudge
-from rig.station.status_records import StatusRecords
+from rig.station.interfaces import ActuatorDriver, Travel
+from rig.station.interlocks.actuator_interlock import ActuatorInterlock
+from rig.station.interlocks.finding import CONSECUTIVE, Finding
+from rig.station.interlocks.line_interlock import ClockWatch
+from rig.station.interlocks.link_faults import LinkFaults, link_slug
+from rig.station.interlocks.motion_interlock import Reference
+from rig.station.log import say_error
+from rig.station.safe_stop import STILL_S, StopAction
 from rig.station.supervisor import Supervisor
+from rig.station.threads.device_thread import DeviceThread
+from rig.station.threads.status_records import StatusRecords
 
 T = TypeVar("T")
 
@@ -43,10 +43,10 @@ IDENTITY_EVERY = 50
 """Polls between two looks at boot count and configuration."""
 REOPEN_PAUSE_S = 0.01
 COMMANDS = {
-    Action.HYDRAULICS_LOW: Command.HYDRAULICS_LOW,
-    Action.FADE: Command.FADE_STOP,
-    Action.HALT: Command.HALT,
-    Action.HYDRAULICS_OFF: Command.HYDRAULICS_OFF,
+    StopAction.HYDRAULICS_LOW: Command.HYDRAULICS_LOW,
+    StopAction.FADE: Command.FADE_STOP,
+    StopAction.HALT: Command.HALT,
+    StopAction.HYDRAULICS_OFF: Command.HYDRAULICS_OFF,
 }
 """Stop commands, the weakest first: one that was sent makes those before it needless."""
 
@@ -55,7 +55,7 @@ COMMANDS = {
 class SentStop:
     """A stop command on its way, and how many statuses have been read since."""
 
-    action: Action
+    action: StopAction
     sequence: int
     statuses: int = 0
 
@@ -67,7 +67,7 @@ class ActuatorThread(DeviceThread):
         self,
         config: ActuatorConfig,
         driver: ActuatorDriver,
-        judge: ControllerJudge,
+        judge: ActuatorInterlock,
         travel: Travel,
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
@@ -86,7 +86,7 @@ class ActuatorThread(DeviceThread):
         self._supervisor = supervisor
         self._append = append
         self._wake = threading.Condition()
-        self._actions: frozenset[Action] = frozenset()
+        self._actions: frozenset[StopAction] = frozenset()
         self._hurry = False
         self._jobs: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._counter = 0
@@ -94,7 +94,7 @@ class ActuatorThread(DeviceThread):
         self._stale_ns = int(config.stale_after_s * 1e9)
         self._last_ns = monotonic_ns()
         self._linked = True
-        self._troubles = LinkTroubles(driver)
+        self._troubles = LinkFaults(driver)
         self._feed_ns = 0
         self._settings: tuple[int, int] | None = None
         self._sent: SentStop | None = None
@@ -136,7 +136,7 @@ class ActuatorThread(DeviceThread):
         before = self._counter
         return self.wait_status(lambda status: self._counter != before and status.watchdog_echo != before, timeout_s)
 
-    def act(self, action: Action) -> None:
+    def act(self, action: StopAction) -> None:
         """Carry out a stop action before anything else; returns at once."""
         with self._wake:
             self._actions |= {action}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from drivers.errors import DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
-from rig.station.interlocks import CONSECUTIVE, Finding
+from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
 BUSY_POLLS = 4
 """Each of them was asked several times already."""
@@ -47,7 +47,7 @@ class CountingLink(Protocol):
         """"Busy" answers that were asked again."""
 
 
-class LinkTroubles:
+class LinkFaults:
     """Names what goes wrong between two good answers."""
 
     def __init__(self, link: CountingLink) -> None:

@@ -13,12 +13,13 @@ from drivers.sample_stream import Batch
 from protocols.quality import Quality
 from rig.clock import monotonic_ns
 from rig.station.config import SensorConfig
-from rig.station.device_thread import DeviceThread
-from rig.station.host_watch import Listener
-from rig.station.interlocks import ChannelJudge, Finding, MotionJudge
-from rig.station.line_judge import ClockWatch, LineJudge, drift
-from rig.station.standing import Reference, StandingJudge
+from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.finding import Finding
+from rig.station.interlocks.line_interlock import ClockWatch, LineInterlock, drift
+from rig.station.interlocks.motion_interlock import MotionInterlock, Reference, StandingInterlock
 from rig.station.supervisor import Supervisor
+from rig.station.threads.device_thread import DeviceThread
+from rig.station.watchdogs import Listener
 
 READ_TIMEOUT_S = 0.05
 LOOK_AGAIN_S = 0.01
@@ -73,10 +74,10 @@ class SensorThread(DeviceThread):
         slug: str,
         channel: Channel,
         driver: SensorDriver,
-        judge: ChannelJudge,
+        judge: ChannelInterlock,
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
-        motion: MotionJudge | None = None,
+        motion: MotionInterlock | None = None,
         device_rate: float = 1.0,
     ) -> None:
         super().__init__(config.name, slug)
@@ -89,10 +90,10 @@ class SensorThread(DeviceThread):
         self.reference: Callable[[], Reference] | None = None
         """What the controller says of the rod and of this sensor's quantity; None: it knows neither."""
         stuck_samples = max(STUCK_SAMPLES, round(STUCK_S * config.rate_Hz))
-        self._standing = StandingJudge(stuck_samples, STANDING_FLOOR_SHARE * config.span)
+        self._standing = StandingInterlock(stuck_samples, STANDING_FLOOR_SHARE * config.span)
         self.clock = ClockWatch(device_rate)
         self.reference_ppm: Callable[[], float] = lambda: math.nan
-        self._line = LineJudge(config.name, config.rate_Hz)
+        self._line = LineInterlock(config.name, config.rate_Hz)
         self._bad_frames = 0
         self._garbage = 0
         self._channel = int(channel)

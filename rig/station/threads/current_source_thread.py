@@ -15,28 +15,27 @@ from drivers.ring import Record
 from protocols.ecu import EcuFault, EcuIdentity, EcuState
 from protocols.quality import Quality
 from rig.clock import monotonic_ns
-from rig.station.coil_judge import BusJudge, CurrentJudge
 from rig.station.config import EcuConfig
-from rig.station.device_thread import DeviceThread
 from rig.station.errors import StationRefused
-from rig.station.host_watch import Listener
-from rig.station.interlocks import Finding
-from rig.station.said import say
-from rig.station.status_judge import EcuJudge
+from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterlock, EcuInterlock
+from rig.station.interlocks.finding import Finding
+from rig.station.log import say
 from rig.station.supervisor import Supervisor
+from rig.station.threads.device_thread import DeviceThread
+from rig.station.watchdogs import Listener
 
 BACKSTOP_NS = 250_000_000
 STALE_FOR_SURE_S = 0.0002
 
 
-class CoilThread(DeviceThread):
+class CurrentSourceThread(DeviceThread):
     """Owns the reading side of the ECU's driver; commands may come from any thread."""
 
     def __init__(
         self,
         config: EcuConfig,
         driver: CanEcu,
-        judge: EcuJudge,
+        judge: EcuInterlock,
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
     ) -> None:
@@ -53,8 +52,8 @@ class CoilThread(DeviceThread):
         self._listener = Listener(supervisor.host, self._last_ns)
         self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
         self._zero_error: DriverError | None = None
-        self._bus_judge = BusJudge(config.bitrate)
-        self._current_judge = CurrentJudge(self._stale_ns)
+        self._bus_judge = BusInterlock(config.bitrate)
+        self._current_judge = CurrentInterlock(self._stale_ns)
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0

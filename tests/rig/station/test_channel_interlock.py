@@ -7,9 +7,10 @@ import random
 
 import pytest
 
-from drivers.ring import Channel
+from drivers.ring import Channel, Record
 from protocols.quality import Quality
-from rig.station.interlocks import ChannelJudge, MotionJudge, Record
+from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.motion_interlock import MotionInterlock
 
 PERIOD_US = 4000
 
@@ -18,13 +19,13 @@ def record(number: int, value: float, flags: int = 0) -> Record:
     return (number * 4_000_000, number * PERIOD_US, value, number, int(Channel.FORCE), flags)
 
 
-def force_judge(spike_jump: float = 5000.0) -> ChannelJudge:
-    return ChannelJudge(
+def force_judge(spike_jump: float = 5000.0) -> ChannelInterlock:
+    return ChannelInterlock(
         "load_cell", "force-limit", low=-5000.0, high=5000.0, span=10_000.0, spike_jump=spike_jump, unit="N"
     )
 
 
-def motion_of(positions_m: list[float], judge: MotionJudge) -> list[str]:
+def motion_of(positions_m: list[float], judge: MotionInterlock) -> list[str]:
     return [finding.slug for i, x in enumerate(positions_m) for finding in judge.judge([record(i, x)])]
 
 
@@ -73,7 +74,7 @@ def test_three_spikes_in_a_row_trip_at_the_third() -> None:
 
 
 def test_saturation_trips_at_the_third_sample_in_a_row_and_starts_over_after_a_good_one() -> None:
-    judge = ChannelJudge("aux", "sensor-saturated", low=-1e9, high=1e9, span=10.0)
+    judge = ChannelInterlock("aux", "sensor-saturated", low=-1e9, high=1e9, span=10.0)
     overloaded = int(Quality.OVERLOAD)
     flags = [overloaded, overloaded, 0, overloaded, overloaded, overloaded]
     found = [bool(judge.judge([record(i, 1.0, flag)])[1]) for i, flag in enumerate(flags)]
@@ -93,7 +94,7 @@ def test_a_value_that_repeats_is_an_amplifiers_end_only_where_nothing_greater_or
 
 
 def test_value_at_the_end_of_the_span_counts_as_saturated() -> None:
-    judge = ChannelJudge("aux", "sensor-saturated", low=-10.0, high=10.0, span=10.0)
+    judge = ChannelInterlock("aux", "sensor-saturated", low=-10.0, high=10.0, span=10.0)
     assert [f.slug for f in judge.judge([record(i, -10.0) for i in range(3)])[1]] == ["sensor-saturated"]
 
 
@@ -126,28 +127,28 @@ def test_findings_do_not_depend_on_how_the_stream_is_cut_into_batches() -> None:
 
 def test_speed_just_below_the_limit_does_not_trip_on_sensor_noise() -> None:
     rng = random.Random(2)
-    judge = MotionJudge(0.88, rate_Hz=250.0)
+    judge = MotionInterlock(0.88, rate_Hz=250.0)
     positions = [0.8 * i * PERIOD_US * 1e-6 + rng.gauss(0.0, 5e-6) for i in range(5000)]
     assert motion_of(positions, judge) == []
     assert judge.speed_m_s == pytest.approx(0.8, rel=0.01)
 
 
 def test_speed_beyond_the_limit_is_found_at_the_third_window_and_for_as_long_as_it_lasts() -> None:
-    judge = MotionJudge(0.88, rate_Hz=250.0)
+    judge = MotionInterlock(0.88, rate_Hz=250.0)
     found = [[f.slug for f in judge.judge([record(i, 1.0 * i * PERIOD_US * 1e-6)])] for i in range(8)]
     assert found[:5] == [[]] * 5
     assert found[5:] == [["speed-limit"]] * 3
 
 
 def test_one_spike_in_the_displacement_does_not_trip_the_speed_limit() -> None:
-    judge = MotionJudge(0.88, rate_Hz=250.0)
+    judge = MotionInterlock(0.88, rate_Hz=250.0)
     positions = [0.0] * 20
     positions[10] = 0.05
     assert motion_of(positions, judge) == []
 
 
 def test_standstill_is_measured_on_the_sensors_clock_and_ends_with_motion() -> None:
-    judge = MotionJudge(0.88, rate_Hz=250.0)
+    judge = MotionInterlock(0.88, rate_Hz=250.0)
     motion_of([0.02] * 51, judge)
     assert judge.still_s == pytest.approx(0.2)
     judge.judge([record(51, 0.0204)])
@@ -155,7 +156,7 @@ def test_standstill_is_measured_on_the_sensors_clock_and_ends_with_motion() -> N
 
 
 def test_slow_creep_is_not_standstill() -> None:
-    judge = MotionJudge(0.88, rate_Hz=250.0)
+    judge = MotionInterlock(0.88, rate_Hz=250.0)
     longest_s = 0.0
     for i in range(1000):
         judge.judge([record(i, 0.01 * i * PERIOD_US * 1e-6)])
@@ -164,13 +165,13 @@ def test_slow_creep_is_not_standstill() -> None:
 
 
 def test_clock_that_falls_back_restarts_the_proof_of_standstill() -> None:
-    judge = MotionJudge(0.88, rate_Hz=250.0)
+    judge = MotionInterlock(0.88, rate_Hz=250.0)
     motion_of([0.0] * 100, judge)
     judge.judge([record(3, 0.0)])
     assert judge.still_s == 0.0
 
 
-class Interrupted(MotionJudge):
+class Interrupted(MotionInterlock):
     """A sample is judged by the reader's thread just after the first thing that the supervisor's thread forgets."""
 
     between: Record | None = None
@@ -195,7 +196,7 @@ def test_a_sample_in_the_middle_of_a_restart_does_not_end_the_proof_of_standstil
 
 def test_an_lvdt_without_measurements_shows_neither_speed_nor_standstill() -> None:
     """Saturated samples keep coming while the rod may move: the last speed before them says nothing any more."""
-    judge = MotionJudge(0.88, rate_Hz=250.0)
+    judge = MotionInterlock(0.88, rate_Hz=250.0)
     motion_of([0.1e-3 * i for i in range(60)], judge)
     assert judge.speed_m_s == pytest.approx(0.025, rel=0.01)
     assert not judge.blind

@@ -5,34 +5,34 @@ import random
 
 import pytest
 
-from rig.station.line_judge import BLOCK_NS, ClockWatch, LineJudge, drift
+from rig.station.interlocks.line_interlock import BLOCK_NS, ClockWatch, LineInterlock, drift
 
 MS = 1_000_000
 
 
-def told(judge: LineJudge, *reads: tuple[int, int]) -> list[bool | None]:
+def told(judge: LineInterlock, *reads: tuple[int, int]) -> list[bool | None]:
     """For each read: None without a finding, else whether it only warns."""
     found = [judge.judge(good, damaged, 0) for good, damaged in reads]
     return [findings[0].warns if findings else None for findings in found]
 
 
 def test_one_damaged_frame_warns_and_three_of_twenty_five_stop() -> None:
-    judge = LineJudge("load_cell", 250.0)
+    judge = LineInterlock("load_cell", 250.0)
     assert told(judge, (10, 0), (4, 1), (4, 1), (4, 1)) == [None, True, True, False]
 
 
 def test_damage_of_long_ago_counts_no_more() -> None:
-    judge = LineJudge("load_cell", 250.0)
+    judge = LineInterlock("load_cell", 250.0)
     assert told(judge, (4, 1), (4, 1), *[(5, 0)] * 6, (4, 1)) == [True, True, *[None] * 6, True]
 
 
 def test_at_10_kHz_a_tenth_of_the_last_thousand_frames_stops() -> None:
-    judge = LineJudge("load_cell", 10_000.0)
+    judge = LineInterlock("load_cell", 10_000.0)
     assert told(judge, *[(90, 9)] * 10, (80, 20)) == [*[True] * 10, False]
 
 
 def test_damage_without_any_good_frame_is_left_to_the_silence() -> None:
-    assert told(LineJudge("load_cell", 250.0), (0, 30)) == [True]
+    assert told(LineInterlock("load_cell", 250.0), (0, 30)) == [True]
 
 
 def watch(ppm: float, seconds: float, *, leap_s: float = 0.0, device_rate: float = 1.0) -> ClockWatch:

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from protocols.actuator import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command
 from protocols.register_map import Value
-from rig.station.safe_stop import Action
+from rig.station.safe_stop import StopAction
 
 
 class Coil(Protocol):
@@ -24,7 +24,7 @@ class Coil(Protocol):
 class Motion(Protocol):
     """What the supervisor needs of the actuator's side."""
 
-    def act(self, action: Action) -> None:
+    def act(self, action: StopAction) -> None:
         """Have the actuator's thread carry out a stop action before anything else; returns at once."""
 
     def fill_view(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:

@@ -6,7 +6,7 @@ import math
 import statistics
 from collections import deque
 
-from rig.station.interlocks import Finding
+from rig.station.interlocks.finding import Finding
 
 WINDOW_S = 0.1
 FEWEST_FRAMES = 25
@@ -19,7 +19,7 @@ DRIFT_PPM = 250.0
 """Crystals keep 100 ppm of each other; a clock off by more is broken or not the one it is taken for."""
 
 
-class LineJudge:
+class LineInterlock:
     """Follows how many of the last frames came damaged: one is a warning, a tenth of them stops.
 
     A line that brings no good frame at all is not judged here: that is silence, or a wrong baud rate.
@@ -99,3 +99,9 @@ def drift(name: str, ppm: float, reference_ppm: float, t_ns: int) -> list[Findin
         return []
     detail = f"{name}: its clock runs {apart_ppm:+.0f} ppm against the controller's, allowed {DRIFT_PPM:.0f} ppm"
     return [Finding("clock-drift", detail, t_ns, apart_ppm, DRIFT_PPM)]
+
+
+
+
+
+
