@@ -92,7 +92,7 @@ def wheel_smoke_test() -> int:
             "for package in (rig, drivers, protocols, simulators):\n"
             "    folder = Path(package.__file__).parent\n"
             "    assert folder.is_relative_to(site) and (folder / 'py.typed').exists(), folder\n"
-            "import protocols.ecu, rig.cli.main, simulators.__main__\n"
+            "import drivers.catalogue, drivers.devices.source, rig.cli.main, simulators.__main__\n"
         )
         return run(program("python"), "-P", "-c", script, cwd=place)
 

@@ -14,7 +14,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from protocols import actuator as wire
+from simulators import controller_firmware as wire
 from simulators.registers import RegisterBank
 
 _REQUEST_HEADER = 8

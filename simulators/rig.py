@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from protocols.actuator import State
 from rig.clock import monotonic_ns
 from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.clock import DeviceClock, ServedTime
 from simulators.conditioner import condition
+from simulators.controller_firmware import State
 from simulators.ecu import Ecu
 from simulators.frames import encode_frames
 from simulators.injection import INJECTORS, VARIANTS, Undo

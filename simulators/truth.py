@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.actuator import State
 from rig.clock import monotonic_ns
 from rig.recording.durable import room_for_truth
 from simulators.actuator import MODE_STATES
+from simulators.controller_firmware import State
 from simulators.plant import step
 from simulators.plant.plant import Plant
 from simulators.spool import Spool, when_there_is_room

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
-from protocols.actuator import State as ControllerState
+from drivers.roles import State as ControllerState
 from rig.campaign import event as ev
 from rig.campaign.motion_seen import MotionSight, MotionWanted
 from rig.campaign.preflight import AtRest

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from protocols.actuator import ActuatorStatus, Command, Result
-from protocols.register_map import Value
+from drivers.roles import Actuator, ActuatorStatus, Command, Move, Program, Result
 from rig.clock import monotonic_ns
 from rig.station.errors import StationRefused
-from rig.station.interfaces import ActuatorDriver
 from rig.station.supervisor import Supervisor
 from rig.station.threads.actuator_thread import ActuatorThread
 
@@ -35,29 +33,34 @@ class CommandChannel:
             raise StationRefused("modbus-halfopen", f"no fresh status from the controller within {ACK_TIMEOUT_S:g} s")
         return status
 
-    def command(self, command: Command, **values: Value) -> ActuatorStatus:
+    def command(self, command: Command, order: Move | Program | None = None) -> ActuatorStatus:
         """Send a command and wait until the controller's status acknowledges it.
 
         Args:
             command: what to do.
-            **values: registers of the command block by name, SI.
+            order: where to, or what to run.
 
         Returns:
-            The status that shows the command done.
+            The status that shows the command done; of an actuator that acknowledges nothing, the next status.
 
         Raises:
             StationRefused: the controller refused it, or did not acknowledge it in time.
             DriverError: it could not be sent.
         """
 
-        def send(driver: ActuatorDriver) -> int:
+        def send(driver: Actuator) -> int:
             # Judged on the thread that also carries out stops: no motion command can follow a stop.
             if command in MOTION_COMMANDS and not self._supervisor.may_move:
                 trip = self._supervisor.trip
                 raise StationRefused("tripped", f"{command.name}: {'not armed' if trip is None else trip.slug}")
-            return driver.send(command, **values)
+            return driver.send(command, order)
 
         sequence = self._actuator.call(send, ACK_TIMEOUT_S)
+        if not self._actuator.capabilities.acknowledge:
+            sent_ns = monotonic_ns()
+            return self.await_status(
+                lambda answer: answer.received_ns > sent_ns, "modbus-halfopen", f"no status after {command.name}"
+            )
         status = self.await_status(
             lambda answer: answer.acknowledges(command, sequence) and answer.result not in {Result.IDLE, Result.BUSY},
             "modbus-write-lost",

@@ -1,12 +1,9 @@
-"""What the supervisor needs of the devices, as roles; the threads fill them."""
+"""What the supervisor needs of the device threads."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Protocol
 
-from protocols.actuator import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command
-from protocols.register_map import Value
 from rig.station.safe_stop import StopAction
 
 
@@ -51,6 +48,10 @@ class Travel(Protocol):
     def position_m(self, now_ns: int) -> float | None:
         """Latest position (m), None when stale."""
 
+    @property
+    def speed_m_s(self) -> float:
+        """Speed of the rod (m/s); NaN while unknown."""
+
 
 class Watched(Protocol):
     """A source of data whose thread and age the supervisor watches."""
@@ -64,54 +65,3 @@ class Watched(Protocol):
 
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
         """Age of its last data and the age at which they are stale (ns)."""
-
-
-class ActuatorDriver(Protocol):
-    """What this thread needs of the controller's driver."""
-
-    @property
-    def is_open(self) -> bool:
-        """The connection stands, as far as is known."""
-
-    @property
-    def url(self) -> str:
-        """URL of the connection."""
-
-    @property
-    def stale(self) -> int:
-        """Answers to other requests that were recognised and thrown away."""
-
-    @property
-    def busy(self) -> int:
-        """"Busy" answers that were asked again."""
-
-    @property
-    def sent(self) -> Sequence[tuple[int, int]]:
-        """Sequence and command of the last commands written, oldest first."""
-
-    def open(self) -> None:
-        """Open the connection."""
-
-    def close(self) -> None:
-        """Close the connection."""
-
-    def read_identity(self) -> ActuatorIdentity:
-        """Identity block, signature proved."""
-
-    def read_status(self) -> ActuatorStatus:
-        """Status block."""
-
-    def exchange(self, watchdog_counter: int) -> ActuatorStatus:
-        """Feed the watchdog and read the status block in one trip."""
-
-    def write_limits(self, limits: ActuatorLimits) -> None:
-        """Write the config block."""
-
-    def read_limits(self) -> ActuatorLimits:
-        """Read the config block back."""
-
-    def write_table(self, values_m: list[float]) -> None:
-        """Load the samples of a table waveform (m about the centre)."""
-
-    def send(self, command: Command, **values: Value) -> int:
-        """Send a command; its sequence number."""

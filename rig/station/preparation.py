@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 
-from protocols.actuator import ActuatorLimits, Command, FaultBit, Input, State, WatchdogAction
+from drivers.roles import ActuatorLimits, Command, FaultBit, State, WatchdogAction, WatchdogKind
 from rig.clock import monotonic_ns
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.config import StationConfig
@@ -53,6 +53,8 @@ class Preparation:
         if ecu is None:
             missing = " and ".join(devices.coil.missing)
             raise StationRefused("no-answer", f"ecu: no {missing} frames within {FIRST_DATA_S:g} s")
+        if devices.coil.identity_problem:
+            raise StationRefused("wrong-identity", f"ecu: {devices.coil.identity_problem}")
         if config.ecu.serial_number not in {None, ecu.serial_number}:
             expected_number = config.ecu.serial_number
             raise StationRefused(
@@ -80,7 +82,7 @@ class Preparation:
         """
         actuator = self._devices.actuator
         status = self._commander.fresh()
-        if not status.inputs & Input.E_STOP_CLOSED:
+        if status.e_stop_open:
             raise StationRefused("estop", "arm: the e-stop chain is open")
         self.acquire()
         if status.state == State.TRIPPED:
@@ -92,25 +94,30 @@ class Preparation:
                 lambda answer: answer.state != State.TRIPPED, "controller-trip", "controller stays tripped"
             )
         wanted = self._limits()
+        if not actuator.capabilities.limits_read_back:
+            return wanted
         actuator.expect_settings(False)
         actuator.call(lambda driver: driver.write_limits(wanted), ACK_TIMEOUT_S)
-        found = actuator.call(lambda driver: driver.read_limits(), ACK_TIMEOUT_S)
+        held = actuator.call(lambda driver: driver.read_limits(), ACK_TIMEOUT_S)
         for name, value in asdict(wanted).items():
-            if not math.isclose(getattr(found, name), value, rel_tol=READ_BACK_SHARE):
+            if not math.isclose(getattr(held, name), value, rel_tol=READ_BACK_SHARE):
                 raise StationRefused(
-                    "modbus-write-lost", f"arm: wrote {name} = {value}, the controller has {getattr(found, name)}"
+                    "modbus-write-lost", f"arm: wrote {name} = {value}, the controller has {getattr(held, name)}"
                 )
-        actuator.expect_settings(True)
-        return found
+        actuator.expect_settings(actuator.capabilities.settings_hash)
+        return held
 
     def acquire(self) -> None:
-        """Take the lease; one left behind by a dead host runs out within `LEASE_WAIT_S`.
+        """Take the lease where there is one; one left behind by a dead host runs out within `LEASE_WAIT_S`.
 
         Raises:
             StationRefused: another host keeps it.
         """
         judge = self._devices.actuator.judge
         judge.leased = False
+        if not self._devices.actuator.capabilities.lease:
+            judge.leased = True
+            return
         deadline_ns = monotonic_ns() + int(LEASE_WAIT_S * 1e9)
         while True:
             try:
@@ -160,16 +167,18 @@ class Preparation:
             raise StationRefused("current-stuck", f"arm: measured current {current_A} A at 0 A commanded")
         return current_A
 
-    def starve_watchdog(self) -> float:
+    def starve_watchdog(self) -> float | None:
         """Stop feeding, see the controller trip, reset it: proves that a dead host stops the rig.
 
         Returns:
-            Wall seconds until it tripped.
+            Wall seconds until it tripped; None for an actuator without a watchdog, which was said at connect.
 
         Raises:
             StationRefused: it moves, it did not trip, or the trip does not clear.
         """
         supervisor, actuator = self._supervisor, self._devices.actuator
+        if actuator.capabilities.watchdog is WatchdogKind.NONE:
+            return None
         if actuator.judge.moving(STILL_S):
             raise StationRefused("not-at-rest", "starve_watchdog: the actuator moves")
         begin_ns = monotonic_ns()

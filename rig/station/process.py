@@ -18,8 +18,10 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-from drivers.actuator import draw_number
+from drivers.connection import draw_owner_id
+from drivers.errors import DriverError
 from drivers.ring import RingWriter, ring_bytes
+from protocols.errors import ProtocolError
 from rig.clock import monotonic_ns
 from rig.errors import EXIT_DONE, EXIT_REFUSED, EXIT_UNKNOWN_STATE, EXIT_USAGE
 from rig.faults.matrix import REACTIONS
@@ -45,10 +47,9 @@ class Station:
     def __init__(self, config: StationConfig, link: Link, ring: RingWriter) -> None:
         self.config = config
         self.link = link
-        owner_id = config.owner_id or draw_number()
+        owner_id = config.owner_id or draw_owner_id()
         self.ring = ring
-        self.supervisor = Supervisor(config, link.emit, self.ring.append, self.ring.beat)
-        self.supervisor.watchdogs.unread_share = lambda: self.ring.unread_share
+        self.supervisor = Supervisor(config, link.emit, ring.append, ring.beat, lambda: ring.unread_share)
         self.devices = Devices(config, owner_id, self.supervisor, self.ring.append)
         self.requests = Requests(config, self.supervisor, self.devices)
         self._busy = threading.Lock()
@@ -191,7 +192,12 @@ def main(arguments: list[str]) -> int:
     link.catch(signal.SIGINT)
     link.catch(signal.SIGHUP)
     link.start()
-    station = Station(config, link, ring)
+    try:
+        station = Station(config, link, ring)
+    except (DriverError, ProtocolError) as error:
+        ring.remove()
+        sys.stderr.write(f"{arguments[0]}: {error}\n")
+        return EXIT_USAGE
     gc.collect()
     gc.freeze()
     station.start(refused)

@@ -54,7 +54,8 @@ class Supervisor:
     """One per station; every method may be called from any thread."""
 
     def __init__(
-        self, config: StationConfig, emit: Emit, append: Append, beat: Callable[[int], None]
+        self, config: StationConfig, emit: Emit, append: Append, beat: Callable[[int], None],
+        unread_share: Callable[[], float],
     ) -> None:
         self.config = config
         self.tick_ns = monotonic_ns()
@@ -67,7 +68,7 @@ class Supervisor:
         self.defects = 0
         self.trouble = NO_TROUBLE
         self.changed = threading.Condition()
-        self.watchdogs = Watchdogs(config.heartbeat_timeout_s, self.host)
+        self.watchdogs = Watchdogs(config.heartbeat_timeout_s, self.host, unread_share)
         self._emit = emit
         self._append = append
         self._ring_beat = beat
@@ -224,6 +225,10 @@ class Supervisor:
         now_ns = monotonic_ns()
         row = REACTIONS.get(slug, REACTIONS["operator"])
         self._finish(self._latch(Finding(slug, detail, now_ns), row, kind, asked=True))
+
+    def tell(self, slug: str, detail: str) -> None:
+        """Tell the application something that is no fault but worth knowing; it is journalled and shown."""
+        self._emit({"event": "warning", "slug": slug, "detail": detail, "count": 1, "t_ns": monotonic_ns()})
 
     def note_sent(self, action: StopAction) -> None:
         """A stop action has been taken by the controller's link; tells the application when."""

@@ -260,15 +260,15 @@ class Watchdogs:
     Args (construction):
         heartbeat_timeout_s: how long the application may be silent (wall s).
         host: the station's watch over itself.
+        unread_share: says how much of the ring the recorder has left unread, 0 to 1.
 
     Attributes:
         watched: the threads that read the devices.
-        unread_share: how much of the ring the recorder has left unread, 0 to 1.
     """
 
-    def __init__(self, heartbeat_timeout_s: float, host: HostWatch) -> None:
+    def __init__(self, heartbeat_timeout_s: float, host: HostWatch, unread_share: Callable[[], float]) -> None:
         self.watched: tuple[Watched, ...] = ()
-        self.unread_share: Callable[[], float] = lambda: 0.0
+        self._unread_share = unread_share
         self._heartbeat_timeout_s = heartbeat_timeout_s
         self._host = host
         self._beat_ns = monotonic_ns()
@@ -318,7 +318,7 @@ class Watchdogs:
 
     def consumer(self, now_ns: int) -> Iterator[Finding]:
         """What the recorder leaves unread; the limits never wait for it, they are judged before a record goes in."""
-        unread = self.unread_share()
+        unread = self._unread_share()
         if unread > HIGH_WATER:
             detail = f"the recorder has left {100 * unread:.0f} % of the ring unread, allowed {100 * HIGH_WATER:.0f} %"
             yield Finding("slow-consumer", detail, now_ns, unread, HIGH_WATER)

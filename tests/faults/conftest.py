@@ -17,8 +17,8 @@ from matrices import BRISK_POINTS, PERIOD_S, TWO_POINTS
 from true_states import Happening, Truth
 from watched_campaign import FINISH_S, RIG, Campaign, Ending
 
-from protocols.actuator import State
 from rig.faults.matrix import MATRIX
+from simulators.controller_firmware import State
 
 COIL_LAG_S = 0.250
 NO_CURRENT_A = 0.05

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from protocols.actuator import ActuatorStatus, Command, FaultBit, Input, Result, State
+from drivers.roles import ActuatorStatus, Capabilities, Command, FaultBit, Result, State
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 from rig.station.interlocks.motion_interlock import STILL_TOLERANCE_M
 
-MEASURED = ("position_m", "velocity_m_s", "force_N")
-"""What the controller measures; without a finite number of each, nothing it says about the rod is to be trusted."""
+MEASURED = ("position_m", "velocity_m_s")
+"""What every controller measures; without a finite number of each, nothing it says about the rod is to be trusted."""
 MOVING_STATES = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
 FROZEN_TRAVEL_M = 0.002
 FROZEN_POLLS = 2
@@ -41,18 +41,23 @@ class ActuatorInterlock:
 
     Args (construction):
         owner_id: our lease.
+        capabilities: what the actuator can do; what it cannot is not judged.
         frozen_after_ns: wall time after which an unchanged heartbeat is a fault.
         disagreement_m: how far controller position and LVDT may be apart at rest; the allowance grows with speed.
         lag_s: device time by which the two readings may differ in age.
 
     Attributes:
         path_m: way the rod has gone by the controller's own transducer, without that one's noise.
-        leased: the lease is ours, so that its loss is a finding.
+        leased: the lease is ours, so that its loss is a finding; without leases: nobody else is meant to command.
         frozen: the heartbeat has stood for too long: what the status says is not the present.
     """
 
-    def __init__(self, owner_id: int, *, frozen_after_ns: int, disagreement_m: float, lag_s: float) -> None:
+    def __init__(
+        self, owner_id: int, capabilities: Capabilities, *, frozen_after_ns: int, disagreement_m: float, lag_s: float
+    ) -> None:
         self.owner_id = owner_id
+        self._has_lease = capabilities.lease
+        self._measured = (*MEASURED, "force_N") if capabilities.force_input else MEASURED
         self.frozen_after_ns = frozen_after_ns
         self.disagreement_m = disagreement_m
         self.lag_s = lag_s
@@ -72,7 +77,7 @@ class ActuatorInterlock:
         self._program_s = math.inf
         self._program_began_s = math.nan
         self._restless = 0
-        self._commands = CommandWatch()
+        self._commands = CommandWatch(acknowledged=capabilities.acknowledge)
 
     def expect_program(self, duration_s: float, cycles: float) -> None:
         """The program about to start lasts this long (device s) and has so many cycles, ramps included."""
@@ -97,10 +102,10 @@ class ActuatorInterlock:
         findings: list[Finding] = []
         self._follow_clock(status, findings)
         self._follow_bits(status, findings)
-        if self.leased and status.owner == self.owner_id:
+        if self.leased and (status.owner == self.owner_id or not self._has_lease):
             findings += self._commands.judge(status, sent)
         self._follow_program(status, lvdt_speed_m_s, findings)
-        unknown = [name for name in MEASURED if not math.isfinite(getattr(status, name))]
+        unknown = [name for name in self._measured if not math.isfinite(getattr(status, name))]
         if unknown:
             detail = f"controller's {', '.join(unknown)} not a finite number"
             findings.append(Finding("feedback-lost", detail, status.received_ns))
@@ -162,12 +167,12 @@ class ActuatorInterlock:
             if rest & bits:
                 findings.append(Finding(slug, f"controller fault bit {bits.name}", t_ns, float(status.fault_bits)))
                 rest &= ~bits
-        if not status.inputs & Input.E_STOP_CLOSED and not status.fault_bits & FaultBit.E_STOP:
+        if status.e_stop_open and not status.fault_bits & FaultBit.E_STOP:
             findings.append(Finding("estop", "e-stop chain open", t_ns))
         if rest or (status.state == State.TRIPPED and status.fault_bits == 0):
             names = ", ".join(bit.name or "?" for bit in FaultBit if bit & rest) or "no bit named"
             findings.append(Finding("controller-trip", f"controller tripped: {names}", t_ns, float(status.fault_bits)))
-        if not self.leased:
+        if not self.leased or not self._has_lease:
             return
         if status.owner not in {0, self.owner_id}:
             detail = f"controller's lease is held by {status.owner}, ours is {self.owner_id}"
@@ -233,9 +238,14 @@ Sent = Sequence[tuple[int, int]]
 
 
 class CommandWatch:
-    """Follows the controller's status while the lease is ours."""
+    """Follows the controller's status while the lease is ours.
 
-    def __init__(self) -> None:
+    Args (construction):
+        acknowledged: the status names the last command, so that another client's shows by it.
+    """
+
+    def __init__(self, *, acknowledged: bool) -> None:
+        self._acknowledged = acknowledged
         self._cycles = 0.0
         self._running = 0
         self._pressurised = False
@@ -258,13 +268,13 @@ class CommandWatch:
         if findings or status.fault_bits or status.state == State.TRIPPED:
             self._running, self._unasked = 0, 0
             return findings
-        if not status.inputs & Input.E_STOP_CLOSED:
+        if status.e_stop_open:
             return []
         return [*self._program(status, sent), *self._doing(status, sent)]
 
     def _command(self, status: ActuatorStatus, sent: Sent) -> list[Finding]:
         acknowledged = (status.acked_sequence, status.acked_command)
-        if acknowledged in sent:
+        if not self._acknowledged or acknowledged in sent:
             return []
         detail = f"the controller's last command is {_name(acknowledged[1])} as {acknowledged[0]}: not from this host"
         if status.acked_command == Command.ACQUIRE and status.result == Result.REFUSED_OWNER:

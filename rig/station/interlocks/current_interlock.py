@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from drivers.ecu import EcuCounters
-from protocols.ecu import CoilStatus, CoilTemperature, EcuFault
+from drivers.roles import SourceCounters, SourceFault, SourceStatus, SourceTemperature
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
 SETTLED_STATUSES = 15
@@ -19,17 +18,17 @@ LATE = 4
 FULL_BUS = 0.7
 BUS_WINDOW_NS = 50_000_000
 CONSEQUENCE_NS = 50_000_000
-CONSEQUENCES = EcuFault.UNDERVOLTAGE | EcuFault.COMMAND_TIMEOUT
+CONSEQUENCES = SourceFault.UNDERVOLTAGE | SourceFault.COMMAND_TIMEOUT
 """What the ECU reports when the fault is elsewhere."""
 STATUS_MS = 10
 UNTOLD_STATUSES = 50
 """Status frames (`STATUS_MS` each on the ECU's clock) without a temperature: five of the temperature's periods."""
 
 _ECU_SLUGS = (
-    (EcuFault.OPEN | EcuFault.SHORT, "coil-open-short"),
-    (EcuFault.OVER_TEMPERATURE | EcuFault.UNDERVOLTAGE, "ecu-overtemp"),
-    (EcuFault.RESTARTED, "ecu-restart"),
-    (EcuFault.COMMAND_TIMEOUT | EcuFault.COMMAND_CHECK, "ecu-command"),
+    (SourceFault.OPEN | SourceFault.SHORT, "coil-open-short"),
+    (SourceFault.OVER_TEMPERATURE | SourceFault.UNDERVOLTAGE, "ecu-overtemp"),
+    (SourceFault.RESTARTED, "ecu-restart"),
+    (SourceFault.COMMAND_TIMEOUT | SourceFault.COMMAND_CHECK, "ecu-command"),
 )
 
 
@@ -47,7 +46,7 @@ class CurrentInterlock:
         self._statuses = 0
         self._off = 0
 
-    def judge(self, status: CoilStatus, commanded_A: float, t_ns: int, set_points: int = 0) -> list[Finding]:
+    def judge(self, status: SourceStatus, commanded_A: float, t_ns: int, set_points: int = 0) -> list[Finding]:
         """Take one status.
 
         Args:
@@ -87,11 +86,11 @@ class BusInterlock:
         self._bits = 0
         self._window_ns = 0
 
-    def forget_foreign(self, counted: EcuCounters) -> None:
+    def forget_foreign(self, counted: SourceCounters) -> None:
         """Other senders on our command id count from now on."""
         self._foreign = counted.foreign_commands
 
-    def judge(self, counted: EcuCounters, t_ns: int) -> list[Finding]:
+    def judge(self, counted: SourceCounters, t_ns: int) -> list[Finding]:
         """Take the counters as they stand after a read that ended at `t_ns` (host monotonic)."""
         findings = [*self._frames(counted, t_ns), *self._load(counted, t_ns)]
         if counted.foreign_commands > self._foreign:
@@ -99,7 +98,7 @@ class BusInterlock:
             findings.append(Finding("can-foreign", detail, t_ns))
         return findings
 
-    def _frames(self, counted: EcuCounters, t_ns: int) -> list[Finding]:
+    def _frames(self, counted: SourceCounters, t_ns: int) -> list[Finding]:
         findings = []
         bad = counted.bad_checks + counted.malformed
         if counted.bad_in_a_row > 0 and (bad > self._bad or counted.bad_in_a_row >= CONSECUTIVE):
@@ -120,7 +119,7 @@ class BusInterlock:
             findings.append(Finding("ecu-late", detail, t_ns, counted.lateness, LATE, warns=not late))
         return findings
 
-    def _load(self, counted: EcuCounters, t_ns: int) -> list[Finding]:
+    def _load(self, counted: SourceCounters, t_ns: int) -> list[Finding]:
         elapsed_ns = t_ns - self._window_ns
         if elapsed_ns < BUS_WINDOW_NS:
             return []
@@ -133,18 +132,26 @@ class BusInterlock:
 
 
 class EcuInterlock:
-    """Follows the ECU's status and temperature frames."""
+    """Follows the ECU's status and temperature frames.
 
-    def __init__(self, current_limit_A: float, coil_temperature_limit_degC: float) -> None:
+    Args (construction):
+        current_limit_A: measured current beyond which the rig stops (A).
+        coil_temperature_limit_degC: likewise of the coil (degC).
+        controller_polls: how often the controller was asked so far; its word on a shared cause comes first.
+    """
+
+    def __init__(
+        self, current_limit_A: float, coil_temperature_limit_degC: float, controller_polls: Callable[[], int]
+    ) -> None:
         self.current_limit_A = current_limit_A
         self.coil_temperature_limit_degC = coil_temperature_limit_degC
-        self.controller_polls: Callable[[], int] = lambda: 0
+        self._controller_polls = controller_polls
         self._boot_count: int | None = None
         self._untold = 0
         self._consequence: tuple[int, int] | None = None
 
-    def judge_status(self, status: CoilStatus, t_ns: int) -> list[Finding]:
-        """Take one CoilStatus that arrived at `t_ns` (host monotonic)."""
+    def judge_status(self, status: SourceStatus, t_ns: int) -> list[Finding]:
+        """Take one SourceStatus that arrived at `t_ns` (host monotonic)."""
         self._untold += 1
         faults = status.faults
         if faults & CONSEQUENCES and self._controller_may_know(t_ns):
@@ -152,7 +159,7 @@ class EcuInterlock:
         elif not faults & CONSEQUENCES:
             self._consequence = None
         findings = [
-            Finding(slug, f"ECU fault {EcuFault(faults & int(bits)).name}", t_ns, float(faults))
+            Finding(slug, f"ECU fault {SourceFault(faults & int(bits)).name}", t_ns, float(faults))
             for bits, slug in _ECU_SLUGS
             if faults & int(bits)
         ]
@@ -167,14 +174,14 @@ class EcuInterlock:
         An opened e-stop chain takes the ECU's supply too, and a silent host stops feeding both; the ECU is at 0 A by
         itself meanwhile.
         """
-        polls = self.controller_polls()
+        polls = self._controller_polls()
         if self._consequence is None:
             self._consequence = polls, t_ns
         first_poll, since_ns = self._consequence
         return polls < first_poll + 2 and t_ns - since_ns < CONSEQUENCE_NS
 
-    def judge_temperature(self, temperature: CoilTemperature, t_ns: int) -> list[Finding]:
-        """Take one CoilTemperature that arrived at `t_ns` (host monotonic)."""
+    def judge_temperature(self, temperature: SourceTemperature, t_ns: int) -> list[Finding]:
+        """Take one SourceTemperature that arrived at `t_ns` (host monotonic)."""
         self._untold = 0
         findings: list[Finding] = []
         limit = self.coil_temperature_limit_degC

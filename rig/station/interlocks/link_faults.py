@@ -4,24 +4,25 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from drivers.errors import DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
+from drivers.connection import LinkKind
+from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
 BUSY_POLLS = 4
 """Each of them was asked several times already."""
 
 
-def link_slug(error: DriverError, *, rtu: bool) -> str:
+def link_slug(error: DriverError, kind: LinkKind) -> str:
     """The fault matrix's slug for what the controller's driver raised in operation.
 
     Args:
         error: what it raised.
-        rtu: the link is a serial line.
+        kind: what the link is made of.
     """
     if isinstance(error, RequestRefused):
-        return "modbus-busy" if "busy" in str(error) else "modbus-reject"
+        return "modbus-busy" if isinstance(error, Busy) else "modbus-reject"
     if isinstance(error, WrongAnswer):
-        return "rtu-crc" if rtu else "modbus-mismatch"
+        return "rtu-crc" if kind is LinkKind.MODBUS_RTU else "modbus-mismatch"
     if isinstance(error, NoAnswer):
         return "modbus-halfopen"
     return "modbus-reset" if isinstance(error, (LinkLost, PortClosed)) else "actuator-reboot"
@@ -31,8 +32,8 @@ class CountingLink(Protocol):
     """What is asked of the driver."""
 
     @property
-    def url(self) -> str:
-        """URL of the connection."""
+    def link_kind(self) -> LinkKind:
+        """What the connection is made of."""
 
     @property
     def is_open(self) -> bool:
@@ -52,7 +53,7 @@ class LinkFaults:
 
     def __init__(self, link: CountingLink) -> None:
         self._link = link
-        self._rtu = link.url.startswith("modbus-rtu:")
+        self._kind = link.link_kind
         self._busy = 0
         self._wrong = 0
         self._seen_stale = 0
@@ -79,7 +80,7 @@ class LinkFaults:
             error: what the driver raised.
             t_ns: host time.
         """
-        detail, slug = str(error), link_slug(error, rtu=self._rtu)
+        detail, slug = str(error), link_slug(error, self._kind)
         if slug == "modbus-busy":
             self._busy += 1
             return Finding(slug, detail, t_ns, warns=self._busy < BUSY_POLLS)
@@ -104,5 +105,5 @@ class LinkFaults:
         count, self._seen_stale = self._link.stale - self._seen_stale, self._link.stale
         if count == 0:
             return []
-        slug = "rtu-stale" if self._rtu else "modbus-wrong-tid"
+        slug = "rtu-stale" if self._kind is LinkKind.MODBUS_RTU else "modbus-wrong-tid"
         return [Finding(slug, f"{count} answers to other requests were thrown away", t_ns, warns=True)]

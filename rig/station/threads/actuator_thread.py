@@ -14,12 +14,13 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TypeVar
 
+from drivers.connection import LinkKind
 from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused
 from drivers.ring import Record
-from protocols.actuator import ActuatorIdentity, ActuatorStatus, Command, Input, State
+from drivers.roles import Actuator, ActuatorIdentity, ActuatorStatus, Capabilities, Command, WatchdogKind, state_name
 from rig.clock import monotonic_ns
 from rig.station.config import ActuatorConfig
-from rig.station.interfaces import ActuatorDriver, Travel
+from rig.station.interfaces import Travel
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 from rig.station.interlocks.line_interlock import ClockWatch
@@ -49,6 +50,7 @@ COMMANDS = {
     StopAction.HYDRAULICS_OFF: Command.HYDRAULICS_OFF,
 }
 """Stop commands, the weakest first: one that was sent makes those before it needless."""
+PRESSURE_ACTIONS = frozenset({StopAction.HYDRAULICS_LOW, StopAction.HYDRAULICS_OFF})
 
 
 @dataclass
@@ -66,7 +68,7 @@ class ActuatorThread(DeviceThread):
     def __init__(
         self,
         config: ActuatorConfig,
-        driver: ActuatorDriver,
+        driver: Actuator,
         judge: ActuatorInterlock,
         travel: Travel,
         supervisor: Supervisor,
@@ -78,8 +80,7 @@ class ActuatorThread(DeviceThread):
         self.identity: ActuatorIdentity | None = None
         self.polls = 0
         self.failures = 0
-        self.speed_source: Callable[[], float] = lambda: math.nan
-        self.clock = ClockWatch(1.0)
+        self.clock = ClockWatch(supervisor.config.device_rate)
         self.status_changed = threading.Condition()
         self._driver = driver
         self._travel = travel
@@ -123,6 +124,16 @@ class ActuatorThread(DeviceThread):
                 if monotonic_ns() > deadline_ns:
                     raise
 
+    @property
+    def capabilities(self) -> Capabilities:
+        """What the actuator can do."""
+        return self._driver.capabilities
+
+    @property
+    def link_kind(self) -> LinkKind:
+        """What the connection to it is made of."""
+        return self._driver.link_kind
+
     def close(self) -> None:
         """Disconnect; after the thread has ended."""
         self._driver.close()
@@ -143,7 +154,7 @@ class ActuatorThread(DeviceThread):
             self._hurry = True
             self._wake.notify()
 
-    def call(self, job: Callable[[ActuatorDriver], T], timeout_s: float) -> T:
+    def call(self, job: Callable[[Actuator], T], timeout_s: float) -> T:
         """Run `job` with the driver on this thread and return its result.
 
         Raises:
@@ -187,10 +198,11 @@ class ActuatorThread(DeviceThread):
         status = self.fresh_status(now_ns)
         if status is None:
             return None, None, None, None
-        off = status.state == State.OFF or not status.inputs & (Input.HYDRAULICS_LOW | Input.HYDRAULICS_ON)
-        low = off or not status.inputs & Input.HYDRAULICS_ON
         moving = self.judge.moving(STILL_S) if math.isfinite(status.position_m) else None
-        return moving, self.judge.clock_s, low, off
+        if not self.capabilities.hydraulics:
+            # There is no pressure to take away: standing still is all that can be proved.
+            return moving, self.judge.clock_s, moving is False, moving is False
+        return moving, self.judge.clock_s, status.hydraulics_low, status.hydraulics_off
 
     @property
     def stop_taken(self) -> bool:
@@ -215,7 +227,7 @@ class ActuatorThread(DeviceThread):
         status = self.fresh_status(monotonic_ns())
         if status is None:
             return None
-        return State(status.state).name if status.state in State.__members__.values() else str(status.state)
+        return state_name(status.state)
 
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
         """Age of the last status, and the age at which it is stale (ns)."""
@@ -262,6 +274,10 @@ class ActuatorThread(DeviceThread):
         """Send the stop commands that wait, the strongest last; one that is refused waits for the next round."""
         waiting = self._actions
         weakest_first = [action for action in COMMANDS if action in waiting]
+        if not self.capabilities.hydraulics:
+            with self._wake:
+                self._actions -= PRESSURE_ACTIONS
+            weakest_first = [action for action in weakest_first if action not in PRESSURE_ACTIONS]
         for place, action in enumerate(weakest_first):
             try:
                 sequence = self._driver.send(COMMANDS[action])
@@ -270,7 +286,8 @@ class ActuatorThread(DeviceThread):
                 continue
             with self._wake:
                 self._actions -= {*weakest_first[: place + 1]}
-            self._sent = SentStop(action, sequence)
+            if self.capabilities.acknowledge:
+                self._sent = SentStop(action, sequence)
             self._supervisor.note_sent(action)
 
     def _compare_settings(self, expected: tuple[int, int]) -> None:
@@ -288,20 +305,22 @@ class ActuatorThread(DeviceThread):
         try:
             future.set_result(job())
         except DriverError as error:
-            self.slug = link_slug(error, rtu=self.config.url.startswith("modbus-rtu:"))
+            self.slug = link_slug(error, self._driver.link_kind)
             future.set_exception(error)
         except Exception as error:  # noqa: BLE001 - handed to the thread that asked, which raises it
             future.set_exception(error)
 
     def _poll(self) -> None:
         now_ns = monotonic_ns()
-        if self._supervisor.may_feed(now_ns) and now_ns >= self._feed_ns:
+        fed = self.capabilities.watchdog is not WatchdogKind.NONE
+        if fed and self._supervisor.may_feed(now_ns) and now_ns >= self._feed_ns:
             # A write that is refused is tried again, but not at every poll: the status can still be read.
             self._feed_ns = now_ns + FEED_AGAIN_NS
             self._counter = (self._counter + 1) % COUNTER_MODULUS
             status = self._driver.exchange(self._counter)
             self._feed_ns = 0
-            self._follow_echo(status)
+            if self.capabilities.echo:
+                self._follow_echo(status)
         else:
             status = self._driver.read_status()
         self.polls += 1
@@ -314,7 +333,7 @@ class ActuatorThread(DeviceThread):
         self.clock.take(status.received_ns, device_us)
         self._append(records)
         lvdt_m = self._travel.position_m(status.received_ns)
-        findings = self.judge.judge(status, lvdt_m, self.speed_source(), self._driver.sent)
+        findings = self.judge.judge(status, lvdt_m, self._travel.speed_m_s, self._driver.sent)
         if findings:
             self._supervisor.report(findings)
         with self.status_changed:

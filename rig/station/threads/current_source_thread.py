@@ -9,10 +9,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from drivers.ecu import CanEcu, EcuBatch
 from drivers.errors import DriverError
 from drivers.ring import Record
-from protocols.ecu import EcuFault, EcuIdentity, EcuState
+from drivers.roles import CurrentSource, SourceBatch, SourceFault, SourceIdentity, SourceState
 from protocols.quality import Quality
 from rig.clock import monotonic_ns
 from rig.station.config import EcuConfig
@@ -34,7 +33,7 @@ class CurrentSourceThread(DeviceThread):
     def __init__(
         self,
         config: EcuConfig,
-        driver: CanEcu,
+        driver: CurrentSource,
         judge: EcuInterlock,
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
@@ -158,7 +157,12 @@ class CurrentSourceThread(DeviceThread):
             return None
         return status.current_A
 
-    def wait_identity(self, timeout_s: float) -> EcuIdentity | None:
+    @property
+    def identity_problem(self) -> str:
+        """Why the ECU is not the described device; empty while it is."""
+        return self._driver.identity_problem
+
+    def wait_identity(self, timeout_s: float) -> SourceIdentity | None:
         """The ECU's identity once it, a status and a temperature have come; None after `timeout_s` wall seconds."""
         with self._progress:
             self._progress.wait_for(lambda: not self.missing, timeout_s)
@@ -176,8 +180,8 @@ class CurrentSourceThread(DeviceThread):
         status = self._driver.status
         if status is None:
             return "sends no status"
-        state = EcuState(status.state).name if status.state in set(EcuState) else str(status.state)
-        return f"in state {state}, faults {EcuFault(status.faults)!r}"
+        state = SourceState(status.state).name if status.state in set(SourceState) else str(status.state)
+        return f"in state {state}, faults {SourceFault(status.faults)!r}"
 
     def silent_ns(self, now_ns: int) -> tuple[int, int]:
         """Age of the last status, and the age at which the supervisor itself calls it stale (ns)."""
@@ -238,7 +242,7 @@ class CurrentSourceThread(DeviceThread):
         left_s = (self._last_ns + self._stale_ns - monotonic_ns()) * 1e-9 + STALE_FOR_SURE_S
         return min(left_s, self._timeout_s) if left_s > 0.0 else self._timeout_s
 
-    def _judge(self, batch: EcuBatch, *, late: bool = False) -> list[Finding]:
+    def _judge(self, batch: SourceBatch, *, late: bool = False) -> list[Finding]:
         """Judge what one read gave; `late`: it may have waited while the station did not run."""
         now_ns = batch.arrival_ns
         findings: list[Finding] = []

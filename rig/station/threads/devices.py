@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from drivers.actuator import ModbusActuator
-from drivers.ecu import CanEcu
+from drivers.catalogue import make_actuator, make_current_source
+from drivers.connection import ActuatorConnection
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
 from drivers.serial_sensor import SerialSensor
@@ -16,12 +16,11 @@ from rig.station.errors import StationRefused
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.interlocks.channel_interlock import ChannelInterlock
 from rig.station.interlocks.current_interlock import EcuInterlock
-from rig.station.interlocks.line_interlock import ClockWatch
 from rig.station.interlocks.motion_interlock import MotionInterlock
 from rig.station.supervisor import Supervisor
 from rig.station.threads.actuator_thread import ActuatorThread
 from rig.station.threads.current_source_thread import CurrentSourceThread
-from rig.station.threads.sensor_thread import SensorThread
+from rig.station.threads.sensor_thread import SensorRole, SensorThread
 
 Append = Callable[[list[Record]], None]
 
@@ -38,89 +37,65 @@ class Devices:
         self._supervisor = supervisor
         limits, margins = config.limits, config.margins
         speed_limit_m_s = limits.speed_m_s * (1.0 + margins.speed)
-        self.load_cell = self._sensor(
-            config.load_cell,
-            "loadcell-pulled",
-            Channel.FORCE,
-            _judge(config.load_cell, "force-limit", -limits.force_N, limits.force_N, "N"),
-            append,
-        )
-        self.lvdt = self._sensor(
-            config.lvdt,
-            "lvdt-pulled",
-            Channel.DISPLACEMENT,
-            _judge(config.lvdt, "stroke-limit", limits.position_min_m, limits.position_max_m, "m"),
-            append,
+        self.load_cell = self._sensor(config.load_cell, append, SensorRole(
+            "loadcell-pulled", Channel.FORCE,
+            _interlock(config.load_cell, "force-limit", -limits.force_N, limits.force_N, "N"), None,
+            lambda: self.actuator.force_reference(), self._actuator_ppm,
+        ))
+        self.lvdt = self._sensor(config.lvdt, append, SensorRole(
+            "lvdt-pulled", Channel.DISPLACEMENT,
+            _interlock(config.lvdt, "stroke-limit", limits.position_min_m, limits.position_max_m, "m"),
             MotionInterlock(speed_limit_m_s, config.lvdt.rate_Hz),
-        )
+            lambda: self.actuator.position_reference(), self._actuator_ppm,
+        ))
         self.auxiliary = tuple(
-            self._sensor(
-                given,
-                "auxiliary-pulled",
-                Channel(Channel.AUXILIARY_1 + index),
-                _judge(given, "sensor-saturated", -given.span, given.span, ""),
-                append,
-            )
+            self._sensor(given, append, SensorRole(
+                "auxiliary-pulled", Channel(Channel.AUXILIARY_1 + index),
+                _interlock(given, "sensor-saturated", -given.span, given.span, ""), None, None, None,
+            ))
             for index, given in enumerate(config.auxiliary)
         )
+        given_ecu, given_actuator = config.ecu, config.actuator
         self.coil = CurrentSourceThread(
-            config.ecu,
-            CanEcu(
-                config.ecu.interface,
-                config.ecu.channel,
-                bitrate=config.ecu.bitrate,
+            given_ecu,
+            make_current_source(given_ecu.dbc, given_ecu.interface, given_ecu.channel, given_ecu.bitrate),
+            EcuInterlock(
+                limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls
             ),
-            EcuInterlock(limits.current_A + margins.current_A, limits.coil_temperature_degC),
             supervisor,
             append,
         )
-        judge = ActuatorInterlock(
+        driver = make_actuator(given_actuator.register_map, ActuatorConnection(
+            given_actuator.url, given_actuator.device_id, given_actuator.timeout_s, owner_id,
+            given_actuator.baudrate, given_actuator.parity,
+        ))
+        interlock = ActuatorInterlock(
             owner_id,
-            frozen_after_ns=int(config.actuator.stale_after_s * 1e9),
+            driver.capabilities,
+            frozen_after_ns=int(given_actuator.stale_after_s * 1e9),
             disagreement_m=config.disagreement_m,
-            lag_s=(config.actuator.poll_s + config.lvdt.stale_after_s) * max(1.0, config.device_rate),
+            lag_s=(given_actuator.poll_s + config.lvdt.stale_after_s) * max(1.0, config.device_rate),
         )
-        driver = ModbusActuator(
-            config.actuator.url,
-            device_id=config.actuator.device_id,
-            timeout_s=config.actuator.timeout_s,
-            owner_id=owner_id,
-            baudrate=config.actuator.baudrate,
-            parity=config.actuator.parity,
-        )
-        self.actuator = ActuatorThread(config.actuator, driver, judge, self.lvdt, supervisor, append)
-        self.coil.judge.controller_polls = lambda: self.actuator.polls
-        self.actuator.speed_source = lambda: self.lvdt.speed_m_s
-        self.actuator.clock = ClockWatch(config.device_rate)
-        for sensor in (self.load_cell, self.lvdt):
-            sensor.reference_ppm = lambda: self.actuator.clock.ppm
-        self.load_cell.reference = self.actuator.force_reference
-        self.lvdt.reference = self.actuator.position_reference
+        self.actuator = ActuatorThread(given_actuator, driver, interlock, self.lvdt, supervisor, append)
 
-    def _sensor(
-        self,
-        given: SensorConfig,
-        slug: str,
-        channel: Channel,
-        judge: ChannelInterlock,
-        append: Append,
-        motion: MotionInterlock | None = None,
-    ) -> SensorThread:
+    def _actuator_ppm(self) -> float:
+        """Rate of the controller's clock against the host's (ppm); NaN while not known."""
+        return self.actuator.clock.ppm
+
+    def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
         # The bench states the offset as what the sensor shows at zero; the driver adds its own to the scaled value.
         driver = SerialSensor(
             given.url,
             given.baudrate,
             name=given.name,
-            channel=channel,
+            channel=role.channel,
             line_format=_line_format(given),
             sensitivity=given.sensitivity,
             offset=-given.offset,
             rate_Hz=given.rate_Hz,
             device_rate=self.config.device_rate,
         )
-        return SensorThread(
-            given, slug, channel, driver, judge, self._supervisor, append, motion, self.config.device_rate
-        )
+        return SensorThread(given, driver, role, self._supervisor, append)
 
     @property
     def sensors(self) -> tuple[SensorThread, ...]:
@@ -186,7 +161,7 @@ def slug_of(error: Exception) -> str:
     return "unreachable"
 
 
-def _judge(given: SensorConfig, slug: str, low: float, high: float, unit: str) -> ChannelInterlock:
+def _interlock(given: SensorConfig, slug: str, low: float, high: float, unit: str) -> ChannelInterlock:
     return ChannelInterlock(
         given.name, slug, low=low, high=high, span=given.span, spike_jump=given.spike_jump, unit=unit
     )

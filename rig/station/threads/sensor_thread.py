@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import dataclass
 
 from drivers.errors import DriverError
 from drivers.ring import Channel, Record
-from drivers.sample_stream import Batch
+from drivers.roles import Sensor
 from protocols.quality import Quality
 from rig.clock import monotonic_ns
 from rig.station.config import SensorConfig
@@ -32,32 +32,25 @@ STANDING_FLOOR_SHARE = 0.01
 """Of the span: by how much the controller's own measure may change while a coarse sensor rightly repeats a value."""
 
 
-class SensorDriver(Protocol):
-    """What this thread needs of a sensor's driver."""
+@dataclass(frozen=True, slots=True)
+class SensorRole:
+    """What a channel is in this rig.
 
-    @property
-    def bad_frames(self) -> int:
-        """Frames or lines that came damaged."""
+    Attributes:
+        slug: what its silence is called.
+        channel: its number in the ring.
+        interlock: its limits.
+        motion: speed and standstill, for the LVDT; None for other sensors.
+        reference: what the controller says of the rod and of this quantity; None where it knows neither.
+        reference_ppm: rate of the controller's clock against the host's (ppm); None where its drift is not judged.
+    """
 
-    @property
-    def skipped_bytes(self) -> int:
-        """Bytes that belonged to no reading."""
-
-    @property
-    def moved(self) -> bool:
-        """The port's name leads to another port than the one that was opened."""
-
-    def open(self) -> None:
-        """Open the port."""
-
-    def close(self) -> None:
-        """Close the port."""
-
-    def discard_input(self) -> None:
-        """Throw away what has arrived."""
-
-    def read_batch(self, timeout_s: float) -> Batch:
-        """Wait up to `timeout_s` for samples and return those that came."""
+    slug: str
+    channel: Channel
+    interlock: ChannelInterlock
+    motion: MotionInterlock | None
+    reference: Callable[[], Reference] | None
+    reference_ppm: Callable[[], float] | None
 
 
 class SensorThread(DeviceThread):
@@ -71,32 +64,28 @@ class SensorThread(DeviceThread):
     def __init__(
         self,
         config: SensorConfig,
-        slug: str,
-        channel: Channel,
-        driver: SensorDriver,
-        judge: ChannelInterlock,
+        driver: Sensor,
+        role: SensorRole,
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
-        motion: MotionInterlock | None = None,
-        device_rate: float = 1.0,
     ) -> None:
-        super().__init__(config.name, slug)
+        super().__init__(config.name, role.slug)
+        device_rate = supervisor.config.device_rate
         self.config = config
-        self.judge = judge
-        self.motion = motion
+        self.judge = role.interlock
+        self.motion = role.motion
         self.lost = 0
         self.samples = 0
         self.port_lost: str | None = None
-        self.reference: Callable[[], Reference] | None = None
-        """What the controller says of the rod and of this sensor's quantity; None: it knows neither."""
+        self._reference = role.reference
         stuck_samples = max(STUCK_SAMPLES, round(STUCK_S * config.rate_Hz))
         self._standing = StandingInterlock(stuck_samples, STANDING_FLOOR_SHARE * config.span)
         self.clock = ClockWatch(device_rate)
-        self.reference_ppm: Callable[[], float] = lambda: math.nan
+        self._reference_ppm = role.reference_ppm
         self._line = LineInterlock(config.name, config.rate_Hz)
         self._bad_frames = 0
         self._garbage = 0
-        self._channel = int(channel)
+        self._channel = int(role.channel)
         self._again = threading.Event()
         self._progress = threading.Condition()
         self._first: Record | None = None
@@ -235,8 +224,8 @@ class SensorThread(DeviceThread):
         if findings:
             self._supervisor.report(findings)
         self._append(records)
-        if self.clock.take(records[-1][0], records[-1][1]):
-            self._supervisor.report(drift(self.name, self.clock.ppm, self.reference_ppm(), records[-1][0]))
+        if self.clock.take(records[-1][0], records[-1][1]) and self._reference_ppm is not None:
+            self._supervisor.report(drift(self.name, self.clock.ppm, self._reference_ppm(), records[-1][0]))
         self._garbage = self._driver.bad_frames + self._driver.skipped_bytes
         self.samples += len(records)
         if self._recent_count < COUNTED:
@@ -252,11 +241,11 @@ class SensorThread(DeviceThread):
     def _stands(self) -> bool:
         """The value repeats while the controller's does not."""
         judge = self.judge
-        if self.reference is None or judge.repeats == 0:
+        if self._reference is None or judge.repeats == 0:
             self._standing.forget()
             return False
         step = judge.step if math.isfinite(judge.step) else 0.0
-        return self._standing.judge(judge.repeats, self.reference(), fine=judge.fine, step=step)
+        return self._standing.judge(judge.repeats, self._reference(), fine=judge.fine, step=step)
 
     def _stuck(self, t_ns: int) -> Finding:
         """A value that repeats in motion: stuck, or at an amplifier's end if nothing greater (or less) was ever shown.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from protocols.actuator import ActuatorStatus
+from drivers.roles import ActuatorStatus
 
 CLOCK_MODULUS = 1 << 32
 

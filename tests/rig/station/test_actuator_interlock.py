@@ -6,8 +6,17 @@ import math
 
 import pytest
 
-from protocols.actuator import ActuatorStatus, FaultBit, Input, State
-from protocols.ecu import CoilStatus, CoilTemperature, EcuFault, EcuState
+from drivers.devices.controller import controller
+from drivers.roles import (
+    ActuatorStatus,
+    FaultBit,
+    Input,
+    SourceFault,
+    SourceState,
+    SourceStatus,
+    SourceTemperature,
+    State,
+)
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.interlocks.current_interlock import EcuInterlock
 
@@ -32,7 +41,9 @@ def status(ms: int, **changes: float) -> ActuatorStatus:
 
 
 def judge() -> ActuatorInterlock:
-    made = ActuatorInterlock(OURS, frozen_after_ns=150 * MS, disagreement_m=0.005, lag_s=0.03)
+    made = ActuatorInterlock(
+        OURS, controller("demo").capabilities, frozen_after_ns=150 * MS, disagreement_m=0.005, lag_s=0.03
+    )
     made.leased = True
     return made
 
@@ -156,38 +167,38 @@ def test_controller_moves_by_state_or_by_position() -> None:
     assert made.moving(0.1)
 
 
-def coil(**changes: float) -> CoilStatus:
-    values: dict[str, float] = dict.fromkeys(CoilStatus._fields, 0) | {"state": EcuState.ENABLED, **changes}
-    return CoilStatus(**values)  # type: ignore[arg-type]  # numbers by name
+def coil(**changes: float) -> SourceStatus:
+    values: dict[str, float] = dict.fromkeys(SourceStatus._fields, 0) | {"state": SourceState.ENABLED, **changes}
+    return SourceStatus(**values)  # type: ignore[arg-type]  # numbers by name
 
 
 @pytest.mark.parametrize(
     ("bit", "slug"),
     [
-        (EcuFault.OVER_TEMPERATURE, "ecu-overtemp"),
-        (EcuFault.OPEN, "coil-open-short"),
-        (EcuFault.SHORT, "coil-open-short"),
-        (EcuFault.COMMAND_CHECK, "ecu-command"),
-        (EcuFault.RESTARTED, "ecu-restart"),
+        (SourceFault.OVER_TEMPERATURE, "ecu-overtemp"),
+        (SourceFault.OPEN, "coil-open-short"),
+        (SourceFault.SHORT, "coil-open-short"),
+        (SourceFault.COMMAND_CHECK, "ecu-command"),
+        (SourceFault.RESTARTED, "ecu-restart"),
     ],
 )
-def test_every_ecu_fault_bit_is_named(bit: EcuFault, slug: str) -> None:
-    assert [f.slug for f in EcuInterlock(3.15, 120.0).judge_status(coil(faults=int(bit)), 5)] == [slug]
+def test_every_ecu_fault_bit_is_named(bit: SourceFault, slug: str) -> None:
+    assert [f.slug for f in EcuInterlock(3.15, 120.0, lambda: 0).judge_status(coil(faults=int(bit)), 5)] == [slug]
 
 
 def test_a_command_time_out_waits_too_since_the_controller_may_know_of_a_silent_host() -> None:
-    made, polls = EcuInterlock(3.15, 120.0), [7]
-    made.controller_polls = lambda: polls[0]
-    late = coil(faults=int(EcuFault.COMMAND_TIMEOUT))
+    polls = [7]
+    made = EcuInterlock(3.15, 120.0, lambda: polls[0])
+    late = coil(faults=int(SourceFault.COMMAND_TIMEOUT))
     assert made.judge_status(late, 5) == []
     polls[0] = 9
     assert [f.slug for f in made.judge_status(late, 5)] == ["ecu-command"]
 
 
 def test_undervoltage_waits_for_two_polls_of_the_controller_which_may_know_of_an_open_e_stop_chain() -> None:
-    made, polls = EcuInterlock(3.15, 120.0), [7]
-    made.controller_polls = lambda: polls[0]
-    low = coil(faults=int(EcuFault.UNDERVOLTAGE))
+    polls = [7]
+    made = EcuInterlock(3.15, 120.0, lambda: polls[0])
+    low = coil(faults=int(SourceFault.UNDERVOLTAGE))
     assert [made.judge_status(answer, 5) for answer in (low, low, coil(), low)] == [[], [], [], []]
     polls[0] = 8
     assert made.judge_status(low, 5) == []
@@ -196,8 +207,8 @@ def test_undervoltage_waits_for_two_polls_of_the_controller_which_may_know_of_an
 
 
 def test_undervoltage_does_not_wait_for_a_controller_that_says_nothing() -> None:
-    made = EcuInterlock(3.15, 120.0)
-    low = coil(faults=int(EcuFault.UNDERVOLTAGE))
+    made = EcuInterlock(3.15, 120.0, lambda: 0)
+    low = coil(faults=int(SourceFault.UNDERVOLTAGE))
     assert made.judge_status(low, 0) == []
     assert [f.slug for f in made.judge_status(low, 50_000_000)] == ["ecu-overtemp"]
 
@@ -221,19 +232,19 @@ def test_a_controller_that_says_hold_while_the_lvdt_moves_is_not_believed() -> N
 
 @pytest.mark.parametrize(("current_A", "trips"), [(3.15, False), (3.151, True), (-3.151, True)])
 def test_measured_current_beyond_the_limit_trips_in_both_directions(current_A: float, trips: bool) -> None:
-    assert bool(EcuInterlock(3.15, 120.0).judge_status(coil(current_A=current_A), 5)) is trips
+    assert bool(EcuInterlock(3.15, 120.0, lambda: 0).judge_status(coil(current_A=current_A), 5)) is trips
 
 
 def test_hot_coil_and_a_new_boot_count_are_findings() -> None:
-    made = EcuInterlock(3.15, 120.0)
-    assert made.judge_temperature(CoilTemperature(119.9, 40.0, 13.5, 4), 5) == []
-    assert [f.slug for f in made.judge_temperature(CoilTemperature(120.1, 40.0, 13.5, 4), 5)] == ["coil-temperature"]
-    assert [f.slug for f in made.judge_temperature(CoilTemperature(20.0, 40.0, 13.5, 5), 5)] == ["ecu-restart"]
+    made = EcuInterlock(3.15, 120.0, lambda: 0)
+    assert made.judge_temperature(SourceTemperature(119.9, 40.0, 13.5, 4), 5) == []
+    assert [f.slug for f in made.judge_temperature(SourceTemperature(120.1, 40.0, 13.5, 4), 5)] == ["coil-temperature"]
+    assert [f.slug for f in made.judge_temperature(SourceTemperature(20.0, 40.0, 13.5, 5), 5)] == ["ecu-restart"]
 
 
 def test_a_temperature_that_stays_away_for_five_of_its_periods_is_a_finding_for_as_long_as_it_does() -> None:
-    made = EcuInterlock(3.15, 120.0)
-    warm = CoilTemperature(60.0, 40.0, 13.5, 4)
+    made = EcuInterlock(3.15, 120.0, lambda: 0)
+    warm = SourceTemperature(60.0, 40.0, 13.5, 4)
     for _ in range(3):
         for _ in range(50):
             made.judge_status(coil(), 5)

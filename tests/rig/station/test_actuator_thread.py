@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
-from modbus_device import ModbusDevice, framed
+from modbus_device import ModbusDevice, demo_actuator, framed
 from station_bench import Told, config_for
 
-from drivers.actuator import ModbusActuator
-from protocols.actuator import STATUS, Command, Input, State
+from drivers.devices.controller import controller as described
+from drivers.roles import Command, Input, State
 from rig.clock import monotonic_ns
 from rig.faults.row import StopKind
 from rig.station.config import ActuatorConfig
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
+from rig.station.interlocks.finding import Finding
 from rig.station.safe_stop import StopAction, StopPhase
 from rig.station.supervisor import Supervisor
 from rig.station.threads.actuator_thread import ActuatorThread
+from simulators.controller_firmware import STATUS
 
 MS = 1_000_000
 NEVER_NS = 1 << 60
@@ -48,6 +51,8 @@ class MovingRod:
     def position_m(self, now_ns: int) -> None:
         del now_ns
 
+    speed_m_s = math.nan
+
 
 class Controller:
     """A running controller as a Modbus device, with the station's thread at it."""
@@ -56,11 +61,15 @@ class Controller:
         self.device = ModbusDevice()
         self.show(State.RUNNING)
         self.told = Told()
-        self.supervisor = Supervisor(config_for(), self.told.append, lambda records: None, lambda now_ns: None)
+        self.supervisor = Supervisor(
+            config_for(), self.told.append, lambda records: None, lambda now_ns: None, lambda: 0.0
+        )
         self.thread = ActuatorThread(
             ActuatorConfig(self.device.url, poll_s=poll_s),
-            ModbusActuator(self.device.url, timeout_s=0.1, owner_id=77),
-            ActuatorInterlock(77, frozen_after_ns=frozen_after_ns, disagreement_m=1.0, lag_s=0.0),
+            demo_actuator(self.device.url, timeout_s=0.1, owner_id=77),
+            ActuatorInterlock(
+                77, described("demo").capabilities, frozen_after_ns=frozen_after_ns, disagreement_m=1.0, lag_s=0.0
+            ),
             MovingRod(),
             self.supervisor,
             lambda records: None,
@@ -206,11 +215,11 @@ def test_a_status_that_stands_in_running_is_no_view_and_the_stop_ends_in_time_wi
 
 
 def test_a_defect_on_its_thread_stops_the_motion_which_nobody_else_could(controller: Make) -> None:
-    def defect() -> float:
+    def defect(*told: object) -> list[Finding]:
         raise RuntimeError("a defect")
 
     rig = controller()
-    rig.thread.speed_source = defect
+    rig.thread.judge.judge = defect  # type: ignore[method-assign]  # stands for any defect on this thread
     rig.thread.start()
     assert wait_for(lambda: Command.FADE_STOP in rig.device.executed)
     assert rig.thread.alive

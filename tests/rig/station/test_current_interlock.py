@@ -2,15 +2,14 @@
 
 import pytest
 
-from drivers.ecu import EcuCounters
-from protocols.ecu import CoilStatus
+from drivers.roles import SourceCounters, SourceStatus
 from rig.station.interlocks.current_interlock import SETTLED_STATUSES, BusInterlock, CurrentInterlock
 
 MS = 1_000_000
 
 
-def status(current_A: float) -> CoilStatus:
-    return CoilStatus(0, 2, current_A, 0, 0.0, 0)
+def status(current_A: float) -> SourceStatus:
+    return SourceStatus(2, current_A, 0)
 
 
 def found(judge: CurrentInterlock, current_A: float, commanded_A: float, count: int, begin: int = 0) -> list[str]:
@@ -56,7 +55,7 @@ def test_a_setpoint_that_came_and_went_between_two_statuses_begins_the_time_anew
     assert falling == [[]] * 30
 
 
-def slugs(judge: BusInterlock, counted: EcuCounters, t_ns: int = 0) -> list[tuple[str, bool]]:
+def slugs(judge: BusInterlock, counted: SourceCounters, t_ns: int = 0) -> list[tuple[str, bool]]:
     return [(finding.slug, finding.warns) for finding in judge.judge(counted, t_ns)]
 
 
@@ -67,39 +66,41 @@ def slugs(judge: BusInterlock, counted: EcuCounters, t_ns: int = 0) -> list[tupl
 def test_the_third_bad_frame_in_a_row_is_named_by_what_is_wrong(
     bad: int, malformed: int, expected: list[tuple[str, bool]]
 ) -> None:
-    assert slugs(BusInterlock(500_000), EcuCounters(bad_in_a_row=bad, malformed_in_a_row=malformed)) == expected
+    assert slugs(BusInterlock(500_000), SourceCounters(bad_in_a_row=bad, malformed_in_a_row=malformed)) == expected
 
 
 @pytest.mark.parametrize(("malformed", "slug"), [(1, "can-malformed"), (0, "ecu-crc")])
 def test_the_first_bad_frame_is_flagged_once(malformed: int, slug: str) -> None:
     judge = BusInterlock(500_000)
-    counted = EcuCounters(bad_checks=1 - malformed, malformed=malformed, bad_in_a_row=1, malformed_in_a_row=malformed)
+    counted = SourceCounters(
+        bad_checks=1 - malformed, malformed=malformed, bad_in_a_row=1, malformed_in_a_row=malformed
+    )
     assert [slugs(judge, counted), slugs(judge, counted)] == [[(slug, True)], []]
 
 
 def test_counters_that_leave_frames_out_three_times_in_a_row_are_wrong() -> None:
     assert slugs(
-        BusInterlock(500_000), EcuCounters(gaps_in_a_row=3, lost=3)
+        BusInterlock(500_000), SourceCounters(gaps_in_a_row=3, lost=3)
     ) == [("ecu-crc", False), ("ecu-late", True)]
 
 
 def test_one_repeated_frame_warns_and_repetition_stops() -> None:
     judge = BusInterlock(500_000)
-    assert slugs(judge, EcuCounters(duplicates=1, lateness=2)) == [("ecu-late", True)]
-    assert slugs(judge, EcuCounters(duplicates=1, lateness=1)) == []
-    assert slugs(judge, EcuCounters(duplicates=3, lateness=4)) == [("ecu-late", False)]
+    assert slugs(judge, SourceCounters(duplicates=1, lateness=2)) == [("ecu-late", True)]
+    assert slugs(judge, SourceCounters(duplicates=1, lateness=1)) == []
+    assert slugs(judge, SourceCounters(duplicates=3, lateness=4)) == [("ecu-late", False)]
 
 
 def test_only_a_bus_that_others_fill_is_babble() -> None:
     judge = BusInterlock(500_000)
-    judge.judge(EcuCounters(), 0)
-    assert slugs(judge, EcuCounters(other_bits=17_400), 50 * MS) == []
-    assert slugs(judge, EcuCounters(other_bits=60_000), 60 * MS) == [], "a window is not over"
-    assert slugs(judge, EcuCounters(other_bits=17_400 + 17_600), 100 * MS) == [("can-babble", False)]
+    judge.judge(SourceCounters(), 0)
+    assert slugs(judge, SourceCounters(other_bits=17_400), 50 * MS) == []
+    assert slugs(judge, SourceCounters(other_bits=60_000), 60 * MS) == [], "a window is not over"
+    assert slugs(judge, SourceCounters(other_bits=17_400 + 17_600), 100 * MS) == [("can-babble", False)]
 
 
 def test_other_senders_count_from_arming_on() -> None:
     judge = BusInterlock(500_000)
-    judge.forget_foreign(EcuCounters(foreign_commands=5))
-    assert slugs(judge, EcuCounters(foreign_commands=5)) == []
-    assert slugs(judge, EcuCounters(foreign_commands=6)) == [("can-foreign", False)]
+    judge.forget_foreign(SourceCounters(foreign_commands=5))
+    assert slugs(judge, SourceCounters(foreign_commands=5)) == []
+    assert slugs(judge, SourceCounters(foreign_commands=6)) == [("can-foreign", False)]

@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 import pytest
 
-from drivers.errors import DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer, WrongLayout
+from drivers.connection import LinkKind
+from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer, WrongLayout
 from rig.station.interlocks.link_faults import BUSY_POLLS, LinkFaults
 
 
 @dataclass
 class Link:
-    url: str = "modbus-tcp://127.0.0.1:502"
+    link_kind: LinkKind = LinkKind.MODBUS_TCP
     is_open: bool = True
     stale: int = 0
     busy: int = 0
@@ -34,17 +35,22 @@ def test_what_cannot_be_overcome_is_a_fault_at_once(kind: type[DriverError], slu
     assert named(LinkFaults(Link()), kind) == (slug, False)
 
 
+def test_a_message_decides_nothing() -> None:
+    """A host whose name is `busybox` once turned a refusal into a busy answer."""
+    assert named(LinkFaults(Link()), RequestRefused, "busybox is busy: exception 6 (busy)") == ("modbus-reject", False)
+
+
 def test_busy_polls_are_a_fault_in_a_row_only() -> None:
     troubles = LinkFaults(Link())
     for _ in range(2):
-        polls = [named(troubles, RequestRefused, "exception 6 (busy)") for _ in range(BUSY_POLLS)]
+        polls = [named(troubles, Busy) for _ in range(BUSY_POLLS)]
         assert polls == [("modbus-busy", True)] * (BUSY_POLLS - 1) + [("modbus-busy", False)]
         troubles.answered(6)
 
 
-@pytest.mark.parametrize(("url", "slug"), [("modbus-tcp://h:1", "modbus-mismatch"), ("modbus-rtu:/dev/x", "rtu-crc")])
-def test_wrong_answers_are_a_fault_the_third_time_in_a_row(url: str, slug: str) -> None:
-    troubles = LinkFaults(Link(url))
+@pytest.mark.parametrize(("kind", "slug"), [(LinkKind.MODBUS_TCP, "modbus-mismatch"), (LinkKind.MODBUS_RTU, "rtu-crc")])
+def test_wrong_answers_are_a_fault_the_third_time_in_a_row(kind: LinkKind, slug: str) -> None:
+    troubles = LinkFaults(Link(kind))
     assert [named(troubles, WrongAnswer) for _ in range(3)] == [(slug, True), (slug, True), (slug, False)]
     troubles.answered(6)
     assert named(troubles, WrongAnswer) == (slug, True)
@@ -66,7 +72,7 @@ def test_a_connection_given_up_because_only_others_were_answered_is_tried_again_
 
 
 def test_what_was_overcome_is_flagged_once() -> None:
-    link = Link("modbus-rtu:/dev/x")
+    link = Link(LinkKind.MODBUS_RTU)
     troubles = LinkFaults(link)
     assert troubles.answered(5) == []
     link.stale, link.busy = 1, 2

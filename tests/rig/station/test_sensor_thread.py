@@ -18,7 +18,7 @@ from protocols.frame_format import encode
 from rig.station.config import SensorConfig
 from rig.station.interlocks.channel_interlock import ChannelInterlock
 from rig.station.supervisor import Supervisor
-from rig.station.threads.sensor_thread import SensorThread
+from rig.station.threads.sensor_thread import SensorRole, SensorThread
 
 PERIOD_S = 0.004
 STALE_S = 0.1
@@ -36,13 +36,14 @@ class Cable:
         tty.setraw(self._slave)
         url = os.ttyname(self._slave)
         self.told = Told()
-        self.supervisor = Supervisor(config_for(url), self.told.append, lambda records: None, lambda now_ns: None)
+        self.supervisor = Supervisor(
+            config_for(url), self.told.append, lambda records: None, lambda now_ns: None, lambda: 0.0
+        )
         given = SensorConfig("load_cell", url, 1.0 / PERIOD_S, 10e3, STALE_S, format=line_format)
         driver = SerialSensor(url, name="load_cell", channel=Channel.FORCE, line_format=line_format)
         judge = ChannelInterlock("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
-        self.thread = SensorThread(
-            given, "loadcell-pulled", Channel.FORCE, driver, judge, self.supervisor, lambda records: None
-        )
+        role = SensorRole("loadcell-pulled", Channel.FORCE, judge, None, None, None)
+        self.thread = SensorThread(given, driver, role, self.supervisor, lambda records: None)
         self.thread.open()
         self.thread.start()
         self._number = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.ring import Channel
-from protocols.actuator import ActuatorStatus
+from drivers.roles import ActuatorStatus
 from rig.station.threads.status_records import StatusRecords
 
 WRAP = 1 << 32

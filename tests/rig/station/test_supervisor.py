@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator
 import pytest
 from station_bench import Told, config_for
 
-from drivers.ecu import CanEcu
+from drivers.can_current_source import CanCurrentSource
+from drivers.devices.source import current_source
 from drivers.ring import Channel, Record
 from rig.clock import monotonic_ns
 from rig.faults.matrix import REACTIONS
@@ -35,7 +36,7 @@ def ring() -> list[Record]:
 
 @pytest.fixture
 def supervisor(told: Told, ring: list[Record]) -> Supervisor:
-    return Supervisor(config_for(), told.append, ring.extend, lambda now_ns: None)
+    return Supervisor(config_for(), told.append, ring.extend, lambda now_ns: None, lambda: 0.0)
 
 
 def test_what_is_found_again_and_again_is_told_once_a_second_before_arming_and_once_as_a_trip(
@@ -124,7 +125,7 @@ def test_whatever_fails_of_a_stop_its_motion_is_stopped_and_its_current_asked_to
     rod, told, ring = Rod(), Told(), list[Record]()
     made = Supervisor(
         config_for(), broken if failing in {"link", "all"} else told.append,
-        broken if failing in {"ring", "all"} else ring.extend, lambda now_ns: None,
+        broken if failing in {"ring", "all"} else ring.extend, lambda now_ns: None, lambda: 0.0,
     )  # fmt: skip
     made.attach(Coil(zero), rod, rod, ())
     made.arm()
@@ -138,9 +139,9 @@ def test_whatever_fails_of_a_stop_its_motion_is_stopped_and_its_current_asked_to
 @pytest.mark.usefixtures("full_standard_error")
 def test_a_bus_that_takes_no_frame_beside_a_full_disk_costs_no_fade_out(supervisor: Supervisor, told: Told) -> None:
     rod = Rod()
-    nowhere = CanEcu("slcan", "socket://127.0.0.1:1")
+    nowhere = CanCurrentSource("slcan", "socket://127.0.0.1:1", current_source("demo"))
     coil = CurrentSourceThread(
-        supervisor.config.ecu, nowhere, EcuInterlock(3.0, 120.0), supervisor, lambda records: None
+        supervisor.config.ecu, nowhere, EcuInterlock(3.0, 120.0, lambda: 0), supervisor, lambda records: None
     )
     supervisor.attach(coil, rod, rod, ())
     supervisor.arm()
@@ -179,7 +180,7 @@ def test_a_defect_of_the_interlock_loop_stops_the_rig_and_the_stop_goes_on(told:
             raise RuntimeError("a defect")
 
     failing, rod = threading.Event(), Rod()
-    made = Supervisor(config_for(), told.append, lambda records: None, beat)
+    made = Supervisor(config_for(), told.append, lambda records: None, beat, lambda: 0.0)
     made.attach(Coil(lambda: None), rod, rod, ())
     made.start()
     made.arm()
@@ -194,7 +195,7 @@ def test_a_defect_of_the_interlock_loop_stops_the_rig_and_the_stop_goes_on(told:
 
 def test_a_station_that_hardly_runs_still_gives_a_stop_up_that_it_cannot_prove(told: Told) -> None:
     rod = Rod()
-    made = Supervisor(config_for(), told.append, lambda records: None, lambda now_ns: None)
+    made = Supervisor(config_for(), told.append, lambda records: None, lambda now_ns: None, lambda: 0.0)
     made.attach(Coil(lambda: None), rod, rod, ())
     begun_ns = monotonic_ns()
     made.host.watch(begun_ns)

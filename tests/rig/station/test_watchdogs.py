@@ -36,13 +36,13 @@ class Source:
 def test_a_device_is_silent_after_its_own_time_and_a_thread_that_ended_is_named(
     source: Source, found: list[str]
 ) -> None:
-    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
+    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()), lambda: 0.0)
     watchdogs.watched = (Source(1), source)
     assert [finding.slug for finding in watchdogs.devices(monotonic_ns())] == found
 
 
 def test_an_application_that_does_not_beat_is_stalled_and_one_that_is_unwell_says_so() -> None:
-    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
+    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()), lambda: 0.0)
     watchdogs.beat(healthy=True)
     now_ns = monotonic_ns()
     assert not list(watchdogs.application(now_ns + 400 * MS))
@@ -52,10 +52,10 @@ def test_an_application_that_does_not_beat_is_stalled_and_one_that_is_unwell_say
 
 
 def test_a_recorder_that_leaves_half_of_the_ring_unread_is_slow() -> None:
-    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
-    watchdogs.unread_share = lambda: 0.5
+    unread = [0.5]
+    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()), lambda: unread[0])
     assert not list(watchdogs.consumer(0))
-    watchdogs.unread_share = lambda: 0.51
+    unread[0] = 0.51
     (finding,) = watchdogs.consumer(7)
     assert (finding.slug, finding.t_ns, finding.value) == ("slow-consumer", 7, 0.51)
 
@@ -63,7 +63,7 @@ def test_a_recorder_that_leaves_half_of_the_ring_unread_is_slow() -> None:
 def test_a_machine_that_slept_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
     slept = {"ns": 0}
     monkeypatch.setattr(clock, "suspended_ns", lambda: slept["ns"])
-    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()))
+    watchdogs = Watchdogs(TIMEOUT_S, HostWatch(0.05, 0.5, 0.02, monotonic_ns()), lambda: 0.0)
     slept["ns"] = 2_000 * MS
     assert [finding.slug for finding in watchdogs.machine(0)] == ["host-suspend"]
     assert not list(watchdogs.machine(0))

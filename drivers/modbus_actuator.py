@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-import secrets
 import time
 from collections import deque
 from dataclasses import asdict, astuple
 
-from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused, WrongAnswer, WrongLayout
+from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
+from drivers.devices.controller import ControllerDescription
+from drivers.errors import DriverError, LinkLost, NoAnswer, WrongAnswer, WrongLayout
 from drivers.modbus_link import ModbusLink
-from protocols.actuator import (
-    LAYOUT_VERSION,
-    MAP,
-    SIGNATURE_F32,
-    SIGNATURE_U32,
-    ActuatorIdentity,
-    ActuatorLimits,
-    ActuatorStatus,
-    Command,
-    Result,
-    decode_identity,
-    decode_limits,
-    decode_status,
-    encode_limits,
-)
+from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Capabilities, Command, Move, Program
 from protocols.errors import RemoteProtocolError
-from protocols.register_map import RegisterMap, Value
 
 SEQUENCE_MODULUS = 1 << 16
 CLEAR_OF_OTHERS = SEQUENCE_MODULUS // 2
@@ -33,13 +19,12 @@ CLEAR_OF_OTHERS = SEQUENCE_MODULUS // 2
 SENT_KEPT = 64
 SEND_ATTEMPTS = 3
 REOPEN_TIMEOUT_S = 0.2
-CONFIRM_PAUSE_S = 0.001
 LIMIT_TOLERANCE = 1e-6
 """Relative difference that the 32-bit floats of the registers may make."""
 
 
 class ModbusActuator:
-    """Drives one actuator controller; one owner thread.
+    """Drives one actuator controller whose description says what lies where; one owner thread.
 
     A command is written once with a new sequence number. When its outcome is unknown (time-out, broken connection) the
     acknowledged sequence and command are read back first; only a command that did not arrive is written again, with the
@@ -47,42 +32,41 @@ class ModbusActuator:
     ignored by the controller: then the command gets a new one.
 
     Args:
-        url: modbus-tcp://host:port, or modbus-rtu: and a serial port.
-        register_map: where the controller keeps its values.
-        device_id: Modbus unit number.
-        timeout_s: longest wait for one answer, s.
-        owner_id: identifies this host in the controller's lease, 1..65535; drawn at random when not given.
-        baudrate: Bd of a serial line.
-        parity: "N", "E" or "O", of a serial line.
+        connection: how to reach it; an `owner_id` of 0 has one drawn at random.
+        description: what lies where and what it means.
 
     Attributes:
-        owner_id: as above.
+        owner_id: identifies this host in the controller's lease.
         sent: sequence and command of the last commands written, oldest first.
     """
 
-    def __init__(
-        self,
-        url: str,
-        register_map: RegisterMap = MAP,
-        device_id: int = 1,
-        timeout_s: float = 0.04,
-        *,
-        owner_id: int | None = None,
-        baudrate: int = 115_200,
-        parity: str = "N",
-    ) -> None:
-        self.owner_id = draw_number() if owner_id is None else owner_id
-        self._link = ModbusLink(url, device_id, timeout_s, baudrate=baudrate, parity=parity)
-        self._identity = register_map.block("identity")
-        self._status = register_map.block("status")
-        self._config = register_map.block("config")
-        self._command = register_map.block("command")
-        self._table = register_map.block("table")
-        self._watchdog = register_map.block("watchdog")
+    def __init__(self, connection: ActuatorConnection, description: ControllerDescription) -> None:
+        self.owner_id = connection.owner_id or draw_owner_id()
+        self._link = ModbusLink(
+            connection.url, connection.device_id, connection.timeout_s, baudrate=connection.baudrate,
+            parity=connection.parity,
+        )
+        self._description = description
+        self._identity = description.map.block("identity")
+        self._status = description.map.block("status")
+        self._config = description.map.block("config")
+        self._command = description.map.block("command")
+        self._table = description.map.block("table")
+        self._watchdog = description.map.block("watchdog")
         self.sent: deque[tuple[int, int]] = deque(maxlen=SENT_KEPT)
         self._sequence: int | None = None
         self._sent = Command.NONE
         self._seen: ActuatorStatus | None = None
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What the controller can do."""
+        return self._description.capabilities
+
+    @property
+    def link_kind(self) -> LinkKind:
+        """Modbus TCP or RTU."""
+        return self._link.address.kind
 
     @property
     def url(self) -> str:
@@ -93,11 +77,6 @@ class ModbusActuator:
     def is_open(self) -> bool:
         """Whether the connection stands, as far as is known."""
         return self._link.is_open
-
-    @property
-    def timeouts(self) -> int:
-        """Answers that did not come in time, since construction."""
-        return self._link.timeouts
 
     @property
     def stale(self) -> int:
@@ -121,10 +100,6 @@ class ModbusActuator:
         """Disconnect; closing twice is harmless. The controller goes on with what it does."""
         self._link.close()
 
-    def drain(self) -> int:
-        """Throw away answers that nobody waits for any more; number of bytes."""
-        return self._link.drain()
-
     def read_identity(self) -> ActuatorIdentity:
         """Who the controller is; proves word order, float format and layout.
 
@@ -134,18 +109,19 @@ class ModbusActuator:
         """
         words = self._link.read(self._identity.address, self._identity.count)
         try:
-            identity = decode_identity(words, self._identity)
+            identity = self._description.decode_identity(words)
         except RemoteProtocolError as error:
             raise WrongLayout("actuator", self.url, f"identity block: {error}") from error
-        if identity.signature_u32 != SIGNATURE_U32 or identity.signature_f32 != SIGNATURE_F32:
+        expected = self._description
+        if identity.signature_u32 != expected.signature_u32 or identity.signature_f32 != expected.signature_f32:
             raise WrongLayout(
                 "actuator", self.url,
                 f"signature registers read 0x{identity.signature_u32:08X} and {identity.signature_f32:g}, expected "
-                f"0x{SIGNATURE_U32:08X} and {SIGNATURE_F32:g}: wrong word order, scale or device",
+                f"0x{expected.signature_u32:08X} and {expected.signature_f32:g}: wrong word order, scale or device",
             )
-        if identity.layout_version != LAYOUT_VERSION:
+        if identity.layout_version != expected.layout_version:
             raise WrongLayout(
-                "actuator", self.url, f"register layout {identity.layout_version}, expected {LAYOUT_VERSION}"
+                "actuator", self.url, f"register layout {identity.layout_version}, expected {expected.layout_version}"
             )
         return identity
 
@@ -180,7 +156,7 @@ class ModbusActuator:
         """
         words = self._link.read(self._config.address, self._config.count)
         try:
-            return decode_limits(words, self._config)
+            return self._description.decode_limits(words)
         except RemoteProtocolError as error:
             raise WrongAnswer("actuator", self.url, f"config block: {error}") from error
 
@@ -192,7 +168,7 @@ class ModbusActuator:
             WrongAnswer: the controller holds something else afterwards.
             DriverError: the controller cannot be reached.
         """
-        words = encode_limits(limits, self._config)
+        words = self._description.encode_limits(limits)
         try:
             self._link.write(self._config.address, words)
         except (NoAnswer, LinkLost, WrongAnswer):
@@ -214,7 +190,7 @@ class ModbusActuator:
             LocalProtocolError: a value is not finite.
             DriverError: the controller cannot be reached or refuses.
         """
-        size = sum(register.name.startswith("table_value_") for register in self._table.registers)
+        size = self._description.table_values
         for index in range(0, len(values_m), size):
             part = values_m[index : index + size]
             words = self._table.encode({
@@ -224,18 +200,18 @@ class ModbusActuator:
             })
             self._link.write(self._table.address, words)
 
-    def send(self, command: Command, **values: Value) -> int:
+    def send(self, command: Command, order: Move | Program | None = None) -> int:
         """Write a command and make sure that it arrived.
 
         Args:
             command: what to do.
-            **values: registers of the command block by name (`amplitude`, `frequency`, ...), SI.
+            order: where to, for `MOVE_TO`; what to run, for `START`.
 
         Returns:
             The command's sequence number; its result appears in the status (`acked_sequence`, `result`).
 
         Raises:
-            LocalProtocolError: a value is unknown or does not fit; nothing was written.
+            LocalProtocolError: the controller knows no such command, or a value does not fit; nothing was written.
             RequestRefused: the controller refused the write.
             NoAnswer: no answer; the command may have arrived.
             LinkLost: the connection broke and cannot be made again; the command may have arrived.
@@ -251,48 +227,13 @@ class ModbusActuator:
                 self._sequence, self._sent = sequence, command
                 if (sequence, int(command)) not in self.sent:
                     self.sent.append((sequence, int(command)))
-                self._link.write(self._command.address, self._command.encode({
-                    "command": int(command), "sequence": sequence, "owner_id": self.owner_id, **values,
-                }))
+                words = self._description.encode_command(command, sequence, self.owner_id, order)
+                self._link.write(self._command.address, words)
                 break
             except (NoAnswer, LinkLost, WrongAnswer):
                 if attempt == SEND_ATTEMPTS - 1:
                     raise
         return sequence
-
-    def confirm(self, sequence: int, timeout_s: float = 0.5) -> ActuatorStatus:
-        """Wait until the controller has answered the last command that was sent.
-
-        Args:
-            sequence: what `send` returned.
-            timeout_s: longest wait, s.
-
-        Returns:
-            The status that shows the command done.
-
-        Raises:
-            RequestRefused: the controller refused the command.
-            NoAnswer: no result in time.
-            DriverError: the controller cannot be read.
-        """
-        deadline = time.monotonic() + timeout_s
-        while True:
-            status = self.read_status()
-            if status.acknowledges(self._sent, sequence) and status.result not in {Result.IDLE, Result.BUSY}:
-                break
-            if time.monotonic() >= deadline:
-                raise NoAnswer(
-                    "actuator", self.url,
-                    f"command {sequence} has no result after {timeout_s:g} s; the last one seen is "
-                    f"{status.acked_sequence} with result {status.result} of command {status.acked_command}",
-                )
-            time.sleep(CONFIRM_PAUSE_S)
-        if status.result != Result.DONE:
-            result = Result(status.result).name if status.result in set(Result) else str(status.result)
-            raise RequestRefused(
-                "actuator", self.url, f"command {status.acked_command} (sequence {sequence}) refused: {result}"
-            )
-        return status
 
     def _arrived(self, command: Command, sequence: int) -> bool:
         """Whether the controller has seen this command; connects again first if it must.
@@ -333,15 +274,10 @@ class ModbusActuator:
             WrongAnswer: the words do not make up the block.
         """
         try:
-            self._seen = decode_status(words, time.monotonic_ns(), self._status)
+            self._seen = self._description.decode_status(words, time.monotonic_ns())
         except RemoteProtocolError as error:
             raise WrongAnswer("actuator", self.url, f"status block: {error}") from error
         return self._seen
-
-
-def draw_number() -> int:
-    """A number 1..65535 at random, to tell this host from others: containers repeat process ids."""
-    return secrets.randbelow(SEQUENCE_MODULUS - 1) + 1
 
 
 def _following(sequence: int) -> int:

@@ -1,77 +1,28 @@
-"""The coil's current ECU over CAN: cyclic command frames out, status frames in."""
+"""The coil's current source over CAN: cyclic command frames out, status frames in."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass
-from typing import NamedTuple
 
 from drivers.can_port import CanPort
-from drivers.errors import DriverError, NoAnswer, WrongIdentity
+from drivers.devices.source import SourceDescription
+from drivers.errors import DriverError
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from protocols import ecu
-from protocols.ecu import CoilCommand, CoilStatus, CoilTemperature, EcuIdentity
+from drivers.roles import SourceBatch, SourceCounters, SourceIdentity, SourceStatus, SourceTemperature
+from protocols.current_frames import COUNTER_MODULUS, CoilCommand, CoilStatus, counter_delta
 from protocols.errors import RemoteProtocolError
 from protocols.quality import Quality
 from protocols.slcan import Frame
 
 DEFAULT_PERIOD_S = 0.010
-_OWN_FRAMES = frozenset({ecu.STATUS_ID, ecu.TEMPERATURE_ID, ecu.IDENTITY_ID})
 _COMMANDS_KEPT = 4096
 _STANDARD_BITS, _EXTENDED_BITS = 47, 67
 
 
-class EcuBatch(NamedTuple):
-    """What one read gave.
-
-    Attributes:
-        records: ring records in SI and degC, in the order of the wire; the set-points sent meanwhile among them.
-        statuses: status frames that passed every check.
-        temperatures: temperature frames.
-        lost: status frames that the counter says are missing.
-        bad: status frames dropped for CRC, counter, length or kind.
-        arrival_ns: monotonic time at which the frames were there, ns.
-    """
-
-    records: list[Record]
-    statuses: list[CoilStatus]
-    temperatures: list[CoilTemperature]
-    lost: int
-    bad: int
-    arrival_ns: int
-
-
-@dataclass(slots=True)
-class EcuCounters:
-    """Totals since construction; only those in a row and `lateness` ever decrease.
-
-    Attributes:
-        bad_in_a_row: status frames dropped since the last good one; `malformed_in_a_row` of them for length or kind.
-        gaps_in_a_row: good status frames one after the other whose counter has left some out.
-        lateness: grows by 2 with a repeated status frame, falls by 1 with a fresh one: duplicates that keep coming.
-        other_bits: bits on the bus of frames that are not the ECU's, without stuffing.
-    """
-
-    statuses: int = 0
-    lost: int = 0
-    duplicates: int = 0
-    bad_checks: int = 0
-    bad_in_a_row: int = 0
-    malformed: int = 0
-    malformed_in_a_row: int = 0
-    gaps_in_a_row: int = 0
-    lateness: int = 0
-    other_bits: int = 0
-    foreign_commands: int = 0
-    other_frames: int = 0
-    sent: int = 0
-    late_sends: int = 0
-
-
-class CanEcu:
-    """Drives one current ECU.
+class CanCurrentSource:
+    """Drives one current source whose description says what its frames mean.
 
     `read_batch` belongs to one owner thread. The command frame goes out from a thread of its own after `start`;
     `command` and `send_now` may be called from any thread. Until `command` is called the frames ask for 0 A, disabled.
@@ -79,8 +30,8 @@ class CanEcu:
     Args:
         interface: any interface of python-can.
         channel: what that interface calls the bus; a serial URL for slcan.
+        description: its frames, codes and layout.
         bitrate: bit/s.
-        serial_number: refuse an ECU with another one; None takes any.
 
     Attributes:
         counters: totals.
@@ -91,15 +42,16 @@ class CanEcu:
     """
 
     def __init__(
-        self, interface: str, channel: str, *, bitrate: int = 500_000, serial_number: int | None = None
+        self, interface: str, channel: str, description: SourceDescription, *, bitrate: int = 500_000
     ) -> None:
-        self.counters = EcuCounters()
-        self.status: CoilStatus | None = None
-        self.temperature: CoilTemperature | None = None
-        self.identity: EcuIdentity | None = None
+        self.counters = SourceCounters()
+        self.status: SourceStatus | None = None
+        self.temperature: SourceTemperature | None = None
+        self.identity: SourceIdentity | None = None
         self.send_error: DriverError | None = None
-        self._name = f"{interface}:{channel}"
-        self._serial_number = serial_number
+        self._description = description
+        self._frames = description.frames
+        self._own = frozenset({self._frames.status_id, self._frames.temperature_id, self._frames.identity_id})
         self._port = CanPort(interface, channel, bitrate)
         self._is_open = False
         self._send_lock = threading.Lock()
@@ -108,15 +60,18 @@ class CanEcu:
         self._sent: deque[Record] = deque(maxlen=_COMMANDS_KEPT)
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
-        self._status_ns: int | None = None
+        self._last: CoilStatus | None = None
         self._sequence = 0  # unwrapped counter of status frames
         self._device_us = NO_DEVICE_TIME  # unwrapped
         self._reported: tuple[int, int] | None = None
 
     @property
-    def is_open(self) -> bool:
-        """Whether `open` succeeded and `close` has not been called."""
-        return self._is_open
+    def identity_problem(self) -> str:
+        """Why the identity frame is not one of the described device; empty while it is, or none has come."""
+        identity, layout = self.identity, self._description.layout
+        if identity is None or identity.layout == layout:
+            return ""
+        return f"frame layout {identity.layout}, expected {layout}"
 
     @property
     def commanded_A(self) -> float:
@@ -180,7 +135,7 @@ class CanEcu:
         Raises:
             LocalProtocolError: the set-point does not fit the frame; the old one stays.
         """
-        ecu.encode_command(CoilCommand(0, enable, clear_faults, current_A))
+        self._frames.encode_command(CoilCommand(0, enable, clear_faults, current_A))
         self._wanted = (current_A, enable, clear_faults)
 
     def send_now(self) -> None:
@@ -192,15 +147,15 @@ class CanEcu:
         """
         with self._send_lock:
             current_A, enable, clear_faults = self._wanted
-            data = ecu.encode_command(CoilCommand(self._counter, enable, clear_faults, current_A))
-            self._port.send(ecu.COMMAND_ID, data)
-            self._counter = (self._counter + 1) % ecu.COUNTER_MODULUS
+            data = self._frames.encode_command(CoilCommand(self._counter, enable, clear_faults, current_A))
+            self._port.send(self._frames.command_id, data)
+            self._counter = (self._counter + 1) % COUNTER_MODULUS
             self.counters.sent += 1
         self._sent.append((
             time.monotonic_ns(), NO_DEVICE_TIME, current_A, self.counters.sent, Channel.COMMANDED_CURRENT, 0,
         ))
 
-    def read_batch(self, timeout_s: float) -> EcuBatch:
+    def read_batch(self, timeout_s: float) -> SourceBatch:
         """Whatever has arrived, waiting for the first frame.
 
         Args:
@@ -215,7 +170,7 @@ class CanEcu:
         lost_before = self.counters.lost
         bad_before = self.counters.bad_checks + self.counters.malformed
         frames, arrival_ns = self._port.receive(timeout_s)
-        batch = EcuBatch([], [], [], 0, 0, arrival_ns)
+        batch = SourceBatch([], [], [], 0, 0, arrival_ns)
         while self._sent:
             batch.records.append(self._sent.popleft())
         for frame in frames:
@@ -224,50 +179,6 @@ class CanEcu:
             lost=self.counters.lost - lost_before,
             bad=self.counters.bad_checks + self.counters.malformed - bad_before,
         )
-
-    def read_identity(self, timeout_s: float = 2.5) -> EcuIdentity:
-        """Wait for the ECU's identity frame (sent every second); call it before `read_batch` has an owner thread.
-
-        Args:
-            timeout_s: longest wait, s.
-
-        Raises:
-            NoAnswer: none came.
-            WrongIdentity: serial number or frame layout are not the expected ones.
-            PortClosed: the bus is not open or has gone.
-        """
-        self.identity = None
-        identity = self._wait_for_identity(timeout_s)
-        if identity.layout != ecu.LAYOUT:
-            raise WrongIdentity("ecu", self._name, f"frame layout {identity.layout}, expected {ecu.LAYOUT}")
-        if self._serial_number is not None and identity.serial_number != self._serial_number:
-            raise WrongIdentity(
-                "ecu", self._name, f"serial number {identity.serial_number}, expected {self._serial_number}"
-            )
-        return identity
-
-    def age_ns(self, now_ns: int | None = None) -> int | None:
-        """Nanoseconds since the last good status frame; None before the first.
-
-        Args:
-            now_ns: monotonic time; now without it.
-        """
-        if self._status_ns is None:
-            return None
-        return (time.monotonic_ns() if now_ns is None else now_ns) - self._status_ns
-
-    def _wait_for_identity(self, timeout_s: float) -> EcuIdentity:
-        """Read until an identity frame has come.
-
-        Raises:
-            NoAnswer: none came in time.
-        """
-        deadline = time.monotonic() + timeout_s
-        while (left_s := deadline - time.monotonic()) > 0:
-            self.read_batch(min(left_s, 0.1))
-            if self.identity is not None:
-                return self.identity
-        raise NoAnswer("ecu", self._name, f"no identity frame within {timeout_s:g} s")
 
     def _send_cyclically(self, period_s: float) -> None:
         """Body of the command thread; ends at `close` or when the port is gone."""
@@ -285,49 +196,50 @@ class CanEcu:
                 self.counters.late_sends += 1
                 due = now + period_s
 
-    def _take(self, frame: Frame, batch: EcuBatch) -> None:
+    def _take(self, frame: Frame, batch: SourceBatch) -> None:
         """Sort one frame; nothing is decoded before its kind and length are checked."""
         identifier, data, extended, remote, length = frame
-        if extended or identifier not in _OWN_FRAMES:
+        if extended or identifier not in self._own:
             self._take_other(identifier, extended=extended, length=0 if remote else length)
             return
-        if remote or length != ecu.FRAME_LENGTH or len(data) != ecu.FRAME_LENGTH:
+        expected = self._frames.lengths[identifier]
+        if remote or length != expected or len(data) != expected:
             self._malformed(identifier)
             return
-        if identifier == ecu.STATUS_ID:
+        if identifier == self._frames.status_id:
             self._take_status(data, batch)
-        elif identifier == ecu.TEMPERATURE_ID:
+        elif identifier == self._frames.temperature_id:
             self._take_temperature(data, batch)
         else:
-            self.identity = ecu.decode_identity(data)
+            self.identity = SourceIdentity(*self._frames.decode_identity(data))
 
     def _take_other(self, identifier: int, *, extended: bool, length: int) -> None:
         """A frame that is none of the ECU's."""
         self.counters.other_bits += (_EXTENDED_BITS if extended else _STANDARD_BITS) + 8 * length
-        if extended and identifier in _OWN_FRAMES:
+        if extended and identifier in self._own:
             self._malformed(identifier)
-        elif identifier == ecu.COMMAND_ID and not extended:
+        elif identifier == self._frames.command_id and not extended:
             self.counters.foreign_commands += 1
         else:
             self.counters.other_frames += 1
 
     def _malformed(self, identifier: int) -> None:
         self.counters.malformed += 1
-        if identifier == ecu.STATUS_ID:
+        if identifier == self._frames.status_id:
             self.counters.bad_in_a_row += 1
             self.counters.malformed_in_a_row += 1
 
-    def _take_status(self, data: bytes, batch: EcuBatch) -> None:
+    def _take_status(self, data: bytes, batch: SourceBatch) -> None:
         """Check, count and record one status frame."""
         counters = self.counters
         try:
-            status = ecu.decode_status(data)
+            wire = self._frames.decode_status(data)
         except RemoteProtocolError:
             counters.bad_checks += 1
             counters.bad_in_a_row += 1
             return
         counters.bad_in_a_row = counters.malformed_in_a_row = 0
-        step = 1 if self.status is None else ecu.counter_delta(self.status.counter, status.counter)
+        step = 1 if self._last is None else counter_delta(self._last.counter, wire.counter)
         if step == 0:
             counters.duplicates += 1
             counters.lateness += 2
@@ -337,8 +249,10 @@ class CanEcu:
         counters.statuses += 1
         counters.lost += step - 1
         self._sequence += step
-        self._device_us = self._unwrap(status)
-        self.status, self._status_ns = status, batch.arrival_ns
+        self._device_us = self._unwrap(wire)
+        described = self._description
+        status = SourceStatus(described.state(wire.state), wire.current_A, described.faults(wire.faults))
+        self._last, self.status = wire, status
         batch.statuses.append(status)
         flags = Quality.GAP_BEFORE if step > 1 else Quality.GOOD
         self._record(batch, Channel.COIL_CURRENT, status.current_A, flags)
@@ -346,30 +260,30 @@ class CanEcu:
         if state != self._reported:
             self._report(batch, status)
 
-    def _take_temperature(self, data: bytes, batch: EcuBatch) -> None:
+    def _take_temperature(self, data: bytes, batch: SourceBatch) -> None:
         """Record temperatures and supply; and, for late readers, state and faults as they stand."""
-        temperature = self.temperature = ecu.decode_temperature(data)
+        temperature = self.temperature = SourceTemperature(*self._frames.decode_temperature(data))
         batch.temperatures.append(temperature)
         self._record(batch, Channel.COIL_TEMPERATURE, temperature.coil_degC)
-        self._record(batch, Channel.ECU_TEMPERATURE, temperature.ecu_degC)
+        self._record(batch, Channel.ECU_TEMPERATURE, temperature.source_degC)
         self._record(batch, Channel.ECU_SUPPLY, temperature.supply_V)
         if self.status is not None:
             self._report(batch, self.status)
 
-    def _report(self, batch: EcuBatch, status: CoilStatus) -> None:
+    def _report(self, batch: SourceBatch, status: SourceStatus) -> None:
         self._record(batch, Channel.ECU_STATE, status.state)
         self._record(batch, Channel.ECU_FAULTS, status.faults)
         self._reported = (status.state, status.faults)
 
-    def _record(self, batch: EcuBatch, channel: Channel, value: float, flags: Quality = Quality.GOOD) -> None:
+    def _record(self, batch: SourceBatch, channel: Channel, value: float, flags: Quality = Quality.GOOD) -> None:
         batch.records.append((
             batch.arrival_ns, self._device_us, float(value), self._sequence & 0xFFFFFFFF, int(channel), int(flags),
         ))
 
     def _unwrap(self, status: CoilStatus) -> int:
-        """Device clock in microseconds, from a 0.1 ms counter that wraps after 6.5536 s."""
-        ticks = status.device_time_ticks
-        if self.status is None:
-            return ticks * ecu.DEVICE_TIME_TICK_US
-        passed = (ticks - self.status.device_time_ticks) % ecu.DEVICE_TIME_MODULUS
-        return self._device_us + passed * ecu.DEVICE_TIME_TICK_US
+        """Device clock in microseconds, from a counter that wraps."""
+        ticks, tick_us = status.device_time_ticks, self._frames.tick_us
+        if self._last is None:
+            return ticks * tick_us
+        passed = (ticks - self._last.device_time_ticks) % self._frames.device_time_modulus
+        return self._device_us + passed * tick_us

@@ -1,6 +1,5 @@
 """The ECU's frames: golden bytes, the DBC as independent reference, protection, fuzz."""
 
-import importlib.resources
 import math
 import tomllib
 from collections.abc import Callable
@@ -12,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocols import ecu
-from protocols.ecu import CoilCommand, CoilStatus, CoilTemperature, EcuIdentity
+from drivers.devices.source import FOLDER
 from protocols.errors import LocalProtocolError, RemoteProtocolError
+from simulators import ecu_firmware as ecu
+from simulators.ecu_firmware import CoilCommand, CoilStatus, CoilTemperature, EcuIdentity
 
 GOLDEN = tomllib.loads((Path(__file__).parents[1] / "golden" / "ecu.toml").read_text())
 KINDS = {
@@ -24,7 +24,7 @@ KINDS = {
     "identity": (EcuIdentity, ecu.encode_identity, ecu.decode_identity),
 }
 CASES = [(kind, dict(case)) for kind in KINDS for case in GOLDEN[kind]]
-DBC = cantools.database.load_string(importlib.resources.files("protocols").joinpath("ecu.dbc").read_text())
+DBC = cantools.database.load_file(FOLDER / "demo_ecu.dbc")
 
 
 @pytest.mark.parametrize(("kind", "case"), CASES, ids=lambda item: item["name"] if isinstance(item, dict) else item)

@@ -6,14 +6,18 @@ from collections.abc import Callable, Iterator
 import pytest
 from slcan_device import SlcanDevice
 
+from drivers.can_current_source import CanCurrentSource
 from drivers.can_port import CanPort, import_can
-from drivers.ecu import CanEcu, EcuBatch
-from drivers.errors import LinkLost, NoAnswer, PortClosed, WrongIdentity
+from drivers.devices.source import current_source
+from drivers.errors import LinkLost, PortClosed
 from drivers.ring import Channel
-from protocols import ecu as wire
-from protocols.ecu import CoilStatus, CoilTemperature, EcuIdentity
+from drivers.roles import SourceBatch, SourceIdentity
 from protocols.errors import LocalProtocolError
 from protocols.quality import Quality
+from simulators import ecu_firmware as wire
+from simulators.ecu_firmware import CoilStatus, CoilTemperature, EcuIdentity
+
+DEMO = current_source("demo")
 
 
 @pytest.fixture
@@ -23,8 +27,8 @@ def device() -> Iterator[SlcanDevice]:
 
 
 @pytest.fixture
-def ecu(device: SlcanDevice) -> Iterator[CanEcu]:
-    made = CanEcu("slcan", device.channel)
+def ecu(device: SlcanDevice) -> Iterator[CanCurrentSource]:
+    made = CanCurrentSource("slcan", device.channel, DEMO)
     made.open()
     yield made
     made.close()
@@ -34,9 +38,9 @@ def status(counter: int, current_A: float = 0.5, ticks: int = 0, faults: int = 0
     return wire.encode_status(CoilStatus(counter % 15, 2, current_A, faults, 10.0, ticks % 65536))
 
 
-def collect(ecu: CanEcu, done: Callable[[EcuBatch], bool], timeout_s: float = 5.0) -> EcuBatch:
+def collect(ecu: CanCurrentSource, done: Callable[[SourceBatch], bool], timeout_s: float = 5.0) -> SourceBatch:
     """Batches of the ECU joined until `done`."""
-    total = EcuBatch([], [], [], 0, 0, 0)
+    total = SourceBatch([], [], [], 0, 0, 0)
     deadline = time.monotonic() + timeout_s
     while not done(total) and time.monotonic() < deadline:
         batch = ecu.read_batch(0.05)
@@ -49,7 +53,7 @@ def collect(ecu: CanEcu, done: Callable[[EcuBatch], bool], timeout_s: float = 5.
     return total
 
 
-def of(batch: EcuBatch, channel: Channel) -> list[tuple[int, float, int, int]]:
+def of(batch: SourceBatch, channel: Channel) -> list[tuple[int, float, int, int]]:
     """(device_us, value, sequence, flags) of a channel's records."""
     return [(r[1], r[2], r[3], r[5]) for r in batch.records if r[4] == channel]
 
@@ -58,15 +62,14 @@ def commands(device: SlcanDevice) -> list[wire.CoilCommand]:
     return [wire.decode_command(bytes.fromhex(line[5:].decode())) for line in device.lines if line.startswith(b"t1208")]
 
 
-def test_the_adapter_is_set_up_before_anything_else(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_the_adapter_is_set_up_before_anything_else(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     del ecu
     assert device.wait_for(lambda lines: b"O" in lines)
     assert device.lines[:2] == [b"C", b"S6"]
     assert set(device.lines[2:]) <= {b"O", b""}
 
 
-def test_status_frames_become_records(device: SlcanDevice, ecu: CanEcu) -> None:
-    assert ecu.age_ns() is None
+def test_status_frames_become_records(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     for n in range(3):
         device.frame(0x121, status(n, current_A=0.5 + n / 10, ticks=65500 + 100 * n))
     batch = collect(ecu, lambda b: len(b.statuses) == 3)
@@ -78,10 +81,9 @@ def test_status_frames_become_records(device: SlcanDevice, ecu: CanEcu) -> None:
     assert of(batch, Channel.ECU_FAULTS) == [(6_550_000, 0.0, 1, 0)]
     assert ecu.status is not None
     assert ecu.status.current_A == pytest.approx(0.7)
-    assert ecu.age_ns(batch.records[-1][0] + 7) == 7
 
 
-def test_temperatures_come_with_the_standing_state(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_temperatures_come_with_the_standing_state(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     device.frame(0x122, wire.encode_temperature(CoilTemperature(85.3, 41.0, 24.07, 3)))
     device.frame(0x121, status(1, faults=4))
     device.frame(0x122, wire.encode_temperature(CoilTemperature(85.4, 41.0, 24.07, 3)))
@@ -92,7 +94,7 @@ def test_temperatures_come_with_the_standing_state(device: SlcanDevice, ecu: Can
     assert [value for _, value, _, _ in of(batch, Channel.ECU_FAULTS)] == [4.0, 4.0]
 
 
-def test_missing_and_repeated_status_frames_are_counted(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_missing_and_repeated_status_frames_are_counted(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     for counter in (13, 14, 14, 2):
         device.frame(0x121, status(counter))
     batch = collect(ecu, lambda b: len(b.statuses) == 3)
@@ -102,7 +104,7 @@ def test_missing_and_repeated_status_frames_are_counted(device: SlcanDevice, ecu
     assert (batch.lost, ecu.counters.duplicates) == (2, 1)
 
 
-def test_a_frame_with_a_wrong_crc_is_dropped_and_counted_in_a_row(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_a_frame_with_a_wrong_crc_is_dropped_and_counted_in_a_row(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     broken = bytearray(status(1))
     broken[0] ^= 1
     device.frame(0x121, bytes(broken))
@@ -118,7 +120,9 @@ def test_a_frame_with_a_wrong_crc_is_dropped_and_counted_in_a_row(device: SlcanD
 @pytest.mark.parametrize(
     "line", [b"r1218\r", b"T00000121" + b"8" + b"00" * 8 + b"\r", b"t1217" + b"00" * 7 + b"\r", b"t1218zz\r"]
 )
-def test_remote_extended_short_and_garbled_frames_are_malformed(device: SlcanDevice, ecu: CanEcu, line: bytes) -> None:
+def test_remote_extended_short_and_garbled_frames_are_malformed(
+    device: SlcanDevice, ecu: CanCurrentSource, line: bytes
+) -> None:
     device.send(line)
     device.frame(0x121, status(1))
     collect(ecu, lambda b: bool(b.statuses))
@@ -126,7 +130,7 @@ def test_remote_extended_short_and_garbled_frames_are_malformed(device: SlcanDev
     assert ecu.counters.statuses == 1
 
 
-def test_a_foreign_sender_of_our_command_is_seen(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_a_foreign_sender_of_our_command_is_seen(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     device.frame(0x120, bytes(8))
     device.frame(0x7FF, b"\x01")
     device.send(b"\a")
@@ -135,7 +139,7 @@ def test_a_foreign_sender_of_our_command_is_seen(device: SlcanDevice, ecu: CanEc
     assert (ecu.counters.foreign_commands, ecu.counters.other_frames, ecu.bus_errors) == (1, 1, 1)
 
 
-def test_commands_go_out_cyclically_with_counter_and_crc(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_commands_go_out_cyclically_with_counter_and_crc(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     ecu.command(1.25)
     ecu.start(0.002)
     ecu.start(0.002)
@@ -147,13 +151,13 @@ def test_commands_go_out_cyclically_with_counter_and_crc(device: SlcanDevice, ec
     assert {value for _, value, _, _ in of(batch, Channel.COMMANDED_CURRENT)} == {1.25}
 
 
-def test_before_any_command_the_frames_ask_for_zero_and_off(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_before_any_command_the_frames_ask_for_zero_and_off(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     ecu.start()
     assert device.wait_for(lambda lines: len(commands(device)) >= 1)
     assert commands(device)[0] == wire.CoilCommand(0, enable=False, clear_faults=False, setpoint_A=0.0)
 
 
-def test_a_stop_goes_out_at_once_beside_the_cycle(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_a_stop_goes_out_at_once_beside_the_cycle(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     ecu.command(2.0)
     ecu.start(60.0)
     ecu.command(0.0, enable=False, clear_faults=True)
@@ -164,7 +168,7 @@ def test_a_stop_goes_out_at_once_beside_the_cycle(device: SlcanDevice, ecu: CanE
     ]
 
 
-def test_a_setpoint_the_frame_cannot_carry_leaves_the_old_one(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_a_setpoint_the_frame_cannot_carry_leaves_the_old_one(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     ecu.command(1.0)
     with pytest.raises(LocalProtocolError, match="CurrentSetpoint"):
         ecu.command(40.0)
@@ -173,17 +177,16 @@ def test_a_setpoint_the_frame_cannot_carry_leaves_the_old_one(device: SlcanDevic
     assert commands(device)[0].setpoint_A == 1.0
 
 
-def test_after_closing_no_command_goes_out(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_after_closing_no_command_goes_out(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     ecu.start(0.001)
     ecu.close()
     ecu.close()
     assert device.wait_for(lambda lines: len(lines) > 3 and lines[-1] == b"C")
     with pytest.raises(PortClosed):
         ecu.send_now()
-    assert not ecu.is_open
 
 
-def test_a_pulled_adapter_is_told_and_ends_the_command_thread(device: SlcanDevice, ecu: CanEcu) -> None:
+def test_a_pulled_adapter_is_told_and_ends_the_command_thread(device: SlcanDevice, ecu: CanCurrentSource) -> None:
     ecu.start(0.001)
     device.pull()
     with pytest.raises(PortClosed, match="ecu at socket://"):
@@ -194,38 +197,25 @@ def test_a_pulled_adapter_is_told_and_ends_the_command_thread(device: SlcanDevic
     assert isinstance(ecu.send_error, (PortClosed, LinkLost))
 
 
-def test_identity_is_awaited_and_compared(device: SlcanDevice) -> None:
-    device_identity = wire.encode_identity(EcuIdentity(1001, 0x0102, 1))
-    ecu = CanEcu("slcan", device.channel, serial_number=1001)
-    ecu.open()
-    with pytest.raises(NoAnswer, match=r"no identity frame within 0\.02 s"):
-        ecu.read_identity(0.02)
-    device.frame(0x123, device_identity)
-    assert ecu.read_identity() == EcuIdentity(1001, 0x0102, 1)
-    ecu.close()
-
-
-@pytest.mark.parametrize(
-    ("identity", "message"),
-    [(EcuIdentity(1002, 0, 1), "serial number 1002, expected 1001"), (EcuIdentity(1001, 0, 2), "layout 2, expected 1")],
-)
-def test_another_ecu_is_refused(device: SlcanDevice, identity: EcuIdentity, message: str) -> None:
-    ecu = CanEcu("slcan", device.channel, serial_number=1001)
-    ecu.open()
-    device.frame(0x123, wire.encode_identity(identity))
-    with pytest.raises(WrongIdentity, match=message):
-        ecu.read_identity()
-    ecu.close()
+@pytest.mark.parametrize(("layout", "problem"), [(1, ""), (2, "frame layout 2, expected 1")])
+def test_an_identity_of_another_layout_is_told(
+    device: SlcanDevice, ecu: CanCurrentSource, layout: int, problem: str
+) -> None:
+    assert (ecu.identity, ecu.identity_problem) == (None, "")
+    device.frame(0x123, wire.encode_identity(EcuIdentity(1001, 0x0102, layout)))
+    collect(ecu, lambda _: ecu.identity is not None)
+    assert ecu.identity == SourceIdentity(1001, 0x0102, layout)
+    assert ecu.identity_problem == problem
 
 
 def test_an_unknown_bit_rate_is_refused_before_anything_is_opened() -> None:
     with pytest.raises(PortClosed, match="no code for 499999"):
-        CanEcu("slcan", "/nowhere", bitrate=499_999).open()
+        CanCurrentSource("slcan", "/nowhere", DEMO, bitrate=499_999).open()
 
 
 def test_any_other_interface_goes_through_python_can() -> None:
     can = import_can()
-    ecu = CanEcu("virtual", "damper-rig-test")
+    ecu = CanCurrentSource("virtual", "damper-rig-test", DEMO)
     ecu.open()
     with can.Bus(interface="virtual", channel="damper-rig-test") as peer:
         ecu.command(0.75)
@@ -238,7 +228,7 @@ def test_any_other_interface_goes_through_python_can() -> None:
         peer.send(can.Message(arbitration_id=0x121, is_error_frame=True))
         peer.send(can.Message(arbitration_id=0x121, data=status(6), is_extended_id=False))
         batch = collect(ecu, lambda b: len(b.statuses) == 2)
-    assert [s.counter for s in batch.statuses] == [5, 6]
+    assert [record[3] for record in batch.records if record[4] == Channel.COIL_CURRENT] == [1, 2]
     assert (ecu.malformed, ecu.bus_errors) == (1, 1)
     assert ecu.read_batch(0.0).statuses == []
     ecu.close()
@@ -247,7 +237,7 @@ def test_any_other_interface_goes_through_python_can() -> None:
 
 def test_an_interface_that_cannot_be_opened_is_named() -> None:
     with pytest.raises(PortClosed, match="ecu at nosuch:x: cannot open"):
-        CanEcu("nosuch", "x").open()
+        CanCurrentSource("nosuch", "x", DEMO).open()
     port = CanPort("virtual", "y", 500_000)
     with pytest.raises(PortClosed, match="not open"):
         port.send(0x120, bytes(8))
