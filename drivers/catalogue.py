@@ -14,6 +14,10 @@ from drivers.devices.source import current_source_names
 from drivers.errors import UnknownDevice
 from drivers.roles import Actuator, CurrentSource
 
+__all__ = [
+    "actuator_names", "current_source_names", "make_actuator", "make_current_source", "register_actuator",
+]
+
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
 
 _REGISTERED: dict[str, ActuatorMaker] = {}

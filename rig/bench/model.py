@@ -7,11 +7,12 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from rig import units
 from rig.bench import address
+from rig.bench.address import known_actuator, known_current_source
 from rig.bench.checks import Checks
 from rig.bench.field import (
     RESERVED_NAMES,
@@ -60,7 +61,7 @@ class Actuator(Section):
     baudrate: int = Field(default=115_200, ge=1200, le=12_000_000, description="of a serial line (modbus-rtu)")
     parity: Literal["N", "E", "O"] = Field(default="N", description="of a serial line (modbus-rtu)")
     device_id: int = Field(default=1, ge=0, le=247)
-    register_map: Literal["demo"] = "demo"
+    register_map: Annotated[str, AfterValidator(known_actuator)] = "demo"
     poll_s: Annotated[float, Quantity("time", "2 ms", "100 ms")] = Field(default=0.010, alias="poll")
     timeout_s: Timeout = Field(default=0.040, alias="timeout")
     stale_after_s: Timeout = Field(default=0.150, alias="stale_after")
@@ -80,7 +81,7 @@ class Ecu(Section):
     interface: CanInterface
     channel: Name = Field(examples=["can0"])
     bitrate: int = Field(default=500_000, ge=10_000, le=1_000_000)
-    dbc: Literal["demo"] = "demo"
+    dbc: Annotated[str, AfterValidator(known_current_source)] = "demo"
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = Field(default=0.010, alias="command_period")
     stale_after_s: Timeout = Field(default=0.030, alias="stale_after")
     serial_number: int | None = Field(default=None, ge=0, le=0xFFFF_FFFF)
