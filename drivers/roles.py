@@ -179,7 +179,9 @@ class Capabilities:
             "acknowledge": (
                 self.acknowledge, "a command counts as taken when it is written; a stop is proved by standstill alone"
             ),
-            "echo": (self.echo, "a watchdog that is not fed shows only by its trip"),
+            "echo": (
+                self.echo or self.watchdog is WatchdogKind.NONE, "a watchdog that is not fed shows only by its trip"
+            ),
             "limits": (self.limits_read_back, "limits are watched by the station alone, not by the actuator"),
             "settings": (self.settings_hash, "a reboot or changed settings are not noticed"),
             "cycle-pulse": (
