@@ -69,8 +69,8 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
         Edit("rig/station/preparation.py", "(tripped.received_ns - begin_ns) / 1e9", "0.0"),
     ),
     "register-layout": (
-        Edit("drivers/actuator.py", "if identity.signature_u32 != SIGNATURE_U32 or", "if False and"),
-        Edit("drivers/actuator.py", "if identity.layout_version != LAYOUT_VERSION:", "if False:"),
+        Edit("drivers/modbus_actuator.py", "if identity.signature_u32 != expected.signature_u32 or", "if False and"),
+        Edit("drivers/modbus_actuator.py", "if identity.layout_version != expected.layout_version:", "if False:"),
     ),
     "load-train": (
         Edit("rig/campaign/runner.py", "if changed is not None and self.state.phase", "if False and self.state.phase"),
@@ -79,7 +79,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     "sensors-swapped": DEAF_PREFLIGHT,
     "current-stuck": (
         deaf_station("current-stuck"),
-        Edit("rig/station/safe_stop.py", "else (stop, (Action.CURRENT_STUCK,))", "else (stop, ())"),
+        Edit("rig/station/safe_stop.py", "else (stop, (StopAction.CURRENT_STUCK,))", "else (stop, ())"),
     ),
     "stop-ignored": (
         deaf_station("stop-ignored"),
