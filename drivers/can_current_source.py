@@ -7,10 +7,10 @@ import time
 from collections import deque
 
 from drivers.can_port import CanPort
+from drivers.current_source import SourceBatch, SourceCounters, SourceIdentity, SourceStatus, SourceTemperature
 from drivers.devices.source import SourceDescription
 from drivers.errors import DriverError
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from drivers.roles import SourceBatch, SourceCounters, SourceIdentity, SourceStatus, SourceTemperature
 from protocols.current_frames import COUNTER_MODULUS, CoilCommand, CoilStatus, counter_delta
 from protocols.errors import RemoteProtocolError
 from protocols.quality import Quality

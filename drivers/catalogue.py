@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from drivers.connection import ActuatorConnection
+from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
 from drivers.devices.source import current_source_names
 from drivers.errors import UnknownDevice
-from drivers.roles import Actuator, CurrentSource
+from drivers.roles import Actuator
 
 __all__ = [
     "actuator_names", "current_source_names", "make_actuator", "make_current_source", "register_actuator",

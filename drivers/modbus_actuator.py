@@ -6,11 +6,12 @@ import time
 from collections import deque
 from dataclasses import asdict, astuple
 
+from drivers.capabilities import Capabilities
 from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
 from drivers.devices.controller import ControllerDescription
 from drivers.errors import DriverError, LinkLost, NoAnswer, WrongAnswer, WrongLayout
 from drivers.modbus_link import ModbusLink
-from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Capabilities, Command, Move, Program
+from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Move, Program
 from protocols.errors import RemoteProtocolError
 
 SEQUENCE_MODULUS = 1 << 16

@@ -1,23 +1,23 @@
-"""What the rig needs of its devices, whoever made them: an actuator, a current source, sensors.
+"""What the rig needs of its devices, whoever made them: an actuator and sensors.
 
 Everything above `drivers` speaks these words and no device's own. A driver maps the device's registers, frames and
-codes to them, by the device's description (`drivers.devices`). The numbers of `State`, `ProgramPhase`, `FaultBit`,
-`Input`, `SourceState` and `SourceFault` are those of recorded files. A code that a description does not name is shown
-as it is, moved out of the way (`UNNAMED`) where it would be taken for a named one.
+codes to them, by the device's description (`drivers.devices`). The numbers of `State`, `ProgramPhase`, `FaultBit` and
+`Input` are those of recorded files. A code that a description does not name is shown as it is, moved out of the way
+(`UNNAMED`) where it would be taken for a named one.
 
-What a device can do is declared (`Capabilities`), never tried out.
+What an actuator can do is declared (`drivers.capabilities`), never tried out. The coil's current source has its role in
+`drivers.current_source`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum, IntFlag, StrEnum
+from enum import IntEnum, IntFlag
 from typing import NamedTuple, Protocol
 
+from drivers.capabilities import Capabilities
 from drivers.connection import LinkKind
-from drivers.errors import DriverError
-from drivers.ring import Record
 from drivers.sample_stream import Batch
 
 UNNAMED = 1000
@@ -116,84 +116,6 @@ class WatchdogAction(IntEnum):
     FREEZE = 2
 
 
-class WatchdogKind(StrEnum):
-    """How an actuator notices that its host is gone."""
-
-    COUNTER = "counter"
-    """A changed counter feeds it; reading does not."""
-    TIMEOUT = "timeout"
-    """A keep-alive, or any command, feeds it."""
-    NONE = "none"
-
-
-@dataclass(frozen=True)
-class Capabilities:
-    """What an actuator can do.
-
-    Attributes:
-        watchdog: how it notices that its host is gone.
-        hydraulics: the host can take the pressure (or the drive's power) away, and see that it is gone.
-        lease: it obeys one host at a time.
-        acknowledge: its status names the last command and its result.
-        echo: its status repeats the watchdog's counter.
-        limits_read_back: it holds the rig's limits, which can be read back.
-        settings_hash: its identity shows a reboot or changed settings.
-        phase: its status says where in its envelope a program is.
-        cycle_pulse: an output pulses at every cycle, for the sensors to latch.
-        generator: a function generator of its own runs programs; else the driver makes their set-points.
-        table: it plays table waveforms.
-        streamed_setpoints: it follows set-points that are sent one by one.
-        e_stop_input: it sees the hard-wired chain.
-        force_input: it measures a coarse force of its own.
-    """
-
-    watchdog: WatchdogKind
-    hydraulics: bool
-    lease: bool = False
-    acknowledge: bool = False
-    echo: bool = False
-    limits_read_back: bool = False
-    settings_hash: bool = False
-    phase: bool = False
-    cycle_pulse: bool = False
-    generator: bool = False
-    table: bool = False
-    streamed_setpoints: bool = False
-    e_stop_input: bool = False
-    force_input: bool = False
-
-    @property
-    def can_be_stopped(self) -> bool:
-        """Something stops the rig when the host does not: a watchdog, or pressure that can be taken away."""
-        return self.watchdog is not WatchdogKind.NONE or self.hydraulics
-
-    def lacking(self) -> tuple[tuple[str, str], ...]:
-        """What it cannot do: name of the capability, and what is left without it, for people."""
-        without = {
-            "watchdog": (
-                self.watchdog is not WatchdogKind.NONE,
-                "the actuator does not notice that its host died; only the coil goes to 0 A, by its own time-out",
-            ),
-            "hydraulics": (self.hydraulics, "the pressure cannot be taken away from here; a stop ends holding"),
-            "lease": (self.lease, "another host's commands are not refused; do not connect a second one"),
-            "acknowledge": (
-                self.acknowledge, "a command counts as taken when it is written; a stop is proved by standstill alone"
-            ),
-            "echo": (
-                self.echo or self.watchdog is WatchdogKind.NONE, "a watchdog that is not fed shows only by its trip"
-            ),
-            "limits": (self.limits_read_back, "limits are watched by the station alone, not by the actuator"),
-            "settings": (self.settings_hash, "a reboot or changed settings are not noticed"),
-            "cycle-pulse": (
-                self.cycle_pulse, "delays between sensors are estimated from their signals; no watch for a loose joint"
-            ),
-            "generator": (self.generator, "set-points come from the host at its polls; slow motion only"),
-            "e-stop-input": (self.e_stop_input, "an open e-stop chain is not seen here"),
-            "force-input": (self.force_input, "the load cell is not compared with a second force"),
-        }
-        return tuple((name, text) for name, (has, text) in without.items() if not has)
-
-
 @dataclass(frozen=True, slots=True)
 class ActuatorIdentity:
     """Who the actuator says it is; what it does not know is 0 or empty.
@@ -212,6 +134,11 @@ class ActuatorIdentity:
     model: str = ""
     serial_number: str = ""
     firmware: str = ""
+
+    @property
+    def settings(self) -> tuple[int, int]:
+        """What a reboot or somebody else's settings would change."""
+        return self.boot_count, self.config_hash
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,146 +320,6 @@ class Actuator(Protocol):
 
     def send(self, command: Command, order: Move | Program | None = None) -> int:
         """Send a command; its sequence number."""
-
-
-class SourceState(IntEnum):
-    """What the current source's output stage is doing."""
-
-    INIT = 0
-    OFF = 1
-    ENABLED = 2
-    FAULT = 3
-
-
-class SourceFault(IntFlag):
-    """What a current source reports; on any of them it drives 0 A by itself."""
-
-    OVER_TEMPERATURE = 1 << 0
-    UNDERVOLTAGE = 1 << 1
-    OPEN = 1 << 2
-    SHORT = 1 << 3
-    COMMAND_TIMEOUT = 1 << 4
-    COMMAND_CHECK = 1 << 5
-    RESTARTED = 1 << 6
-
-
-class SourceStatus(NamedTuple):
-    """One status of the current source: `state` a `SourceState`, `faults` of `SourceFault`, measured current in A."""
-
-    state: int
-    current_A: float
-    faults: int
-
-
-class SourceTemperature(NamedTuple):
-    """Temperatures in degC, supply in V, and how often the source has started."""
-
-    coil_degC: float
-    source_degC: float
-    supply_V: float
-    boot_count: int
-
-
-class SourceIdentity(NamedTuple):
-    """Who the current source is."""
-
-    serial_number: int
-    firmware: int
-    layout: int
-
-
-@dataclass(slots=True)
-class SourceCounters:
-    """Totals since construction; only those in a row and `lateness` ever decrease.
-
-    Attributes:
-        bad_in_a_row: status frames dropped since the last good one; `malformed_in_a_row` of them for length or kind.
-        gaps_in_a_row: good status frames one after the other whose counter has left some out.
-        lateness: grows by 2 with a repeated status frame, falls by 1 with a fresh one: duplicates that keep coming.
-        other_bits: bits on the bus of frames that are not the source's, without stuffing.
-    """
-
-    statuses: int = 0
-    lost: int = 0
-    duplicates: int = 0
-    bad_checks: int = 0
-    bad_in_a_row: int = 0
-    malformed: int = 0
-    malformed_in_a_row: int = 0
-    gaps_in_a_row: int = 0
-    lateness: int = 0
-    other_bits: int = 0
-    foreign_commands: int = 0
-    other_frames: int = 0
-    sent: int = 0
-    late_sends: int = 0
-
-
-class SourceBatch(NamedTuple):
-    """What one read of the current source gave.
-
-    Attributes:
-        records: ring records in SI and degC, in the order of the wire; the set-points sent meanwhile among them.
-        statuses: statuses that passed every check.
-        temperatures: temperatures.
-        lost: statuses that the counter says are missing.
-        bad: statuses dropped for CRC, counter, length or kind.
-        arrival_ns: monotonic time at which they were there, ns.
-    """
-
-    records: list[Record]
-    statuses: list[SourceStatus]
-    temperatures: list[SourceTemperature]
-    lost: int
-    bad: int
-    arrival_ns: int
-
-
-class CurrentSource(Protocol):
-    """The coil's current source, as its driver shows it.
-
-    Read by one owner thread; commands may come from any thread. Until `command` is called it asks for 0 A, disabled.
-    """
-
-    counters: SourceCounters
-    status: SourceStatus | None
-    temperature: SourceTemperature | None
-    identity: SourceIdentity | None
-    send_error: DriverError | None
-
-    @property
-    def identity_problem(self) -> str:
-        """Why its identity is not that of the described device; empty while it is, or none has come."""
-
-    @property
-    def commanded_A(self) -> float:
-        """Set-point of the commands, A; 0 while they ask for the output stage to be off."""
-
-    @property
-    def bus_errors(self) -> int:
-        """Errors the interface reported."""
-
-    @property
-    def malformed(self) -> int:
-        """What came in and cannot be the source's."""
-
-    def open(self) -> None:
-        """Join the bus; sends nothing yet."""
-
-    def close(self) -> None:
-        """End the commands and leave the bus; the source goes to 0 A by its own time-out."""
-
-    def start(self, period_s: float) -> None:
-        """Send the command from now on, every `period_s` wall seconds."""
-
-    def command(self, current_A: float, *, enable: bool = True, clear_faults: bool = False) -> None:
-        """Set what the next command asks for."""
-
-    def send_now(self) -> None:
-        """Send the command at once, beside the cycle."""
-
-    def read_batch(self, timeout_s: float) -> SourceBatch:
-        """Whatever has arrived, waiting up to `timeout_s` for the first."""
 
 
 class Sensor(Protocol):

@@ -174,7 +174,8 @@ class ModbusServer:
 
     def _transports(self) -> list[asyncio.Transport]:
         connections = [] if self._server is None else list(self._server.active_connections.values())
-        return [each.transport for each in connections if isinstance(each.transport, asyncio.Transport)]
+        transports = [connection.transport for connection in connections]
+        return [transport for transport in transports if isinstance(transport, asyncio.Transport)]
 
 
 def _damage(packet: bytes, count: int) -> bytes:

@@ -82,7 +82,7 @@ def parse_fault(text: str) -> ScheduledFault:
              "processes"],
         )  # fmt: skip
     if name != slug and name not in VARIANTS:
-        known = ", ".join(each for each in sorted(VARIANTS) if each.startswith(f"{slug}:"))
+        known = ", ".join(variant for variant in sorted(VARIANTS) if variant.startswith(f"{slug}:"))
         raise FileProblem("--fault", [f"{name!r}: {f'{slug} has {known}' if known else f'{slug} has no variants'}"])
     begin, plus, duration = times.partition("+")
     try:

@@ -10,12 +10,12 @@ from enum import IntEnum, IntFlag
 from pathlib import Path
 from typing import Any
 
+from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.roles import (
     UNNAMED,
     ActuatorIdentity,
     ActuatorLimits,
     ActuatorStatus,
-    Capabilities,
     Command,
     FaultBit,
     Input,
@@ -25,7 +25,6 @@ from drivers.roles import (
     Result,
     State,
     WatchdogAction,
-    WatchdogKind,
     Waveform,
 )
 from protocols.errors import LocalProtocolError

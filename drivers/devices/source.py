@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from drivers.can_port import import_can
-from drivers.roles import UNNAMED, SourceFault, SourceState
+from drivers.current_source import SourceFault, SourceState
+from drivers.roles import UNNAMED
 from protocols.current_frames import CurrentFrames, Message, Signal
 from protocols.errors import LocalProtocolError
 
@@ -97,18 +98,18 @@ def _message(fields: Mapping[str, str], messages: Mapping[str, Any], data_ids: M
     if name not in messages:
         raise LocalProtocolError(f"the DBC has no message {name!r}; it has {', '.join(messages)}")
     given = messages[name]
-    by_name = {signal.name: signal for signal in given.signals}
+    by_name = {item.name: item for item in given.signals}
     signals: dict[str, Signal] = {}
     for field, wanted in fields.items():
         if field == "message":
             continue
-        found = by_name.get(wanted)
-        if found is None:
+        signal = by_name.get(wanted)
+        if signal is None:
             raise LocalProtocolError(f"message {name!r} has no signal {wanted!r}; it has {', '.join(by_name)}")
-        if found.byte_order != "little_endian" or found.offset != 0 or found.is_float:
+        if signal.byte_order != "little_endian" or signal.offset != 0 or signal.is_float:
             raise LocalProtocolError(f"signal {wanted!r}: only little-endian integers without an offset can be read")
         signals[field] = Signal(
-            found.name, found.start, found.length, found.is_signed, float(found.scale), found.unit or ""
+            signal.name, signal.start, signal.length, signal.is_signed, float(signal.scale), signal.unit or ""
         )
     return Message(given.frame_id, given.length, signals, data_ids.get(name))
 

@@ -51,7 +51,7 @@ def late_event(blind: BlindTime, host: HostWatch) -> Event:
     }
 
 
-def step_event(stop: SafeStop, view: StopInputs, evidence: Event, now_ns: int) -> Event:
+def step_event(stop: SafeStop, inputs: StopInputs, evidence: Event, now_ns: int) -> Event:
     """The event of a stop's new step; of the last one with what is proved and what is not."""
     if stop.step is StopPhase.SAFE:
         event: Event = {
@@ -60,23 +60,23 @@ def step_event(stop: SafeStop, view: StopInputs, evidence: Event, now_ns: int) -
             "standstill": stop.standstill,
             "current_zero": stop.current_zero,
             **evidence,
-            "stopped_s": (view.now_ns - stop.started_ns) / 1e9,
+            "stopped_s": (inputs.now_ns - stop.started_ns) / 1e9,
         }
     elif stop.step is StopPhase.UNKNOWN:
-        event = {"event": "unknown", "reason": unknown_reason(stop, view), **evidence}
+        event = {"event": "unknown", "reason": unknown_reason(stop, inputs), **evidence}
     else:
         event = {"event": "stop", "step": stop.step.name.lower()}
     return {**event, "t_ns": now_ns}
 
 
-def unknown_reason(stop: SafeStop, view: StopInputs) -> str:
+def unknown_reason(stop: SafeStop, inputs: StopInputs) -> str:
     """What a stop could not prove, and which device it is missing for that."""
     lost = [
         name
         for name, value in (
-            ("controller", view.controller_moving),
-            ("LVDT", view.still_s),
-            ("ECU", view.current_A),
+            ("controller", inputs.controller_moving),
+            ("LVDT", inputs.still_s),
+            ("ECU", inputs.current_A),
         )
         if value is None
     ]

@@ -24,7 +24,7 @@ class Motion(Protocol):
     def act(self, action: StopAction) -> None:
         """Have the actuator's thread carry out a stop action before anything else; returns at once."""
 
-    def fill_view(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
+    def stop_inputs(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
         """Moving, clock (s), hydraulics low, hydraulics off; each None without a fresh status."""
 
     @property

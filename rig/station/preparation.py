@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 
-from drivers.roles import ActuatorLimits, Command, FaultBit, State, WatchdogAction, WatchdogKind
+from drivers.capabilities import WatchdogKind
+from drivers.roles import ActuatorLimits, Command, FaultBit, State, WatchdogAction
 from rig.clock import monotonic_ns
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.config import StationConfig
@@ -24,12 +25,12 @@ class Preparation:
     """Proves and prepares the devices; every method either proves its point or refuses."""
 
     def __init__(
-        self, config: StationConfig, supervisor: Supervisor, devices: Devices, commander: CommandChannel
+        self, config: StationConfig, supervisor: Supervisor, devices: Devices, commands: CommandChannel
     ) -> None:
         self._config = config
         self._supervisor = supervisor
         self._devices = devices
-        self._commander = commander
+        self._commands = commands
 
     def prove_devices(self) -> dict[str, object]:
         """Identities as the bench expects them, the coil's temperature, and data at a measured rate from every sensor.
@@ -81,7 +82,7 @@ class Preparation:
                 was written.
         """
         actuator = self._devices.actuator
-        status = self._commander.fresh()
+        status = self._commands.fresh()
         if status.e_stop_open:
             raise StationRefused("estop", "arm: the e-stop chain is open")
         self.acquire()
@@ -89,8 +90,8 @@ class Preparation:
             if status.fault_bits != FaultBit.WATCHDOG:
                 bits = FaultBit(status.fault_bits).name
                 raise StationRefused("controller-trip", f"arm: the controller is tripped ({bits}); find out why, reset")
-            self._commander.command(Command.RESET)
-            self._commander.await_status(
+            self._commands.command(Command.RESET)
+            self._commands.await_status(
                 lambda answer: answer.state != State.TRIPPED, "controller-trip", "controller stays tripped"
             )
         wanted = self._limits()
@@ -121,7 +122,7 @@ class Preparation:
         deadline_ns = monotonic_ns() + int(LEASE_WAIT_S * 1e9)
         while True:
             try:
-                self._commander.command(Command.ACQUIRE)
+                self._commands.command(Command.ACQUIRE)
                 break
             except StationRefused as error:
                 if error.slug != "second-master":
@@ -130,7 +131,7 @@ class Preparation:
                     raise StationRefused("two-instances", f"arm: {error.message}") from error
                 self._devices.actuator.wait_status(lambda status: status.owner == 0, 0.1)
         owner = self._devices.owner_id
-        self._commander.await_status(
+        self._commands.await_status(
             lambda status: status.owner == owner, "second-master", f"the controller does not show owner {owner}"
         )
         judge.leased = True
@@ -191,8 +192,8 @@ class Preparation:
                 raise StationRefused(
                     "watchdog-absent", f"the controller did not trip within {allowed_s:g} s of not being fed"
                 )
-            self._commander.command(Command.RESET)
-            self._commander.await_status(
+            self._commands.command(Command.RESET)
+            self._commands.await_status(
                 lambda status: status.fault_bits == 0, "controller-trip", "the watchdog's trip does not clear"
             )
         finally:

@@ -33,8 +33,8 @@ from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.link_faults import link_slug
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
 from rig.station.preparation import Preparation
-from rig.station.safe_stop import STILL_S
-from rig.station.supervisor import Movement, Supervisor
+from rig.station.safe_stop import STILL_S, Movement
+from rig.station.supervisor import Supervisor
 from rig.station.threads.devices import Devices, slug_of
 
 Arguments = Mapping[str, object]
@@ -57,8 +57,8 @@ class Requests:
         self._config = config
         self._supervisor = supervisor
         self._devices = devices
-        self._commander = CommandChannel(devices.actuator, supervisor)
-        self._preparation = Preparation(config, supervisor, devices, self._commander)
+        self._commands = CommandChannel(devices.actuator, supervisor)
+        self._preparation = Preparation(config, supervisor, devices, self._commands)
         self._connected = False
         self._table: dict[str, Callable[[Arguments], Answer]] = {
             "connect": self._connect,
@@ -167,11 +167,11 @@ class Requests:
             self._require_motion("hydraulics")
         self._await_rest("hydraulics")
         if not self._devices.actuator.capabilities.hydraulics:
-            status = self._commander.fresh()
+            status = self._commands.fresh()
             return {"state": state_name(status.state), "supply_pressure_Pa": status.supply_pressure_Pa}
         command, reached = choices[level]
-        self._commander.command(command)
-        status = self._commander.await_status(
+        self._commands.command(command)
+        status = self._commands.await_status(
             reached, "hydraulics", f"level {level} not reached", HYDRAULICS_TIMEOUT_S, until_trip=level != "off"
         )
         return {"state": state_name(status.state), "supply_pressure_Pa": status.supply_pressure_Pa}
@@ -183,7 +183,7 @@ class Requests:
         speed_m_s = _number(arguments, "speed_m_s", 0.0, limits.speed_m_s)
         deceleration = self._config.actuator.halt_deceleration_m_s2
         self._supervisor.movement = Movement(fade_s=speed_m_s / deceleration + SPEED_WINDOW_S)
-        status = self._commander.command(Command.MOVE_TO, Move(target_m, speed_m_s))
+        status = self._commands.command(Command.MOVE_TO, Move(target_m, speed_m_s))
         return {"state": state_name(status.state)}
 
     def _set_current(self, arguments: Arguments) -> Answer:
@@ -217,7 +217,7 @@ class Requests:
         period_s = 1.0 / frequency_Hz
         self._supervisor.movement = Movement(self._config.actuator.fade_out_cycles * period_s, period_s)
         self._devices.actuator.judge.expect_program(program.all_cycles * period_s, program.all_cycles)
-        status = self._commander.command(Command.START, program)
+        status = self._commands.command(Command.START, program)
         return {"program_id": status.program_id, "state": state_name(status.state)}
 
     def _write_table(self, arguments: Arguments) -> int:
@@ -268,13 +268,13 @@ class Requests:
         if still_s is None or still_s < STILL_S or devices.actuator.judge.moving(STILL_S):
             raise StationRefused("not-at-rest", "reset: standstill is not proved by LVDT and controller")
         self._preparation.prepare_coil()
-        status = self._commander.fresh()
+        status = self._commands.fresh()
         supervisor.starve(proving=True, feeding=True)
         try:
             self._preparation.acquire()
             if status.state == State.TRIPPED or status.fault_bits:
-                self._commander.command(Command.RESET)
-                self._commander.await_status(
+                self._commands.command(Command.RESET)
+                self._commands.await_status(
                     lambda answer: answer.fault_bits == 0, "controller-trip", "the controller stays tripped"
                 )
             limits = self._preparation.prepare_controller()
@@ -296,7 +296,7 @@ class Requests:
         self._supervisor.disarm()
         self._devices.actuator.judge.leased = False
         leases = self._devices.actuator.capabilities.lease
-        status = self._commander.command(Command.RELEASE) if leases else self._commander.fresh()
+        status = self._commands.command(Command.RELEASE) if leases else self._commands.fresh()
         return {"state": state_name(status.state), "current_A": self._devices.coil.fresh_current_A}
 
     # Reading

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
@@ -22,7 +21,7 @@ from rig.station.events import Trip, late_event, step_event, trip_event
 from rig.station.interfaces import Coil, Motion, Travel, Watched
 from rig.station.interlocks.finding import Finding
 from rig.station.log import say_error
-from rig.station.safe_stop import SafeStop, StopAction, StopInputs, StopPhase
+from rig.station.safe_stop import Movement, SafeStop, StopAction, StopInputs, StopPhase
 from rig.station.watchdogs import HostWatch, Listener, Watchdogs, quiet_s
 
 TICK_S = 0.005
@@ -40,14 +39,6 @@ _SLOWEST_LAST = (*(action for action in StopAction if action is not StopAction.Z
 Emit = Callable[[dict[str, object]], None]
 Append = Callable[[list[Record]], None]
 T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Movement:
-    """What a stop has to expect of the motion that was last commanded (device seconds)."""
-
-    fade_s: float = 0.0
-    period_s: float = 0.0
 
 
 class Supervisor:
@@ -375,12 +366,12 @@ class Supervisor:
             if self.stop is None:
                 return
             before = self.stop
-            view = self._view(now_ns)
+            inputs = self._stop_inputs(now_ns)
             if not before.finished:
-                self.stop, actions = safe_stop.advance(before, view)
+                self.stop, actions = safe_stop.advance(before, inputs)
             elif self._application_gone and before.kind is not StopKind.PRESSURE_OFF:
-                self.stop, actions = safe_stop.escalate(before, StopKind.PRESSURE_OFF, view.now_ns)
-            elif safe_stop.broken(before, view):
+                self.stop, actions = safe_stop.escalate(before, StopKind.PRESSURE_OFF, inputs.now_ns)
+            elif safe_stop.broken(before, inputs):
                 self._internal("stop-ignored", "the rod moves although its standstill was proved: hydraulics off")
                 return
             else:
@@ -388,16 +379,16 @@ class Supervisor:
             after = self.stop
             if after.step is not before.step:
                 # Under the lock: what is latched meanwhile is told after it.
-                self._try(self._emit, step_event(after, view, self.evidence(), now_ns))
+                self._try(self._emit, step_event(after, inputs, self.evidence(), now_ns))
         self._finish(actions)
         if after.step is not before.step:
             with self.changed:
                 self.changed.notify_all()
 
-    def _view(self, now_ns: int) -> StopInputs:
+    def _stop_inputs(self, now_ns: int) -> StopInputs:
         moving = clock_s = low = off = None
         if self._motion is not None:
-            moving, clock_s, low, off = self._motion.fill_view(now_ns)
+            moving, clock_s, low, off = self._motion.stop_inputs(now_ns)
         still_s = None if self._travel is None else self._travel.still_s(now_ns)
         current_A = None if self._coil is None else self._coil.fresh_current_A
         taken = self._motion is None or self._motion.stop_taken

@@ -116,7 +116,7 @@ class HostWatch:
         if self.woke_ns <= since_ns:
             return 0
         with self._lock:
-            return sum(max(0, min(each.end_ns, now_ns) - max(each.begin_ns, since_ns)) for each in self._kept)
+            return sum(max(0, min(blind.end_ns, now_ns) - max(blind.begin_ns, since_ns)) for blind in self._kept)
 
     def missed(self, name: str, slug: str, last_ns: int, stale_ns: int, now_ns: int) -> Finding | None:
         """Judge a silence.
@@ -186,8 +186,8 @@ class HostWatch:
     def _recent_ns(self, end_ns: int) -> int:
         """Sum of the times that matter in the second before `end_ns`."""
         with self._lock:
-            matter = [each for each in self._kept if each.length_ns > MATTERS_SHARE * self.limit_ns]
-        return sum(max(0, each.end_ns - max(each.begin_ns, end_ns - WINDOW_NS)) for each in matter)
+            matter = [blind for blind in self._kept if blind.length_ns > MATTERS_SHARE * self.limit_ns]
+        return sum(max(0, blind.end_ns - max(blind.begin_ns, end_ns - WINDOW_NS)) for blind in matter)
 
     def _look(self, begin_ns: int, end_ns: int) -> None:
         """Keep a blind time that begins at `begin_ns`, or earlier where no thread ran; called with the lock held."""

@@ -8,10 +8,10 @@ from slcan_device import SlcanDevice
 
 from drivers.can_current_source import CanCurrentSource
 from drivers.can_port import CanPort, import_can
+from drivers.current_source import SourceBatch, SourceIdentity
 from drivers.devices.source import current_source
 from drivers.errors import LinkLost, PortClosed
 from drivers.ring import Channel
-from drivers.roles import SourceBatch, SourceIdentity
 from protocols.errors import LocalProtocolError
 from protocols.quality import Quality
 from simulators import ecu_firmware as wire

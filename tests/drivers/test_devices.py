@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.catalogue import (
     actuator_names,
     current_source_names,
@@ -16,24 +17,13 @@ from drivers.catalogue import (
     register_actuator,
 )
 from drivers.connection import ActuatorAddress, ActuatorConnection, LinkKind
+from drivers.current_source import SourceFault, SourceState
 from drivers.devices import controller as controllers
 from drivers.devices import source as sources
 from drivers.devices.controller import FOLDER, ControllerDescription, controller
 from drivers.devices.source import SourceDescription, current_source
 from drivers.errors import UnknownDevice
-from drivers.roles import (
-    UNNAMED,
-    Capabilities,
-    Command,
-    FaultBit,
-    Input,
-    Move,
-    Result,
-    SourceFault,
-    SourceState,
-    State,
-    WatchdogKind,
-)
+from drivers.roles import UNNAMED, Command, FaultBit, Input, Move, Result, State
 from protocols.errors import LocalProtocolError
 from simulators import controller_firmware, ecu_firmware
 

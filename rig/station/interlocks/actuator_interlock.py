@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from drivers.roles import ActuatorStatus, Capabilities, Command, FaultBit, Result, State
+from drivers.capabilities import Capabilities
+from drivers.roles import ActuatorStatus, Command, FaultBit, Result, State
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 from rig.station.interlocks.motion_interlock import STILL_TOLERANCE_M
 
@@ -315,7 +316,7 @@ class CommandWatch:
 
 def _last(sent: Sent, commands: frozenset[Command] | set[Command]) -> tuple[int, int] | None:
     """The newest of these commands that was sent; None when none of them was."""
-    return next((each for each in reversed(sent) if each[1] in commands), None)
+    return next((command for command in reversed(sent) if command[1] in commands), None)
 
 
 def _stopped(sent: Sent) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from drivers.roles import SourceCounters, SourceFault, SourceStatus, SourceTemperature
+from drivers.current_source import SourceCounters, SourceFault, SourceStatus, SourceTemperature
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
 SETTLED_STATUSES = 15

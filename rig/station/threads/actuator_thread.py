@@ -14,10 +14,11 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TypeVar
 
+from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import LinkKind
 from drivers.errors import DriverError, LinkLost, NoAnswer, RequestRefused
 from drivers.ring import Record
-from drivers.roles import Actuator, ActuatorIdentity, ActuatorStatus, Capabilities, Command, WatchdogKind, state_name
+from drivers.roles import Actuator, ActuatorIdentity, ActuatorStatus, Command, state_name
 from rig.clock import monotonic_ns
 from rig.station.config import ActuatorConfig
 from rig.station.interfaces import Travel
@@ -175,7 +176,7 @@ class ActuatorThread(DeviceThread):
         """Compare boot count and configuration with what they are now (True), or with nothing (False)."""
         self._settings = None
         if expected:
-            self._settings = _settings(self.call(lambda driver: driver.read_identity(), OPEN_PATIENCE_S))
+            self._settings = self.call(lambda driver: driver.read_identity(), OPEN_PATIENCE_S).settings
 
     def wake(self) -> None:
         """Interrupt the wait for the next poll."""
@@ -193,7 +194,7 @@ class ActuatorThread(DeviceThread):
         """The last status, None when it is stale: not answered, or answered by a controller whose heartbeat stands."""
         return self.judge.status if now_ns - self._last_ns <= self._stale_ns and not self.judge.frozen else None
 
-    def fill_view(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
+    def stop_inputs(self, now_ns: int) -> tuple[bool | None, float | None, bool | None, bool | None]:
         """Moving, clock (s), hydraulics low, hydraulics off; None without a fresh status, moving without a position."""
         status = self.fresh_status(now_ns)
         if status is None:
@@ -292,9 +293,9 @@ class ActuatorThread(DeviceThread):
 
     def _compare_settings(self, expected: tuple[int, int]) -> None:
         """A controller that has booted, or whose limits somebody else changed, is not the one that was prepared."""
-        found = _settings(self._driver.read_identity())
-        if found != expected:
-            detail = f"controller's boot count and configuration hash are {found}, they were {expected}"
+        shown = self._driver.read_identity().settings
+        if shown != expected:
+            detail = f"controller's boot count and configuration hash are {shown}, they were {expected}"
             self._supervisor.report([Finding("actuator-reboot", detail, monotonic_ns())])
 
     def _run_job(self) -> None:
@@ -398,7 +399,3 @@ class ActuatorThread(DeviceThread):
             raise
         self.judge.restart()
         self._linked = True
-
-
-def _settings(identity: ActuatorIdentity) -> tuple[int, int]:
-    return identity.boot_count, identity.config_hash

@@ -9,9 +9,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
+from drivers.current_source import CurrentSource, SourceBatch, SourceFault, SourceIdentity, SourceState
 from drivers.errors import DriverError
 from drivers.ring import Record
-from drivers.roles import CurrentSource, SourceBatch, SourceFault, SourceIdentity, SourceState
 from protocols.quality import Quality
 from rig.clock import monotonic_ns
 from rig.station.config import EcuConfig

@@ -8,6 +8,7 @@ from drivers.catalogue import make_actuator, make_current_source
 from drivers.connection import ActuatorConnection
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
+from drivers.sample_stream import SampleScale
 from drivers.serial_sensor import SerialSensor
 from protocols.errors import ProtocolError
 from protocols.line_format import LineFormat, from_description
@@ -90,10 +91,7 @@ class Devices:
             name=given.name,
             channel=role.channel,
             line_format=_line_format(given),
-            sensitivity=given.sensitivity,
-            offset=-given.offset,
-            rate_Hz=given.rate_Hz,
-            device_rate=self.config.device_rate,
+            scale=SampleScale(given.sensitivity, -given.offset, given.rate_Hz, self.config.device_rate),
         )
         return SensorThread(given, driver, role, self._supervisor, append)
 

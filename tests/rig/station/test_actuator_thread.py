@@ -194,7 +194,7 @@ def test_a_controller_without_a_position_leaves_the_proof_of_standstill_to_the_l
     assert rig.supervisor.trip is not None
     assert (rig.supervisor.trip.slug, rig.supervisor.trip.stop) == ("feedback-lost", StopKind.HALT)
     assert wait_for(lambda: Command.HALT in rig.device.executed)
-    moving, clock_s, _, _ = rig.thread.fill_view(monotonic_ns())
+    moving, clock_s, _, _ = rig.thread.stop_inputs(monotonic_ns())
     assert moving is None
     assert clock_s is not None
 
@@ -206,7 +206,7 @@ def test_a_status_that_stands_in_running_is_no_view_and_the_stop_ends_in_time_wi
     assert wait_for(lambda: rig.supervisor.trip is not None)
     assert rig.supervisor.trip is not None
     assert rig.supervisor.trip.slug == "actuator-frozen"
-    assert rig.thread.fill_view(monotonic_ns()) == (None, None, None, None)
+    assert rig.thread.stop_inputs(monotonic_ns()) == (None, None, None, None)
     began_s = time.monotonic()
     assert wait_for(lambda: (stop := rig.supervisor.stop) is not None and stop.step is StopPhase.UNKNOWN)
     assert time.monotonic() - began_s < MOST_STOP_S

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.roles import SourceCounters, SourceStatus
+from drivers.current_source import SourceCounters, SourceStatus
 from rig.station.interlocks.current_interlock import SETTLED_STATUSES, BusInterlock, CurrentInterlock
 
 MS = 1_000_000

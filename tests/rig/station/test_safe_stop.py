@@ -19,9 +19,9 @@ LOST = replace(MOVING, still_s=None, controller_moving=None, controller_clock_s=
                hydraulics_low=None, hydraulics_off=None)  # fmt: skip
 
 
-def at(view: StopInputs, ms: float, device_rate: float = 1.0) -> StopInputs:
-    clock_s = None if view.controller_clock_s is None else ms / 1e3 * device_rate
-    return replace(view, now_ns=int(ms * MS), controller_clock_s=clock_s)
+def at(inputs: StopInputs, ms: float, device_rate: float = 1.0) -> StopInputs:
+    clock_s = None if inputs.controller_clock_s is None else ms / 1e3 * device_rate
+    return replace(inputs, now_ns=int(ms * MS), controller_clock_s=clock_s)
 
 
 def begin(
@@ -31,11 +31,11 @@ def begin(
 
 
 def run(
-    stop: SafeStop, view: StopInputs, until_ms: int, from_ms: int = 0
+    stop: SafeStop, inputs: StopInputs, until_ms: int, from_ms: int = 0
 ) -> tuple[SafeStop, list[tuple[int, StopAction]]]:
     done: list[tuple[int, StopAction]] = []
     for ms in range(from_ms, until_ms, 5):
-        stop, actions = safe_stop.advance(stop, at(view, ms, stop.device_rate))
+        stop, actions = safe_stop.advance(stop, at(inputs, ms, stop.device_rate))
         done += [(ms, action) for action in actions]
     return stop, done
 
@@ -77,8 +77,8 @@ def test_s1_lowers_then_switches_off_only_after_standstill() -> None:
 
 
 def test_one_source_that_says_moving_is_enough_not_to_be_at_rest() -> None:
-    for view in (replace(AT_REST, still_s=0.0), replace(AT_REST, controller_moving=True)):
-        stop, _ = run(begin(), view, 600)
+    for inputs in (replace(AT_REST, still_s=0.0), replace(AT_REST, controller_moving=True)):
+        stop, _ = run(begin(), inputs, 600)
         assert stop.step is StopPhase.STOPPING
 
 
@@ -106,8 +106,8 @@ def test_stop_that_is_ignored_escalates_to_hydraulics_off_after_fade_and_margin(
 def test_fade_deadline_runs_on_the_device_clock_so_a_slowed_rig_is_waited_for() -> None:
     stop = begin(fade_s=1.0)
     for ms in range(0, 5000, 5):
-        view = replace(MOVING, now_ns=ms * MS, controller_clock_s=ms / 10_000, current_A=0.0)
-        stop, actions = safe_stop.advance(stop, view)
+        inputs = replace(MOVING, now_ns=ms * MS, controller_clock_s=ms / 10_000, current_A=0.0)
+        stop, actions = safe_stop.advance(stop, inputs)
         assert StopAction.STOP_IGNORED not in actions
     assert stop.step is StopPhase.STOPPING
 
@@ -187,10 +187,10 @@ def test_every_constant_view_ends_and_safe_always_means_standstill_was_shown(kin
     for values in itertools.product(*VALUES.values()):
         given = dict(zip(VALUES, values, strict=True))
         clock_s = None if given["controller_moving"] is None else 0.0
-        view = replace(MOVING, controller_clock_s=clock_s, **given)  # type: ignore[arg-type]  # values by name
+        inputs = replace(MOVING, controller_clock_s=clock_s, **given)  # type: ignore[arg-type]  # values by name
         stop = begin(kind, fade_s=0.5)
         for ms in range(0, 12_000, 50):
-            stop, _ = safe_stop.advance(stop, at(view, ms))
+            stop, _ = safe_stop.advance(stop, at(inputs, ms))
         assert stop.finished, given
         if stop.step is StopPhase.SAFE:
             assert given["still_s"] != 0.0, given

@@ -83,7 +83,7 @@ class Rod:
     def act(self, action: StopAction) -> None:
         self.actions.append(action)
 
-    def fill_view(self, now_ns: int) -> tuple[None, None, None, None]:
+    def stop_inputs(self, now_ns: int) -> tuple[None, None, None, None]:
         del now_ns
         return None, None, None, None
 

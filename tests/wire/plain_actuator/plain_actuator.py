@@ -16,20 +16,10 @@ import socket
 import time
 from collections import deque
 
+from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import ActuatorAddress, ActuatorConnection, LinkKind
 from drivers.errors import LinkLost, NoAnswer, PortClosed
-from drivers.roles import (
-    ActuatorIdentity,
-    ActuatorLimits,
-    ActuatorStatus,
-    Capabilities,
-    Command,
-    Input,
-    Move,
-    Program,
-    State,
-    WatchdogKind,
-)
+from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, Move, Program, State
 from drivers.setpoint_generator import SetpointGenerator
 
 PRESSURES = {Command.HYDRAULICS_OFF: 0, Command.HYDRAULICS_LOW: 1, Command.HYDRAULICS_ON: 2}
