@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -70,3 +72,29 @@ def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, 
     assert {"actuator-without-lease", "actuator-without-watchdog", "actuator-without-generator"} <= set(said)
     assert "actuator-without-lease" in done.stderr, "also on the terminal"
     assert {point["verdict"] for point in answer["points"]} == {"valid"}
+
+
+def test_ctrl_c_in_motion_fades_its_program_out_and_proves_the_rest(bench: Path, tmp_path: Path) -> None:
+    matrix = tmp_path / "matrix.toml"
+    matrix.write_text(MATRIX, encoding="utf-8")
+    command = [sys.executable, "-m", "rig.cli.main", "run", str(matrix), "--bench", str(bench), "--json"]
+    environment = os.environ | {"PYTHONPATH": f"{HERE}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+    with subprocess.Popen(
+        [*command, "--out", str(tmp_path / "out")], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True,
+    ) as running:
+        deadline = time.monotonic() + 60.0
+        while time.monotonic() < deadline:
+            journals = list(tmp_path.glob("out/*/journal.jsonl"))
+            if journals and '"phase": "running"' in journals[0].read_text(encoding="utf-8"):
+                break
+            time.sleep(0.05)
+        time.sleep(2.5)
+        running.send_signal(signal.SIGINT)
+        said, _ = running.communicate(timeout=60)
+    answer = json.loads(said)
+    assert (running.returncode, answer["rig_state"], answer["stopped_by"]) == (4, "safe", "sigint")
+    story = read_log(Path(answer["campaign"]))
+    assert next(line["action"] for line in story if line.get("what") == "sent") == "fade"
+    (safe,) = [line for line in story if line.get("what") == "safe" and line["stop"] == "S2"]
+    assert (safe["standstill"], safe["current_zero"]) == (True, True)
