@@ -1,22 +1,29 @@
-"""Devices by name: the one door through which the rig comes by an actuator or a current source.
+"""Devices by name: the one door through which the rig comes by an actuator, a current source or a sensor.
 
-A name is a description in `drivers.devices`, driven by the generic driver, or a driver class of its own, made known by
-`register_actuator` before the bench file is read.
+A name is a description in `drivers.devices` or a wire format, driven by the generic driver, or a driver of its own,
+made known by `register_actuator` or `register_sensor` before the bench file is read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 from drivers.connection import ActuatorConnection
 from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
 from drivers.devices.source import current_source_names
 from drivers.errors import UnknownDevice
-from drivers.roles import Actuator
+from drivers.ring import Channel
+from drivers.roles import Actuator, Sensor
+from drivers.sample_stream import SampleScale
+from drivers.serial_sensor import BINARY, SerialSensor
+from protocols.line_format import PRESETS, from_description
 
 __all__ = [
-    "actuator_names", "current_source_names", "make_actuator", "make_current_source", "register_actuator",
+    "SensorConnection", "actuator_names", "current_source_names", "make_actuator", "make_current_source", "make_sensor",
+    "register_actuator", "register_sensor", "sensor_format_names",
 ]
 
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
@@ -65,3 +72,55 @@ def make_current_source(name: str, interface: str, channel: str, bitrate: int) -
     from drivers.devices.source import current_source
 
     return CanCurrentSource(interface, channel, current_source(name), bitrate=bitrate)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorConnection:
+    """How to reach a sensor and how to read it.
+
+    Attributes:
+        url: its port.
+        baudrate: Bd.
+        name: device name for messages, as in the bench file.
+        channel: ring channel 1..9.
+        format: name of a format, or the description of a line.
+        scale: from the wire to SI, and its rate.
+    """
+
+    url: str
+    baudrate: int
+    name: str
+    channel: Channel
+    format: str | Mapping[str, Any]
+    scale: SampleScale
+
+
+SensorMaker = Callable[[SensorConnection], Sensor]
+
+_SENSORS: dict[str, SensorMaker] = {}
+
+
+def register_sensor(name: str, maker: SensorMaker) -> None:
+    """Make a sensor's own driver known under a name of the bench file's `format`: one that is asked for its samples."""
+    _SENSORS[name] = maker
+
+
+def sensor_format_names() -> tuple[str, ...]:
+    """Every name that a sensor's `format` may have, beside the description of a line."""
+    return (*BINARY, *PRESETS, *_SENSORS)
+
+
+def make_sensor(connection: SensorConnection) -> Sensor:
+    """The driver of a sensor; nothing is opened.
+
+    Raises:
+        LocalProtocolError: no format of that name, or a line description that contradicts itself.
+    """
+    given = connection.format
+    if isinstance(given, str) and given in _SENSORS:
+        return _SENSORS[given](connection)
+    line_format = given if isinstance(given, str) else from_description(given)
+    return SerialSensor(
+        connection.url, connection.baudrate, name=connection.name, channel=connection.channel,
+        line_format=line_format, scale=connection.scale,
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from drivers.errors import DriverError
@@ -11,7 +12,9 @@ from drivers.serial_port import SerialPort
 from protocols.frame_format import FrameDecoder
 from protocols.line_format import LineDecoder, LineFormat, preset
 
-FRAME16 = "frame16"
+BINARY: Mapping[str, Callable[[], Decoder]] = {"frame16": FrameDecoder}
+"""Binary formats by name, each with what splits its bytes; such a format numbers its samples."""
+DEFAULT_FORMAT = "frame16"
 UNSCALED = SampleScale()
 WIRE_UNITS = {Channel.FORCE: "N", Channel.DISPLACEMENT: "mm"}
 
@@ -24,8 +27,8 @@ class SerialSensor:
         baudrate: Bd.
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
-        line_format: "frame16", the name of a line format preset, or a `LineFormat`. A preset that writes a unit behind
-            the number is taken to write N for force, mm for displacement.
+        line_format: name of a binary format or of a line format preset, or a `LineFormat`. A preset that writes a unit
+            behind the number is taken to write N for force, mm for displacement.
         scale: from the wire to SI, and the sensor's rate; without a rate the format's own.
 
     Raises:
@@ -39,7 +42,7 @@ class SerialSensor:
         *,
         name: str,
         channel: Channel,
-        line_format: str | LineFormat = FRAME16,
+        line_format: str | LineFormat = DEFAULT_FORMAT,
         scale: SampleScale = UNSCALED,
     ) -> None:
         self.name = name
@@ -48,10 +51,12 @@ class SerialSensor:
         self._format: LineFormat | None = None
         if isinstance(line_format, LineFormat):
             self._format = line_format
-        elif line_format != FRAME16:
+        elif line_format not in BINARY:
             shipped = preset(line_format)
             self._format = replace(shipped, unit=WIRE_UNITS.get(channel, shipped.unit))
-        self._decoder: Decoder = FrameDecoder() if self._format is None else LineDecoder(self._format)
+        self._decoder: Decoder = (
+            BINARY[str(line_format)]() if self._format is None else LineDecoder(self._format)
+        )
         if scale.rate_Hz is None and self._format is not None:
             scale = replace(scale, rate_Hz=self._format.nominal_rate_Hz)
         self._stream = SampleStream(self._decoder, channel, scale, has_sequence=self._format is None)

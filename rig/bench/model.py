@@ -149,11 +149,12 @@ class Sensor(Section):
     @field_validator("format", mode="plain", json_schema_input_type=str | dict[str, LineValue])
     @classmethod
     def _known_format(cls, value: object) -> str | dict[str, LineValue]:
+        from drivers.catalogue import sensor_format_names
         from protocols.errors import LocalProtocolError
-        from protocols.line_format import PRESETS, from_description
+        from protocols.line_format import from_description
 
         if isinstance(value, str):
-            known = ["frame16", *PRESETS]
+            known = list(sensor_format_names())
             if value not in known:
                 raise ValueError(f"unknown format; known: {', '.join(known)}, or a table that describes a line")
             return value

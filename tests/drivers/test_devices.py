@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import copy
 import tomllib
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.catalogue import (
+    SensorConnection,
     actuator_names,
     current_source_names,
     make_actuator,
     make_current_source,
+    make_sensor,
     register_actuator,
+    register_sensor,
+    sensor_format_names,
 )
 from drivers.connection import ActuatorAddress, ActuatorConnection, LinkKind
 from drivers.current_source import SourceFault, SourceState
@@ -23,7 +28,9 @@ from drivers.devices import source as sources
 from drivers.devices.controller import FOLDER, ControllerDescription, controller
 from drivers.devices.source import SourceDescription, current_source
 from drivers.errors import UnknownDevice
+from drivers.ring import Channel
 from drivers.roles import UNNAMED, Command, FaultBit, Input, Move, Result, State
+from drivers.sample_stream import SampleScale
 from protocols.errors import LocalProtocolError
 from simulators import controller_firmware, ecu_firmware
 
@@ -168,6 +175,23 @@ def test_an_actuator_with_a_driver_of_its_own_comes_through_the_same_door(monkey
     assert actuator_names() == ("demo", "mine")
     assert make_actuator("mine", ActuatorConnection("tcp://127.0.0.1:1")) is made
     assert make_current_source("demo", "virtual", "x", 500_000).commanded_A == 0.0
+
+
+def test_a_sensor_with_a_driver_of_its_own_comes_through_the_same_door(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("drivers.catalogue._SENSORS", {})
+    asked = SensorConnection("/dev/null", 9600, "load_cell", Channel.FORCE, "polled", SampleScale())
+    with pytest.raises(LocalProtocolError, match="no line format 'polled'"):
+        make_sensor(asked)
+    made = make_sensor(replace(asked, format="frame16"))
+    register_sensor("polled", lambda connection: made)
+    assert "polled" in sensor_format_names()
+    assert make_sensor(asked) is made
+
+
+def test_an_ascii_sensor_is_a_description_in_the_bench_file() -> None:
+    described = {"name": "mine", "pattern": r"(?P<value>\d+)"}
+    given = SensorConnection("/dev/null", 9600, "load_cell", Channel.FORCE, described, SampleScale())
+    assert make_sensor(given).bad_frames == 0
 
 
 def test_what_a_device_cannot_do_is_said_and_one_that_nothing_stops_is_known() -> None:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from drivers.catalogue import make_actuator, make_current_source
+from drivers.catalogue import SensorConnection, make_actuator, make_current_source, make_sensor
 from drivers.connection import ActuatorConnection
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
 from drivers.sample_stream import SampleScale
-from drivers.serial_sensor import SerialSensor
 from protocols.errors import ProtocolError
-from protocols.line_format import LineFormat, from_description
 from rig.station.config import SensorConfig, StationConfig
 from rig.station.errors import StationRefused
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
@@ -85,13 +83,9 @@ class Devices:
 
     def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
         # The bench states the offset as what the sensor shows at zero; the driver adds its own to the scaled value.
-        driver = SerialSensor(
-            given.url,
-            given.baudrate,
-            name=given.name,
-            channel=role.channel,
-            line_format=_line_format(given),
-            scale=SampleScale(given.sensitivity, -given.offset, given.rate_Hz, self.config.device_rate),
+        scale = SampleScale(given.sensitivity, -given.offset, given.rate_Hz, self.config.device_rate)
+        driver = make_sensor(
+            SensorConnection(given.url, given.baudrate, given.name, role.channel, given.format, scale)
         )
         return SensorThread(given, driver, role, self._supervisor, append)
 
@@ -163,7 +157,3 @@ def _interlock(given: SensorConfig, slug: str, low: float, high: float, unit: st
     return ChannelInterlock(
         given.name, slug, low=low, high=high, span=given.span, spike_jump=given.spike_jump, unit=unit
     )
-
-
-def _line_format(given: SensorConfig) -> str | LineFormat:
-    return given.format if isinstance(given.format, str) else from_description(given.format)

@@ -13,7 +13,7 @@ import pytest
 from station_bench import Told, config_for
 
 from drivers.ring import Channel
-from drivers.serial_sensor import FRAME16, SerialSensor
+from drivers.serial_sensor import DEFAULT_FORMAT, SerialSensor
 from protocols.frame_format import encode
 from rig.station.config import SensorConfig
 from rig.station.interlocks.channel_interlock import ChannelInterlock
@@ -105,10 +105,10 @@ def frame(value_N: float, status: int = 0) -> Line:
         ("laumas-fast", laumas(b""), laumas(b"^^^^^^"), "sensor-saturated"),
         ("laumas-fast", laumas(b""), laumas(b"  ErOL"), "sensor-saturated"),
         ("laumas-fast", laumas(b""), laumas(b" ErCEL"), "sensor-fault"),
-        (FRAME16, frame(120.0), frame(math.inf), "sensor-saturated"),
-        (FRAME16, frame(120.0), frame(-math.inf), "sensor-saturated"),
-        (FRAME16, frame(120.0), frame(math.nan, 1), "sensor-saturated"),
-        (FRAME16, frame(120.0), frame(math.nan, 2), "sensor-fault"),
+        (DEFAULT_FORMAT, frame(120.0), frame(math.inf), "sensor-saturated"),
+        (DEFAULT_FORMAT, frame(120.0), frame(-math.inf), "sensor-saturated"),
+        (DEFAULT_FORMAT, frame(120.0), frame(math.nan, 1), "sensor-saturated"),
+        (DEFAULT_FORMAT, frame(120.0), frame(math.nan, 2), "sensor-fault"),
     ],
 )
 def test_three_samples_that_say_overload_or_fault_trip_whether_or_not_they_carry_a_number(
@@ -125,7 +125,7 @@ def test_three_samples_that_say_overload_or_fault_trip_whether_or_not_they_carry
 
 
 def test_a_load_cell_that_sends_no_number_any_more_is_as_good_as_pulled(cable: Callable[[str], Cable]) -> None:
-    line = cable(FRAME16)
+    line = cable(DEFAULT_FORMAT)
     line.begin(frame(120.0))
     line.supervisor.arm()
     line.send(frame(math.nan), round(1.5 * STALE_S / PERIOD_S))
@@ -135,7 +135,7 @@ def test_a_load_cell_that_sends_no_number_any_more_is_as_good_as_pulled(cable: C
 
 
 def test_every_tenth_sample_that_is_no_number_only_warns(cable: Callable[[str], Cable]) -> None:
-    line = cable(FRAME16)
+    line = cable(DEFAULT_FORMAT)
     line.begin(frame(120.0))
     line.supervisor.arm()
     line.send(lambda number: frame(math.nan if number % 10 == 0 else 120.0)(number), 100)
@@ -146,7 +146,7 @@ def test_every_tenth_sample_that_is_no_number_only_warns(cable: Callable[[str], 
 def test_a_sensor_that_reports_a_fault_from_power_on_stops_the_rig_once_it_is_armed(
     cable: Callable[[str], Cable],
 ) -> None:
-    line = cable(FRAME16)
+    line = cable(DEFAULT_FORMAT)
     line.begin(frame(120.0, 2))
     assert line.supervisor.trip is None
     line.supervisor.arm()
