@@ -16,7 +16,7 @@ BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
 class Finding:
     """Something a detector saw.
 
-    `slug` names the row of `fault_table`, `t_ns` is the host arrival of what showed it; `warns` marks what is worth a
+    `slug` names a row of `rig.faults`, `t_ns` is the host arrival of what showed it; `warns` marks what is worth a
     warning only, whatever the row's stop.
     """
 
