@@ -150,6 +150,8 @@ class ActuatorThread(DeviceThread):
 
     def act(self, action: StopAction) -> None:
         """Carry out a stop action before anything else; returns at once."""
+        if action in PRESSURE_ACTIONS and not self.capabilities.hydraulics:
+            return
         with self._wake:
             self._actions |= {action}
             self._hurry = True
@@ -275,10 +277,6 @@ class ActuatorThread(DeviceThread):
         """Send the stop commands that wait, the strongest last; one that is refused waits for the next round."""
         waiting = self._actions
         weakest_first = [action for action in COMMANDS if action in waiting]
-        if not self.capabilities.hydraulics:
-            with self._wake:
-                self._actions -= PRESSURE_ACTIONS
-            weakest_first = [action for action in weakest_first if action not in PRESSURE_ACTIONS]
         for place, action in enumerate(weakest_first):
             try:
                 sequence = self._driver.send(COMMANDS[action])
