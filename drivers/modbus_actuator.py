@@ -6,7 +6,7 @@ import time
 from collections import deque
 from dataclasses import asdict, astuple
 
-from drivers.capabilities import Capabilities
+from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
 from drivers.devices.controller import ControllerDescription
 from drivers.errors import DriverError, LinkLost, NoAnswer, WrongAnswer, WrongLayout
@@ -48,12 +48,8 @@ class ModbusActuator:
             parity=connection.parity,
         )
         self._description = description
-        self._identity = description.map.block("identity")
         self._status = description.map.block("status")
-        self._config = description.map.block("config")
         self._command = description.map.block("command")
-        self._table = description.map.block("table")
-        self._watchdog = description.map.block("watchdog")
         self.sent: deque[tuple[int, int]] = deque(maxlen=SENT_KEPT)
         self._sequence: int | None = None
         self._sent = Command.NONE
@@ -108,22 +104,18 @@ class ModbusActuator:
             WrongLayout: signature or layout are not those of the register map.
             DriverError: the controller cannot be read.
         """
-        words = self._link.read(self._identity.address, self._identity.count)
+        block = self._description.map.block("identity")
+        words = self._link.read(block.address, block.count)
         try:
             identity = self._description.decode_identity(words)
         except RemoteProtocolError as error:
             raise WrongLayout("actuator", self.url, f"identity block: {error}") from error
-        expected = self._description
-        if identity.signature_u32 != expected.signature_u32 or identity.signature_f32 != expected.signature_f32:
-            raise WrongLayout(
-                "actuator", self.url,
-                f"signature registers read 0x{identity.signature_u32:08X} and {identity.signature_f32:g}, expected "
-                f"0x{expected.signature_u32:08X} and {expected.signature_f32:g}: wrong word order, scale or device",
+        expected = self._description.expected_identity
+        if wrong := [name for name, value in expected.items() if getattr(identity, name) != value]:
+            shown = ", ".join(
+                f"{name} {_shown(getattr(identity, name))}, expected {_shown(expected[name])}" for name in wrong
             )
-        if identity.layout_version != expected.layout_version:
-            raise WrongLayout(
-                "actuator", self.url, f"register layout {identity.layout_version}, expected {expected.layout_version}"
-            )
+            raise WrongLayout("actuator", self.url, f"{shown}: wrong word order, scale, layout or device")
         return identity
 
     def read_status(self) -> ActuatorStatus:
@@ -143,8 +135,11 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be reached.
         """
+        if self.capabilities.watchdog is not WatchdogKind.COUNTER:
+            return self.read_status()
+        watchdog = self._description.map.block("watchdog")
         words = self._link.exchange(
-            self._status.address, self._status.count, self._watchdog.address, [watchdog_counter % SEQUENCE_MODULUS]
+            self._status.address, self._status.count, watchdog.address, [watchdog_counter % SEQUENCE_MODULUS]
         )
         return self._to_status(words)
 
@@ -155,7 +150,8 @@ class ModbusActuator:
             WrongAnswer: the words do not make up the block.
             DriverError: the controller cannot be read.
         """
-        words = self._link.read(self._config.address, self._config.count)
+        block = self._description.map.block("config")
+        words = self._link.read(block.address, block.count)
         try:
             return self._description.decode_limits(words)
         except RemoteProtocolError as error:
@@ -169,13 +165,13 @@ class ModbusActuator:
             WrongAnswer: the controller holds something else afterwards.
             DriverError: the controller cannot be reached.
         """
-        words = self._description.encode_limits(limits)
+        words, address = self._description.encode_limits(limits), self._description.map.block("config").address
         try:
-            self._link.write(self._config.address, words)
+            self._link.write(address, words)
         except (NoAnswer, LinkLost, WrongAnswer):
             # Writing limits twice is harmless.
             self._link.open()
-            self._link.write(self._config.address, words)
+            self._link.write(address, words)
         held = self.read_limits()
         for name, wanted, got in zip(asdict(limits), astuple(limits), astuple(held), strict=True):
             if abs(got - wanted) > LIMIT_TOLERANCE * max(abs(wanted), 1e-3):
@@ -191,15 +187,15 @@ class ModbusActuator:
             LocalProtocolError: a value is not finite.
             DriverError: the controller cannot be reached or refuses.
         """
-        size = self._description.table_values
+        size, table = self._description.table_values, self._description.map.block("table")
         for index in range(0, len(values_m), size):
             part = values_m[index : index + size]
-            words = self._table.encode({
+            words = table.encode({
                 "table_index": index,
                 "table_count": len(part),
                 **{f"table_value_{i}": value for i, value in enumerate(part)},
             })
-            self._link.write(self._table.address, words)
+            self._link.write(table.address, words)
 
     def send(self, command: Command, order: Move | Program | None = None) -> int:
         """Write a command and make sure that it arrived.
@@ -284,3 +280,8 @@ class ModbusActuator:
 def _following(sequence: int) -> int:
     """The sequence number after this one; never 0."""
     return sequence % (SEQUENCE_MODULUS - 1) + 1
+
+
+def _shown(value: float | str) -> str:
+    """A register's value for people: whole numbers also as they lie on the wire."""
+    return f"{value} (0x{value:08X})" if isinstance(value, int) and value > 0xFFFF else str(value)

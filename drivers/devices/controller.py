@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -45,6 +46,7 @@ def _bare(field: str) -> str:
 
 _LIMITS = {field: _bare(field) for field in ActuatorLimits.__dataclass_fields__}
 _STATUS = tuple(_bare(field) for field in ActuatorStatus._fields[1:])
+_MEASURED = frozenset(_bare(field) for field in ActuatorStatus._fields if field != _bare(field))
 
 
 class _Codes:
@@ -107,7 +109,7 @@ class ControllerDescription:
     Attributes:
         capabilities: what it can do.
         map: where its registers are.
-        signature_u32, signature_f32, layout_version: what its identity must show.
+        expected_identity: what its identity must show, by register: signatures, layout version.
 
     Raises:
         LocalProtocolError: the description contradicts itself.
@@ -118,10 +120,9 @@ class ControllerDescription:
         given = dict(data["capabilities"])
         self.capabilities = Capabilities(watchdog=WatchdogKind(given.pop("watchdog")), **given)
         self.map = RegisterMap(name, [_block(entry) for entry in data["block"]])
-        identity = data["identity"]
-        self.signature_u32 = int(identity["signature_u32"])
-        self.signature_f32 = float(identity["signature_f32"])
-        self.layout_version = int(identity["layout_version"])
+        self.expected_identity: dict[str, Value] = dict(data.get("identity", {}))
+        self._has = {register.name for register in self.map.block("status").registers}
+        self._complete = self._has.issuperset(_STATUS)
         codes, bits = data["codes"], data["bits"]
         self._states = _Codes(State, codes["state"])
         self._commands = _Codes(Command, codes["command"])
@@ -139,10 +140,14 @@ class ControllerDescription:
             RemoteProtocolError: the words do not make up the block.
         """
         values = self.map.block("identity").decode(words)
-        return ActuatorIdentity(**{name: values[name] for name in _IDENTITY})  # type: ignore[arg-type]  # types follow the map
+        held = {name: values[name] for name in _IDENTITY if name in values}
+        return ActuatorIdentity(**held)  # type: ignore[arg-type]  # types follow the map
 
     def decode_status(self, words: Sequence[int], received_ns: int) -> ActuatorStatus:
-        """Status from the words of its block, in neutral terms.
+        """Status from the words of its block, in neutral terms; what the controller does not show is 0 or NaN.
+
+        Without a heartbeat or a clock of its own the arrival's time stands for it; without an e-stop input the chain
+        counts as closed.
 
         Args:
             words: register values of the status block.
@@ -151,14 +156,23 @@ class ControllerDescription:
         Raises:
             RemoteProtocolError: the words do not make up the block.
         """
-        values = self.map.block("status").decode(words)
+        values = self._unshown(received_ns) | self.map.block("status").decode(words)
         values["state"] = self._states.meaning(int(values["state"]))
         values["result"] = self._results.meaning(int(values["result"]))
         values["phase"] = self._phases.meaning(int(values["phase"]))
         values["acked_command"] = self._commands.meaning(int(values["acked_command"]))
         values["fault_bits"] = self._faults.meaning(int(values["fault_bits"]))
-        values["inputs"] = self._inputs.meaning(int(values["inputs"]))
+        closed = 0 if self.capabilities.e_stop_input else int(Input.E_STOP_CLOSED)
+        values["inputs"] = self._inputs.meaning(int(values["inputs"])) | closed
         return ActuatorStatus(received_ns, *[values[name] for name in _STATUS])  # type: ignore[arg-type]  # types follow the map
+
+    def _unshown(self, received_ns: int) -> dict[str, Value]:
+        """Values of what the status block does not have."""
+        if self._complete:
+            return {}
+        own = {"heartbeat": received_ns // 10_000_000 & 0xFFFF, "clock_us": received_ns // 1000 & 0xFFFFFFFF}
+        missing: dict[str, Value] = {name: own.get(name, 0) for name in _STATUS if name not in self._has}
+        return missing | {name: math.nan for name in missing if name in _MEASURED}
 
     def decode_limits(self, words: Sequence[int]) -> ActuatorLimits:
         """Limits from the words of the config block.

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+import math
 import tomllib
 from dataclasses import replace
 from typing import Any
 
 import pytest
+from modbus_device import ModbusDevice
 
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.catalogue import (
@@ -28,6 +30,7 @@ from drivers.devices import source as sources
 from drivers.devices.controller import FOLDER, ControllerDescription, controller
 from drivers.devices.source import SourceDescription, current_source
 from drivers.errors import UnknownDevice
+from drivers.modbus_actuator import ModbusActuator
 from drivers.ring import Channel
 from drivers.roles import UNNAMED, Command, FaultBit, Input, Move, Result, State
 from drivers.sample_stream import SampleScale
@@ -52,8 +55,11 @@ def test_the_firmware_of_the_simulated_devices_and_their_descriptions_agree() ->
     assert slugs(controller_firmware.FaultBit) == {name: 1 << bit for name, bit in bits["fault"].items()}
     assert slugs(controller_firmware.Input) == {name: 1 << bit for name, bit in bits["input"].items()}
     described, firmware = controller("demo"), controller_firmware
-    assert (described.signature_u32, described.signature_f32) == (firmware.SIGNATURE_U32, firmware.SIGNATURE_F32)
-    assert (described.layout_version, described.table_values) == (firmware.LAYOUT_VERSION, firmware.TABLE_VALUES)
+    assert described.expected_identity == {
+        "signature_u32": firmware.SIGNATURE_U32, "signature_f32": firmware.SIGNATURE_F32,
+        "layout_version": firmware.LAYOUT_VERSION,
+    }
+    assert described.table_values == firmware.TABLE_VALUES
     ecu = tomllib.loads((FOLDER / "demo_ecu.toml").read_text(encoding="utf-8"))
     assert slugs(ecu_firmware.EcuState) == ecu["codes"]["state"]
     assert slugs(ecu_firmware.EcuFault) == {name: 1 << bit for name, bit in ecu["bits"]["fault"].items()}
@@ -91,6 +97,34 @@ def test_another_vendors_controller_is_another_file_and_speaks_the_same_words() 
     words = other.encode_command(Command.MOVE_TO, 3, 0, Move(0.05, 0.1))
     assert words[:2] == [103, 3]
     assert words[4:6] == [0xCCCD, 0x3D4C], "low word first"
+
+
+def test_what_a_controller_does_not_show_is_nothing_or_the_hosts_time() -> None:
+    data: dict[str, Any] = copy.deepcopy(CONTROLLER)
+    data["capabilities"] = {"watchdog": "timeout", "hydraulics": True, "acknowledge": True}
+    del data["identity"]
+    shown = {"state", "position", "velocity", "acked_sequence", "result", "acked_command", "serial_number"}
+    blocks = [block for block in data["block"] if block["name"] in {"identity", "status", "command"}]
+    for block in blocks[:2]:
+        block["registers"] = [register for register in block["registers"] if register["name"] in shown]
+    little = ControllerDescription("little", data | {"block": blocks})
+    words = little.map.block("status").encode({"state": 2, "position": 0.01})
+    status = little.decode_status(words, 12_345_678_900)
+    assert (status.state, status.owner, status.watchdog_echo, status.pulse_count) == (State.HOLD, 0, 0, 0)
+    assert (status.heartbeat, status.clock_us) == (1234, 12_345_678)
+    assert not status.e_stop_open, "it has no such input, and says so in its capabilities"
+    assert math.isnan(status.force_N)
+    identity = little.decode_identity(little.map.block("identity").encode({"serial_number": "S-7"}))
+    assert (identity.serial_number, identity.boot_count, identity.vendor) == ("S-7", 0, "")
+    device = ModbusDevice()
+    try:
+        actuator = ModbusActuator(ActuatorConnection(device.url, timeout_s=1.0, owner_id=7), little)
+        actuator.open()
+        assert actuator.exchange(5).state == State.OFF
+        assert device.requests[-1][0] == 3, "any request feeds it"
+        actuator.close()
+    finally:
+        device.close()
 
 
 def test_a_code_without_a_name_is_shown_and_never_taken_for_a_named_one() -> None:

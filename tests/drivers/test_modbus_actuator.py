@@ -76,9 +76,9 @@ def test_identity_is_read_and_its_signature_proved(actuator: ModbusActuator) -> 
 @pytest.mark.parametrize(
     ("address", "words", "message"),
     [
-        (0, [0x0304, 0x0102], "signature registers read 0x03040102"),
-        (2, [0x5000, 0x449A], "expected 0x01020304 and 1234.5"),
-        (4, [9], "register layout 9, expected 1"),
+        (0, [0x0304, 0x0102], r"signature_u32 .*0x03040102\), expected .*0x01020304"),
+        (2, [0x5000, 0x449A], "signature_f32 .*expected 1234.5"),
+        (4, [9], "layout_version 9, expected 1"),
         (26, [0xFFFF], "identity block.*not ASCII"),
     ],
 )

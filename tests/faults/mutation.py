@@ -69,8 +69,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
         Edit("rig/station/preparation.py", "(tripped.received_ns - begin_ns) / 1e9", "0.0"),
     ),
     "register-layout": (
-        Edit("drivers/modbus_actuator.py", "if identity.signature_u32 != expected.signature_u32 or", "if False and"),
-        Edit("drivers/modbus_actuator.py", "if identity.layout_version != expected.layout_version:", "if False:"),
+        Edit("drivers/modbus_actuator.py", "if getattr(identity, name) != value]:", "if False]:"),
     ),
     "load-train": (
         Edit("rig/campaign/runner.py", "if changed is not None and self.state.phase", "if False and self.state.phase"),
@@ -83,7 +82,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     ),
     "stop-ignored": (
         deaf_station("stop-ignored"),
-        Edit("rig/station/safe_stop.py", "    if _late(stop, view):\n", "    if False:\n"),
+        Edit("rig/station/safe_stop.py", "    if _late(stop, inputs):\n", "    if False:\n"),
     ),
     "sigint": (Edit("rig/campaign/signals.py", "self._caught.append(number)", "pass"),),
     "sigint-storm": (
