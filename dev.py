@@ -92,7 +92,10 @@ def wheel_smoke_test() -> int:
             "for package in (rig, drivers, protocols, simulators):\n"
             "    folder = Path(package.__file__).parent\n"
             "    assert folder.is_relative_to(site) and (folder / 'py.typed').exists(), folder\n"
-            "import protocols.ecu, rig.cli.main, simulators.__main__\n"
+            "import rig.cli.main, simulators.__main__\n"
+            "from drivers.devices.controller import controller\n"
+            "from drivers.devices.source import current_source\n"
+            "controller('demo'), current_source('demo')\n"
         )
         return run(program("python"), "-P", "-c", script, cwd=place)
 

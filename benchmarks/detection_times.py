@@ -26,7 +26,8 @@ from fault_case import Case, case_of, environment
 from fault_outcome import Disturbed, Outcome, outcome_of
 from watched_campaign import Campaign, Ending, resumed, wait_until
 
-from rig.fault_matrix import MATRIX, FaultRow
+from rig.faults.matrix import MATRIX
+from rig.faults.row import FaultRow
 
 SETTLE_S = 1.0
 """What a stopped rig's truth still shows (its own clock): the coil empty, the rod at rest."""
@@ -118,7 +119,7 @@ def measure(slug: str, repeats: int, *, resume: bool) -> list[Outcome]:
     if case is None:
         return []
     outcomes: list[Outcome] = []
-    wanted = 1 if case.row.stop == "R" else repeats
+    wanted = 1 if case.row.end == "R" else repeats
     for seed in range(1, 2 * wanted + 3):
         if len(outcomes) == wanted:
             break
@@ -130,7 +131,7 @@ def measure(slug: str, repeats: int, *, resume: bool) -> list[Outcome]:
             except Disturbed as disturbance:
                 print(f"{slug}: run {seed} disturbed by {disturbance}", file=sys.stderr, flush=True)
                 continue
-            if resume and not outcomes and case.row.stop in {"S2", "S1", "SO", "P"} and not outcome.wrong:
+            if resume and not outcomes and case.row.end in {"S2", "S1", "SO", "P"} and not outcome.wrong:
                 outcome.wrong += resumes(ending, place)
             outcomes.append(outcome)
     return outcomes
@@ -167,7 +168,7 @@ def line(slug: str, outcomes: list[Outcome]) -> str:
     shown = " | ".join("-" if math.isnan(value) else f"{value:.0f}" for value in rest)
     detected = in_ms([each.detected_s for each in outcomes])
     return (
-        f"| {slug} | {row.limit} | {len(outcomes)} | {detected} | {in_ms(stops)} | {shown} | {row.stop} | {verdict} |"
+        f"| {slug} | {row.limit} | {len(outcomes)} | {detected} | {in_ms(stops)} | {shown} | {row.end} | {verdict} |"
     )
 
 

@@ -21,7 +21,8 @@ from process_faults import fill_disk, seam_environment, switch_on  # noqa: E402
 from watched_campaign import RIG, Campaign  # noqa: E402
 
 from rig.clock import monotonic_ns  # noqa: E402
-from rig.fault_matrix import MATRIX, FaultRow  # noqa: E402
+from rig.faults.matrix import MATRIX  # noqa: E402
+from rig.faults.row import FaultRow  # noqa: E402
 
 INTO_POINT_2_S = 3.2
 """With `BRISK_POINTS` at speed 1: the second point's cycles have begun, the rest of it is still to come."""

@@ -14,9 +14,9 @@ from fault_case import Case
 from true_states import Happening, Truth
 from watched_campaign import Ending
 
-from protocols.actuator import State
 from rig.errors import FileProblem
 from rig.recording.recovery import recover
+from simulators.controller_firmware import State
 
 COIL_LAG_S = 0.250
 NO_CURRENT_A = 0.05
@@ -75,15 +75,15 @@ def outcome_of(case: Case, ending: Ending) -> Outcome:
     """
     row, outcome = case.row, Outcome()
     _undisturbed(case, ending)
-    code = KILLED if row.slug == "sigkill" else EXIT_CODES[row.stop]
+    code = KILLED if row.slug == "sigkill" else EXIT_CODES[row.end]
     outcome.expect(ending.exit_code == code, f"exit {ending.exit_code}, expected {code}: {ending.said.strip()[-300:]}")
     fault_ns = _fault_ns(case, ending)
-    if row.stop == "R":
+    if row.end == "R":
         _refused(case, ending, outcome)
         return outcome
     if row.slug == "sigkill":
         recover(ending.folder)
-    if row.stop in {"W", "P"}:
+    if row.end in {"W", "P"}:
         _flagged(case, ending, fault_ns, outcome)
     else:
         _stopped(case, ending, fault_ns, outcome)
@@ -149,7 +149,7 @@ def _stopped(case: Case, ending: Ending, fault_ns: int, outcome: Outcome) -> Non
         outcome.expect([trip["slug"] for trip in trips] == [case.cause], f"trips {[trip['slug'] for trip in trips]}")
         outcome.expect(ending.answer.get("stopped_by") == case.cause, f"stopped by {ending.answer.get('stopped_by')}")
         outcome.expect(ending.answer.get("rig_state") == "safe", f"rig state {ending.answer.get('rig_state')}")
-        outcome.expect([trip["stop"] for trip in trips] == [row.stop], f"stops {[trip['stop'] for trip in trips]}")
+        outcome.expect([trip["stop"] for trip in trips] == [row.end], f"stops {[trip['stop'] for trip in trips]}")
     latched_ns = trips[0]["latched_ns"] if trips else fault_ns
     if trips:
         flags_ns = [latched_ns] + [line["t_ns"] for line in ending.log if is_flag(line, row.slug)]
@@ -168,7 +168,7 @@ def _stopped(case: Case, ending: Ending, fault_ns: int, outcome: Outcome) -> Non
         outcome.expect(zeros[0].host_ns <= motion.host_ns + SAME_MOMENT_NS, "the motion was stopped before the current")
     outcome.expect(not truth.all("START", "MOVE_TO", "HYDRAULICS_ON", after=motion), "moved on after the stop")
     _came_to_rest(case, truth, motion, zeros, outcome)
-    if row.stop == "S1":
+    if row.end == "S1":
         outcome.expect(truth.state[-1] in {State.OFF, State.TRIPPED}, f"ended in {State(int(truth.state[-1])).name}")
         outcome.expect(bool(truth.all("HYDRAULICS_OFF", text="DONE", after=motion)), "the pressure was not taken away")
 
@@ -180,7 +180,7 @@ def _zeros(truth: Truth) -> list[Happening]:
 
 
 def _came_to_rest(case: Case, truth: Truth, motion: Happening, zeros: list[Happening], outcome: Outcome) -> None:
-    hard = case.row.stop == "SO" or case.row.slug in {"estop", "stop-ignored"}
+    hard = case.row.end == "SO" or case.row.slug in {"estop", "stop-ignored"}
     if case.row.slug == "stop-ignored":
         motion = truth.first("HYDRAULICS_OFF", after=motion)
     outcome.standstill_s = max(0.0, _last(truth, np.abs(truth.velocity_m_s) >= STILL_M_S) - motion.time_s)
@@ -202,14 +202,14 @@ def _points(case: Case, ending: Ending, fault_ns: int, outcome: Outcome) -> None
     """Points that ended before the fault are valid and open; the one it hit says so, and holds what came before it."""
     row = case.row
     verdicts = {each["id"]: each for each in ending.answer.get("points", [])}
-    names = ["p001", *(["p002"] if row.stop == "W" and case.matrix.points > 1 else [])]
+    names = ["p001", *(["p002"] if row.end == "W" and case.matrix.points > 1 else [])]
     for name in names:
         try:
             verdict = ending.point(name).verdict
         except FileProblem as error:
             verdict = str(error)
         outcome.expect(verdict == "valid", f"{name}: {verdict}")
-    if row.stop == "W" or case.timed_from == "zero":
+    if row.end == "W" or case.timed_from == "zero":
         return
     if row.slug in ABANDONED:
         outcome.expect(verdicts["p002"]["reasons"][:1] != [] and verdicts["p002"]["file"] is None, "p002 has a file")
@@ -224,6 +224,6 @@ def _points(case: Case, ending: Ending, fault_ns: int, outcome: Outcome) -> None
     outcome.expect(hit.verdict == "invalid", f"p002: {hit.verdict}")
     outcome.expect(any(reason.startswith(named) for reason in reasons), f"p002 does not name it: {reasons}")
     force = hit.raw("displacement") or hit.raw("force")
-    if force is not None and row.stop != "P" and case.timed_from == "fault":
+    if force is not None and row.end != "P" and case.timed_from == "fault":
         missing_s = (fault_ns - int(force["host_ns"].max())) / 1e9
         outcome.expect(missing_s <= LOST_AT_MOST_S, f"p002 ends {missing_s:.3f} s before the fault")

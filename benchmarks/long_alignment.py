@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 from campaign_process import machine
 
-from protocols.actuator import ProgramPhase
 from rig.clock import utc_now
 from rig.recording.alignment import align
 from rig.recording.channel import NUMBER
@@ -29,6 +28,7 @@ from rig.recording.conversion import finish_point
 from rig.recording.journal import JournalWriter, scan_journal
 from rig.recording.layout import RECORD_DTYPE, parts
 from rig.recording.sorting import Sorter
+from simulators.controller_firmware import ProgramPhase
 
 RATE_HZ, POLL_HZ, FREQUENCY_HZ = 10_000.0, 100.0, 1.0
 SENSORS = {"force": 300.0, "displacement": 0.03, "auxiliary_1": 9.81}

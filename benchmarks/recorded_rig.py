@@ -15,7 +15,6 @@ import numpy as np
 
 from drivers.ring import Channel
 from drivers.sample_stream import SampleStream
-from protocols.actuator import Input, ProgramPhase
 from protocols.frame_format import FrameDecoder
 from rig.recording.context import PointContext, SensorContext
 from rig.recording.conversion import build
@@ -24,6 +23,7 @@ from rig.recording.layout import RECORD_DTYPE, write_file
 from rig.recording.run import RecordedPoint
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s
+from simulators.controller_firmware import Input, ProgramPhase
 from simulators.options import RigOptions
 from simulators.plant.plant import Plant
 from simulators.plant.records import EVENT_PULSE, MODE_MOVE, MODE_PROGRAM

@@ -1,8 +1,8 @@
 """What can go wrong between a driver and its device."""
 
-
-
 from __future__ import annotations
+
+from typing import ClassVar
 
 
 class DriverError(Exception):
@@ -12,7 +12,10 @@ class DriverError(Exception):
         device: name of the device as in the bench file, e.g. "load_cell".
         port: URL or channel of its port.
         message: what was expected and what came, without device and port.
+        code: the condition as a slug; decide by it or by the class, never by the message.
     """
+
+    code: ClassVar[str] = "driver"
 
     def __init__(self, device: str, port: str, message: str) -> None:
         super().__init__(f"{device} at {port}: {message}")
@@ -24,26 +27,52 @@ class DriverError(Exception):
 class PortClosed(DriverError):
     """The port cannot be opened, or went away: no such device, connection refused, end of file, input/output error."""
 
+    code = "port-closed"
+
 
 class NoAnswer(DriverError):
     """The device did not answer within its time-out; whether it acted is unknown."""
+
+    code = "no-answer"
 
 
 class LinkLost(DriverError):
     """The connection broke in the middle of a request; whether the device acted is unknown."""
 
+    code = "link-lost"
+
 
 class WrongIdentity(DriverError):
     """The device is not the one expected: signature registers, serial number or layout differ."""
+
+    code = "wrong-identity"
 
 
 class WrongLayout(WrongIdentity):
     """The device's registers are not laid out as expected: signature, word order, scale or layout version differ."""
 
+    code = "wrong-layout"
+
 
 class RequestRefused(DriverError):
     """The device answered and said no: Modbus exception, or a command result other than done."""
 
+    code = "refused"
+
 
 class WrongAnswer(DriverError):
     """The device answered something its protocol forbids: wrong length, wrong unit, an echo that differs."""
+
+    code = "wrong-answer"
+
+
+class Busy(RequestRefused):
+    """The device answered that it is busy, again and again; it has not acted."""
+
+    code = "busy"
+
+
+class UnknownDevice(DriverError):
+    """The bench file names a kind of device that there is no description and no driver of."""
+
+    code = "unknown-device"

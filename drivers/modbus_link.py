@@ -15,7 +15,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from drivers.errors import LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
+from drivers.connection import ActuatorAddress, LinkKind
+from drivers.errors import Busy, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
 from drivers.modbus_wire import RtuWire, TcpWire, Wire
 from protocols import modbus
 from protocols.errors import RemoteProtocolError
@@ -56,10 +57,11 @@ class ModbusLink:
         self._timeout_s = timeout_s
         self._silent = 0
         self._wire: Wire | None = None
-        if url.startswith("modbus-rtu:"):
-            self._wire = RtuWire(url, device_id, device, baudrate, parity)
-        elif url.startswith("modbus-tcp:"):
-            self._wire = TcpWire(url, device_id, device)
+        self.address = ActuatorAddress.parse(url)
+        if self.address.kind is LinkKind.MODBUS_RTU:
+            self._wire = RtuWire(self.address, device_id, device, baudrate, parity)
+        elif self.address.kind is LinkKind.MODBUS_TCP:
+            self._wire = TcpWire(self.address, device_id, device)
 
     @property
     def is_open(self) -> bool:
@@ -90,10 +92,6 @@ class ModbusLink:
         """Disconnect; closing twice is harmless."""
         if self._wire is not None:
             self._wire.close()
-
-    def drain(self) -> int:
-        """Throw away answers that nobody waits for any more; number of bytes."""
-        return 0 if self._wire is None else self._wire.drain()
 
     def read(self, address: int, count: int) -> list[int]:
         """Read holding registers (FC3), again after a time-out, a damaged or a busy answer.
@@ -173,7 +171,8 @@ class ModbusLink:
         Raises:
             NoAnswer: time-out.
             LinkLost: not connected, or the connection broke.
-            RequestRefused: still busy, or another exception.
+            Busy: still busy after the bounded retries.
+            RequestRefused: another exception.
             WrongAnswer: not an answer to this request.
         """
         code = 0
@@ -185,7 +184,8 @@ class ModbusLink:
                     return decode(answer)
                 except RemoteProtocolError as error:
                     # What follows in the stream cannot be trusted either.
-                    self.drain()
+                    if self._wire is not None:
+                        self._wire.drain()
                     raise WrongAnswer(self.device, self.url, f"function {request[0]}: {error}") from error
             code = refusal
             if code != modbus.BUSY or attempt == BUSY_RETRIES:
@@ -193,7 +193,8 @@ class ModbusLink:
             self.busy += 1
             time.sleep(BUSY_PAUSE_S)
         name = modbus.EXCEPTION_NAMES.get(code, "unknown")
-        raise RequestRefused(self.device, self.url, f"function {request[0]}: exception {code} ({name})")
+        refused = Busy if code == modbus.BUSY else RequestRefused
+        raise refused(self.device, self.url, f"function {request[0]}: exception {code} ({name})")
 
     def _once(self, request: bytes) -> bytes:
         """One request, one answer.

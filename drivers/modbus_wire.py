@@ -14,8 +14,8 @@ import select
 import socket
 import time
 from typing import Protocol
-from urllib.parse import urlsplit
 
+from drivers.connection import ActuatorAddress
 from drivers.errors import LinkLost, NoAnswer, PortClosed, WrongAnswer
 from drivers.serial_port import SerialPort
 from protocols import modbus
@@ -58,8 +58,9 @@ class Wire(Protocol):
 class TcpWire:
     """Modbus TCP: an answer carries the number of its request; any other is thrown away and counted."""
 
-    def __init__(self, url: str, unit: int, device: str) -> None:
-        self.url = url
+    def __init__(self, address: ActuatorAddress, unit: int, device: str) -> None:
+        self.url = address.text
+        self._address = address
         self.device = device
         self.stale = 0
         self._unit = unit
@@ -78,11 +79,7 @@ class TcpWire:
         Raises:
             PortClosed: not such a URL, or nobody answers there.
         """
-        try:
-            parts = urlsplit(self.url)
-            host, port = parts.hostname, parts.port
-        except ValueError:
-            host = port = None
+        host, port = self._address.host, self._address.port
         if host is None or port is None:
             raise PortClosed(self.device, self.url, "expected modbus-tcp://host:port")
         try:
@@ -195,12 +192,12 @@ class RtuWire:
     is taken only whole, of the length the request allows, with the right checksum and with nothing behind it.
     """
 
-    def __init__(self, url: str, unit: int, device: str, baudrate: int, parity: str) -> None:
-        self.url = url
+    def __init__(self, address: ActuatorAddress, unit: int, device: str, baudrate: int, parity: str) -> None:
+        self.url = address.text
         self.device = device
         self.stale = 0
         self._unit = unit
-        self._port = SerialPort(url.removeprefix("modbus-rtu:"), baudrate, device=device, parity=parity)
+        self._port = SerialPort(address.line, baudrate, device=device, parity=parity)
 
     @property
     def is_open(self) -> bool:

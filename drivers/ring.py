@@ -39,7 +39,6 @@ RECORD_SIZE = RECORD.size
 DEFAULT_CAPACITY = 1 << 19
 
 OFFSET_RECORD_SIZE = 8
-OFFSET_CAPACITY = 12
 OFFSET_WRITE_INDEX = 16
 OFFSET_RECORDER_CURSOR = 24
 OFFSET_HEARTBEAT = 32
@@ -117,59 +116,7 @@ def ring_bytes(capacity: int) -> int:
     return HEADER_SIZE + capacity * RECORD_SIZE
 
 
-class RingFormatError(Exception):
-    """The file is not a ring of this layout."""
-
-
-class _Mapped:
-    """A mapped ring file and aligned views of its header."""
-
-    def __init__(self, path: Path, mapped: mmap.mmap, capacity: int) -> None:
-        self.path = path
-        self.capacity = capacity
-        self._map = mapped
-        self._view = memoryview(mapped)
-        # Aligned 8-byte items: one store or load each, never torn.
-        self._u64 = self._view[:HEADER_SIZE].cast("Q")
-        self._i64 = self._view[:HEADER_SIZE].cast("q")
-        self._u32 = self._view[:HEADER_SIZE].cast("I")
-
-    @property
-    def write_index(self) -> int:
-        """Records published since the start."""
-        return self._u64[OFFSET_WRITE_INDEX // 8]
-
-    @property
-    def recorder_cursor(self) -> int:
-        """Records the recorder has taken."""
-        return self._u64[OFFSET_RECORDER_CURSOR // 8]
-
-    @property
-    def heartbeat_ns(self) -> int:
-        """Monotonic time of the writer's last sign of life, ns."""
-        return self._i64[OFFSET_HEARTBEAT // 8]
-
-    @property
-    def pid(self) -> int:
-        """Process id of the writer."""
-        return self._u32[OFFSET_PID // 4]
-
-    def close(self) -> None:
-        """Unmap the file; closing twice is harmless."""
-        for view in (self._u64, self._i64, self._u32, self._view):
-            view.release()
-        self._map.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-
-class RingWriter(_Mapped):
+class RingWriter:
     """Creates the ring file and appends to it; safe to share among the station's threads.
 
     Args:
@@ -203,13 +150,30 @@ class RingWriter(_Mapped):
             fresh.unlink(missing_ok=True)
             raise
         struct.pack_into("<8sII", mapped, 0, MAGIC, RECORD_SIZE, capacity)
-        super().__init__(target, mapped, capacity)
+        self.path = target
+        self.capacity = capacity
+        self._map = mapped
+        self._view = memoryview(mapped)
+        # Aligned 8-byte items: one store or load each, never torn.
+        self._u64 = self._view[:HEADER_SIZE].cast("Q")
+        self._i64 = self._view[:HEADER_SIZE].cast("q")
+        self._u32 = self._view[:HEADER_SIZE].cast("I")
         self._u32[OFFSET_PID // 4] = os.getpid()
         fresh.replace(target)
         self._lock = threading.Lock()
         self._count = 0
         self._batches = [struct.Struct("<" + "qqdIHH" * n) for n in range(_LARGEST_BATCH_STRUCT + 1)]
         self.overruns = 0
+
+    @property
+    def write_index(self) -> int:
+        """Records published since the start."""
+        return self._u64[OFFSET_WRITE_INDEX // 8]
+
+    @property
+    def recorder_cursor(self) -> int:
+        """Records the recorder has taken."""
+        return self._u64[OFFSET_RECORDER_CURSOR // 8]
 
     def append(self, batch: Sequence[Record]) -> None:
         """Publish records, in order, all at once.
@@ -226,10 +190,20 @@ class RingWriter(_Mapped):
 
     def close(self) -> None:
         """Unmap the file and let go of its lock; closing twice is harmless."""
-        super().close()
+        for view in (self._u64, self._i64, self._u32, self._view):
+            view.release()
+        self._map.close()
         if self._lock_handle >= 0:
             os.close(self._lock_handle)
             self._lock_handle = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
     def remove(self) -> None:
         """Close the ring and take its file away; readers that have it mapped keep what they have not read."""
@@ -267,83 +241,3 @@ class RingWriter(_Mapped):
         cursor = self.recorder_cursor
         if cursor and after - cursor > self.capacity:
             self.overruns += min(after - first, after - cursor - self.capacity)
-
-
-class RingReader(_Mapped):
-    """Reads a ring in plain Python; every reader has its own place and loses nothing by others being slow.
-
-    Args:
-        path: ring file of a living or finished writer.
-        from_start: begin with the oldest record still held, rather than with the next one written.
-
-    Attributes:
-        lost: records overwritten before this reader took them.
-
-    Raises:
-        RingFormatError: the file is not a ring of this layout.
-    """
-
-    def __init__(self, path: Path | str, *, from_start: bool = False) -> None:
-        source = Path(path)
-        with source.open("r+b") as file:
-            head = file.read(16)
-            size = file.seek(0, os.SEEK_END)
-            capacity = _check_header(source, head, size)
-            mapped = mmap.mmap(file.fileno(), size)
-        super().__init__(source, mapped, capacity)
-        self.lost = 0
-        self._at = max(0, self.write_index - capacity) if from_start else self.write_index
-
-    def read(self, maximum: int | None = None) -> list[Record]:
-        """Records published since the last call, oldest first.
-
-        Args:
-            maximum: take at most so many; all without it.
-
-        Returns:
-            Records; those overwritten before they could be read are missing here and counted in `lost`.
-        """
-        end = self.write_index
-        self._skip_to(end - self.capacity)
-        if maximum is not None:
-            end = min(end, self._at + maximum)
-        records: list[Record] = []
-        at = self._at
-        while at < end:
-            slot = at % self.capacity
-            run = min(end - at, self.capacity - slot)
-            offset = HEADER_SIZE + slot * RECORD_SIZE
-            records += RECORD.iter_unpack(self._view[offset : offset + run * RECORD_SIZE])
-            at += run
-        begin = self._at
-        self._skip_to(min(end, self._u64[OFFSET_RESERVED_INDEX // 8] - self.capacity))
-        del records[: self._at - begin]
-        self._at = end
-        return records
-
-    def store_cursor(self) -> None:
-        """Tell the writer how far this reader is; for the recorder alone."""
-        self._u64[OFFSET_RECORDER_CURSOR // 8] = self._at
-
-    def _skip_to(self, oldest: int) -> None:
-        """Give up what is older than `oldest`, and count it."""
-        if oldest > self._at:
-            self.lost += oldest - self._at
-            self._at = oldest
-
-
-def _check_header(source: Path, head: bytes, size: int) -> int:
-    """Capacity of a ring file whose header fits its size.
-
-    Raises:
-        RingFormatError: magic, record size or file size differ.
-    """
-    if len(head) < 16 or head[:8] != MAGIC:
-        raise RingFormatError(f"{source}: expected the magic {MAGIC!r}, got {head[:8]!r}")
-    record_size, capacity = struct.unpack_from("<II", head, 8)
-    if record_size != RECORD_SIZE or capacity == 0 or size != HEADER_SIZE + capacity * RECORD_SIZE:
-        raise RingFormatError(
-            f"{source}: {size} bytes with record size {record_size} and capacity {capacity}; expected records of "
-            f"{RECORD_SIZE} bytes behind a header of {HEADER_SIZE}"
-        )
-    return int(capacity)

@@ -113,16 +113,30 @@ class RateWatch:
         return shortfall if shortfall > 2 + 0.01 * expected else 0
 
 
+@dataclass(frozen=True, slots=True)
+class SampleScale:
+    """What turns numbers on a sensor's wire into SI, and its samples into time.
+
+    Attributes:
+        sensitivity: SI unit per unit on the wire.
+        offset: SI unit, added after scaling: minus what the sensor shows at zero.
+        rate_Hz: nominal samples a second of the device's clock; None when it is not known.
+        device_rate: device seconds that pass in one second of the host's clock.
+    """
+
+    sensitivity: float = 1.0
+    offset: float = 0.0
+    rate_Hz: float | None = None
+    device_rate: float = 1.0
+
+
 class SampleStream:
     """Bytes of one sensor in, records out; knows no port.
 
     Args:
         decoder: splits the bytes.
         channel: sensor channel 1..9; its edges go to the matching edge channel.
-        sensitivity: SI unit per unit on the wire.
-        offset: SI unit, added after scaling: minus what the sensor shows at zero.
-        nominal_rate_Hz: samples a second of the device's clock; None when it is not known.
-        device_rate: device seconds that pass in one second of the host's clock.
+        scale: from the wire to SI, and the sensor's rate.
         has_sequence: whether the format carries a sequence number; without one, losses are counted against the rate
             where `device_rate` is 1.
 
@@ -134,24 +148,21 @@ class SampleStream:
         self,
         decoder: Decoder,
         channel: Channel,
+        scale: SampleScale,
         *,
-        sensitivity: float = 1.0,
-        offset: float = 0.0,
-        nominal_rate_Hz: float | None = None,
-        device_rate: float = 1.0,
         has_sequence: bool = True,
     ) -> None:
         self.counters = SampleCounters()
         self._decoder = decoder
         self._channel = int(channel)
         self._edge_channel = int(edge_channel(channel))
-        self._sensitivity = sensitivity
-        self._offset = offset
-        self._rate_Hz = nominal_rate_Hz
+        self._sensitivity = scale.sensitivity
+        self._offset = scale.offset
+        self._rate_Hz = rate_Hz = scale.rate_Hz
         self._watch: RateWatch | None = None
-        if nominal_rate_Hz is not None and not has_sequence and device_rate == 1.0:
-            self._watch = RateWatch(nominal_rate_Hz)
-        period_us = 1e6 / nominal_rate_Hz if nominal_rate_Hz is not None else 0.0
+        if rate_Hz is not None and not has_sequence and scale.device_rate == 1.0:
+            self._watch = RateWatch(rate_Hz)
+        period_us = 1e6 / rate_Hz if rate_Hz is not None else 0.0
         self._longest_step_us = max(_CLOCK_JUMP_US, _CLOCK_JUMP_PERIODS * period_us)
         self._started = False
         self._sequence = 0  # unwrapped

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from drivers.errors import DriverError
 from drivers.ring import Channel
-from drivers.sample_stream import Batch, Decoder, SampleCounters, SampleStream
+from drivers.sample_stream import Batch, Decoder, SampleCounters, SampleScale, SampleStream
 from drivers.serial_port import SerialPort
 from protocols.frame_format import FrameDecoder
 from protocols.line_format import LineDecoder, LineFormat, preset
 
-FRAME16 = "frame16"
+BINARY: Mapping[str, Callable[[], Decoder]] = {"frame16": FrameDecoder}
+"""Binary formats by name, each with what splits its bytes; such a format numbers its samples."""
+DEFAULT_FORMAT = "frame16"
+UNSCALED = SampleScale()
 WIRE_UNITS = {Channel.FORCE: "N", Channel.DISPLACEMENT: "mm"}
 
 
@@ -24,13 +27,9 @@ class SerialSensor:
         baudrate: Bd.
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
-        line_format: "frame16", the name of a line format preset, or a `LineFormat`.
-        wire_unit: unit a line format preset writes behind the number, where it writes one; N for force, mm for
-            displacement and the preset's own otherwise, when not given.
-        sensitivity: SI unit per unit on the wire.
-        offset: SI unit, added after scaling: minus what the sensor shows at zero.
-        rate_Hz: nominal samples a second of the device's clock; None when not known.
-        device_rate: device seconds a second of the host's clock.
+        line_format: name of a binary format or of a line format preset, or a `LineFormat`. A preset that writes a unit
+            behind the number is taken to write N for force, mm for displacement.
+        scale: from the wire to SI, and the sensor's rate; without a rate the format's own.
 
     Raises:
         LocalProtocolError: no format of that name.
@@ -43,12 +42,8 @@ class SerialSensor:
         *,
         name: str,
         channel: Channel,
-        line_format: str | LineFormat = FRAME16,
-        wire_unit: str | None = None,
-        sensitivity: float = 1.0,
-        offset: float = 0.0,
-        rate_Hz: float | None = None,
-        device_rate: float = 1.0,
+        line_format: str | LineFormat = DEFAULT_FORMAT,
+        scale: SampleScale = UNSCALED,
     ) -> None:
         self.name = name
         self.channel = channel
@@ -56,17 +51,15 @@ class SerialSensor:
         self._format: LineFormat | None = None
         if isinstance(line_format, LineFormat):
             self._format = line_format
-        elif line_format != FRAME16:
+        elif line_format not in BINARY:
             shipped = preset(line_format)
-            self._format = replace(shipped, unit=wire_unit or WIRE_UNITS.get(channel, shipped.unit))
-        self._decoder: Decoder = FrameDecoder() if self._format is None else LineDecoder(self._format)
-        if rate_Hz is None and self._format is not None:
-            rate_Hz = self._format.nominal_rate_Hz
-        self._stream = SampleStream(
-            self._decoder, channel, sensitivity=sensitivity, offset=offset, nominal_rate_Hz=rate_Hz,
-            device_rate=device_rate, has_sequence=self._format is None,
+            self._format = replace(shipped, unit=WIRE_UNITS.get(channel, shipped.unit))
+        self._decoder: Decoder = (
+            BINARY[str(line_format)]() if self._format is None else LineDecoder(self._format)
         )
-        self._last_sample_ns: int | None = None
+        if scale.rate_Hz is None and self._format is not None:
+            scale = replace(scale, rate_Hz=self._format.nominal_rate_Hz)
+        self._stream = SampleStream(self._decoder, channel, scale, has_sequence=self._format is None)
 
     @property
     def url(self) -> str:
@@ -142,17 +135,4 @@ class SerialSensor:
             PortClosed: the port is not open, or the cable was pulled.
         """
         chunk, arrival_ns = self._port.read_available(timeout_s)
-        batch = self._stream.take(chunk, arrival_ns)
-        if batch.records:
-            self._last_sample_ns = arrival_ns
-        return batch
-
-    def age_ns(self, now_ns: int | None = None) -> int | None:
-        """Nanoseconds since the last reading arrived; None before the first.
-
-        Args:
-            now_ns: monotonic time; now without it.
-        """
-        if self._last_sample_ns is None:
-            return None
-        return (time.monotonic_ns() if now_ns is None else now_ns) - self._last_sample_ns
+        return self._stream.take(chunk, arrival_ns)

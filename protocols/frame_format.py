@@ -126,12 +126,12 @@ class FrameDecoder:
 
     def _resynchronise(self, data: bytes, at: int) -> int:
         """Place of the next possible frame start after `at`; counts what is skipped."""
-        found = data.find(SYNC, at + 1)
-        if found < 0:
-            found = len(data) - 1 if data.endswith(SYNC[:1]) else len(data)
-            found = max(found, at + 1)
-        self.skipped_bytes += found - at
-        return found
+        start = data.find(SYNC, at + 1)
+        if start < 0:
+            start = len(data) - 1 if data.endswith(SYNC[:1]) else len(data)
+            start = max(start, at + 1)
+        self.skipped_bytes += start - at
+        return start
 
 
 def _all_valid(data: bytes) -> bool:

@@ -22,7 +22,6 @@ from operator import xor
 
 from protocols.errors import LocalProtocolError, RemoteProtocolError
 from protocols.frame_format import SEQUENCE_MODULUS, STATUS_OVERLOAD, STATUS_SENSOR_FAULT, Reading
-from protocols.receive_buffer import ReceiveBuffer
 
 LONGEST_LINE = 256
 CHECKSUMS = ("none", "xor-hex")
@@ -347,3 +346,42 @@ def preset(name: str) -> LineFormat:
         return PRESETS[name]
     except KeyError:
         raise LocalProtocolError(f"no line format {name!r}; there are {', '.join(PRESETS)}") from None
+
+
+class ReceiveBuffer:
+    """Collects chunks and gives back whole lines; a chunk may end anywhere.
+
+    The place up to which a terminator was looked for is remembered, so a line that arrives byte by byte is searched
+    once, not once a byte.
+    """
+
+    def __init__(self) -> None:
+        self._data = bytearray()
+        self._searched = 0
+
+    def __len__(self) -> int:
+        return len(self._data)
+
+    def append(self, chunk: bytes) -> None:
+        """Add bytes as they arrived."""
+        self._data += chunk
+
+    def take_line(self, terminator: bytes) -> bytes | None:
+        """The next line without its terminator, or None when no terminator is there yet."""
+        end = self._data.find(terminator, max(0, self._searched - len(terminator) + 1))
+        if end < 0:
+            self._searched = len(self._data)
+            return None
+        line = bytes(self._data[:end])
+        del self._data[: end + len(terminator)]
+        self._searched = 0
+        return line
+
+    def tail(self, count: int) -> bytes:
+        """The last `count` bytes (fewer if fewer are there), left in place."""
+        return bytes(self._data[max(0, len(self._data) - count) :])
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._data.clear()
+        self._searched = 0

@@ -25,8 +25,6 @@ TYPES: Mapping[str, tuple[str, int]] = {
 }
 """Type name -> (struct letter, registers); a string has the length its register states."""
 
-MAX_READ = 125
-MAX_WRITE = 123
 _LAST_ADDRESS = 0xFFFF
 
 

@@ -13,8 +13,9 @@ from typing import Any, NoReturn
 
 import click
 
+from drivers.connection import ActuatorAddress, LinkKind
 from rig.errors import EXIT_USAGE, FileProblem, RigError
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
 from simulators.schedule import WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
 from simulators.settings import setting_options
 
@@ -70,10 +71,10 @@ def hints(bench: Path, text: str) -> str:
 
 def _mbpoll(url: str) -> str:
     """The mbpoll command that reads the status block at this URL."""
-    if url.startswith("modbus-rtu:"):
-        return f"mbpoll -m rtu -b 115200 -P none -a 1 -0 -r 100 -c 34 -1 {url.removeprefix('modbus-rtu:')}"
-    host, port = url.removeprefix("modbus-tcp://").split(":")
-    return f"mbpoll -m tcp -p {port} -a 1 -0 -r 100 -c 34 -1 {host}"
+    address = ActuatorAddress.parse(url)
+    if address.kind is LinkKind.MODBUS_RTU:
+        return f"mbpoll -m rtu -b 115200 -P none -a 1 -0 -r 100 -c 34 -1 {address.line}"
+    return f"mbpoll -m tcp -p {address.port} -a 1 -0 -r 100 -c 34 -1 {address.host}"
 
 
 async def serve(arguments: dict[str, Any]) -> None:

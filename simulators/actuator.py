@@ -15,9 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocols import actuator as wire
-from protocols.actuator import Command, FaultBit, Result, State, WatchdogAction, Waveform
+from drivers.roles import ActuatorLimits
+from simulators import controller_firmware as wire
 from simulators.clock import DeviceClock
+from simulators.controller_firmware import Command, FaultBit, Result, State, WatchdogAction, Waveform
 from simulators.options import ControllerOptions
 from simulators.plant import records
 from simulators.plant.plant import TABLE_CAPACITY, Plant
@@ -100,7 +101,7 @@ class Actuator:
         self._fed_s = math.nan
         self._own_faults = 0
         self.config_words = wire.encode_limits(
-            wire.ActuatorLimits(
+            ActuatorLimits(
                 -options.position_limit_m, options.position_limit_m, options.speed_max_m_s,
                 options.acceleration_max_m_s2, options.force_max_N, options.fade_out_cycles,
                 options.halt_deceleration_m_s2, options.watchdog_ms, WatchdogAction.FADE_AND_HOLD,

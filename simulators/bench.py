@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from drivers.connection import ActuatorAddress, LinkKind
 from simulators.conditioner import group_delay_s
 from simulators.options import RigOptions, SensorOptions
 
@@ -38,7 +39,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         relaxed: time limits are widened against those of hardware.
     """
     limits, controller = options.limits, options.controller
-    rtu = addresses.actuator_url.startswith("modbus-rtu:")
+    rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
     lines = [
         "format = 1",
         'name = "simulated rig"',

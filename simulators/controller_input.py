@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.conditioner import condition, group_delay_s
+from simulators.conditioner import condition
 from simulators.delay_line import DelayLine
 from simulators.options import InputOptions
 
@@ -24,11 +24,6 @@ class ControllerInput:
         self._delay = DelayLine(options.delay_s, dt_s)
         self._filter = np.array([start, 0.0, start, start])
         self._started = False
-
-    @property
-    def declared_delay_s(self) -> float:
-        """What a data sheet says: the filter's group delay (s)."""
-        return group_delay_s(self.options.bandwidth_Hz)
 
     def take(self, signal: FloatArray) -> None:
         """The plant's values (n,) of one slice, SI."""

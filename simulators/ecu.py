@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocols import ecu as wire
-from protocols.ecu import EcuFault, EcuState
 from protocols.errors import RemoteProtocolError
+from simulators import ecu_firmware as wire
 from simulators.clock import DeviceClock
+from simulators.ecu_firmware import EcuFault, EcuState
 from simulators.options import CoilOptions
 from simulators.plant.plant import Plant
 from simulators.plant.step import CURRENT

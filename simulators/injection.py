@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from protocols import ecu as wire
-from protocols.actuator import Command, Result
 from rig.clock import monotonic_ns
+from simulators import ecu_firmware as wire
 from simulators.actuator import ENDLESS_CYCLES
+from simulators.controller_firmware import Command, Result
 from simulators.named_port import NamedPort
 from simulators.slcan_bus import ERROR, standard_line
 

@@ -14,7 +14,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from protocols import actuator as wire
+from simulators import controller_firmware as wire
 from simulators.registers import RegisterBank
 
 _REQUEST_HEADER = 8
@@ -174,7 +174,8 @@ class ModbusServer:
 
     def _transports(self) -> list[asyncio.Transport]:
         connections = [] if self._server is None else list(self._server.active_connections.values())
-        return [each.transport for each in connections if isinstance(each.transport, asyncio.Transport)]
+        transports = [connection.transport for connection in connections]
+        return [transport for transport in transports if isinstance(transport, asyncio.Transport)]
 
 
 def _damage(packet: bytes, count: int) -> bytes:

@@ -302,7 +302,7 @@ def _parse(text: str) -> object:
 
 def _merge(base: Options, values: Mapping[str, object], place: str, problems: list[str]) -> Options:
     """A copy of dataclass `base` with `values` put in; every misfit is added to `problems`."""
-    known = {each.name: getattr(base, each.name) for each in dataclasses.fields(base)}
+    known = {field.name: getattr(base, field.name) for field in dataclasses.fields(base)}
     changes: dict[str, object] = {}
     for key, value in values.items():
         where = f"{place}{key}"

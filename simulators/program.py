@@ -8,8 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.actuator import ActuatorLimits, Waveform
+from drivers.roles import ActuatorLimits
 from protocols.register_map import Value
+from simulators.controller_firmware import Waveform
 
 FLOAT_SLACK = 1.0 + 1e-6
 """Registers are float32: a value exactly at its limit may come back a rounding step above it."""

@@ -1,6 +1,7 @@
 """The controller's register bank: what Modbus reads and writes, as words. No sockets.
 
-Blocks and types come from `protocols.actuator.MAP`; registers between blocks are not there (illegal address).
+Blocks and types come from `drivers/devices/demo_controller.toml`; registers between blocks are not there (illegal
+address).
 """
 
 from __future__ import annotations
@@ -11,10 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from protocols import actuator as wire
-from protocols.actuator import Input, ProgramPhase, State
 from protocols.register_map import Block, Value
+from simulators import controller_firmware as wire
 from simulators.actuator import Actuator
+from simulators.controller_firmware import Input, ProgramPhase, State
 from simulators.options import ServoOptions
 from simulators.plant import records
 

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from protocols.actuator import State
 from rig.clock import monotonic_ns
 from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.clock import DeviceClock, ServedTime
 from simulators.conditioner import condition
+from simulators.controller_firmware import State
 from simulators.ecu import Ecu
 from simulators.frames import encode_frames
 from simulators.injection import INJECTORS, VARIANTS, Undo
@@ -273,10 +273,10 @@ class SimulatedRig:
         Raises:
             KeyError: there is none.
         """
-        for each in self.channels:
-            if each.name == name:
-                return each
-        raise KeyError(f"no sensor {name!r}; there are {', '.join(each.name for each in self.channels)}")
+        for channel in self.channels:
+            if channel.name == name:
+                return channel
+        raise KeyError(f"no sensor {name!r}; there are {', '.join(channel.name for channel in self.channels)}")
 
     def summary(self) -> str:
         """One line for the end: simulated time and what was dropped."""
@@ -307,7 +307,7 @@ class SimulatedRig:
             undo = (VARIANTS if fault.variant else INJECTORS)[fault.name](self)
             if undo is not None and fault.lasts_s < math.inf:
                 self._undoings.append((self.plant.time_s + fault.lasts_s, fault.name, undo))
-        for undoing in [each for each in self._undoings if each[0] <= self.plant.time_s]:
+        for undoing in [due for due in self._undoings if due[0] <= self.plant.time_s]:
             self._undoings.remove(undoing)
             self.note("FAULT_ENDS", undoing[1])
             undoing[2]()

@@ -15,7 +15,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rig.errors import FileProblem
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
+from rig.faults.row import Ending
 from simulators.injection import INJECTORS, NEEDS_AUXILIARY, PASSING, PASSING_VARIANTS, VARIANTS
 
 MOST_DRAWN = 3
@@ -81,7 +82,7 @@ def parse_fault(text: str) -> ScheduledFault:
              "processes"],
         )  # fmt: skip
     if name != slug and name not in VARIANTS:
-        known = ", ".join(each for each in sorted(VARIANTS) if each.startswith(f"{slug}:"))
+        known = ", ".join(variant for variant in sorted(VARIANTS) if variant.startswith(f"{slug}:"))
         raise FileProblem("--fault", [f"{name!r}: {f'{slug} has {known}' if known else f'{slug} has no variants'}"])
     begin, plus, duration = times.partition("+")
     try:
@@ -158,7 +159,7 @@ def _drawn(slug: str, chance: random.Random, within_s: float) -> ScheduledFault:
     after_s, lasts_s = round(chance.uniform(0.0, within_s), 2), round(chance.uniform(SHORTEST_S, LONGEST_S), 2)
     variant = _variant(slug, random.Random(f"{slug} {after_s}"))
     passes = slug in PASSING and chance.random() < PASSING_SHARE
-    if MATRIX[slug].stop == "R":
+    if MATRIX[slug].end is Ending.REFUSE:
         return ScheduledFault(slug, None, variant=variant)
     return ScheduledFault(slug, after_s, lasts_s if passes else math.inf, variant)
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 import difflib
 from urllib.parse import urlsplit
 
+from drivers.catalogue import actuator_names, current_source_names
+from drivers.connection import ActuatorAddress, LinkKind
+
 SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
 """What pyserial's `serial_for_url` takes before "://"; a test compares this list with it."""
 _WITH_HOST = frozenset({"socket", "rfc2217"})
@@ -46,15 +49,40 @@ def modbus_url(text: str) -> str:
     """Check the controller's address.
 
     Raises:
-        ValueError: neither `modbus-tcp://host:port` nor `modbus-rtu:` and a serial port.
+        ValueError: none of `modbus-tcp://host:port`, `tcp://host:port`, `modbus-rtu:` and a serial port.
     """
-    if text.startswith("modbus-tcp://"):
-        _host_and_port(text, "modbus-tcp://192.168.0.10:502")
-    elif text.startswith("modbus-rtu:") and text != "modbus-rtu:":
-        serial_url(text.removeprefix("modbus-rtu:"))
+    given = ActuatorAddress.parse(text)
+    if given.kind in {LinkKind.MODBUS_TCP, LinkKind.TCP}:
+        _host_and_port(text, f"{given.kind}://192.168.0.10:502")
+    elif given.kind is LinkKind.MODBUS_RTU and given.line:
+        serial_url(given.line)
     else:
         raise ValueError('must be like "modbus-tcp://192.168.0.10:502" or "modbus-rtu:/dev/ttyUSB0"')
     return text
+
+
+def known_actuator(name: str) -> str:
+    """Check the name of a kind of actuator against those there are a description or a driver of.
+
+    Raises:
+        ValueError: unknown; the known ones are named.
+    """
+    return _known(name, actuator_names())
+
+
+def known_current_source(name: str) -> str:
+    """Check the name of a kind of current source against those there is a description of.
+
+    Raises:
+        ValueError: unknown; the known ones are named.
+    """
+    return _known(name, current_source_names())
+
+
+def _known(name: str, known: tuple[str, ...]) -> str:
+    if name not in known:
+        raise ValueError(f"{name!r} is not known; known: {', '.join(known)}")
+    return name
 
 
 def can_interface(text: str) -> str:

@@ -66,11 +66,12 @@ class Calibration(Settings):
 
 
 def _known_format(value: object) -> str | dict[str, LineValue]:
+    from drivers.catalogue import sensor_format_names
     from protocols.errors import LocalProtocolError
-    from protocols.line_format import PRESETS, from_description
+    from protocols.line_format import from_description
 
     if isinstance(value, str):
-        known = ["frame16", *PRESETS]
+        known = list(sensor_format_names())
         if value not in known:
             raise ValueError(f"unknown format; known: {', '.join(known)}, or a table that describes a line")
         return value

@@ -115,7 +115,7 @@ class ActuatorConfig(Settings):
     )
     parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line (modbus-rtu)"))
     device_id: int = field(default=1, metadata=key(ge=0, le=247))
-    register_map: Literal["demo"] = "demo"
+    register_map: Annotated[str, Check(address.known_actuator)] = "demo"
     poll_s: Annotated[float, Quantity("time", "2 ms", "100 ms")] = field(default=0.010, metadata=key("poll"))
     timeout_s: Timeout = field(default=0.040, metadata=key("timeout"))
     stale_after_s: Timeout = field(default=0.150, metadata=key("stale_after"))
@@ -139,7 +139,7 @@ class EcuConfig(Settings):
     interface: Annotated[str, Text(256), Check(address.can_interface)] = field(metadata=key(examples=["socketcan"]))
     channel: Name = field(metadata=key(examples=["can0"]))
     bitrate: int = field(default=500_000, metadata=key(ge=10_000, le=1_000_000))
-    dbc: Literal["demo"] = "demo"
+    dbc: Annotated[str, Check(address.known_current_source)] = "demo"
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = field(
         default=0.010, metadata=key("command_period")
     )

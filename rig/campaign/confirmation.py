@@ -15,7 +15,7 @@ from typing import Any
 
 from rig.campaign.stop_cause import OPERATOR
 from rig.errors import Refused
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
 from rig.recording.campaign_log import UNREADABLE, read_lines
 
 REQUALIFY = "n"

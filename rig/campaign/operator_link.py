@@ -18,8 +18,9 @@ from typing import Any
 
 from rig.campaign.results import Display, PointResult
 from rig.campaign.sequencer import event as ev
-from rig.campaign.stop_cause import StopKind, because
+from rig.campaign.stop_cause import because
 from rig.errors import Stopped
+from rig.faults.row import StopKind
 from rig.matrix.plan import Plan
 
 STOPS = {

@@ -4,23 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 
 from rig.campaign import words
-from rig.fault_matrix import restarts_by_itself
+from rig.faults.matrix import RESTARTS_BY_ITSELF
+from rig.faults.row import StopKind
 from rig.recording.reason import BLAMED
-
-
-class StopKind(StrEnum):
-    """How the rig is stopped; the values are those of files and JSON.
-
-    FADE_OUT: current to 0 A, the controller fades out and holds. HALT: current to 0 A and the controller's open-loop
-    halt ramp. PRESSURE_OFF: as FADE_OUT, then hydraulics off.
-    """
-
-    FADE_OUT = "S2"
-    HALT = "SO"
-    PRESSURE_OFF = "S1"
 
 
 @dataclass(frozen=True)
@@ -59,7 +47,6 @@ OPERATOR = frozenset({"sigint", "sigterm"})
 """Stops that somebody wanted: no fault, and nobody's."""
 
 # The point may restart by itself from zero amplitude, where the matrix file's `[campaign] retries` allows it.
-RESTARTS_BY_ITSELF = restarts_by_itself()
 MOST_RETRIES = 2
 # Of these, the ones whose cause needs time to pass: a reset is tried again and again until it succeeds.
 COOLS_FIRST = frozenset({"ecu-overtemp"})

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 from rig.campaign.confirmation import resume_command
 from rig.campaign.results import INVALID, NOT_RUN, RigState
-from rig.campaign.stop_cause import OPERATOR, StopCause, StopKind
+from rig.campaign.stop_cause import OPERATOR, StopCause
+from rig.faults.row import StopKind
 
 if TYPE_CHECKING:
     from rig.campaign.results import CampaignResult, PointResult, StopReport

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.actuator import ProgramPhase
+from drivers.roles import ProgramPhase
 from protocols.quality import Quality
 from rig.recording.clock_model import (
     LARGEST_DRIFT,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rig.station.fault_table import Stop
-from rig.station.host_watch import BlindTime, HostWatch
-from rig.station.interlocks import Finding
-from rig.station.safe_stop import SafeStop, Step, View
+from rig.faults.row import StopKind
+from rig.station.interlocks.finding import Finding
+from rig.station.safe_stop import SafeStop, StopInputs, StopPhase
+from rig.station.watchdogs import BlindTime, HostWatch
 
 Event = dict[str, object]
 
@@ -18,14 +18,14 @@ class Trip:
     """The latched first cause."""
 
     slug: str
-    stop: Stop
+    stop: StopKind
     detail: str
     t_ns: int
     value: float
     limit: float
 
 
-def trip_event(finding: Finding, kind: Stop, first: bool, now_ns: int) -> Event:
+def trip_event(finding: Finding, kind: StopKind, first: bool, now_ns: int) -> Event:
     """The event of a latched first cause (`trip`) or of a later one (`also`)."""
     return {
         "event": "trip" if first else "also",
@@ -51,32 +51,32 @@ def late_event(blind: BlindTime, host: HostWatch) -> Event:
     }
 
 
-def step_event(stop: SafeStop, view: View, evidence: Event, now_ns: int) -> Event:
+def step_event(stop: SafeStop, inputs: StopInputs, evidence: Event, now_ns: int) -> Event:
     """The event of a stop's new step; of the last one with what is proved and what is not."""
-    if stop.step is Step.SAFE:
+    if stop.step is StopPhase.SAFE:
         event: Event = {
             "event": "safe",
             "stop": str(stop.kind),
             "standstill": stop.standstill,
             "current_zero": stop.current_zero,
             **evidence,
-            "stopped_s": (view.now_ns - stop.started_ns) / 1e9,
+            "stopped_s": (inputs.now_ns - stop.started_ns) / 1e9,
         }
-    elif stop.step is Step.UNKNOWN:
-        event = {"event": "unknown", "reason": unknown_reason(stop, view), **evidence}
+    elif stop.step is StopPhase.UNKNOWN:
+        event = {"event": "unknown", "reason": unknown_reason(stop, inputs), **evidence}
     else:
         event = {"event": "stop", "step": stop.step.name.lower()}
     return {**event, "t_ns": now_ns}
 
 
-def unknown_reason(stop: SafeStop, view: View) -> str:
+def unknown_reason(stop: SafeStop, inputs: StopInputs) -> str:
     """What a stop could not prove, and which device it is missing for that."""
     lost = [
         name
         for name, value in (
-            ("controller", view.controller_moving),
-            ("LVDT", view.still_s),
-            ("ECU", view.current_A),
+            ("controller", inputs.controller_moving),
+            ("LVDT", inputs.still_s),
+            ("ECU", inputs.current_A),
         )
         if value is None
     ]

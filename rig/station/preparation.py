@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 
-from protocols.actuator import ActuatorLimits, Command, FaultBit, Input, State, WatchdogAction
+from drivers.capabilities import WatchdogKind
+from drivers.roles import ActuatorLimits, Command, FaultBit, State, WatchdogAction
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
-from rig.station.commander import ACK_TIMEOUT_S, Commander
-from rig.station.devices import Devices
+from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.safe_stop import STILL_S, ZERO_CURRENT_A
 from rig.station.supervisor import Supervisor
+from rig.station.threads.devices import Devices
 
 LEASE_WAIT_S = 3.0
 FIRST_DATA_S = 3.0
@@ -23,11 +24,13 @@ READ_BACK_SHARE = 1e-6
 class Preparation:
     """Proves and prepares the devices; every method either proves its point or refuses."""
 
-    def __init__(self, config: StationConfig, supervisor: Supervisor, devices: Devices, commander: Commander) -> None:
+    def __init__(
+        self, config: StationConfig, supervisor: Supervisor, devices: Devices, commands: CommandChannel
+    ) -> None:
         self._config = config
         self._supervisor = supervisor
         self._devices = devices
-        self._commander = commander
+        self._commands = commands
 
     def prove_devices(self) -> dict[str, object]:
         """Identities as the bench expects them, the coil's temperature, and data at a measured rate from every sensor.
@@ -51,6 +54,8 @@ class Preparation:
         if ecu is None:
             missing = " and ".join(devices.coil.missing)
             raise StationRefused("no-answer", f"ecu: no {missing} frames within {FIRST_DATA_S:g} s")
+        if devices.coil.identity_problem:
+            raise StationRefused("wrong-identity", f"ecu: {devices.coil.identity_problem}")
         if config.ecu.serial_number not in {None, ecu.serial_number}:
             expected_number = config.ecu.serial_number
             raise StationRefused(
@@ -77,42 +82,47 @@ class Preparation:
                 was written.
         """
         actuator = self._devices.actuator
-        status = self._commander.fresh()
-        if not status.inputs & Input.E_STOP_CLOSED:
+        status = self._commands.fresh()
+        if status.e_stop_open:
             raise StationRefused("estop", "arm: the e-stop chain is open")
         self.acquire()
         if status.state == State.TRIPPED:
             if status.fault_bits != FaultBit.WATCHDOG:
                 bits = FaultBit(status.fault_bits).name
                 raise StationRefused("controller-trip", f"arm: the controller is tripped ({bits}); find out why, reset")
-            self._commander.command(Command.RESET)
-            self._commander.await_status(
+            self._commands.command(Command.RESET)
+            self._commands.await_status(
                 lambda answer: answer.state != State.TRIPPED, "controller-trip", "controller stays tripped"
             )
         wanted = self._limits()
+        if not actuator.capabilities.limits_read_back:
+            return wanted
         actuator.expect_settings(False)
         actuator.call(lambda driver: driver.write_limits(wanted), ACK_TIMEOUT_S)
-        found = actuator.call(lambda driver: driver.read_limits(), ACK_TIMEOUT_S)
+        held = actuator.call(lambda driver: driver.read_limits(), ACK_TIMEOUT_S)
         for name, value in asdict(wanted).items():
-            if not math.isclose(getattr(found, name), value, rel_tol=READ_BACK_SHARE):
+            if not math.isclose(getattr(held, name), value, rel_tol=READ_BACK_SHARE):
                 raise StationRefused(
-                    "modbus-write-lost", f"arm: wrote {name} = {value}, the controller has {getattr(found, name)}"
+                    "modbus-write-lost", f"arm: wrote {name} = {value}, the controller has {getattr(held, name)}"
                 )
-        actuator.expect_settings(True)
-        return found
+        actuator.expect_settings(actuator.capabilities.settings_hash)
+        return held
 
     def acquire(self) -> None:
-        """Take the lease; one left behind by a dead host runs out within `LEASE_WAIT_S`.
+        """Take the lease where there is one; one left behind by a dead host runs out within `LEASE_WAIT_S`.
 
         Raises:
             StationRefused: another host keeps it.
         """
         judge = self._devices.actuator.judge
         judge.leased = False
+        if not self._devices.actuator.capabilities.lease:
+            judge.leased = True
+            return
         deadline_ns = monotonic_ns() + int(LEASE_WAIT_S * 1e9)
         while True:
             try:
-                self._commander.command(Command.ACQUIRE)
+                self._commands.command(Command.ACQUIRE)
                 break
             except StationRefused as error:
                 if error.slug != "second-master":
@@ -121,7 +131,7 @@ class Preparation:
                     raise StationRefused("two-instances", f"arm: {error.message}") from error
                 self._devices.actuator.wait_status(lambda status: status.owner == 0, 0.1)
         owner = self._devices.owner_id
-        self._commander.await_status(
+        self._commands.await_status(
             lambda status: status.owner == owner, "second-master", f"the controller does not show owner {owner}"
         )
         judge.leased = True
@@ -158,16 +168,18 @@ class Preparation:
             raise StationRefused("current-stuck", f"arm: measured current {current_A} A at 0 A commanded")
         return current_A
 
-    def starve_watchdog(self) -> float:
+    def starve_watchdog(self) -> float | None:
         """Stop feeding, see the controller trip, reset it: proves that a dead host stops the rig.
 
         Returns:
-            Wall seconds until it tripped.
+            Wall seconds until it tripped; None for an actuator without a watchdog, which was said at connect.
 
         Raises:
             StationRefused: it moves, it did not trip, or the trip does not clear.
         """
         supervisor, actuator = self._supervisor, self._devices.actuator
+        if actuator.capabilities.watchdog is WatchdogKind.NONE:
+            return None
         if actuator.judge.moving(STILL_S):
             raise StationRefused("not-at-rest", "starve_watchdog: the actuator moves")
         begin_ns = monotonic_ns()
@@ -180,8 +192,8 @@ class Preparation:
                 raise StationRefused(
                     "watchdog-absent", f"the controller did not trip within {allowed_s:g} s of not being fed"
                 )
-            self._commander.command(Command.RESET)
-            self._commander.await_status(
+            self._commands.command(Command.RESET)
+            self._commands.await_status(
                 lambda status: status.fault_bits == 0, "controller-trip", "the watchdog's trip does not clear"
             )
         finally:

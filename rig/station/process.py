@@ -7,24 +7,33 @@ It lives as long as the application's link, and after its end until the rig is s
 from __future__ import annotations
 
 import gc
+import json
 import os
+import select
 import signal
 import sys
 import threading
+from collections import deque
+from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 
-from drivers.actuator import draw_number
+from drivers.connection import draw_owner_id
+from drivers.errors import DriverError
 from drivers.ring import RingWriter, ring_bytes
+from protocols.errors import ProtocolError
 from rig.bench.settings import StationConfig
 from rig.bench.settings_json import ConfigProblem, from_json
+from rig.clock import monotonic_ns
 from rig.errors import EXIT_DONE, EXIT_REFUSED, EXIT_UNKNOWN_STATE, EXIT_USAGE
-from rig.station.devices import Devices
+from rig.faults.matrix import REACTIONS
+from rig.faults.row import StopKind
 from rig.station.errors import StationRefused
-from rig.station.fault_table import TABLE, Stop
-from rig.station.link import Link
+from rig.station.interlocks.finding import Finding
+from rig.station.log import say_error
 from rig.station.requests import Requests
-from rig.station.said import say_error
 from rig.station.supervisor import Supervisor
+from rig.station.threads.devices import Devices
 
 REAL_TIME_PRIORITY = 20
 END_TIMEOUT_S = 120.0
@@ -39,10 +48,9 @@ class Station:
     def __init__(self, config: StationConfig, link: Link, ring: RingWriter) -> None:
         self.config = config
         self.link = link
-        owner_id = config.owner_id or draw_number()
+        owner_id = config.owner_id or draw_owner_id()
         self.ring = ring
-        self.supervisor = Supervisor(config, link.emit, self.ring.append, self.ring.beat)
-        self.supervisor.vigil.unread_share = lambda: self.ring.unread_share
+        self.supervisor = Supervisor(config, link.emit, ring.append, ring.beat, lambda: ring.unread_share)
         self.devices = Devices(config, owner_id, self.supervisor, self.ring.append)
         self.requests = Requests(config, self.supervisor, self.devices)
         self._busy = threading.Lock()
@@ -91,7 +99,7 @@ class Station:
         except Exception as error:  # noqa: BLE001 - a request's defect must answer and stop the rig, not vanish
             answer = {"refused": "task-dies", "message": f"{do}: {type(error).__name__}: {error}"}
             if self.supervisor.armed:
-                self.supervisor.ask_stop(TABLE["task-dies"].stop, "task-dies", f"request {do} failed: {error}")
+                self.supervisor.report([Finding("task-dies", f"request {do} failed: {error}", monotonic_ns())])
             say_error()
         finally:
             if waits:
@@ -110,7 +118,7 @@ class Station:
         code = EXIT_DONE
         if self.supervisor.armed:
             if number is not None:
-                self.supervisor.ask_stop(Stop.S1, "sigterm", f"station got {signal.Signals(number).name}")
+                self.supervisor.ask_stop(StopKind.PRESSURE_OFF, "sigterm", f"station got {signal.Signals(number).name}")
             self.supervisor.application_gone()
             code = EXIT_DONE if self._wait_safe() else EXIT_UNKNOWN_STATE
         self.devices.close()
@@ -156,7 +164,7 @@ def load(path: str) -> StationConfig:
     config = from_json(text)
     if config.disabled_detectors and os.environ.get(MUTATION_VARIABLE) != "1":
         raise ConfigProblem(f"disabled_detectors is only for mutation checks ({MUTATION_VARIABLE}=1)")
-    unknown = [slug for slug in config.disabled_detectors if slug not in TABLE]
+    unknown = [slug for slug in config.disabled_detectors if slug not in REACTIONS]
     if unknown:
         raise ConfigProblem(f"disabled_detectors: unknown slug {unknown[0]!r}")
     return config
@@ -185,8 +193,118 @@ def main(arguments: list[str]) -> int:
     link.catch(signal.SIGINT)
     link.catch(signal.SIGHUP)
     link.start()
-    station = Station(config, link, ring)
+    try:
+        station = Station(config, link, ring)
+    except (DriverError, ProtocolError) as error:
+        ring.remove()
+        sys.stderr.write(f"{arguments[0]}: {error}\n")
+        return EXIT_USAGE
     gc.collect()
     gc.freeze()
     station.start(refused)
     return station.end(link.run(station.take))
+
+
+MOST_QUEUED = 10_000
+LONGEST_LINE = 1 << 22
+READ_SIZE = 1 << 16
+
+
+class Link:
+    """Two file descriptors and the threads on them."""
+
+    def __init__(self, in_fd: int, out_fd: int) -> None:
+        self._in_fd = in_fd
+        self._out_fd = out_fd
+        self.dropped = 0
+        self._queue: deque[bytes] = deque()
+        self._something = threading.Condition()
+        self._ending = False
+        self._wake_read, self._wake_write = os.pipe()
+        self._signalled: int | None = None
+        self._writer = threading.Thread(target=self._write, name="link", daemon=True)
+
+    def start(self) -> None:
+        """Start the writing thread."""
+        self._writer.start()
+
+    def emit(self, message: dict[str, object]) -> None:
+        """Queue a message for the application; returns at once."""
+        line = json.dumps(message).encode() + b"\n"
+        with self._something:
+            if len(self._queue) >= MOST_QUEUED:
+                self.dropped += 1
+                return
+            self._queue.append(line)
+            self._something.notify()
+
+    def catch(self, number: int) -> None:
+        """Have a signal end `run` instead of the process."""
+        signal.signal(number, self._on_signal)
+
+    def leave(self) -> None:
+        """End `run` from another thread."""
+        os.write(self._wake_write, b"x")
+
+    def run(self, take: Callable[[dict[str, object]], None]) -> int | None:
+        """Read messages until the input ends, `leave` is called or a caught signal arrives.
+
+        Args:
+            take: called with each message, on this thread; must not block.
+
+        Returns:
+            The signal's number, or None for the end of input or `leave`.
+        """
+        rest = b""
+        while True:
+            ready, _, _ = select.select([self._in_fd, self._wake_read], [], [])
+            if self._wake_read in ready:
+                return self._signalled
+            chunk = os.read(self._in_fd, READ_SIZE)
+            if not chunk:
+                return None
+            *lines, rest = (rest + chunk).split(b"\n")
+            for line in lines:
+                self._take_line(line, take)
+            if len(rest) > LONGEST_LINE:
+                self.emit({"event": "warning", "slug": "station-link", "detail": "line too long: dropped"})
+                rest = b""
+
+    def end(self, timeout_s: float = 1.0) -> None:
+        """Write what is queued and end the writing thread."""
+        with self._something:
+            self._ending = True
+            self._something.notify()
+        self._writer.join(timeout_s)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        del frame
+        self._signalled = number
+        os.write(self._wake_write, b"s")
+
+    def _take_line(self, line: bytes, take: Callable[[dict[str, object]], None]) -> None:
+        try:
+            message = json.loads(line)
+        except ValueError:
+            message = None
+        if isinstance(message, dict):
+            take(message)
+        elif line.strip():
+            self.emit({"event": "warning", "slug": "station-link", "detail": f"not a JSON object: {line[:80]!r}"})
+
+    def _write(self) -> None:
+        while True:
+            with self._something:
+                while not self._queue and not self._ending:
+                    self._something.wait()
+                if not self._queue:
+                    return
+                data = b"".join(self._queue)
+                self._queue.clear()
+            view = memoryview(data)
+            try:
+                while view:
+                    view = view[os.write(self._out_fd, view) :]
+            except OSError:
+                # The application is gone; the end of its input says so to `run`. What it does not read is dropped.
+                self.dropped += data.count(b"\n")

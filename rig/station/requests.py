@@ -23,19 +23,19 @@ from contextlib import suppress
 from dataclasses import asdict
 
 from drivers.errors import DriverError, RequestRefused
-from protocols.actuator import ActuatorStatus, Command, Input, State, Waveform
-from protocols.register_map import Value
+from drivers.roles import ActuatorStatus, Command, Move, Program, State, Waveform, state_name
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
-from rig.station.commander import ACK_TIMEOUT_S, Commander
-from rig.station.devices import Devices, slug_of
+from rig.faults.row import StopKind
+from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.errors import StationRefused
-from rig.station.fault_table import Stop
-from rig.station.interlocks import SPEED_WINDOW_S, Finding
-from rig.station.link_troubles import link_slug
+from rig.station.interlocks.finding import Finding
+from rig.station.interlocks.link_faults import link_slug
+from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
 from rig.station.preparation import Preparation
-from rig.station.safe_stop import STILL_S
-from rig.station.supervisor import Movement, Supervisor
+from rig.station.safe_stop import STILL_S, Movement
+from rig.station.supervisor import Supervisor
+from rig.station.threads.devices import Devices, slug_of
 
 Arguments = Mapping[str, object]
 Answer = dict[str, object]
@@ -57,10 +57,9 @@ class Requests:
         self._config = config
         self._supervisor = supervisor
         self._devices = devices
-        self._commander = Commander(devices.actuator, supervisor)
-        self._preparation = Preparation(config, supervisor, devices, self._commander)
+        self._commands = CommandChannel(devices.actuator, supervisor)
+        self._preparation = Preparation(config, supervisor, devices, self._commands)
         self._connected = False
-        self._rtu = config.actuator.url.startswith("modbus-rtu:")
         self._table: dict[str, Callable[[Arguments], Answer]] = {
             "connect": self._connect,
             "arm": self._arm,
@@ -101,12 +100,12 @@ class Requests:
         try:
             return handler(arguments)
         except RequestRefused as error:
-            slug = link_slug(error, rtu=self._rtu)
+            slug = link_slug(error, self._devices.actuator.link_kind)
             self._supervisor.report([Finding(slug, str(error), monotonic_ns())])
             raise StationRefused(slug, str(error)) from error
         except DriverError as error:
             in_operation = self._supervisor.armed and error.device == ACTUATOR
-            slug = link_slug(error, rtu=self._rtu) if in_operation else slug_of(error)
+            slug = link_slug(error, self._devices.actuator.link_kind) if in_operation else slug_of(error)
             raise StationRefused(slug, str(error)) from error
         except TimeoutError as error:
             raise StationRefused("modbus-halfopen", f"{do}: the controller's thread did not answer in time") from error
@@ -117,15 +116,24 @@ class Requests:
         del arguments
         if self._connected:
             raise StationRefused("bad-request", "connect: already connected")
+        capabilities = self._devices.actuator.capabilities
+        if not capabilities.can_be_stopped:
+            raise StationRefused(
+                "watchdog-absent", "the actuator has no watchdog and its pressure cannot be taken away: nothing would "
+                "stop it when this host fails"
+            )
         self._devices.open()
         try:
             self._devices.start()
             self._connected = True
-            return self._preparation.prove_devices()
+            answer = self._preparation.prove_devices()
         except BaseException:
             self._connected = False
             self._devices.close()
             raise
+        for lacking, without in capabilities.lacking():
+            self._supervisor.tell(f"actuator-without-{lacking}", without)
+        return answer
 
     def _arm(self, arguments: Arguments) -> Answer:
         del arguments
@@ -134,7 +142,7 @@ class Requests:
         limits = self._preparation.prepare_controller()
         current_A = self._preparation.prepare_coil()
         self._supervisor.arm()
-        if self._devices.actuator.wait_fed(ACK_TIMEOUT_S) is None:
+        if self._devices.actuator.capabilities.echo and self._devices.actuator.wait_fed(ACK_TIMEOUT_S) is None:
             self._supervisor.disarm()
             raise StationRefused("watchdog-absent", "arm: the controller does not echo the watchdog counter")
         return {"limits": asdict(limits), "owner_id": self._devices.owner_id, "current_A": current_A}
@@ -149,7 +157,7 @@ class Requests:
     def _hydraulics(self, arguments: Arguments) -> Answer:
         level = arguments.get("level")
         choices: dict[object, tuple[Command, Callable[[ActuatorStatus], bool]]] = {
-            "off": (Command.HYDRAULICS_OFF, _without_pressure),
+            "off": (Command.HYDRAULICS_OFF, lambda status: status.hydraulics_off),
             "low": (Command.HYDRAULICS_LOW, lambda status: status.state == State.LOW),
             "on": (Command.HYDRAULICS_ON, lambda status: status.state == State.HOLD),
         }
@@ -158,12 +166,15 @@ class Requests:
         if level != "off":
             self._require_motion("hydraulics")
         self._await_rest("hydraulics")
+        if not self._devices.actuator.capabilities.hydraulics:
+            status = self._commands.fresh()
+            return {"state": state_name(status.state), "supply_pressure_Pa": status.supply_pressure_Pa}
         command, reached = choices[level]
-        self._commander.command(command)
-        status = self._commander.await_status(
+        self._commands.command(command)
+        status = self._commands.await_status(
             reached, "hydraulics", f"level {level} not reached", HYDRAULICS_TIMEOUT_S, until_trip=level != "off"
         )
-        return {"state": State(status.state).name, "supply_pressure_Pa": status.supply_pressure_Pa}
+        return {"state": state_name(status.state), "supply_pressure_Pa": status.supply_pressure_Pa}
 
     def _move(self, arguments: Arguments) -> Answer:
         self._require_motion("move")
@@ -172,8 +183,8 @@ class Requests:
         speed_m_s = _number(arguments, "speed_m_s", 0.0, limits.speed_m_s)
         deceleration = self._config.actuator.halt_deceleration_m_s2
         self._supervisor.movement = Movement(fade_s=speed_m_s / deceleration + SPEED_WINDOW_S)
-        status = self._commander.command(Command.MOVE_TO, target_position=target_m, speed=speed_m_s)
-        return {"state": State(status.state).name}
+        status = self._commands.command(Command.MOVE_TO, Move(target_m, speed_m_s))
+        return {"state": state_name(status.state)}
 
     def _set_current(self, arguments: Arguments) -> Answer:
         limit_A = self._config.limits.current_A
@@ -196,41 +207,43 @@ class Requests:
         for edge_m in (centre_m - amplitude_m, centre_m + amplitude_m):
             if not limits.position_min_m <= edge_m <= limits.position_max_m:
                 raise StationRefused("matrix-infeasible", f"start: travel to {edge_m:g} m is beyond the stroke limits")
-        values: dict[str, Value] = {
-            "waveform": waveform,
-            "amplitude": amplitude_m,
-            "frequency": frequency_Hz,
-            "centre": centre_m,
-            "cycles": _number(arguments, "cycles", 0.0, 1e6),
-            "ramp_in_cycles": _number(arguments, "ramp_in_cycles", 0.0, 1e6),
-            "ramp_out_cycles": _number(arguments, "ramp_out_cycles", 0.0, 1e6),
-        }
-        if waveform is Waveform.TABLE:
-            values |= self._write_table(arguments, frequency_Hz)
+        program = Program(
+            waveform, amplitude_m, frequency_Hz, centre_m,
+            cycles=_number(arguments, "cycles", 0.0, 1e6),
+            ramp_in_cycles=_number(arguments, "ramp_in_cycles", 0.0, 1e6),
+            ramp_out_cycles=_number(arguments, "ramp_out_cycles", 0.0, 1e6),
+            table_length=self._write_table(arguments) if waveform is Waveform.TABLE else 0,
+        )
         period_s = 1.0 / frequency_Hz
         self._supervisor.movement = Movement(self._config.actuator.fade_out_cycles * period_s, period_s)
-        cycles = sum(float(values[name]) for name in ("cycles", "ramp_in_cycles", "ramp_out_cycles"))
-        self._devices.actuator.judge.expect_program(cycles * period_s, cycles)
-        status = self._commander.command(Command.START, **values)
-        return {"program_id": status.program_id, "state": State(status.state).name}
+        self._devices.actuator.judge.expect_program(program.all_cycles * period_s, program.all_cycles)
+        status = self._commands.command(Command.START, program)
+        return {"program_id": status.program_id, "state": state_name(status.state)}
 
-    def _write_table(self, arguments: Arguments, frequency_Hz: float) -> dict[str, Value]:
+    def _write_table(self, arguments: Arguments) -> int:
+        """Load a table waveform; its number of values.
+
+        Raises:
+            StationRefused: the actuator plays none, or the values are none.
+        """
+        if not self._devices.actuator.capabilities.table:
+            raise StationRefused("matrix-infeasible", "start: this actuator plays no table waveforms")
         table = arguments.get("table")
         if not isinstance(table, list) or len(table) < 2:
             raise StationRefused("bad-request", "start: waveform table needs `table`, a list of at least 2 values (m)")
         values = [float(value) for value in table]
         self._devices.actuator.call(lambda driver: driver.write_table(values), STOP_TIMEOUT_S)
-        return {"table_length": len(values), "table_interval": 1.0 / (frequency_Hz * len(values))}
+        return len(values)
 
     # Stops
 
     def _stop(self, arguments: Arguments) -> Answer:
-        kind = arguments.get("kind", "S2")
-        if kind not in {Stop.S2, Stop.S1, Stop.SO}:
+        kind = arguments.get("kind", StopKind.FADE_OUT)
+        if kind not in set(StopKind):
             raise StationRefused("bad-request", f"stop: kind {kind!r} is not one of S2, S1, SO")
         supervisor = self._supervisor
         reason = str(arguments.get("reason", "operator"))
-        supervisor.ask_stop(Stop(str(kind)), reason, str(arguments.get("detail", "asked for by the application")))
+        supervisor.ask_stop(StopKind(str(kind)), reason, str(arguments.get("detail", "asked for by the application")))
         with supervisor.changed:
             settled = supervisor.changed.wait_for(lambda: supervisor.settled, STOP_TIMEOUT_S)
         stop = supervisor.stop
@@ -255,13 +268,13 @@ class Requests:
         if still_s is None or still_s < STILL_S or devices.actuator.judge.moving(STILL_S):
             raise StationRefused("not-at-rest", "reset: standstill is not proved by LVDT and controller")
         self._preparation.prepare_coil()
-        status = self._commander.fresh()
+        status = self._commands.fresh()
         supervisor.starve(proving=True, feeding=True)
         try:
             self._preparation.acquire()
             if status.state == State.TRIPPED or status.fault_bits:
-                self._commander.command(Command.RESET)
-                self._commander.await_status(
+                self._commands.command(Command.RESET)
+                self._commands.await_status(
                     lambda answer: answer.fault_bits == 0, "controller-trip", "the controller stays tripped"
                 )
             limits = self._preparation.prepare_controller()
@@ -282,8 +295,9 @@ class Requests:
         self._hydraulics({"level": "off"})
         self._supervisor.disarm()
         self._devices.actuator.judge.leased = False
-        status = self._commander.command(Command.RELEASE)
-        return {"state": State(status.state).name, "current_A": self._devices.coil.fresh_current_A}
+        leases = self._devices.actuator.capabilities.lease
+        status = self._commands.command(Command.RELEASE) if leases else self._commands.fresh()
+        return {"state": state_name(status.state), "current_A": self._devices.coil.fresh_current_A}
 
     # Reading
 
@@ -339,11 +353,6 @@ class Requests:
             raise StationRefused("tripped", f"{do}: {supervisor.trip.slug} is latched; reset first")
         if not supervisor.armed:
             raise StationRefused("not-armed", f"{do}: arm first")
-
-
-def _without_pressure(status: ActuatorStatus) -> bool:
-    """Hydraulics are off; a latched trip stays the controller's state meanwhile."""
-    return status.state == State.OFF or not status.inputs & (Input.HYDRAULICS_LOW | Input.HYDRAULICS_ON)
 
 
 def _number(arguments: Arguments, name: str, low: float, high: float) -> float:

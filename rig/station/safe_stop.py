@@ -1,4 +1,4 @@
-"""The safe stop as a pure step machine: `advance(stop, view) -> (stop, actions)`; no clock, no I/O.
+"""The safe stop as a pure step machine: `advance(stop, inputs) -> (stop, actions)`; no clock, no I/O.
 
 Order: (1) at once and independently: coil current to 0 A and the controller's fade-out (its halt ramp on a hard limit
 or when the position is not trusted); (2) prove standstill, by the LVDT while it is fresh, else by the controller;
@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 
-from rig.station.fault_table import Stop
+from rig.faults.row import StopKind
 
 STOP_MARGIN_S = 0.2
 HALT_LIMIT_S = 0.3
@@ -28,7 +28,7 @@ LONGEST_FADE_S = 10.0
 """Device time: a motion whose fade-out would last longer is slow enough for the halt ramp."""
 
 
-class Step(Enum):
+class StopPhase(Enum):
     """Where a stop is."""
 
     STOPPING = auto()
@@ -38,7 +38,7 @@ class Step(Enum):
     UNKNOWN = auto()
 
 
-class Action(Enum):
+class StopAction(Enum):
     """What the supervisor does on the machine's behalf."""
 
     ZERO_CURRENT = auto()
@@ -51,7 +51,15 @@ class Action(Enum):
 
 
 @dataclass(frozen=True)
-class View:
+class Movement:
+    """What a stop has to expect of the motion that was last commanded (device seconds)."""
+
+    fade_s: float = 0.0
+    period_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class StopInputs:
     """What is known at one moment; None where the value is stale.
 
     Attributes:
@@ -96,12 +104,12 @@ class SafeStop:
         current_judged: the current's deadline has been judged.
     """
 
-    kind: Stop
+    kind: StopKind
     halt: bool
     fade_s: float
     device_rate: float
     started_ns: int
-    step: Step = Step.STOPPING
+    step: StopPhase = StopPhase.STOPPING
     step_ns: int = 0
     clock_start_s: float | None = None
     repeated_ns: int = 0
@@ -113,32 +121,34 @@ class SafeStop:
     @property
     def finished(self) -> bool:
         """Nothing is left to do: safe, or known to be unknown."""
-        return self.step in {Step.SAFE, Step.UNKNOWN}
+        return self.step in {StopPhase.SAFE, StopPhase.UNKNOWN}
 
 
 def begin(
-    kind: Stop, now_ns: int, *, halt: bool, fade_s: float, device_rate: float, watchdog_s: float = 0.0
-) -> tuple[SafeStop, tuple[Action, ...]]:
+    kind: StopKind, now_ns: int, *, halt: bool, fade_s: float, device_rate: float, watchdog_s: float = 0.0
+) -> tuple[SafeStop, tuple[StopAction, ...]]:
     """Start a stop; its actions are to be carried out at once and independently of each other."""
-    halt = halt or kind is Stop.SO or fade_s > LONGEST_FADE_S
+    halt = halt or kind is StopKind.HALT or fade_s > LONGEST_FADE_S
     stop = SafeStop(
         kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns, watchdog_s=watchdog_s
     )
-    return stop, (Action.ZERO_CURRENT, stop_command(stop))
+    return stop, (StopAction.ZERO_CURRENT, stop_command(stop))
 
 
-def stop_command(stop: SafeStop) -> Action:
+def stop_command(stop: SafeStop) -> StopAction:
     """The controller command that stops this one's motion."""
-    return Action.HALT if stop.halt else Action.FADE
+    return StopAction.HALT if stop.halt else StopAction.FADE
 
 
-def escalate(stop: SafeStop, kind: Stop, now_ns: int, *, halt: bool = False) -> tuple[SafeStop, tuple[Action, ...]]:
+def escalate(
+    stop: SafeStop, kind: StopKind, now_ns: int, *, halt: bool = False
+) -> tuple[SafeStop, tuple[StopAction, ...]]:
     """Turn a stop under way into a stronger one; a weaker kind changes nothing.
 
     A stop that has already ended is taken up again where the stronger kind goes further: it is commanded and proved
     anew, for what was proved then need not be so now.
     """
-    halt = halt or kind is Stop.SO
+    halt = halt or kind is StopKind.HALT
     if stop.finished:
         if kind.severity <= stop.kind.severity:
             return stop, ()
@@ -146,23 +156,23 @@ def escalate(stop: SafeStop, kind: Stop, now_ns: int, *, halt: bool = False) -> 
             kind, now_ns, halt=halt or stop.halt, fade_s=stop.fade_s, device_rate=stop.device_rate,
             watchdog_s=stop.watchdog_s,
         )
-    actions: list[Action] = []
+    actions: list[StopAction] = []
     if halt and not stop.halt and not stop.standstill:
-        stop = replace(stop, halt=True, step=Step.STOPPING, step_ns=now_ns, clock_start_s=None)
-        actions.append(Action.HALT)
+        stop = replace(stop, halt=True, step=StopPhase.STOPPING, step_ns=now_ns, clock_start_s=None)
+        actions.append(StopAction.HALT)
     if kind.severity > stop.kind.severity:
         stop = replace(stop, kind=kind)
     return stop, tuple(actions)
 
 
-def broken(stop: SafeStop, view: View) -> bool:
+def broken(stop: SafeStop, inputs: StopInputs) -> bool:
     """The rod moves under full pressure although its standstill was proved; nobody who can see it says it rests."""
-    seen = view.controller_moving is not None or view.still_s is not None
-    resting = view.controller_moving is False or (view.still_s is not None and view.still_s >= STILL_S)
-    return stop.step is Step.SAFE and view.hydraulics_low is not True and seen and not resting
+    seen = inputs.controller_moving is not None or inputs.still_s is not None
+    resting = inputs.controller_moving is False or (inputs.still_s is not None and inputs.still_s >= STILL_S)
+    return stop.step is StopPhase.SAFE and inputs.hydraulics_low is not True and seen and not resting
 
 
-def advance(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
+def advance(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
     """One step: judge what is proved and what is late.
 
     Returns:
@@ -170,90 +180,90 @@ def advance(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
     """
     if stop.finished:
         return stop, ()
-    stop, actions = _judge_current(stop, view)
+    stop, actions = _judge_current(stop, inputs)
     if actions:
         # A current that stays asks for a stronger stop; nothing is concluded before that is under way.
         return stop, actions
-    if stop.step is Step.STOPPING:
-        stop, more = _stopping(stop, view)
+    if stop.step is StopPhase.STOPPING:
+        stop, more = _stopping(stop, inputs)
     else:
-        stop, more = _hydraulics(stop, view)
+        stop, more = _hydraulics(stop, inputs)
     return stop, (*actions, *more)
 
 
-def _elapsed_s(since_ns: int, view: View) -> float:
-    return (view.now_ns - since_ns) / 1e9
+def _elapsed_s(since_ns: int, inputs: StopInputs) -> float:
+    return (inputs.now_ns - since_ns) / 1e9
 
 
-def _judge_current(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
-    if view.current_A is not None and abs(view.current_A) < ZERO_CURRENT_A:
+def _judge_current(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
+    if inputs.current_A is not None and abs(inputs.current_A) < ZERO_CURRENT_A:
         return replace(stop, current_zero=True, current_judged=True), ()
     stop = replace(stop, current_zero=False)
     allowed_s = CURRENT_LIMIT_S / min(1.0, stop.device_rate)
-    if stop.current_judged or _elapsed_s(stop.started_ns, view) <= allowed_s:
+    if stop.current_judged or _elapsed_s(stop.started_ns, inputs) <= allowed_s:
         return stop, ()
     stop = replace(stop, current_judged=True)
-    return (stop, ()) if view.current_A is None else (stop, (Action.CURRENT_STUCK,))
+    return (stop, ()) if inputs.current_A is None else (stop, (StopAction.CURRENT_STUCK,))
 
 
-def _standstill(stop: SafeStop, view: View) -> bool:
+def _standstill(stop: SafeStop, inputs: StopInputs) -> bool:
     """Standstill is proved: by the LVDT and a controller that agrees, or by the only one of them that is left."""
-    if view.still_s is None:
-        return view.controller_moving is False
-    if view.controller_moving is None:
-        return view.still_s >= max(STILL_S, view.period_s)
-    return view.still_s >= STILL_S and not view.controller_moving
+    if inputs.still_s is None:
+        return inputs.controller_moving is False
+    if inputs.controller_moving is None:
+        return inputs.still_s >= max(STILL_S, inputs.period_s)
+    return inputs.still_s >= STILL_S and not inputs.controller_moving
 
 
-def _late(stop: SafeStop, view: View) -> bool:
+def _late(stop: SafeStop, inputs: StopInputs) -> bool:
     """The motion outlasts its deadline, measured on the controller's clock while there is one."""
     allowed_s = HALT_LIMIT_S if stop.halt else stop.fade_s + STOP_MARGIN_S
     margin_s = STILL_S + STOP_MARGIN_S * max(0.0, stop.device_rate - 1.0)
-    wall_s = _elapsed_s(stop.step_ns, view)
-    if view.controller_clock_s is None or stop.clock_start_s is None:
-        return wall_s > (allowed_s + max(STILL_S, view.period_s)) / stop.device_rate + LOST_LIMIT_S
-    return wall_s > STOP_MARGIN_S and view.controller_clock_s - stop.clock_start_s > allowed_s + margin_s
+    wall_s = _elapsed_s(stop.step_ns, inputs)
+    if inputs.controller_clock_s is None or stop.clock_start_s is None:
+        return wall_s > (allowed_s + max(STILL_S, inputs.period_s)) / stop.device_rate + LOST_LIMIT_S
+    return wall_s > STOP_MARGIN_S and inputs.controller_clock_s - stop.clock_start_s > allowed_s + margin_s
 
 
-def _stopping(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
+def _stopping(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
     # A controller that no command reaches begins to fade out when its watchdog trips.
-    begun = view.stop_taken or _elapsed_s(stop.step_ns, view) > stop.watchdog_s
-    if begun and stop.clock_start_s is None and view.controller_clock_s is not None:
-        stop = replace(stop, clock_start_s=view.controller_clock_s)
-    if _standstill(stop, view):
+    begun = inputs.stop_taken or _elapsed_s(stop.step_ns, inputs) > stop.watchdog_s
+    if begun and stop.clock_start_s is None and inputs.controller_clock_s is not None:
+        stop = replace(stop, clock_start_s=inputs.controller_clock_s)
+    if _standstill(stop, inputs):
         stop = replace(stop, standstill=True)
-        if stop.kind is Stop.S1:
-            return replace(stop, step=Step.LOWERING, step_ns=view.now_ns), (Action.HYDRAULICS_LOW,)
-        return _conclude(stop, view)
-    if _late(stop, view):
-        if view.controller_moving is None and view.still_s is None:
-            return replace(stop, step=Step.UNKNOWN), (Action.HYDRAULICS_OFF,)
-        stop = replace(stop, kind=Stop.S1, step=Step.OFF, step_ns=view.now_ns)
-        return stop, (Action.STOP_IGNORED, Action.HYDRAULICS_OFF)
-    if _elapsed_s(stop.repeated_ns, view) > REPEAT_S and view.controller_moving is None:
-        return replace(stop, repeated_ns=view.now_ns), (stop_command(stop),)
+        if stop.kind is StopKind.PRESSURE_OFF:
+            return replace(stop, step=StopPhase.LOWERING, step_ns=inputs.now_ns), (StopAction.HYDRAULICS_LOW,)
+        return _conclude(stop, inputs)
+    if _late(stop, inputs):
+        if inputs.controller_moving is None and inputs.still_s is None:
+            return replace(stop, step=StopPhase.UNKNOWN), (StopAction.HYDRAULICS_OFF,)
+        stop = replace(stop, kind=StopKind.PRESSURE_OFF, step=StopPhase.OFF, step_ns=inputs.now_ns)
+        return stop, (StopAction.STOP_IGNORED, StopAction.HYDRAULICS_OFF)
+    if _elapsed_s(stop.repeated_ns, inputs) > REPEAT_S and inputs.controller_moving is None:
+        return replace(stop, repeated_ns=inputs.now_ns), (stop_command(stop),)
     return stop, ()
 
 
-def _hydraulics(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
-    late = _elapsed_s(stop.step_ns, view) > HYDRAULICS_LIMIT_S
-    if stop.step is Step.LOWERING:
-        if view.hydraulics_low or late:
-            return replace(stop, step=Step.OFF, step_ns=view.now_ns), (Action.HYDRAULICS_OFF,)
+def _hydraulics(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
+    late = _elapsed_s(stop.step_ns, inputs) > HYDRAULICS_LIMIT_S
+    if stop.step is StopPhase.LOWERING:
+        if inputs.hydraulics_low or late:
+            return replace(stop, step=StopPhase.OFF, step_ns=inputs.now_ns), (StopAction.HYDRAULICS_OFF,)
         return stop, ()
-    if view.hydraulics_off:
-        if stop.standstill or _standstill(stop, view):
-            return _conclude(replace(stop, standstill=True), view)
-        if _elapsed_s(stop.step_ns, view) > HYDRAULICS_LIMIT_S + LOST_LIMIT_S:
-            return replace(stop, step=Step.UNKNOWN), ()
+    if inputs.hydraulics_off:
+        if stop.standstill or _standstill(stop, inputs):
+            return _conclude(replace(stop, standstill=True), inputs)
+        if _elapsed_s(stop.step_ns, inputs) > HYDRAULICS_LIMIT_S + LOST_LIMIT_S:
+            return replace(stop, step=StopPhase.UNKNOWN), ()
         return stop, ()
     if late:
-        return replace(stop, step=Step.UNKNOWN), (Action.HYDRAULICS_OFF,)
+        return replace(stop, step=StopPhase.UNKNOWN), (StopAction.HYDRAULICS_OFF,)
     return stop, ()
 
 
-def _conclude(stop: SafeStop, view: View) -> tuple[SafeStop, tuple[Action, ...]]:
+def _conclude(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
     """Motion is over: safe once the current is proved, or its deadline has passed and been judged."""
     if stop.current_zero or stop.current_judged:
-        return replace(stop, step=Step.SAFE, step_ns=view.now_ns), ()
+        return replace(stop, step=StopPhase.SAFE, step_ns=inputs.now_ns), ()
     return stop, ()

@@ -9,21 +9,20 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
+from rig.faults.matrix import REACTIONS
+from rig.faults.row import FaultRow, StopKind
 from rig.station import safe_stop
 from rig.station.events import Trip, late_event, step_event, trip_event
-from rig.station.fault_table import TABLE, FaultRow, Stop
-from rig.station.host_watch import HostWatch, Listener, quiet_s
-from rig.station.interlocks import Finding
-from rig.station.roles import Coil, Motion, Travel, Watched
-from rig.station.safe_stop import Action, SafeStop, Step, View
-from rig.station.said import say_error
-from rig.station.vigil import Vigil
+from rig.station.interfaces import Coil, Motion, Travel, Watched
+from rig.station.interlocks.finding import Finding
+from rig.station.log import say_error
+from rig.station.safe_stop import Movement, SafeStop, StopAction, StopInputs, StopPhase
+from rig.station.watchdogs import HostWatch, Listener, Watchdogs, quiet_s
 
 TICK_S = 0.005
 WARNING_EVERY_NS = 1_000_000_000
@@ -35,26 +34,19 @@ UNTAKEN_NS = 200_000_000
 EXPECTED_IN_PROOF = frozenset({"host-silent", "controller-trip"})
 
 NO_TROUBLE = Finding("", "", 0)
-_SLOWEST_LAST = (*(action for action in Action if action is not Action.ZERO_CURRENT), Action.ZERO_CURRENT)
+_SLOWEST_LAST = (*(action for action in StopAction if action is not StopAction.ZERO_CURRENT), StopAction.ZERO_CURRENT)
 
 Emit = Callable[[dict[str, object]], None]
 Append = Callable[[list[Record]], None]
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class Movement:
-    """What a stop has to expect of the motion that was last commanded (device seconds)."""
-
-    fade_s: float = 0.0
-    period_s: float = 0.0
-
-
 class Supervisor:
     """One per station; every method may be called from any thread."""
 
     def __init__(
-        self, config: StationConfig, emit: Emit, append: Append, beat: Callable[[int], None]
+        self, config: StationConfig, emit: Emit, append: Append, beat: Callable[[int], None],
+        unread_share: Callable[[], float],
     ) -> None:
         self.config = config
         self.tick_ns = monotonic_ns()
@@ -67,7 +59,7 @@ class Supervisor:
         self.defects = 0
         self.trouble = NO_TROUBLE
         self.changed = threading.Condition()
-        self.vigil = Vigil(config.heartbeat_timeout_s, self.host)
+        self.watchdogs = Watchdogs(config.heartbeat_timeout_s, self.host, unread_share)
         self._emit = emit
         self._append = append
         self._ring_beat = beat
@@ -87,7 +79,7 @@ class Supervisor:
     def attach(self, coil: Coil, motion: Motion, travel: Travel, watched: Iterable[Watched]) -> None:
         """Give the supervisor its devices; before that nothing can be armed."""
         self._coil, self._motion, self._travel = coil, motion, travel
-        self.vigil.watched = tuple(watched)
+        self.watchdogs.watched = tuple(watched)
         self.host.listen(monotonic_ns(), listening=True)
 
     def start(self) -> None:
@@ -120,11 +112,11 @@ class Supervisor:
     @property
     def ended_for_good(self) -> bool:
         """The stop that follows the end of the application's link has gone all the way (S1), or cannot be proved."""
-        return self.stop is not None and self.stop.finished and self.stop.kind is Stop.S1
+        return self.stop is not None and self.stop.finished and self.stop.kind is StopKind.PRESSURE_OFF
 
     def arm(self) -> None:
         """Let the interlocks act; the application's beat counts from now."""
-        self.vigil.restart_beat()
+        self.watchdogs.restart_beat()
         self._armed = True
 
     def disarm(self) -> None:
@@ -145,7 +137,7 @@ class Supervisor:
     @property
     def proved_safe(self) -> bool:
         """The last stop ended in proved standstill."""
-        return self.stop is not None and self.stop.step is Step.SAFE
+        return self.stop is not None and self.stop.step is StopPhase.SAFE
 
     def evidence(self) -> dict[str, object]:
         """Current, position and controller state as they are now; None where stale."""
@@ -167,14 +159,14 @@ class Supervisor:
             return False
         if self.trip is not None:
             stop, taken = self.stop, self._motion is None or self._motion.stop_taken
-            if stop is not None and stop.step is Step.STOPPING and not taken:
+            if stop is not None and stop.step is StopPhase.STOPPING and not taken:
                 return self._stop_clock_ns(now_ns) - stop.step_ns < UNTAKEN_NS
-            return stop is None or stop.step is not Step.UNKNOWN
-        return self.vigil.beat_age_s(now_ns) < 2.0 * self.config.heartbeat_timeout_s
+            return stop is None or stop.step is not StopPhase.UNKNOWN
+        return self.watchdogs.beat_age_s(now_ns) < 2.0 * self.config.heartbeat_timeout_s
 
     def beat(self, healthy: bool) -> None:
         """The application lives; `healthy` carries its recorder's state."""
-        self.vigil.beat(healthy)
+        self.watchdogs.beat(healthy)
 
     def application_gone(self) -> None:
         """The application's link has ended: stop, and after standstill hydraulics off."""
@@ -192,7 +184,7 @@ class Supervisor:
 
     def _own_lateness(self) -> None:
         """Tell of blind times that ended; one that is too long stops the rig."""
-        actions: list[Action] = []
+        actions: list[StopAction] = []
         with self._lock:
             while (blind := self.host.take()) is not None:
                 finding, length_s = self.host.finding(blind), blind.length_ns / 1e9
@@ -203,29 +195,33 @@ class Supervisor:
                 actions += [] if finding is None else self._act([finding])
         self._finish(actions)
 
-    def _act(self, findings: Iterable[Finding]) -> list[Action]:
+    def _act(self, findings: Iterable[Finding]) -> list[StopAction]:
         """Latch or warn; what a stop has to do is returned."""
-        actions: list[Action] = []
+        actions: list[StopAction] = []
         for finding in findings:
-            row = TABLE[finding.slug]
+            row = REACTIONS[finding.slug]
             if finding.slug in self.config.disabled_detectors:
                 continue
             if self._proving and finding.slug in EXPECTED_IN_PROOF:
                 continue
-            if finding.warns or row.stop is Stop.W or not self._armed:
+            if finding.warns or row.stop is None or not self._armed:
                 self._warn(finding)
             else:
                 self.trouble = finding
                 actions += self._latch(finding, row, row.stop)
         return actions
 
-    def ask_stop(self, kind: Stop, slug: str, detail: str) -> None:
+    def ask_stop(self, kind: StopKind, slug: str, detail: str) -> None:
         """Stop because the application asks for it, whatever is armed."""
         now_ns = monotonic_ns()
-        row = TABLE.get(slug, TABLE["operator"])
+        row = REACTIONS.get(slug, REACTIONS["operator"])
         self._finish(self._latch(Finding(slug, detail, now_ns), row, kind, asked=True))
 
-    def note_sent(self, action: Action) -> None:
+    def tell(self, slug: str, detail: str) -> None:
+        """Tell the application something that is no fault but worth knowing; it is journalled and shown."""
+        self._emit({"event": "warning", "slug": slug, "detail": detail, "count": 1, "t_ns": monotonic_ns()})
+
+    def note_sent(self, action: StopAction) -> None:
         """A stop action has been taken by the controller's link; tells the application when."""
         self._emit({"event": "sent", "action": action.name.lower(), "t_ns": monotonic_ns()})
 
@@ -259,7 +255,7 @@ class Supervisor:
             warning: dict[str, object] = {"event": "warning", "slug": finding.slug, "detail": finding.detail}
             self._emit({**warning, "count": count + 1, "t_ns": now_ns})
 
-    def _latch(self, finding: Finding, row: FaultRow, kind: Stop, *, asked: bool = False) -> tuple[Action, ...]:
+    def _latch(self, finding: Finding, row: FaultRow, kind: StopKind, *, asked: bool = False) -> tuple[StopAction, ...]:
         """Latch and tell, both under one lock: what the application hears first is what came first.
 
         Returns:
@@ -293,7 +289,7 @@ class Supervisor:
                 self._try(self._append, [record])
         return actions
 
-    def _finish(self, actions: Collection[Action]) -> None:
+    def _finish(self, actions: Collection[StopAction]) -> None:
         """Carry a stop's actions out, each by itself: one that fails, or waits for its wire, holds up no other.
 
         Motion first: it is only queued, for the actuator's thread; the 0 A frame is sent by this one.
@@ -305,13 +301,13 @@ class Supervisor:
         with self.changed:
             self.changed.notify_all()
 
-    def _carry_out(self, action: Action) -> None:
-        if action is Action.ZERO_CURRENT:
+    def _carry_out(self, action: StopAction) -> None:
+        if action is StopAction.ZERO_CURRENT:
             if self._coil is not None:
                 self._coil.zero_now()
-        elif action is Action.STOP_IGNORED:
+        elif action is StopAction.STOP_IGNORED:
             self._internal("stop-ignored", "no standstill within the stop's deadline: hydraulics off")
-        elif action is Action.CURRENT_STUCK:
+        elif action is StopAction.CURRENT_STUCK:
             self._internal("current-stuck", "coil current persists after 0 A was commanded")
         elif self._motion is not None:
             self._motion.act(action)
@@ -325,8 +321,9 @@ class Supervisor:
             say_error()
 
     def _internal(self, slug: str, detail: str) -> None:
-        row = TABLE[slug]
-        self._finish(self._latch(Finding(slug, detail, monotonic_ns()), row, row.stop))
+        row = REACTIONS[slug]
+        if row.stop is not None:
+            self._finish(self._latch(Finding(slug, detail, monotonic_ns()), row, row.stop))
 
     def _run(self) -> None:
         loop = Listener(self.host, monotonic_ns())
@@ -348,12 +345,12 @@ class Supervisor:
         self.tick_ns = now_ns
         self._ring_beat(now_ns)
         self.host.awake(now_ns)
-        self.report(self.vigil.machine(now_ns))
-        self.report(self.vigil.devices(now_ns))
+        self.report(self.watchdogs.machine(now_ns))
+        self.report(self.watchdogs.devices(now_ns))
         if self._guards:
-            self.report(self.vigil.application(now_ns))
+            self.report(self.watchdogs.application(now_ns))
         if self._guards:
-            self.report(self.vigil.consumer(now_ns))
+            self.report(self.watchdogs.consumer(now_ns))
         self._advance_stop(now_ns)
 
     def _stop_clock_ns(self, now_ns: int) -> int:
@@ -369,12 +366,12 @@ class Supervisor:
             if self.stop is None:
                 return
             before = self.stop
-            view = self._view(now_ns)
+            inputs = self._stop_inputs(now_ns)
             if not before.finished:
-                self.stop, actions = safe_stop.advance(before, view)
-            elif self._application_gone and before.kind is not Stop.S1:
-                self.stop, actions = safe_stop.escalate(before, Stop.S1, view.now_ns)
-            elif safe_stop.broken(before, view):
+                self.stop, actions = safe_stop.advance(before, inputs)
+            elif self._application_gone and before.kind is not StopKind.PRESSURE_OFF:
+                self.stop, actions = safe_stop.escalate(before, StopKind.PRESSURE_OFF, inputs.now_ns)
+            elif safe_stop.broken(before, inputs):
                 self._internal("stop-ignored", "the rod moves although its standstill was proved: hydraulics off")
                 return
             else:
@@ -382,18 +379,18 @@ class Supervisor:
             after = self.stop
             if after.step is not before.step:
                 # Under the lock: what is latched meanwhile is told after it.
-                self._try(self._emit, step_event(after, view, self.evidence(), now_ns))
+                self._try(self._emit, step_event(after, inputs, self.evidence(), now_ns))
         self._finish(actions)
         if after.step is not before.step:
             with self.changed:
                 self.changed.notify_all()
 
-    def _view(self, now_ns: int) -> View:
+    def _stop_inputs(self, now_ns: int) -> StopInputs:
         moving = clock_s = low = off = None
         if self._motion is not None:
-            moving, clock_s, low, off = self._motion.fill_view(now_ns)
+            moving, clock_s, low, off = self._motion.stop_inputs(now_ns)
         still_s = None if self._travel is None else self._travel.still_s(now_ns)
         current_A = None if self._coil is None else self._coil.fresh_current_A
         taken = self._motion is None or self._motion.stop_taken
         period_s = self.movement.period_s
-        return View(self._stop_clock_ns(now_ns), still_s, moving, clock_s, low, off, current_A, period_s, taken)
+        return StopInputs(self._stop_clock_ns(now_ns), still_s, moving, clock_s, low, off, current_A, period_s, taken)

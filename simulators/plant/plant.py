@@ -97,16 +97,6 @@ class Plant:
         for name, value in fields.items():
             self.command[name][0] = value
 
-    def replace_damper(self, values: dict[str, float]) -> None:
-        """Put another specimen of the same model in (parameter name to SI value).
-
-        Raises:
-            KeyError: a name is missing or unknown.
-        """
-        self.values = values
-        self._base = self.model.vector(values)
-        self._damper[:] = self._base
-
     def _fill_constants(self, options: RigOptions) -> None:
         servo, damper, coil = options.servo, options.damper, options.coil
         play_without_spring = damper.free_play_m > 0.0 and damper.mount_stiffness_N_m <= 0.0

@@ -8,10 +8,18 @@ import struct
 import threading
 from collections.abc import Callable
 
-from protocols import actuator
+from drivers.connection import ActuatorConnection
+from drivers.devices.controller import controller
+from drivers.modbus_actuator import ModbusActuator
+from simulators import controller_firmware as actuator
 
 Answer = Callable[[bytes, bytes], list[bytes]]
 """(header and request PDU, right answer PDU) -> frames to send instead; an empty list is silence."""
+
+
+def demo_actuator(url: str, *, timeout_s: float = 0.04, owner_id: int = 0) -> ModbusActuator:
+    """The driver of the demo controller at `url`."""
+    return ModbusActuator(ActuatorConnection(url, timeout_s=timeout_s, owner_id=owner_id), controller("demo"))
 
 
 class ModbusDevice:

@@ -8,18 +8,19 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import sys
-import drivers.actuator, drivers.ecu, drivers.load_cell, drivers.lvdt, drivers.ring
+import drivers.catalogue, drivers.modbus_actuator, drivers.can_current_source, drivers.serial_sensor, drivers.ring
 from drivers.can_port import CanPort
 import drivers.can_port
 port = CanPort("virtual", "imports", 500000)
 port.open()
 port.close()
 import drivers.slcan_bus
-heavy = {"numpy", "pandas", "h5py", "scipy", "numba", "matplotlib", "asammdf", "cantools"} & set(sys.modules)
+from drivers.devices.source import current_source
+current_source("demo")
+heavy = {"numpy", "pandas", "h5py", "scipy", "numba", "matplotlib", "asammdf"} & set(sys.modules)
 assert not heavy, heavy
 rss_kB = int(next(line for line in open("/proc/self/status") if line.startswith("VmRSS")).split()[1])
 assert rss_kB < 45 * 1024, rss_kB
-import protocols.actuator
 try:
     import asammdf
 except ImportError:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.ring import Channel
-from drivers.sample_stream import RateWatch, SampleStream
+from drivers.sample_stream import RateWatch, SampleScale, SampleStream
 from protocols.frame_format import STATUS_EDGE, STATUS_OVERLOAD, STATUS_SENSOR_FAULT, FrameDecoder, encode
 from protocols.line_format import LineDecoder, preset
 from protocols.quality import Quality
@@ -17,8 +17,8 @@ NOW = 10**12
 
 
 def stream(**options: float) -> SampleStream:
-    settings = {"nominal_rate_Hz": 250.0} | options
-    return SampleStream(FrameDecoder(), Channel.FORCE, **settings)  # type: ignore[arg-type]  # any option by name
+    settings = {"rate_Hz": 250.0} | options
+    return SampleStream(FrameDecoder(), Channel.FORCE, SampleScale(**settings))
 
 
 def frames(numbers: list[int], period_us: int = 4000) -> bytes:
@@ -159,7 +159,7 @@ def test_garbage_never_crashes_and_the_stream_is_found_again(noise: bytes, at: i
 
 def line_stream(rate_Hz: float | None) -> SampleStream:
     decoder = LineDecoder(preset("signed-decimal"))
-    return SampleStream(decoder, Channel.FORCE, nominal_rate_Hz=rate_Hz, has_sequence=False)
+    return SampleStream(decoder, Channel.FORCE, SampleScale(rate_Hz=rate_Hz), has_sequence=False)
 
 
 def test_lines_have_no_clock_and_an_unreadable_line_is_a_lost_sample() -> None:
@@ -222,6 +222,6 @@ def test_more_lines_than_half_the_sequence_may_be_missing() -> None:
 
 def test_a_rig_that_outruns_the_wall_is_not_counted_against_the_hosts_clock() -> None:
     decoder = LineDecoder(preset("signed-decimal"))
-    flow = SampleStream(decoder, Channel.FORCE, nominal_rate_Hz=250.0, device_rate=20.0, has_sequence=False)
+    flow = SampleStream(decoder, Channel.FORCE, SampleScale(rate_Hz=250.0, device_rate=20.0), has_sequence=False)
     flow.take(b"\r\n+0000001.0 N\r\n", NOW)
     assert flow.take(b"+0000001.0 N\r\n", NOW + 10**9).lost == 0

@@ -1,6 +1,6 @@
 """The fault suite's frame: `rig run` as a user starts it, one fault, and what must then be true in truth and files.
 
-A test of a row is marked `row("slug")` and named in `rig.fault_matrix`; `test_matrix.py` compares the two.
+A test of a row is marked `row("slug")` and named in `rig.faults.matrix`; `test_matrix.py` compares the two.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from matrices import BRISK_POINTS, PERIOD_S, TWO_POINTS
 from true_states import Happening, Truth
 from watched_campaign import FINISH_S, RIG, Campaign, Ending
 
-from protocols.actuator import State
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
+from simulators.controller_firmware import State
 
 COIL_LAG_S = 0.250
 NO_CURRENT_A = 0.05
@@ -125,7 +125,7 @@ def assert_stopped() -> Callable[..., None]:
         injected_as: str | None = None, period_s: float = PERIOD_S, slug_of_station: str | None = None,
     ) -> None:
         row, truth = MATRIX[slug], ending.truth
-        kind = stop or row.stop
+        kind = stop or row.end
         injected_as, slug = injected_as or slug, slug_of_station or slug
         assert ending.exit_code == EXIT_CODES[kind], ending.said
         assert ending.answer["stopped_by"] == slug

@@ -17,8 +17,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from rig.fault_matrix import MATRIX
-from rig.station.fault_table import TABLE
+from rig.faults.matrix import MATRIX, REACTIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("rig", "drivers", "protocols", "simulators")
@@ -38,7 +37,7 @@ class Edit:
 
 def deaf_station(slug: str) -> Edit:
     """The station does not hear what its detectors report by this slug."""
-    row = "            row = TABLE[finding.slug]\n"
+    row = "            row = REACTIONS[finding.slug]\n"
     deaf = f'            if finding.slug == "{slug}":\n                continue\n'
     return Edit("rig/station/supervisor.py", row, deaf + row)
 
@@ -70,8 +69,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
         Edit("rig/station/preparation.py", "(tripped.received_ns - begin_ns) / 1e9", "0.0"),
     ),
     "register-layout": (
-        Edit("drivers/actuator.py", "if identity.signature_u32 != SIGNATURE_U32 or", "if False and"),
-        Edit("drivers/actuator.py", "if identity.layout_version != LAYOUT_VERSION:", "if False:"),
+        Edit("drivers/modbus_actuator.py", "if getattr(identity, name) != value]:", "if False]:"),
     ),
     "load-train": (
         Edit(
@@ -84,11 +82,11 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     "sensors-swapped": DEAF_PREFLIGHT,
     "current-stuck": (
         deaf_station("current-stuck"),
-        Edit("rig/station/safe_stop.py", "else (stop, (Action.CURRENT_STUCK,))", "else (stop, ())"),
+        Edit("rig/station/safe_stop.py", "else (stop, (StopAction.CURRENT_STUCK,))", "else (stop, ())"),
     ),
     "stop-ignored": (
         deaf_station("stop-ignored"),
-        Edit("rig/station/safe_stop.py", "    if _late(stop, view):\n", "    if False:\n"),
+        Edit("rig/station/safe_stop.py", "    if _late(stop, inputs):\n", "    if False:\n"),
     ),
     "sigint": (Edit("rig/campaign/operator_link.py", "self._caught.append(number)", "pass"),),
     "sigint-storm": (
@@ -141,7 +139,7 @@ def mutations_of(slug: str) -> tuple[Edit, ...]:
     """How this row's detector is switched off; empty when nobody has said."""
     if slug in MUTATIONS:
         return MUTATIONS[slug]
-    return (deaf_station(slug),) if slug in TABLE else ()
+    return (deaf_station(slug),) if slug in REACTIONS else ()
 
 
 def test_of(slug: str) -> str:

@@ -21,9 +21,9 @@ from process_faults import fill_disk
 from true_states import Truth
 from watched_campaign import FINISH_S, RIG, Campaign, Ending, assert_completed, resumed, told, wait_until
 
-from protocols.actuator import Command, State
 from rig.clock import monotonic_ns
 from rig.recording.campaign_log import read_log
+from simulators.controller_firmware import Command, State
 
 if TYPE_CHECKING:
     from conftest import InMotion, Run, Start

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from protocols.actuator import State
 from rig.clock import monotonic_ns
+from simulators.controller_firmware import State
 
 if TYPE_CHECKING:
     from conftest import Run, Start

@@ -11,7 +11,7 @@ from matrices import LONG_SECOND_POINT
 from process_faults import FULL_AT_BYTES
 from watched_campaign import assert_completed, wait_until
 
-from protocols.actuator import State
+from simulators.controller_firmware import State
 
 if TYPE_CHECKING:
     from conftest import InMotion

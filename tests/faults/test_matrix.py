@@ -9,8 +9,7 @@ import sys
 from pathlib import Path
 
 from rig.campaign.stop_cause import may_restart
-from rig.fault_matrix import MATRIX, stop_of
-from rig.station.fault_table import TABLE
+from rig.faults.matrix import MATRIX, REACTIONS
 from simulators.injection import INJECTORS
 
 HERE = Path(__file__).parent
@@ -52,14 +51,15 @@ def test_every_row_on_the_wire_has_an_injector_and_no_other() -> None:
     assert {row.where for row in MATRIX.values()} == {"wire", "process"}
 
 
-def test_the_station_takes_its_stops_from_the_matrix() -> None:
-    for slug, row in TABLE.items():
-        if slug in MATRIX:
-            assert row.stop == stop_of(slug), slug
+def test_the_station_takes_its_reactions_from_the_matrix() -> None:
+    shared = [slug for slug in REACTIONS if slug in MATRIX]
+    assert shared
+    assert all(REACTIONS[slug] is MATRIX[slug] for slug in shared)
 
 
 def test_only_rows_with_automatic_resume_and_s2_restart_by_themselves() -> None:
-    from rig.campaign.stop_cause import StopCause, StopKind
+    from rig.campaign.stop_cause import StopCause
+    from rig.faults.row import StopKind
 
     for slug, row in MATRIX.items():
         for kind in StopKind:
@@ -69,7 +69,7 @@ def test_only_rows_with_automatic_resume_and_s2_restart_by_themselves() -> None:
 def test_exit_codes_follow_the_rows_and_a_file_of_no_use_is_a_bad_file() -> None:
     codes = {"W": 0, "P": 5, "R": 3, "S2": 4, "S1": 4, "SO": 4}
     for slug, row in MATRIX.items():
-        assert row.exit_code == (2 if slug == "config-absurd" else codes[row.stop])
+        assert row.exit_code == (2 if slug == "config-absurd" else codes[row.end])
 
 
 def test_list_faults_prints_the_matrix() -> None:

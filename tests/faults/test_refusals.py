@@ -13,7 +13,7 @@ from matrices import LONG_SECOND_POINT, TWO_POINTS
 from process_faults import signalled
 from watched_campaign import assert_completed, resumed, told
 
-from protocols.actuator import State
+from simulators.controller_firmware import State
 
 if TYPE_CHECKING:
     from conftest import InMotion, Start

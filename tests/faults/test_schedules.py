@@ -13,9 +13,8 @@ import h5py
 import numpy as np
 import pytest
 
-from rig.fault_matrix import MATRIX, STOPS
+from rig.faults.matrix import MATRIX, REACTIONS
 from rig.recording.run import RecordedPoint
-from rig.station.fault_table import TABLE
 
 if TYPE_CHECKING:
     from conftest import Run
@@ -99,10 +98,10 @@ def assert_exit_code_and_cause(ending: Ending, injected: list[str]) -> None:
         assert ending.exit_code == (0 if set(ending.verdicts().values()) == {"valid"} else 5)
         return
     row = MATRIX[row_of(cause, injected)]
-    assert ending.exit_code == (3 if row.stop == "R" else 4)
-    stop = TABLE[cause].stop if cause in TABLE else row.stop
-    assert ending.trips() == ([] if row.stop == "R" else [(cause, stop)]), "one latched cause, the first"
-    assert row.stop in {"R", "P"} or row.stop in STOPS
+    assert ending.exit_code == (3 if row.end == "R" else 4)
+    stop = REACTIONS[cause].stop if cause in REACTIONS else row.end
+    assert ending.trips() == ([] if row.end == "R" else [(cause, stop)]), "one latched cause, the first"
+    assert row.end in {"R", "P"} or row.stop is not None
 
 
 def assert_at_rest(ending: Ending, injected: list[str]) -> None:

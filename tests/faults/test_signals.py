@@ -13,9 +13,9 @@ from matrices import LONG_SECOND_POINT
 from process_faults import signalled
 from watched_campaign import assert_completed
 
-from protocols.actuator import State
 from rig.clock import monotonic_ns
 from rig.recording.recovery import recover
+from simulators.controller_firmware import State
 
 if TYPE_CHECKING:
     from conftest import InMotion

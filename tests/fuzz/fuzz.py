@@ -27,8 +27,8 @@ import h5py
 import numpy as np
 from damage import chunks, damaged
 
-from protocols import ecu, frame_format, line_format, modbus, slcan
-from protocols.actuator import CONFIG, ActuatorLimits, WatchdogAction, decode_limits, decode_status, encode_limits
+from drivers.roles import ActuatorLimits, WatchdogAction
+from protocols import frame_format, line_format, modbus, slcan
 from protocols.errors import RemoteProtocolError
 from rig.bench.model import Bench
 from rig.errors import FileProblem
@@ -39,6 +39,8 @@ from rig.recording.journal import JournalWriter, parse_journal
 from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointFile, write_file
 from rig.recording.recovery import finish_alone
 from rig.recording.run import RecordedPoint, Run
+from simulators import ecu_firmware as ecu
+from simulators.controller_firmware import CONFIG, decode_limits, decode_status, encode_limits
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 INPUTS = 20_000

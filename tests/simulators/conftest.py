@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from protocols import actuator as wire
-from protocols.actuator import Command, Result
 from protocols.register_map import Value
+from simulators import controller_firmware as wire
 from simulators.actuator import Actuator
 from simulators.clock import DeviceClock
+from simulators.controller_firmware import Command, Result
 from simulators.options import RigOptions, with_option
 from simulators.plant.plant import MAXIMUM_STEPS, Plant
 from simulators.registers import RegisterBank

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from protocols import actuator as wire
-from protocols.actuator import Command, FaultBit, Input, ProgramPhase, Result, State
+from drivers.roles import ActuatorLimits
+from simulators import controller_firmware as wire
+from simulators.controller_firmware import Command, FaultBit, Input, ProgramPhase, Result, State
 
 if TYPE_CHECKING:
     from tests.simulators.conftest import Bench
@@ -152,7 +153,7 @@ def feed(bench: Bench, counter: int) -> None:
 
 
 def arm(bench: Bench, action: int = 1, watchdog_ms: int = 500) -> None:
-    limits = wire.ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 5000.0, 1.0, 20.0, watchdog_ms, action)
+    limits = ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 5000.0, 1.0, 20.0, watchdog_ms, action)
     assert bench.bank.write(200, wire.encode_limits(limits)) is True
 
 
@@ -193,7 +194,7 @@ def test_a_watchdog_without_action_or_time_lets_the_rod_go_on(bench: Bench, acti
 
 
 def test_the_force_limit_halts_within_one_step_and_names_itself(bench: Bench) -> None:
-    limits = wire.ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 600.0, 1.0, 20.0, 0, 1)
+    limits = ActuatorLimits(-0.08, 0.08, 0.8, 60.0, 600.0, 1.0, 20.0, 0, 1)
     assert bench.bank.write(200, wire.encode_limits(limits)) is True
     bench.plant.order(coil_A=2.0)
     bench.start(0.05, 1.0, 10)
@@ -209,7 +210,7 @@ def test_limits_are_read_back_hashed_and_refused_when_absurd(bench: Bench) -> No
     arm(bench)
     assert wire.decode_limits(bench.bank.read(200, wire.CONFIG.count)).speed_max_m_s == pytest.approx(0.8)
     assert wire.decode_identity(bench.bank.read(0, wire.IDENTITY.count)).config_hash != before
-    absurd = wire.ActuatorLimits(0.1, -0.1, 0.8, 60.0, 5000.0, 1.0, 20.0, 0, 1)
+    absurd = ActuatorLimits(0.1, -0.1, 0.8, 60.0, 5000.0, 1.0, 20.0, 0, 1)
     assert bench.bank.write(200, wire.encode_limits(absurd)) is False
     bench.start(0.01, 1.0, 5)
     assert bench.bank.write(200, bench.bank.read(200, wire.CONFIG.count)) is False

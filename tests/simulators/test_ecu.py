@@ -6,10 +6,10 @@ import struct
 import numpy as np
 import pytest
 
-from protocols import ecu as wire
-from protocols.ecu import EcuFault, EcuState
+from simulators import ecu_firmware as wire
 from simulators.clock import DeviceClock
 from simulators.ecu import Ecu, Frame
+from simulators.ecu_firmware import EcuFault, EcuState
 from simulators.options import CoilOptions, RigOptions
 from simulators.plant.plant import Plant
 

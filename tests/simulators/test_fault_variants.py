@@ -9,11 +9,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from protocols import ecu as wire
-from protocols.ecu import EcuFault
 from protocols.frame_format import STATUS_OVERLOAD, FrameDecoder, Reading
 from rig.errors import FileProblem
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
+from simulators import ecu_firmware as wire
+from simulators.ecu_firmware import EcuFault
 from simulators.injection import INJECTORS, VARIANTS
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from protocols import actuator as wire
-from protocols import ecu
-from protocols.actuator import State
 from rig.clock import monotonic_ns
 from rig.errors import FileProblem
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
+from simulators import controller_firmware as wire
+from simulators import ecu_firmware as ecu
+from simulators.controller_firmware import State
 from simulators.injection import INJECTORS
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from protocols import ecu as wire
-from protocols.actuator import Command, Result
 from protocols.frame_format import FrameDecoder
+from simulators import ecu_firmware as wire
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s
+from simulators.controller_firmware import Command, Result
 from simulators.controller_input import ControllerInput
 from simulators.ecu import Ecu
 from simulators.options import FORCE_INPUT, InputOptions, RigOptions, SensorOptions, with_option

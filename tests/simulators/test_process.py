@@ -21,10 +21,10 @@ import pytest
 import serial
 from pymodbus.client import ModbusTcpClient
 
-from protocols import actuator as wire
-from protocols.actuator import Command, Result, State
 from protocols.frame_format import FrameDecoder
 from rig.bench.model import Bench
+from simulators import controller_firmware as wire
+from simulators.controller_firmware import Command, Result, State
 
 pytestmark = pytest.mark.wire
 COMMAND = [sys.executable, "-m", "simulators"]
@@ -139,7 +139,7 @@ def test_a_program_run_by_a_foreign_modbus_client_is_in_the_truth(start: Callabl
 
 
 def test_python_cans_own_slcan_sees_status_and_drives_current(start: Callable[..., Process]) -> None:
-    from protocols import ecu
+    from simulators import ecu_firmware as ecu
 
     process = start()
     channel = process.bench["ecu"]["channel"]

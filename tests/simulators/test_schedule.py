@@ -8,7 +8,7 @@ import math
 import pytest
 
 from rig.errors import FileProblem
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
 from simulators.actuator import ActuatorFaults
 from simulators.ecu import EcuFaults
 from simulators.injection import INJECTORS, LASTING, PASSING
@@ -30,7 +30,7 @@ def test_a_seed_draws_the_same_few_faults_each_time_and_they_can_be_written(seed
     assert 1 <= len({fault.slug for fault in faults}) == len(faults) <= MOST_DRAWN
     assert tuple(parse_fault(str(fault)) for fault in faults) == faults
     for fault in faults:
-        assert (fault.after_s is None) is (MATRIX[fault.slug].stop == "R")
+        assert (fault.after_s is None) is (MATRIX[fault.slug].end == "R")
         assert fault.after_s is None or 0.0 <= fault.after_s <= 20.0
         assert math.isinf(fault.lasts_s) or (fault.slug in PASSING and 0.0 < fault.lasts_s <= 2.0)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from simulators.spool import Spool, when_there_is_room
+from simulators.truth import Spool, when_there_is_room
 
 
 class FullDisk:

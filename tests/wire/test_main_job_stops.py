@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from true_states import Truth
 
-from protocols.actuator import State
 from rig.recording.campaign_log import read_log
 from rig.recording.run import RecordedPoint
+from simulators.controller_firmware import State
 
 if TYPE_CHECKING:
     from conftest import Campaign

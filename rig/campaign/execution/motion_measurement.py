@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
-from protocols.actuator import Input
+from drivers.roles import Input
 from rig.campaign.sequencer.amplitude_compensation import MeasuredMotion
 from rig.recording.achieved import achieved_motion
 from rig.recording.alignment import good_values

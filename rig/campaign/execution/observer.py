@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
-from protocols.actuator import State as ControllerState
+from drivers.roles import State as ControllerState
 from rig.campaign.execution.motion_measurement import MotionMeasurement, WantedMotion
 from rig.campaign.preflight.proof_move import DamperJudge, ProofWatch
 from rig.campaign.preflight.rest_check import AtRest
 from rig.campaign.sequencer import event as ev
-from rig.station.interlocks import BAD
+from rig.station.interlocks.finding import BAD
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3

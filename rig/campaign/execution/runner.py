@@ -32,9 +32,10 @@ from rig.campaign.sequencer import stopping
 from rig.campaign.sequencer.action import Request
 from rig.campaign.sequencer.state import Latch, Phase, State, conditions_of, start_state
 from rig.campaign.sequencer.step import step
-from rig.campaign.stop_cause import SPOIL, StopCause, StopKind, because
+from rig.campaign.stop_cause import SPOIL, StopCause, because
 from rig.campaign.words import say
 from rig.clock import WallClockWatch, monotonic_ns
+from rig.faults.row import StopKind
 from rig.recording.finaliser import Finaliser
 from rig.recording.ring_reader import RingReader
 from rig.station.client import StationLost

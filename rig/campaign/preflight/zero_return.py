@@ -26,7 +26,7 @@ from rig.recording.reference_judgement import ZERO_RETURN
 from rig.recording.rejudging import finished, write_verdict
 from rig.recording.run import RecordedPoint, read_campaign
 from rig.recording.verdict import Verdict
-from rig.station.interlocks import BAD
+from rig.station.interlocks.finding import BAD
 
 DRIFT_SHARE = 0.01
 """Of the largest measured force, or of the largest measured displacement from rest."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from rig.campaign.results import Wait
-from rig.campaign.stop_cause import StopCause, StopKind
+from rig.campaign.stop_cause import StopCause
+from rig.faults.row import StopKind
 from rig.matrix.point import TestPoint
 
 

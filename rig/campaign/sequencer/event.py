@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.amplitude_compensation import MeasuredMotion
-from rig.campaign.stop_cause import StopCause, StopKind
+from rig.campaign.stop_cause import StopCause
+from rig.faults.row import StopKind
 
 
 @dataclass(frozen=True)

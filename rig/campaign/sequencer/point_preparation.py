@@ -16,8 +16,9 @@ from rig.campaign.sequencer import amplitude_compensation, stopping
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.state import Phase, State, demagnetising_currents
 from rig.campaign.sequencer.stopping import Step
-from rig.campaign.stop_cause import StopCause, StopKind, because
+from rig.campaign.stop_cause import StopCause, because
 from rig.campaign.words import say
+from rig.faults.row import StopKind
 from rig.matrix.point import TestPoint
 
 Onwards = Callable[[State], Step]

@@ -9,7 +9,8 @@ from enum import StrEnum
 from rig.bench.model import Bench
 from rig.campaign.results import RigState
 from rig.campaign.sequencer.amplitude_compensation import Ceiling, Drives
-from rig.campaign.stop_cause import MOST_RETRIES, StopCause, StopKind
+from rig.campaign.stop_cause import MOST_RETRIES, StopCause
+from rig.faults.row import StopKind
 from rig.matrix.feasibility import command_limit, command_room
 from rig.matrix.forecast import forecaster
 from rig.matrix.model import Matrix

@@ -21,8 +21,9 @@ from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.state import Phase, State
 from rig.campaign.sequencer.stopping import Handler, Step
-from rig.campaign.stop_cause import StopKind, because
+from rig.campaign.stop_cause import because
 from rig.campaign.words import say
+from rig.faults.row import StopKind
 
 CENTRING_LIMIT_S = 60.0
 ZEROS_LIMIT_S = 5.0

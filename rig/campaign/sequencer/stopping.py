@@ -15,8 +15,9 @@ from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import MIN_WALL_S, PATIENCE, PROOF_WALL_S, Action, Request
 from rig.campaign.sequencer.state import Latch, Phase, State
-from rig.campaign.stop_cause import COOLS_FIRST, StopCause, StopKind, because, may_restart, stop_note
+from rig.campaign.stop_cause import COOLS_FIRST, StopCause, because, may_restart, stop_note
 from rig.campaign.words import say
+from rig.faults.row import StopKind
 
 Step = tuple[State, tuple[Action, ...]]
 Handler = Callable[[State, Any], Step]

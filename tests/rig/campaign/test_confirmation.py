@@ -10,7 +10,7 @@ import pytest
 
 from rig.campaign.confirmation import confirm, open_stops, resume_class, resume_command, unconfirmed
 from rig.errors import EXIT_REFUSED, Refused
-from rig.fault_matrix import MATRIX
+from rig.faults.matrix import MATRIX
 
 
 def trip(slug: str, what: str = "trip", stop: str = "S2") -> dict[str, Any]:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
-from protocols.actuator import Input
+from drivers.roles import Input
 from rig.campaign.execution.motion_measurement import MOST_SAMPLES, MotionMeasurement, WantedMotion
 from rig.recording.layout import RECORD_DTYPE
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
-from protocols.actuator import State
+from drivers.roles import State
 from protocols.quality import Quality
 from rig.campaign.execution.motion_measurement import WantedMotion
 from rig.campaign.execution.observer import Observer

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.ring import Channel
-from protocols.actuator import State
+from drivers.roles import State
 from rig.campaign.execution.observer import Observer
 from rig.campaign.preflight.proof_move import PROOF_M, Leg, judge_proof, proof_targets
 from rig.campaign.sequencer import event as ev

@@ -8,8 +8,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from drivers.ring import RingReader, RingWriter
+from drivers.ring import RingWriter
 from rig.campaign.machine_resources import ring_path_for
+from rig.recording.ring_reader import RingReader
 
 
 def ring_of(path: Path) -> None:
@@ -40,7 +41,7 @@ def test_the_ring_of_a_killed_station_is_removed_although_its_process_number_is_
     tmp_path: Path,
 ) -> None:
     ring = tmp_path / "mr-damper-rig-killed.ring"
-    code = f"import os, signal; from drivers.ring import RingReader, RingWriter; w = RingWriter({str(ring)!r}, 16); " \
+    code = f"import os, signal; from drivers.ring import RingWriter; w = RingWriter({str(ring)!r}, 16); " \
         "os.kill(os.getpid(), signal.SIGKILL)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -signal.SIGKILL
     content = bytearray(ring.read_bytes())
@@ -57,7 +58,7 @@ def test_a_ring_taken_away_can_still_be_read_by_who_has_it_open_and_another_stat
         writer.append([(1, 2, 3.0, 4, 1, 0)])
         writer.remove()
         assert not path.exists()
-        assert [record[2] for record in reader.read()] == [3.0]
+        assert reader.read()["value"].tolist() == [3.0]
     first, second = RingWriter(path, 16), RingWriter(path, 16)
     first.remove()
     assert path.exists()

@@ -17,7 +17,8 @@ from rig.campaign.sequencer.amplitude_compensation import Ceiling, MeasuredMotio
 from rig.campaign.sequencer.state import NO_CONDITIONS, Conditions, Phase, State, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
-from rig.campaign.stop_cause import StopCause, StopKind
+from rig.campaign.stop_cause import StopCause
+from rig.faults.row import StopKind
 from rig.matrix.order_by_heat import HeatModel, Load, Thermal
 from rig.matrix.point import TestPoint
 

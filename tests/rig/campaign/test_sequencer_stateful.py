@@ -12,7 +12,8 @@ from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.state import Phase, start_state
 from rig.campaign.sequencer.step import step
-from rig.campaign.stop_cause import StopCause, StopKind
+from rig.campaign.stop_cause import StopCause
+from rig.faults.row import StopKind
 from rig.matrix.point import TestPoint
 
 POINTS = tuple(

@@ -8,7 +8,7 @@ import threading
 
 from rig.campaign.operator_link import Signals
 from rig.campaign.sequencer import event as ev
-from rig.campaign.stop_cause import StopKind
+from rig.faults.row import StopKind
 
 
 def test_signals_become_aborts_in_order_and_the_process_lives() -> None:

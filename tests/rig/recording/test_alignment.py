@@ -8,7 +8,7 @@ import pytest
 from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
-from drivers.sample_stream import SampleStream
+from drivers.sample_stream import SampleScale, SampleStream
 from protocols.line_format import LineDecoder, preset
 from protocols.quality import Quality
 from rig.recording.alignment import Alignment, NothingRecorded, align, lost_samples
@@ -132,7 +132,7 @@ def by_lines(rig: SyntheticRig, lost: slice) -> np.ndarray:
     sent = records[records["channel"] == 1]
     kept = np.delete(sent, lost)
     stream = SampleStream(
-        LineDecoder(preset("signed-decimal")), Channel.FORCE, nominal_rate_Hz=rig.rate_Hz, has_sequence=False
+        LineDecoder(preset("signed-decimal")), Channel.FORCE, SampleScale(rate_Hz=rig.rate_Hz), has_sequence=False
     )
     stream.take(b"\r\n", int(kept["host_ns"][0]))
     received = [

@@ -5,7 +5,7 @@ import pytest
 from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
-from protocols.actuator import ProgramPhase
+from drivers.roles import ProgramPhase
 from rig.recording.alignment import align
 from rig.recording.clock_model import by_order
 from rig.recording.context import SensorContext

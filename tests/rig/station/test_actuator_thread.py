@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
-from modbus_device import ModbusDevice, framed
+from modbus_device import ModbusDevice, demo_actuator, framed
 from station_bench import Told, config_for
 
-from drivers.actuator import ModbusActuator
-from protocols.actuator import STATUS, Command, Input, State
+from drivers.devices.controller import controller as described
+from drivers.roles import Command, Input, State
 from rig.bench.settings import ActuatorConfig
 from rig.clock import monotonic_ns
-from rig.station.actuator_thread import ActuatorThread
-from rig.station.fault_table import Stop
-from rig.station.safe_stop import Action, Step
-from rig.station.status_judge import ControllerJudge
+from rig.faults.row import StopKind
+from rig.station.interlocks.actuator_interlock import ActuatorInterlock
+from rig.station.interlocks.finding import Finding
+from rig.station.safe_stop import StopAction, StopPhase
 from rig.station.supervisor import Supervisor
+from rig.station.threads.actuator_thread import ActuatorThread
+from simulators.controller_firmware import STATUS
 
 MS = 1_000_000
 NEVER_NS = 1 << 60
@@ -48,6 +51,8 @@ class MovingRod:
     def position_m(self, now_ns: int) -> None:
         del now_ns
 
+    speed_m_s = math.nan
+
 
 class Controller:
     """A running controller as a Modbus device, with the station's thread at it."""
@@ -56,11 +61,15 @@ class Controller:
         self.device = ModbusDevice()
         self.show(State.RUNNING)
         self.told = Told()
-        self.supervisor = Supervisor(config_for(), self.told.append, lambda records: None, lambda now_ns: None)
+        self.supervisor = Supervisor(
+            config_for(), self.told.append, lambda records: None, lambda now_ns: None, lambda: 0.0
+        )
         self.thread = ActuatorThread(
             ActuatorConfig(url=self.device.url, poll_s=poll_s),
-            ModbusActuator(self.device.url, timeout_s=0.1, owner_id=77),
-            ControllerJudge(77, frozen_after_ns=frozen_after_ns, disagreement_m=1.0, lag_s=0.0),
+            demo_actuator(self.device.url, timeout_s=0.1, owner_id=77),
+            ActuatorInterlock(
+                77, described("demo").capabilities, frozen_after_ns=frozen_after_ns, disagreement_m=1.0, lag_s=0.0
+            ),
             MovingRod(),
             self.supervisor,
             lambda records: None,
@@ -124,7 +133,7 @@ def test_a_stop_whose_number_another_master_used_first_is_sent_again_and_the_oth
     sequence = rig.thread.call(lambda driver: driver.send(Command.START), PATIENCE_S)
     assert wait_for(lambda: rig.thread.polls == 2), "its number is seen, the other's is not"
     rig.device.command(Command.ACQUIRE, sequence + 1)
-    rig.supervisor.ask_stop(Stop.S2, "operator", "now")
+    rig.supervisor.ask_stop(StopKind.FADE_OUT, "operator", "now")
     assert wait_for(lambda: Command.FADE_STOP in rig.device.executed)
     assert wait_for(lambda: rig.thread.stop_taken)
     assert rig.told.slugs("also") == ["second-master"]
@@ -135,8 +144,8 @@ def test_a_fade_out_that_is_not_acknowledged_does_not_take_the_place_of_a_halt_t
     rig.device.ignore_writes = True
     rig.device.faults = [refuse_halts] * 100_000
     rig.thread.start()
-    rig.supervisor.ask_stop(Stop.S2, "operator", "now")
-    rig.thread.act(Action.HALT)
+    rig.supervisor.ask_stop(StopKind.FADE_OUT, "operator", "now")
+    rig.thread.act(StopAction.HALT)
     assert wait_for(lambda: rig.written().count(Command.FADE_STOP) == 2)
     rig.device.ignore_writes = False
     rig.device.faults = []
@@ -147,7 +156,7 @@ def test_a_fade_out_that_is_not_acknowledged_does_not_take_the_place_of_a_halt_t
 
 def test_of_stops_that_wait_together_the_strongest_has_the_last_word(controller: Make) -> None:
     rig = controller()
-    for action in (Action.HYDRAULICS_OFF, Action.FADE, Action.HALT):
+    for action in (StopAction.HYDRAULICS_OFF, StopAction.FADE, StopAction.HALT):
         rig.thread.act(action)
     rig.thread.start()
     assert wait_for(lambda: rig.thread.stop_taken)
@@ -168,7 +177,7 @@ def test_a_stop_that_waits_for_a_lost_controller_leaves_the_machine_to_the_other
     rig.thread.start()
     assert wait_for(lambda: rig.thread.polls > 0)
     rig.device.close()
-    rig.thread.act(Action.FADE)
+    rig.thread.act(StopAction.FADE)
     assert wait_for(lambda: rig.thread.failures > 2)
     failures, used_s = rig.thread.failures, time.process_time()
     time.sleep(0.5)
@@ -183,9 +192,9 @@ def test_a_controller_without_a_position_leaves_the_proof_of_standstill_to_the_l
     rig.thread.start()
     assert wait_for(lambda: rig.supervisor.trip is not None)
     assert rig.supervisor.trip is not None
-    assert (rig.supervisor.trip.slug, rig.supervisor.trip.stop) == ("feedback-lost", Stop.SO)
+    assert (rig.supervisor.trip.slug, rig.supervisor.trip.stop) == ("feedback-lost", StopKind.HALT)
     assert wait_for(lambda: Command.HALT in rig.device.executed)
-    moving, clock_s, _, _ = rig.thread.fill_view(monotonic_ns())
+    moving, clock_s, _, _ = rig.thread.stop_inputs(monotonic_ns())
     assert moving is None
     assert clock_s is not None
 
@@ -197,20 +206,20 @@ def test_a_status_that_stands_in_running_is_no_view_and_the_stop_ends_in_time_wi
     assert wait_for(lambda: rig.supervisor.trip is not None)
     assert rig.supervisor.trip is not None
     assert rig.supervisor.trip.slug == "actuator-frozen"
-    assert rig.thread.fill_view(monotonic_ns()) == (None, None, None, None)
+    assert rig.thread.stop_inputs(monotonic_ns()) == (None, None, None, None)
     began_s = time.monotonic()
-    assert wait_for(lambda: (stop := rig.supervisor.stop) is not None and stop.step is Step.UNKNOWN)
+    assert wait_for(lambda: (stop := rig.supervisor.stop) is not None and stop.step is StopPhase.UNKNOWN)
     assert time.monotonic() - began_s < MOST_STOP_S
     assert Command.HYDRAULICS_OFF in rig.device.executed
     assert "stop-ignored" in rig.told.slugs("also")
 
 
 def test_a_defect_on_its_thread_stops_the_motion_which_nobody_else_could(controller: Make) -> None:
-    def defect() -> float:
+    def defect(*told: object) -> list[Finding]:
         raise RuntimeError("a defect")
 
     rig = controller()
-    rig.thread.speed_source = defect
+    rig.thread.judge.judge = defect  # type: ignore[method-assign]  # stands for any defect on this thread
     rig.thread.start()
     assert wait_for(lambda: Command.FADE_STOP in rig.device.executed)
     assert rig.thread.alive

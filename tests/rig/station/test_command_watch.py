@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from protocols.actuator import ActuatorStatus, Command, FaultBit, Input, Result, State
-from rig.station.command_watch import CommandWatch
+from drivers.roles import ActuatorStatus, Command, FaultBit, Input, Result, State
+from rig.station.interlocks.actuator_interlock import CommandWatch
 
 CLOSED = int(Input.E_STOP_CLOSED)
 POWERED = CLOSED | int(Input.HYDRAULICS_ON)
@@ -22,7 +22,7 @@ def status(acked: tuple[int, int], state: State = State.RUNNING, **changes: floa
 
 
 def found(sent: list[tuple[int, int]], *answers: ActuatorStatus) -> list[list[tuple[str, bool]]]:
-    watch = CommandWatch()
+    watch = CommandWatch(acknowledged=True)
     watch.expect_program(ORDERED)
     return [[(finding.slug, finding.warns) for finding in watch.judge(answer, sent)] for answer in answers]
 

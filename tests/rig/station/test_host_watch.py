@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from rig.station.host_watch import HostWatch, Listener, quiet_s
-from rig.station.interlocks import Finding
+from rig.station.interlocks.finding import Finding
+from rig.station.watchdogs import HostWatch, Listener, quiet_s
 
 MS = 1_000_000
 STALE_MS = 20

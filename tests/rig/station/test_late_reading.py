@@ -11,10 +11,10 @@ from station_bench import Told, config_for
 from drivers.ring import Channel, Record
 from drivers.sample_stream import Batch
 from protocols.quality import Quality
-from rig.station import sensor_thread
-from rig.station.interlocks import ChannelJudge
-from rig.station.sensor_thread import SensorThread
+from rig.station.interlocks.channel_interlock import ChannelInterlock
 from rig.station.supervisor import Supervisor
+from rig.station.threads import sensor_thread
+from rig.station.threads.sensor_thread import SensorRole, SensorThread
 
 MS = 1_000_000
 PERIOD_MS = 4
@@ -83,13 +83,12 @@ class Outcome:
     def __init__(self, port: Port, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(sensor_thread, "monotonic_ns", port.monotonic_ns)
         self.told, self.ring = Told(), list[Record]()
-        self.supervisor = Supervisor(config_for(), self.told.append, self.ring.extend, lambda now_ns: None)
+        self.supervisor = Supervisor(config_for(), self.told.append, self.ring.extend, lambda now_ns: None, lambda: 0.0)
         self.supervisor.host.watch(0)
         given = replace(self.supervisor.config.load_cell, stale_after_s=1e-3 * STALE_MS)
-        judge = ChannelJudge("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
-        self.thread = SensorThread(
-            given, "loadcell-pulled", Channel.FORCE, port, judge, self.supervisor, self.ring.extend
-        )
+        judge = ChannelInterlock("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
+        role = SensorRole("loadcell-pulled", Channel.FORCE, judge, None, None, None)
+        self.thread = SensorThread(given, port, role, self.supervisor, self.ring.extend)
         port.ended, port.ticks = self.thread.end, self.supervisor.host.awake
         self.supervisor.arm()
         self.thread.work()

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.ring import RingReader
 from rig.bench.sensor_settings import Calibration, LoadCell, Lvdt
 from rig.bench.settings import ActuatorConfig, EcuConfig, Limits, StationConfig
+from rig.recording.ring_reader import RingReader
 from rig.station.client import StationClient, StationLost, StationRefused
 from rig.station.process import MUTATION_VARIABLE
 
@@ -125,8 +125,8 @@ def test_signal_ends_a_station_that_is_not_armed(client: StationClient, number: 
 def test_ring_exists_when_the_station_is_ready_and_its_writer_beats(client: StationClient, tmp_path: Path) -> None:
     client.request("status")
     with RingReader(tmp_path / "ring") as reader:
-        assert reader.pid == client.process.pid
-        assert reader.heartbeat_ns > 0
+        assert reader.writer_pid == client.process.pid
+        assert reader.writer_heartbeat_ns > 0
 
 
 def speak(folder: Path, config: str, said: bytes, **environment: str) -> tuple[int, list[dict[str, object]], str]:

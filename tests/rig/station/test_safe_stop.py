@@ -7,31 +7,35 @@ from dataclasses import replace
 
 import pytest
 
+from rig.faults.row import StopKind
 from rig.station import safe_stop
-from rig.station.fault_table import Stop
-from rig.station.safe_stop import Action, SafeStop, Step, View
+from rig.station.safe_stop import SafeStop, StopAction, StopInputs, StopPhase
 
 MS = 1_000_000
-MOVING = View(0, 0.0, True, 0.0, False, False, 1.0, period_s=1.0)
+MOVING = StopInputs(0, 0.0, True, 0.0, False, False, 1.0, period_s=1.0)
 AT_REST = replace(MOVING, still_s=1.0, controller_moving=False, current_A=0.0)
 OFF = replace(AT_REST, hydraulics_low=True, hydraulics_off=True)
 LOST = replace(MOVING, still_s=None, controller_moving=None, controller_clock_s=None, current_A=None,
                hydraulics_low=None, hydraulics_off=None)  # fmt: skip
 
 
-def at(view: View, ms: float, device_rate: float = 1.0) -> View:
-    clock_s = None if view.controller_clock_s is None else ms / 1e3 * device_rate
-    return replace(view, now_ns=int(ms * MS), controller_clock_s=clock_s)
+def at(inputs: StopInputs, ms: float, device_rate: float = 1.0) -> StopInputs:
+    clock_s = None if inputs.controller_clock_s is None else ms / 1e3 * device_rate
+    return replace(inputs, now_ns=int(ms * MS), controller_clock_s=clock_s)
 
 
-def begin(kind: Stop = Stop.S2, *, halt: bool = False, fade_s: float = 1.0, device_rate: float = 1.0) -> SafeStop:
+def begin(
+    kind: StopKind = StopKind.FADE_OUT, *, halt: bool = False, fade_s: float = 1.0, device_rate: float = 1.0
+) -> SafeStop:
     return safe_stop.begin(kind, 0, halt=halt, fade_s=fade_s, device_rate=device_rate)[0]
 
 
-def run(stop: SafeStop, view: View, until_ms: int, from_ms: int = 0) -> tuple[SafeStop, list[tuple[int, Action]]]:
-    done: list[tuple[int, Action]] = []
+def run(
+    stop: SafeStop, inputs: StopInputs, until_ms: int, from_ms: int = 0
+) -> tuple[SafeStop, list[tuple[int, StopAction]]]:
+    done: list[tuple[int, StopAction]] = []
     for ms in range(from_ms, until_ms, 5):
-        stop, actions = safe_stop.advance(stop, at(view, ms, stop.device_rate))
+        stop, actions = safe_stop.advance(stop, at(inputs, ms, stop.device_rate))
         done += [(ms, action) for action in actions]
     return stop, done
 
@@ -39,98 +43,98 @@ def run(stop: SafeStop, view: View, until_ms: int, from_ms: int = 0) -> tuple[Sa
 @pytest.mark.parametrize(
     ("kind", "halt", "command"),
     [
-        (Stop.S2, False, Action.FADE),
-        (Stop.S2, True, Action.HALT),
-        (Stop.S1, False, Action.FADE),
-        (Stop.SO, False, Action.HALT),
+        (StopKind.FADE_OUT, False, StopAction.FADE),
+        (StopKind.FADE_OUT, True, StopAction.HALT),
+        (StopKind.PRESSURE_OFF, False, StopAction.FADE),
+        (StopKind.HALT, False, StopAction.HALT),
     ],
 )
-def test_current_and_motion_are_commanded_at_once_and_together(kind: Stop, halt: bool, command: Action) -> None:
+def test_current_and_motion_are_commanded_at_once_and_together(kind: StopKind, halt: bool, command: StopAction) -> None:
     _, actions = safe_stop.begin(kind, 0, halt=halt, fade_s=1.0, device_rate=1.0)
-    assert actions == (Action.ZERO_CURRENT, command)
+    assert actions == (StopAction.ZERO_CURRENT, command)
 
 
 def test_s2_is_safe_after_standstill_and_zero_current_and_leaves_hydraulics_on() -> None:
     stop, actions = run(begin(), MOVING, 800)
-    assert stop.step is Step.STOPPING
+    assert stop.step is StopPhase.STOPPING
     stop, more = run(stop, AT_REST, 810, from_ms=800)
-    assert stop.step is Step.SAFE
+    assert stop.step is StopPhase.SAFE
     assert stop.standstill
     assert stop.current_zero
-    assert Action.HYDRAULICS_OFF not in [action for _, action in actions + more]
+    assert StopAction.HYDRAULICS_OFF not in [action for _, action in actions + more]
 
 
 def test_s1_lowers_then_switches_off_only_after_standstill() -> None:
-    stop, before = run(begin(Stop.S1), replace(MOVING, current_A=0.0), 500)
+    stop, before = run(begin(StopKind.PRESSURE_OFF), replace(MOVING, current_A=0.0), 500)
     assert before == []
     stop, during = run(stop, AT_REST, 520, from_ms=500)
-    assert [action for _, action in during] == [Action.HYDRAULICS_LOW]
+    assert [action for _, action in during] == [StopAction.HYDRAULICS_LOW]
     stop, after = run(stop, replace(AT_REST, hydraulics_low=True), 540, from_ms=520)
-    assert [action for _, action in after] == [Action.HYDRAULICS_OFF]
-    assert stop.step is Step.OFF
+    assert [action for _, action in after] == [StopAction.HYDRAULICS_OFF]
+    assert stop.step is StopPhase.OFF
     stop, _ = run(stop, OFF, 550, from_ms=540)
-    assert stop.step is Step.SAFE
+    assert stop.step is StopPhase.SAFE
 
 
 def test_one_source_that_says_moving_is_enough_not_to_be_at_rest() -> None:
-    for view in (replace(AT_REST, still_s=0.0), replace(AT_REST, controller_moving=True)):
-        stop, _ = run(begin(), view, 600)
-        assert stop.step is Step.STOPPING
+    for inputs in (replace(AT_REST, still_s=0.0), replace(AT_REST, controller_moving=True)):
+        stop, _ = run(begin(), inputs, 600)
+        assert stop.step is StopPhase.STOPPING
 
 
 def test_without_the_controller_standstill_needs_a_whole_period_at_rest() -> None:
     alone = replace(AT_REST, controller_moving=None, controller_clock_s=None, hydraulics_low=None, hydraulics_off=None)
     stop, _ = run(begin(), replace(alone, still_s=0.5, period_s=2.0), 300)
-    assert stop.step is Step.STOPPING
+    assert stop.step is StopPhase.STOPPING
     stop, _ = run(stop, replace(alone, still_s=2.0, period_s=2.0), 310, from_ms=300)
-    assert stop.step is Step.SAFE
+    assert stop.step is StopPhase.SAFE
 
 
 def test_without_the_lvdt_the_controllers_own_standstill_is_the_proof() -> None:
     stop, _ = run(begin(), replace(AT_REST, still_s=None), 20)
-    assert stop.step is Step.SAFE
+    assert stop.step is StopPhase.SAFE
 
 
 def test_stop_that_is_ignored_escalates_to_hydraulics_off_after_fade_and_margin() -> None:
     stop, actions = run(begin(fade_s=1.0), replace(MOVING, current_A=0.0), 2000)
-    late = [(ms, action) for ms, action in actions if action in {Action.STOP_IGNORED, Action.HYDRAULICS_OFF}]
-    assert [action for _, action in late][:2] == [Action.STOP_IGNORED, Action.HYDRAULICS_OFF]
+    late = [(ms, action) for ms, action in actions if action in {StopAction.STOP_IGNORED, StopAction.HYDRAULICS_OFF}]
+    assert [action for _, action in late][:2] == [StopAction.STOP_IGNORED, StopAction.HYDRAULICS_OFF]
     assert 1200 <= late[0][0] <= 1400
-    assert stop.kind is Stop.S1
+    assert stop.kind is StopKind.PRESSURE_OFF
 
 
 def test_fade_deadline_runs_on_the_device_clock_so_a_slowed_rig_is_waited_for() -> None:
     stop = begin(fade_s=1.0)
     for ms in range(0, 5000, 5):
-        view = replace(MOVING, now_ns=ms * MS, controller_clock_s=ms / 10_000, current_A=0.0)
-        stop, actions = safe_stop.advance(stop, view)
-        assert Action.STOP_IGNORED not in actions
-    assert stop.step is Step.STOPPING
+        inputs = replace(MOVING, now_ns=ms * MS, controller_clock_s=ms / 10_000, current_A=0.0)
+        stop, actions = safe_stop.advance(stop, inputs)
+        assert StopAction.STOP_IGNORED not in actions
+    assert stop.step is StopPhase.STOPPING
 
 
 def test_fast_device_clock_leaves_the_command_its_wall_time() -> None:
     stop, actions = run(begin(fade_s=1.0, device_rate=50.0), replace(MOVING, current_A=0.0), 150)
     assert actions == []
     _, actions = run(stop, replace(MOVING, current_A=0.0), 400, from_ms=150)
-    assert Action.STOP_IGNORED in [action for _, action in actions]
+    assert StopAction.STOP_IGNORED in [action for _, action in actions]
 
 
 def test_halt_has_its_own_short_deadline() -> None:
-    _, actions = run(begin(Stop.SO, fade_s=10.0), replace(MOVING, current_A=0.0), 1000)
-    first_ms = next(ms for ms, action in actions if action is Action.STOP_IGNORED)
+    _, actions = run(begin(StopKind.HALT, fade_s=10.0), replace(MOVING, current_A=0.0), 1000)
+    first_ms = next(ms for ms, action in actions if action is StopAction.STOP_IGNORED)
     assert 300 <= first_ms <= 650
 
 
 def test_current_that_persists_is_reported_once_after_its_deadline() -> None:
     _, actions = run(begin(), MOVING, 900)
-    stuck = [ms for ms, action in actions if action is Action.CURRENT_STUCK]
+    stuck = [ms for ms, action in actions if action is StopAction.CURRENT_STUCK]
     assert stuck == [255]
 
 
 def test_a_current_that_persists_at_standstill_is_reported_before_anything_is_concluded() -> None:
     stop, actions = run(begin(), replace(AT_REST, current_A=1.0), 260)
-    assert [action for _, action in actions] == [Action.CURRENT_STUCK]
-    assert stop.step is Step.STOPPING
+    assert [action for _, action in actions] == [StopAction.CURRENT_STUCK]
+    assert stop.step is StopPhase.STOPPING
 
 
 def test_current_that_comes_back_is_not_zero() -> None:
@@ -142,31 +146,31 @@ def test_current_that_comes_back_is_not_zero() -> None:
 
 def test_everything_lost_ends_unknown_and_tries_to_stop_until_then() -> None:
     stop, actions = run(begin(fade_s=0.5), LOST, 10_000)
-    assert stop.step is Step.UNKNOWN
+    assert stop.step is StopPhase.UNKNOWN
     assert not stop.standstill
-    repeated = [action for _, action in actions if action is Action.FADE]
+    repeated = [action for _, action in actions if action is StopAction.FADE]
     assert len(repeated) > 5
 
 
 def test_hydraulics_that_do_not_go_off_end_unknown() -> None:
-    stop, _ = run(begin(Stop.S1), AT_REST, 10_000)
-    assert stop.step is Step.UNKNOWN
+    stop, _ = run(begin(StopKind.PRESSURE_OFF), AT_REST, 10_000)
+    assert stop.step is StopPhase.UNKNOWN
 
 
 def test_stronger_stop_replaces_a_weaker_one_and_never_the_other_way() -> None:
-    kinds = [Stop.S2, Stop.SO, Stop.S1]
+    kinds = [StopKind.FADE_OUT, StopKind.HALT, StopKind.PRESSURE_OFF]
     for first, second in itertools.product(kinds, kinds):
         stop, _ = safe_stop.escalate(begin(first), second, 10 * MS)
         assert stop.kind is max(first, second, key=lambda kind: kind.severity)
-        assert stop.halt == (Stop.SO in {first, second})
+        assert stop.halt == (StopKind.HALT in {first, second})
 
 
 def test_stop_that_ended_safe_is_taken_up_again_for_s1() -> None:
     stop, _ = run(begin(), AT_REST, 20)
-    assert stop.step is Step.SAFE
-    stop, _ = safe_stop.escalate(stop, Stop.S1, 30 * MS)
+    assert stop.step is StopPhase.SAFE
+    stop, _ = safe_stop.escalate(stop, StopKind.PRESSURE_OFF, 30 * MS)
     stop, actions = run(stop, AT_REST, 40, from_ms=30)
-    assert [action for _, action in actions] == [Action.HYDRAULICS_LOW]
+    assert [action for _, action in actions] == [StopAction.HYDRAULICS_LOW]
 
 
 VALUES = {
@@ -178,21 +182,21 @@ VALUES = {
 }
 
 
-@pytest.mark.parametrize("kind", [Stop.S2, Stop.SO, Stop.S1])
-def test_every_constant_view_ends_and_safe_always_means_standstill_was_shown(kind: Stop) -> None:
+@pytest.mark.parametrize("kind", [StopKind.FADE_OUT, StopKind.HALT, StopKind.PRESSURE_OFF])
+def test_every_constant_view_ends_and_safe_always_means_standstill_was_shown(kind: StopKind) -> None:
     for values in itertools.product(*VALUES.values()):
         given = dict(zip(VALUES, values, strict=True))
         clock_s = None if given["controller_moving"] is None else 0.0
-        view = replace(MOVING, controller_clock_s=clock_s, **given)  # type: ignore[arg-type]  # values by name
+        inputs = replace(MOVING, controller_clock_s=clock_s, **given)  # type: ignore[arg-type]  # values by name
         stop = begin(kind, fade_s=0.5)
         for ms in range(0, 12_000, 50):
-            stop, _ = safe_stop.advance(stop, at(view, ms))
+            stop, _ = safe_stop.advance(stop, at(inputs, ms))
         assert stop.finished, given
-        if stop.step is Step.SAFE:
+        if stop.step is StopPhase.SAFE:
             assert given["still_s"] != 0.0, given
             assert given["controller_moving"] is not True, given
             assert (given["still_s"], given["controller_moving"]) != (None, None), given
-            if stop.kind is Stop.S1:
+            if stop.kind is StopKind.PRESSURE_OFF:
                 assert given["hydraulics_off"] is True, given
 
 
@@ -200,23 +204,23 @@ def test_a_stop_that_reaches_nobody_waits_for_the_controllers_own_watchdog_befor
     refused = replace(MOVING, stop_taken=False)
     stop = replace(begin(fade_s=1.0), watchdog_s=0.5)
     _, done = run(stop, refused, 3000)
-    late_ms = next(ms for ms, action in done if action is Action.STOP_IGNORED)
+    late_ms = next(ms for ms, action in done if action is StopAction.STOP_IGNORED)
     assert 500 + 1000 + 200 <= late_ms <= 500 + 1000 + 400
     _, done = run(stop, MOVING, 3000)
-    assert next(ms for ms, action in done if action is Action.STOP_IGNORED) < 1500
+    assert next(ms for ms, action in done if action is StopAction.STOP_IGNORED) < 1500
 
 
-@pytest.mark.parametrize("kind", [Stop.S1, Stop.SO])
-def test_a_stop_taken_up_again_is_commanded_and_proved_anew(kind: Stop) -> None:
+@pytest.mark.parametrize("kind", [StopKind.PRESSURE_OFF, StopKind.HALT])
+def test_a_stop_taken_up_again_is_commanded_and_proved_anew(kind: StopKind) -> None:
     stop, _ = run(begin(), AT_REST, 400)
-    assert stop.step is Step.SAFE
+    assert stop.step is StopPhase.SAFE
     stop, actions = safe_stop.escalate(stop, kind, 400 * MS, halt=True)
-    assert actions == (Action.ZERO_CURRENT, Action.HALT)
+    assert actions == (StopAction.ZERO_CURRENT, StopAction.HALT)
     moving = replace(MOVING, current_A=0.0, hydraulics_off=True, hydraulics_low=True)
     stop, _ = run(stop, moving, 700, from_ms=400)
-    assert stop.step is not Step.SAFE, "what was proved before is not so now"
+    assert stop.step is not StopPhase.SAFE, "what was proved before is not so now"
     stop, _ = run(stop, OFF, 900, from_ms=700)
-    assert (stop.step, stop.standstill) == (Step.SAFE, True)
+    assert (stop.step, stop.standstill) == (StopPhase.SAFE, True)
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,12 @@ import pytest
 from station_bench import Told, config_for
 
 from drivers.ring import Channel
-from drivers.serial_sensor import FRAME16, SerialSensor
+from drivers.serial_sensor import DEFAULT_FORMAT, SerialSensor
 from protocols.frame_format import encode
 from rig.bench.sensor_settings import Calibration, LoadCell
-from rig.station.interlocks import ChannelJudge
-from rig.station.sensor_thread import SensorThread
+from rig.station.interlocks.channel_interlock import ChannelInterlock
 from rig.station.supervisor import Supervisor
+from rig.station.threads.sensor_thread import SensorRole, SensorThread
 
 PERIOD_S = 0.004
 STALE_S = 0.1
@@ -36,16 +36,17 @@ class Cable:
         tty.setraw(self._slave)
         url = os.ttyname(self._slave)
         self.told = Told()
-        self.supervisor = Supervisor(config_for(url), self.told.append, lambda records: None, lambda now_ns: None)
+        self.supervisor = Supervisor(
+            config_for(url), self.told.append, lambda records: None, lambda now_ns: None, lambda: 0.0
+        )
         given = LoadCell(
             url=url, rate_Hz=1.0 / PERIOD_S, range_N=10e3, stale_after_s=STALE_S, format=line_format,
             calibration=Calibration(serial_number="LC-1"),
         )
         driver = SerialSensor(url, name="load_cell", channel=Channel.FORCE, line_format=line_format)
-        judge = ChannelJudge("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
-        self.thread = SensorThread(
-            given, "loadcell-pulled", Channel.FORCE, driver, judge, self.supervisor, lambda records: None
-        )
+        judge = ChannelInterlock("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
+        role = SensorRole("loadcell-pulled", Channel.FORCE, judge, None, None, None)
+        self.thread = SensorThread(given, driver, role, self.supervisor, lambda records: None)
         self.thread.open()
         self.thread.start()
         self._number = 0
@@ -107,10 +108,10 @@ def frame(value_N: float, status: int = 0) -> Line:
         ("laumas-fast", laumas(b""), laumas(b"^^^^^^"), "sensor-saturated"),
         ("laumas-fast", laumas(b""), laumas(b"  ErOL"), "sensor-saturated"),
         ("laumas-fast", laumas(b""), laumas(b" ErCEL"), "sensor-fault"),
-        (FRAME16, frame(120.0), frame(math.inf), "sensor-saturated"),
-        (FRAME16, frame(120.0), frame(-math.inf), "sensor-saturated"),
-        (FRAME16, frame(120.0), frame(math.nan, 1), "sensor-saturated"),
-        (FRAME16, frame(120.0), frame(math.nan, 2), "sensor-fault"),
+        (DEFAULT_FORMAT, frame(120.0), frame(math.inf), "sensor-saturated"),
+        (DEFAULT_FORMAT, frame(120.0), frame(-math.inf), "sensor-saturated"),
+        (DEFAULT_FORMAT, frame(120.0), frame(math.nan, 1), "sensor-saturated"),
+        (DEFAULT_FORMAT, frame(120.0), frame(math.nan, 2), "sensor-fault"),
     ],
 )
 def test_three_samples_that_say_overload_or_fault_trip_whether_or_not_they_carry_a_number(
@@ -127,7 +128,7 @@ def test_three_samples_that_say_overload_or_fault_trip_whether_or_not_they_carry
 
 
 def test_a_load_cell_that_sends_no_number_any_more_is_as_good_as_pulled(cable: Callable[[str], Cable]) -> None:
-    line = cable(FRAME16)
+    line = cable(DEFAULT_FORMAT)
     line.begin(frame(120.0))
     line.supervisor.arm()
     line.send(frame(math.nan), round(1.5 * STALE_S / PERIOD_S))
@@ -137,7 +138,7 @@ def test_a_load_cell_that_sends_no_number_any_more_is_as_good_as_pulled(cable: C
 
 
 def test_every_tenth_sample_that_is_no_number_only_warns(cable: Callable[[str], Cable]) -> None:
-    line = cable(FRAME16)
+    line = cable(DEFAULT_FORMAT)
     line.begin(frame(120.0))
     line.supervisor.arm()
     line.send(lambda number: frame(math.nan if number % 10 == 0 else 120.0)(number), 100)
@@ -148,7 +149,7 @@ def test_every_tenth_sample_that_is_no_number_only_warns(cable: Callable[[str], 
 def test_a_sensor_that_reports_a_fault_from_power_on_stops_the_rig_once_it_is_armed(
     cable: Callable[[str], Cable],
 ) -> None:
-    line = cable(FRAME16)
+    line = cable(DEFAULT_FORMAT)
     line.begin(frame(120.0, 2))
     assert line.supervisor.trip is None
     line.supervisor.arm()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from drivers.ring import Channel
-from protocols.actuator import ActuatorStatus
-from rig.station.status_records import StatusRecords
+from drivers.roles import ActuatorStatus
+from rig.station.threads.status_records import StatusRecords
 
 WRAP = 1 << 32
 

@@ -9,15 +9,16 @@ from collections.abc import Callable, Iterator
 import pytest
 from station_bench import Told, config_for
 
-from drivers.ecu import CanEcu
+from drivers.can_current_source import CanCurrentSource
+from drivers.devices.source import current_source
 from drivers.ring import Channel, Record
 from rig.clock import monotonic_ns
-from rig.station.coil_thread import CoilThread
-from rig.station.fault_table import TABLE
-from rig.station.interlocks import Finding
-from rig.station.safe_stop import Action
-from rig.station.status_judge import EcuJudge
+from rig.faults.matrix import REACTIONS
+from rig.station.interlocks.current_interlock import EcuInterlock
+from rig.station.interlocks.finding import Finding
+from rig.station.safe_stop import StopAction
 from rig.station.supervisor import Supervisor
+from rig.station.threads.current_source_thread import CurrentSourceThread
 
 FAULT = Finding("sensor-fault", "load_cell: the sensor reports a fault", 0)
 LATER = Finding("force-limit", "load cell 6000 N, allowed -5000 to 5000 N", 0)
@@ -35,7 +36,7 @@ def ring() -> list[Record]:
 
 @pytest.fixture
 def supervisor(told: Told, ring: list[Record]) -> Supervisor:
-    return Supervisor(config_for(), told.append, ring.extend, lambda now_ns: None)
+    return Supervisor(config_for(), told.append, ring.extend, lambda now_ns: None, lambda: 0.0)
 
 
 def test_what_is_found_again_and_again_is_told_once_a_second_before_arming_and_once_as_a_trip(
@@ -49,7 +50,7 @@ def test_what_is_found_again_and_again_is_told_once_a_second_before_arming_and_o
     supervisor.report([Finding("sensor-saturated", "load_cell: at its end", 0)] * 1000)
     assert [event["event"] for event in told] == ["warning", "trip", "also"]
     trips = [record for record in ring if record[4] == Channel.TRIP]
-    assert [record[2] for record in trips] == [TABLE["sensor-fault"].code, TABLE["sensor-saturated"].code]
+    assert [record[2] for record in trips] == [REACTIONS["sensor-fault"].code, REACTIONS["sensor-saturated"].code]
 
 
 def test_what_is_still_there_after_a_reset_trips_again(supervisor: Supervisor, told: Told) -> None:
@@ -77,12 +78,12 @@ class Rod:
     state_name = None
 
     def __init__(self) -> None:
-        self.actions: list[Action] = []
+        self.actions: list[StopAction] = []
 
-    def act(self, action: Action) -> None:
+    def act(self, action: StopAction) -> None:
         self.actions.append(action)
 
-    def fill_view(self, now_ns: int) -> tuple[None, None, None, None]:
+    def stop_inputs(self, now_ns: int) -> tuple[None, None, None, None]:
         del now_ns
         return None, None, None, None
 
@@ -124,12 +125,12 @@ def test_whatever_fails_of_a_stop_its_motion_is_stopped_and_its_current_asked_to
     rod, told, ring = Rod(), Told(), list[Record]()
     made = Supervisor(
         config_for(), broken if failing in {"link", "all"} else told.append,
-        broken if failing in {"ring", "all"} else ring.extend, lambda now_ns: None,
+        broken if failing in {"ring", "all"} else ring.extend, lambda now_ns: None, lambda: 0.0,
     )  # fmt: skip
     made.attach(Coil(zero), rod, rod, ())
     made.arm()
     made.report([FAULT])
-    assert rod.actions == [Action.FADE]
+    assert rod.actions == [StopAction.FADE]
     assert zeroed == [None]
     assert made.trip is not None
     assert failing in {"link", "all"} or told.slugs("trip") == ["sensor-fault"]
@@ -138,12 +139,14 @@ def test_whatever_fails_of_a_stop_its_motion_is_stopped_and_its_current_asked_to
 @pytest.mark.usefixtures("full_standard_error")
 def test_a_bus_that_takes_no_frame_beside_a_full_disk_costs_no_fade_out(supervisor: Supervisor, told: Told) -> None:
     rod = Rod()
-    nowhere = CanEcu("slcan", "socket://127.0.0.1:1")
-    coil = CoilThread(supervisor.config.ecu, nowhere, EcuJudge(3.0, 120.0), supervisor, lambda records: None)
+    nowhere = CanCurrentSource("slcan", "socket://127.0.0.1:1", current_source("demo"))
+    coil = CurrentSourceThread(
+        supervisor.config.ecu, nowhere, EcuInterlock(3.0, 120.0, lambda: 0), supervisor, lambda records: None
+    )
     supervisor.attach(coil, rod, rod, ())
     supervisor.arm()
     supervisor.report([FAULT])
-    assert rod.actions == [Action.FADE]
+    assert rod.actions == [StopAction.FADE]
     assert told.slugs("trip") == ["sensor-fault"]
 
 
@@ -161,14 +164,14 @@ def test_a_coil_that_keeps_the_stop_waiting_holds_up_neither_the_motion_nor_the_
     first = threading.Thread(target=supervisor.report, args=([FAULT],))
     first.start()
     assert asked.wait(10.0)
-    assert rod.actions == [Action.FADE], "queued before the coil's wire is waited for"
+    assert rod.actions == [StopAction.FADE], "queued before the coil's wire is waited for"
     supervisor.report([LATER])
     go_on.set()
     first.join(10.0)
     assert [(event["event"], event["slug"]) for event in told] == [("trip", FAULT.slug), ("also", LATER.slug)]
     assert supervisor.trip is not None
     assert supervisor.trip.slug == FAULT.slug
-    assert rod.actions == [Action.FADE, Action.HALT]
+    assert rod.actions == [StopAction.FADE, StopAction.HALT]
 
 
 def test_a_defect_of_the_interlock_loop_stops_the_rig_and_the_stop_goes_on(told: Told) -> None:
@@ -177,7 +180,7 @@ def test_a_defect_of_the_interlock_loop_stops_the_rig_and_the_stop_goes_on(told:
             raise RuntimeError("a defect")
 
     failing, rod = threading.Event(), Rod()
-    made = Supervisor(config_for(), told.append, lambda records: None, beat)
+    made = Supervisor(config_for(), told.append, lambda records: None, beat, lambda: 0.0)
     made.attach(Coil(lambda: None), rod, rod, ())
     made.start()
     made.arm()
@@ -187,12 +190,12 @@ def test_a_defect_of_the_interlock_loop_stops_the_rig_and_the_stop_goes_on(told:
         assert made.changed.wait_for(lambda: made.settled, 30.0), "its steps are still taken"
     made.end()
     assert told.slugs("trip") == ["task-dies"]
-    assert rod.actions[0] is Action.FADE
+    assert rod.actions[0] is StopAction.FADE
 
 
 def test_a_station_that_hardly_runs_still_gives_a_stop_up_that_it_cannot_prove(told: Told) -> None:
     rod = Rod()
-    made = Supervisor(config_for(), told.append, lambda records: None, lambda now_ns: None)
+    made = Supervisor(config_for(), told.append, lambda records: None, lambda now_ns: None, lambda: 0.0)
     made.attach(Coil(lambda: None), rod, rod, ())
     begun_ns = monotonic_ns()
     made.host.watch(begun_ns)
@@ -204,4 +207,4 @@ def test_a_station_that_hardly_runs_still_gives_a_stop_up_that_it_cannot_prove(t
             break
     assert made.settled
     assert step * 0.3 < 6.0, "2.3 s until the controller counts as lost, 1 s forgiven, and a tick or two"
-    assert rod.actions[-1] is Action.HYDRAULICS_OFF
+    assert rod.actions[-1] is StopAction.HYDRAULICS_OFF

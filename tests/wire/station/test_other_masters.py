@@ -8,9 +8,11 @@ from typing import Any
 
 import pytest
 
-from drivers.actuator import ModbusActuator
-from protocols.actuator import Command
+from drivers.connection import ActuatorConnection
+from drivers.devices.controller import controller
+from drivers.modbus_actuator import ModbusActuator
 from rig.station.client import StationClient, StationRefused
+from simulators.controller_firmware import Command
 
 pytestmark = pytest.mark.wire
 
@@ -25,7 +27,7 @@ def test_another_clients_stop_is_not_taken_for_the_end_of_the_program(station_ri
     rig.prepare()
     rig.run()
     rig.await_motion(0.008)
-    other = ModbusActuator(rig.config.actuator.url, owner_id=0x7777)
+    other = ModbusActuator(ActuatorConnection(rig.config.actuator.url, owner_id=0x7777), controller("demo"))
     other.open()
     try:
         other.send(command)

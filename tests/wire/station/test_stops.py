@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.actuator import ModbusActuator
-from protocols.actuator import FaultBit
+from drivers.connection import ActuatorConnection
+from drivers.devices.controller import controller
+from drivers.modbus_actuator import ModbusActuator
 from rig.clock import monotonic_ns
 from rig.station.client import StationLost, StationRefused
+from simulators.controller_firmware import FaultBit
 
 pytestmark = pytest.mark.wire
 
@@ -143,7 +145,7 @@ def test_killed_station_leaves_controller_and_ecu_to_stop_by_themselves(station_
     rig.client.process.wait(PATIENCE_S)
     assert not rig.client.alive
     rig.client.close(timeout_s=1.0)
-    witness = ModbusActuator(rig.config.actuator.url, timeout_s=1.0)
+    witness = ModbusActuator(ActuatorConnection(rig.config.actuator.url, timeout_s=1.0), controller("demo"))
     witness.open()
     deadline_ns = monotonic_ns() + int(PATIENCE_S * SECOND)
     stood_ns = 0

@@ -1,0 +1,84 @@
+"""What an actuator can do, as its description or its driver declares it; and what is left without it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class WatchdogKind(StrEnum):
+    """How an actuator notices that its host is gone."""
+
+    COUNTER = "counter"
+    """A changed counter feeds it; reading does not."""
+    TIMEOUT = "timeout"
+    """A keep-alive, or any command, feeds it."""
+    NONE = "none"
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What an actuator can do.
+
+    Attributes:
+        watchdog: how it notices that its host is gone.
+        hydraulics: the host can take the pressure (or the drive's power) away, and see that it is gone.
+        lease: it obeys one host at a time.
+        acknowledge: its status names the last command and its result.
+        echo: its status repeats the watchdog's counter.
+        limits_read_back: it holds the rig's limits, which can be read back.
+        settings_hash: its identity shows a reboot or changed settings.
+        phase: its status says where in its envelope a program is.
+        cycle_pulse: an output pulses at every cycle, for the sensors to latch.
+        generator: a function generator of its own runs programs; else the driver makes their set-points.
+        table: it plays table waveforms.
+        streamed_setpoints: it follows set-points that are sent one by one.
+        e_stop_input: it sees the hard-wired chain.
+        force_input: it measures a coarse force of its own.
+    """
+
+    watchdog: WatchdogKind
+    hydraulics: bool
+    lease: bool = False
+    acknowledge: bool = False
+    echo: bool = False
+    limits_read_back: bool = False
+    settings_hash: bool = False
+    phase: bool = False
+    cycle_pulse: bool = False
+    generator: bool = False
+    table: bool = False
+    streamed_setpoints: bool = False
+    e_stop_input: bool = False
+    force_input: bool = False
+
+    @property
+    def can_be_stopped(self) -> bool:
+        """Something stops the rig when the host does not: a watchdog, or pressure that can be taken away."""
+        return self.watchdog is not WatchdogKind.NONE or self.hydraulics
+
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What it cannot do: name of the capability, and what is left without it, for people."""
+        without = {
+            "watchdog": (
+                self.watchdog is not WatchdogKind.NONE,
+                "the actuator does not notice that its host died; only the coil goes to 0 A, by its own time-out",
+            ),
+            "hydraulics": (self.hydraulics, "the pressure cannot be taken away from here; a stop ends holding"),
+            "lease": (self.lease, "another host's commands are not refused; do not connect a second one"),
+            "acknowledge": (
+                self.acknowledge, "a command counts as taken when it is written; a stop is proved by standstill alone"
+            ),
+            "echo": (
+                self.echo or self.watchdog is WatchdogKind.NONE, "a watchdog that is not fed shows only by its trip"
+            ),
+            "limits": (self.limits_read_back, "limits are watched by the station alone, not by the actuator"),
+            "settings": (self.settings_hash, "a reboot or changed settings are not noticed"),
+            "cycle-pulse": (
+                self.cycle_pulse, "delays between sensors are estimated from their signals; no watch for a loose joint"
+            ),
+            "generator": (self.generator, "set-points come from the host at its polls; slow motion only"),
+            "e-stop-input": (self.e_stop_input, "an open e-stop chain is not seen here"),
+            "force-input": (self.force_input, "the load cell is not compared with a second force"),
+        }
+        return tuple((name, text) for name, (has, text) in without.items() if not has)

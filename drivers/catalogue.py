@@ -1,0 +1,126 @@
+"""Devices by name: the one door through which the rig comes by an actuator, a current source or a sensor.
+
+A name is a description in `drivers.devices` or a wire format, driven by the generic driver, or a driver of its own,
+made known by `register_actuator` or `register_sensor` before the bench file is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.connection import ActuatorConnection
+from drivers.current_source import CurrentSource
+from drivers.devices.controller import controller, controller_names
+from drivers.devices.source import current_source_names
+from drivers.errors import UnknownDevice
+from drivers.ring import Channel
+from drivers.roles import Actuator, Sensor
+from drivers.sample_stream import SampleScale
+from drivers.serial_sensor import BINARY, SerialSensor
+from protocols.line_format import PRESETS, from_description
+
+__all__ = [
+    "SensorConnection", "actuator_names", "current_source_names", "make_actuator", "make_current_source", "make_sensor",
+    "register_actuator", "register_sensor", "sensor_format_names",
+]
+
+ActuatorMaker = Callable[[ActuatorConnection], Actuator]
+
+_REGISTERED: dict[str, ActuatorMaker] = {}
+
+
+def register_actuator(name: str, maker: ActuatorMaker) -> None:
+    """Make an actuator's own driver known under a name of the bench file's `register_map`."""
+    _REGISTERED[name] = maker
+
+
+def actuator_names() -> tuple[str, ...]:
+    """Every name that `register_map` may have."""
+    return (*controller_names(), *_REGISTERED)
+
+
+def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
+    """The driver of a kind of actuator; nothing is opened.
+
+    Raises:
+        UnknownDevice: no device of that name; the known ones are listed.
+    """
+    if name in _REGISTERED:
+        return _REGISTERED[name](connection)
+    if name not in controller_names():
+        raise UnknownDevice(
+            "actuator", connection.url, f"register_map {name!r} is not known; known: {', '.join(actuator_names())}"
+        )
+    from drivers.modbus_actuator import ModbusActuator
+
+    return ModbusActuator(connection, controller(name))
+
+
+def make_current_source(name: str, interface: str, channel: str, bitrate: int) -> CurrentSource:
+    """The driver of a kind of current source; nothing is opened.
+
+    Raises:
+        UnknownDevice: no device of that name; the known ones are listed.
+    """
+    if name not in current_source_names():
+        raise UnknownDevice(
+            "ecu", channel, f"dbc {name!r} is not known; known: {', '.join(current_source_names())}"
+        )
+    from drivers.can_current_source import CanCurrentSource
+    from drivers.devices.source import current_source
+
+    return CanCurrentSource(interface, channel, current_source(name), bitrate=bitrate)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorConnection:
+    """How to reach a sensor and how to read it.
+
+    Attributes:
+        url: its port.
+        baudrate: Bd.
+        name: device name for messages, as in the bench file.
+        channel: ring channel 1..9.
+        format: name of a format, or the description of a line.
+        scale: from the wire to SI, and its rate.
+    """
+
+    url: str
+    baudrate: int
+    name: str
+    channel: Channel
+    format: str | Mapping[str, Any]
+    scale: SampleScale
+
+
+SensorMaker = Callable[[SensorConnection], Sensor]
+
+_SENSORS: dict[str, SensorMaker] = {}
+
+
+def register_sensor(name: str, maker: SensorMaker) -> None:
+    """Make a sensor's own driver known under a name of the bench file's `format`: one that is asked for its samples."""
+    _SENSORS[name] = maker
+
+
+def sensor_format_names() -> tuple[str, ...]:
+    """Every name that a sensor's `format` may have, beside the description of a line."""
+    return (*BINARY, *PRESETS, *_SENSORS)
+
+
+def make_sensor(connection: SensorConnection) -> Sensor:
+    """The driver of a sensor; nothing is opened.
+
+    Raises:
+        LocalProtocolError: no format of that name, or a line description that contradicts itself.
+    """
+    given = connection.format
+    if isinstance(given, str) and given in _SENSORS:
+        return _SENSORS[given](connection)
+    line_format = given if isinstance(given, str) else from_description(given)
+    return SerialSensor(
+        connection.url, connection.baudrate, name=connection.name, channel=connection.channel,
+        line_format=line_format, scale=connection.scale,
+    )

@@ -1,0 +1,75 @@
+"""How to reach an actuator: its address, parsed once, and what else a driver needs to connect."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+from enum import StrEnum
+from urllib.parse import urlsplit
+
+
+class LinkKind(StrEnum):
+    """What the connection to an actuator is made of; the values are the address's prefixes."""
+
+    MODBUS_TCP = "modbus-tcp"
+    MODBUS_RTU = "modbus-rtu"
+    TCP = "tcp"
+    """A plain TCP connection, for a protocol of the device's own."""
+    UNKNOWN = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorAddress:
+    """Where an actuator is.
+
+    Attributes:
+        text: as written in the bench file.
+        kind: what the link is made of.
+        host, port: of a network address; None where they are not stated.
+        line: serial port of a serial line, anything `serial_for_url` takes; empty otherwise.
+    """
+
+    text: str
+    kind: LinkKind
+    host: str | None = None
+    port: int | None = None
+    line: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> ActuatorAddress:
+        """Read an address: `modbus-tcp://host:port`, `modbus-rtu:PORT` or `tcp://host:port`; never raises."""
+        prefix, _, rest = text.partition(":")
+        kind = LinkKind(prefix) if prefix in set(LinkKind) else LinkKind.UNKNOWN
+        if kind is LinkKind.MODBUS_RTU:
+            return cls(text, kind, line=rest)
+        try:
+            parts = urlsplit(text)
+            return cls(text, kind, parts.hostname, parts.port)
+        except ValueError:
+            return cls(text, kind)
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorConnection:
+    """How to reach an actuator.
+
+    Attributes:
+        url: its address, as in the bench file.
+        device_id: Modbus unit number.
+        timeout_s: longest wait for one answer (s).
+        owner_id: identifies this host in the actuator's lease, 1..65535.
+        baudrate: Bd of a serial line.
+        parity: "N", "E" or "O", of a serial line.
+    """
+
+    url: str
+    device_id: int = 1
+    timeout_s: float = 0.04
+    owner_id: int = 0
+    baudrate: int = 115_200
+    parity: str = "N"
+
+
+def draw_owner_id() -> int:
+    """A number 1..65535 at random, to tell this host from others: containers repeat process ids."""
+    return secrets.randbelow(0xFFFF) + 1

@@ -1,0 +1,266 @@
+"""An actuator controller as data: its registers, what its codes mean, what it can do; read from a TOML file."""
+
+from __future__ import annotations
+
+import functools
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from enum import IntEnum, IntFlag
+from pathlib import Path
+from typing import Any
+
+from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.roles import (
+    UNNAMED,
+    ActuatorIdentity,
+    ActuatorLimits,
+    ActuatorStatus,
+    Command,
+    FaultBit,
+    Input,
+    Move,
+    Program,
+    ProgramPhase,
+    Result,
+    State,
+    WatchdogAction,
+    Waveform,
+)
+from protocols.errors import LocalProtocolError
+from protocols.register_map import Block, Register, RegisterMap, Value
+
+FOLDER = Path(__file__).parent
+UNNAMED_BITS = 32
+"""So far up a bit is moved that has no name and whose number has another meaning here."""
+
+_SUFFIXES = ("_m_s2", "_m_s", "_Pa", "_m", "_N")
+_IDENTITY = tuple(ActuatorIdentity.__dataclass_fields__)
+
+
+def _bare(field: str) -> str:
+    """Register name of a field: the unit suffix dropped."""
+    return next((field.removesuffix(suffix) for suffix in _SUFFIXES if field.endswith(suffix)), field)
+
+
+_LIMITS = {field: _bare(field) for field in ActuatorLimits.__dataclass_fields__}
+_STATUS = tuple(_bare(field) for field in ActuatorStatus._fields[1:])
+_MEASURED = frozenset(_bare(field) for field in ActuatorStatus._fields if field != _bare(field))
+
+
+class _Codes:
+    """What a register's codes mean, there and back."""
+
+    def __init__(self, meaning: type[IntEnum], codes: Mapping[str, int]) -> None:
+        members = {_slug(member.name): member for member in meaning}
+        if strange := [name for name in codes if name not in members]:
+            raise LocalProtocolError(f"code {strange[0]!r} is not one of {', '.join(members)}")
+        self._meaning = {code: int(members[name]) for name, code in codes.items()}
+        self._code = {members[name]: code for name, code in codes.items()}
+        self._taken = {int(member) for member in meaning}
+
+    def meaning(self, code: int) -> int:
+        """The neutral number of a device's code."""
+        named = self._meaning.get(code)
+        if named is not None:
+            return named
+        return code + UNNAMED if code in self._taken else code
+
+    def code(self, member: IntEnum) -> int:
+        """The device's code.
+
+        Raises:
+            LocalProtocolError: the device has none.
+        """
+        if member not in self._code:
+            raise LocalProtocolError(f"{_slug(member.name)} is nothing this controller knows")
+        return self._code[member]
+
+
+class _Bits:
+    """What a register's bits mean."""
+
+    def __init__(self, meaning: type[IntFlag], bits: Mapping[str, int]) -> None:
+        members = {_slug(str(member.name)): int(member) for member in meaning}
+        if strange := [name for name in bits if name not in members]:
+            raise LocalProtocolError(f"bit {strange[0]!r} is not one of {', '.join(members)}")
+        self._pairs = [(1 << bit, members[name]) for name, bit in bits.items()]
+        self._same = all(bit == member for bit, member in self._pairs)
+        self._named = sum(bit for bit, _ in self._pairs)
+        self._taken = sum(members.values())
+
+    def meaning(self, word: int) -> int:
+        """The neutral bits of a device's word."""
+        rest = word & ~self._named
+        shown = rest & ~self._taken | (rest & self._taken) << UNNAMED_BITS
+        if self._same:
+            return word & self._named | shown
+        return sum(member for bit, member in self._pairs if word & bit) | shown
+
+
+class ControllerDescription:
+    """What the generic driver needs to know of one kind of controller.
+
+    Args:
+        name: as in the bench file.
+        data: contents of its file.
+
+    Attributes:
+        capabilities: what it can do.
+        map: where its registers are.
+        expected_identity: what its identity must show, by register: signatures, layout version.
+
+    Raises:
+        LocalProtocolError: the description contradicts itself.
+    """
+
+    def __init__(self, name: str, data: Mapping[str, Any]) -> None:
+        self.name = name
+        given = dict(data["capabilities"])
+        self.capabilities = Capabilities(watchdog=WatchdogKind(given.pop("watchdog")), **given)
+        self.map = RegisterMap(name, [_block(entry) for entry in data["block"]])
+        self.expected_identity: dict[str, Value] = dict(data.get("identity", {}))
+        self._has = {register.name for register in self.map.block("status").registers}
+        self._complete = self._has.issuperset(_STATUS)
+        codes, bits = data["codes"], data["bits"]
+        self._states = _Codes(State, codes["state"])
+        self._commands = _Codes(Command, codes["command"])
+        self._results = _Codes(Result, codes["result"])
+        self._waveforms = _Codes(Waveform, codes["waveform"])
+        self._phases = _Codes(ProgramPhase, codes["phase"])
+        self._actions = _Codes(WatchdogAction, codes["watchdog_action"])
+        self._faults = _Bits(FaultBit, bits["fault"])
+        self._inputs = _Bits(Input, bits["input"])
+
+    def decode_identity(self, words: Sequence[int]) -> ActuatorIdentity:
+        """Identity from the words of its block.
+
+        Raises:
+            RemoteProtocolError: the words do not make up the block.
+        """
+        values = self.map.block("identity").decode(words)
+        held = {name: values[name] for name in _IDENTITY if name in values}
+        return ActuatorIdentity(**held)  # type: ignore[arg-type]  # types follow the map
+
+    def decode_status(self, words: Sequence[int], received_ns: int) -> ActuatorStatus:
+        """Status from the words of its block, in neutral terms; what the controller does not show is 0 or NaN.
+
+        Without a heartbeat or a clock of its own the arrival's time stands for it; without an e-stop input the chain
+        counts as closed.
+
+        Args:
+            words: register values of the status block.
+            received_ns: when the answer arrived, host's monotonic clock.
+
+        Raises:
+            RemoteProtocolError: the words do not make up the block.
+        """
+        values = self._unshown(received_ns) | self.map.block("status").decode(words)
+        values["state"] = self._states.meaning(int(values["state"]))
+        values["result"] = self._results.meaning(int(values["result"]))
+        values["phase"] = self._phases.meaning(int(values["phase"]))
+        values["acked_command"] = self._commands.meaning(int(values["acked_command"]))
+        values["fault_bits"] = self._faults.meaning(int(values["fault_bits"]))
+        closed = 0 if self.capabilities.e_stop_input else int(Input.E_STOP_CLOSED)
+        values["inputs"] = self._inputs.meaning(int(values["inputs"])) | closed
+        return ActuatorStatus(received_ns, *[values[name] for name in _STATUS])  # type: ignore[arg-type]  # types follow the map
+
+    def _unshown(self, received_ns: int) -> dict[str, Value]:
+        """Values of what the status block does not have."""
+        if self._complete:
+            return {}
+        own = {"heartbeat": received_ns // 10_000_000 & 0xFFFF, "clock_us": received_ns // 1000 & 0xFFFFFFFF}
+        missing: dict[str, Value] = {name: own.get(name, 0) for name in _STATUS if name not in self._has}
+        return missing | {name: math.nan for name in missing if name in _MEASURED}
+
+    def decode_limits(self, words: Sequence[int]) -> ActuatorLimits:
+        """Limits from the words of the config block.
+
+        Raises:
+            RemoteProtocolError: the words do not make up the block.
+        """
+        values = self.map.block("config").decode(words)
+        values["watchdog_action"] = self._actions.meaning(int(values["watchdog_action"]))
+        return ActuatorLimits(**{field: values[name] for field, name in _LIMITS.items()})  # type: ignore[arg-type]  # types follow the map
+
+    def encode_limits(self, limits: ActuatorLimits) -> list[int]:
+        """Words of the config block.
+
+        Raises:
+            LocalProtocolError: a limit does not fit its register.
+        """
+        values: dict[str, Value] = {_LIMITS[field]: value for field, value in asdict(limits).items()}
+        values["watchdog_action"] = self._actions.code(WatchdogAction(limits.watchdog_action))
+        return self.map.block("config").encode(values)
+
+    def encode_command(
+        self, command: Command, sequence: int, owner_id: int, order: Move | Program | None = None
+    ) -> list[int]:
+        """Words of the command block.
+
+        Raises:
+            LocalProtocolError: the controller knows no such command, or a value does not fit its register.
+        """
+        values: dict[str, Value] = {
+            "command": self._commands.code(command), "sequence": sequence, "owner_id": owner_id,
+        }
+        if isinstance(order, Move):
+            values |= {"target_position": order.target_m, "speed": order.speed_m_s}
+        elif order is not None:
+            values |= {
+                "waveform": self._waveforms.code(order.waveform), "amplitude": order.amplitude_m,
+                "frequency": order.frequency_Hz, "centre": order.centre_m, "cycles": order.cycles,
+                "ramp_in_cycles": order.ramp_in_cycles, "ramp_out_cycles": order.ramp_out_cycles,
+            }
+            if order.table_length:
+                interval_s = 1.0 / (order.frequency_Hz * order.table_length)
+                values |= {"table_length": order.table_length, "table_interval": interval_s}
+        return self.map.block("command").encode(values)
+
+    @property
+    def table_values(self) -> int:
+        """Samples of a table waveform that fit one write."""
+        return sum(register.name.startswith("table_value_") for register in self.map.block("table").registers)
+
+
+@functools.cache
+def controller(name: str) -> ControllerDescription:
+    """The description of that name.
+
+    Raises:
+        LocalProtocolError: there is none, or it contradicts itself.
+    """
+    path = FOLDER / f"{name}_controller.toml"
+    if not path.exists():
+        raise LocalProtocolError(f"no controller {name!r}; known: {', '.join(controller_names())}")
+    return ControllerDescription(name, tomllib.loads(path.read_text(encoding="utf-8")))
+
+
+def controller_names() -> tuple[str, ...]:
+    """Names of the controllers described here."""
+    return tuple(sorted(path.stem.removesuffix("_controller") for path in FOLDER.glob("*_controller.toml")))
+
+
+def _slug(name: str) -> str:
+    return name.lower().replace("_", "-")
+
+
+def _block(entry: Mapping[str, Any]) -> Block:
+    """One block; an entry with `repeat` stands for so many registers in a row, numbered from 0."""
+    writable = bool(entry.get("writable", False))
+    registers: list[Register] = []
+    for given in entry["registers"]:
+        one = dict(given)
+        repeat = int(one.pop("repeat", 0))
+        if not repeat:
+            registers.append(Register(**one, writable=writable))
+            continue
+        first = Register(**(one | {"name": f"{one['name']}0"}), writable=writable)
+        registers += [
+            Register(
+                **(one | {"name": f"{one['name']}{i}", "address": first.address + i * first.length}), writable=writable
+            )
+            for i in range(repeat)
+        ]
+    return Block(entry["name"], tuple(registers), entry.get("word_order", "big"))

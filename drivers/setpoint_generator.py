@@ -1,0 +1,196 @@
+"""Set-points of moves and motion programs, for an actuator that follows set-points but has no function generator.
+
+A driver asks for the set-point of the moment (`at`) each time it speaks to its device, and sends position and velocity.
+Between two of them the device goes on by itself, so what is possible ends where its motion changes much within a poll.
+Pure: time is given, nothing is sent.
+
+    HOLD --move--> MOVING --> HOLD      RUNNING --fade--> FADING --> HOLD      any motion --halt--> HALTING --> HOLD
+         --start-> RUNNING -> HOLD      MOVING ---fade--> HALTING -> HOLD
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from drivers.roles import Move, Program, ProgramPhase, State, Waveform
+from protocols.errors import LocalProtocolError
+
+
+class Setpoint(NamedTuple):
+    """Where the rod is to be (m) and how fast it is to go there (m/s)."""
+
+    position_m: float
+    velocity_m_s: float
+
+
+class SetpointGenerator:
+    """Makes one motion after the other; every motion ends by itself, in HOLD.
+
+    Args:
+        position_m: where the rod is, m.
+        acceleration_m_s2: of moves.
+        halt_deceleration_m_s2: of a halt.
+        fade_out_cycles: cycles over which a program fades out, >= 1.
+
+    Attributes:
+        state: what it makes: HOLD, MOVING, RUNNING, FADING or HALTING.
+        phase: where in its envelope the program is.
+        cycles_done: whole cycles of the running or last program, ramps included.
+    """
+
+    def __init__(
+        self, position_m: float, *, acceleration_m_s2: float = 2.0, halt_deceleration_m_s2: float = 20.0,
+        fade_out_cycles: float = 1.0,
+    ) -> None:
+        self.state = State.HOLD
+        self.phase = ProgramPhase.IDLE
+        self.cycles_done = 0
+        self.acceleration_m_s2 = acceleration_m_s2
+        self.halt_deceleration_m_s2 = halt_deceleration_m_s2
+        self.fade_out_cycles = fade_out_cycles
+        self._last = Setpoint(position_m, 0.0)
+        self._begin_s = 0.0
+        self._from = self._last
+        self._move = Move(position_m, 0.0)
+        self._program = Program(Waveform.SINE, 0.0, 1.0)
+        self._fade_cycle, self._fade_share = 0.0, 0.0
+
+    def rest(self, position_m: float) -> None:
+        """Hold at a position (m), whatever was under way: the rod is known to stand there, or has no pressure."""
+        self.state, self.phase = State.HOLD, ProgramPhase.IDLE
+        self._last = Setpoint(position_m, 0.0)
+
+    def move(self, order: Move, now_s: float) -> None:
+        """Begin a move.
+
+        Raises:
+            LocalProtocolError: something moves, or the order makes no sense; nothing begins.
+        """
+        if self.state is not State.HOLD:
+            raise LocalProtocolError(f"MOVE_TO while {self.state.name}")
+        if not (math.isfinite(order.target_m) and order.speed_m_s > 0.0 and math.isfinite(order.speed_m_s)):
+            raise LocalProtocolError(f"MOVE_TO {order.target_m} m at {order.speed_m_s} m/s makes no sense")
+        self._begin_s, self._from, self._move = now_s, self._last, order
+        self.state = State.MOVING
+
+    def start(self, program: Program, now_s: float) -> None:
+        """Begin a program, from its centre.
+
+        Raises:
+            LocalProtocolError: something moves, or the program is none of these; nothing begins.
+        """
+        if self.state is not State.HOLD:
+            raise LocalProtocolError(f"START while {self.state.name}")
+        numbers = (program.amplitude_m, program.frequency_Hz, program.centre_m, program.all_cycles)
+        if program.waveform is Waveform.TABLE or not all(map(math.isfinite, numbers)) or program.frequency_Hz <= 0.0:
+            raise LocalProtocolError(f"{program.waveform.name} at {program.frequency_Hz} Hz cannot be made here")
+        self._begin_s, self._program, self.cycles_done = now_s, program, 0
+        self.state = State.RUNNING
+
+    def fade(self, now_s: float) -> None:
+        """Fade the running program out, or bring a move to rest."""
+        if self.state is State.RUNNING:
+            self._fade_cycle = (now_s - self._begin_s) * self._program.frequency_Hz
+            self._fade_share, _ = self._envelope(self._fade_cycle)
+            self.state = State.FADING
+        elif self.state is State.MOVING:
+            self.halt(now_s)
+
+    def halt(self, now_s: float) -> None:
+        """Bring whatever moves to rest within the halt deceleration."""
+        begin = self.at(now_s)
+        if self.state not in {State.HOLD, State.HALTING}:
+            self._from, self._begin_s = begin, now_s
+            self.state = State.HALTING
+
+    def at(self, now_s: float) -> Setpoint:
+        """The set-point of this moment; `now_s` never falls back."""
+        elapsed_s = now_s - self._begin_s
+        if self.state is State.MOVING:
+            self._last = self._moving(elapsed_s)
+        elif self.state in {State.RUNNING, State.FADING}:
+            self._last = self._cycling(elapsed_s)
+        elif self.state is State.HALTING:
+            self._last = self._halting(elapsed_s)
+        if self.state is State.HOLD:
+            self._last = Setpoint(self._last.position_m, 0.0)
+            self.phase = ProgramPhase.IDLE
+        return self._last
+
+    def _moving(self, elapsed_s: float) -> Setpoint:
+        """A trapezoid of speed, or a triangle where the way is short."""
+        start_m, rate = self._from.position_m, self.acceleration_m_s2
+        way_m = self._move.target_m - start_m
+        sign, length_m = math.copysign(1.0, way_m), abs(way_m)
+        top_m_s = min(self._move.speed_m_s, math.sqrt(rate * length_m))
+        rise_s = top_m_s / rate
+        cruise_s = length_m / top_m_s - rise_s if top_m_s > 0.0 else 0.0
+        if elapsed_s >= 2.0 * rise_s + cruise_s:
+            self.state = State.HOLD
+            return Setpoint(self._move.target_m, 0.0)
+        if elapsed_s < rise_s:
+            gone_m, speed_m_s = 0.5 * rate * elapsed_s**2, rate * elapsed_s
+        elif elapsed_s < rise_s + cruise_s:
+            gone_m, speed_m_s = top_m_s * (elapsed_s - 0.5 * rise_s), top_m_s
+        else:
+            left_s = 2.0 * rise_s + cruise_s - elapsed_s
+            gone_m, speed_m_s = length_m - 0.5 * rate * left_s**2, rate * left_s
+        return Setpoint(start_m + sign * gone_m, sign * speed_m_s)
+
+    def _cycling(self, elapsed_s: float) -> Setpoint:
+        """The program under its envelope; a fade takes the envelope from where it was linearly to 0."""
+        program = self._program
+        cycles = elapsed_s * program.frequency_Hz
+        if self.state is State.FADING:
+            share = self._fade_share * (1.0 - (cycles - self._fade_cycle) / self.fade_out_cycles)
+            slope = -self._fade_share / self.fade_out_cycles
+            ended = share <= 0.0
+            self.phase = ProgramPhase.RAMP_OUT
+        else:
+            share, slope = self._envelope(cycles)
+            ended = cycles >= program.all_cycles
+            self.cycles_done = math.floor(min(cycles, program.all_cycles) + 1e-9)
+        if ended:
+            self.state = State.HOLD
+            return Setpoint(program.centre_m, 0.0)
+        value, change = _shape(program.waveform, cycles)
+        amplitude_m = program.amplitude_m
+        velocity_m_s = amplitude_m * program.frequency_Hz * (share * change + slope * value)
+        return Setpoint(program.centre_m + amplitude_m * share * value, velocity_m_s)
+
+    def _envelope(self, cycles: float) -> tuple[float, float]:
+        """Share of full amplitude at so many cycles, and its change a cycle."""
+        program = self._program
+        left = program.all_cycles - cycles
+        if cycles < program.ramp_in_cycles:
+            self.phase = ProgramPhase.RAMP_IN
+            return cycles / program.ramp_in_cycles, 1.0 / program.ramp_in_cycles
+        if left < program.ramp_out_cycles:
+            self.phase = ProgramPhase.RAMP_OUT
+            return max(0.0, left / program.ramp_out_cycles), -1.0 / program.ramp_out_cycles
+        self.phase = ProgramPhase.FULL_AMPLITUDE
+        return 1.0, 0.0
+
+    def _halting(self, elapsed_s: float) -> Setpoint:
+        begin, rate = self._from, self.halt_deceleration_m_s2
+        stop_s = abs(begin.velocity_m_s) / rate
+        sign = math.copysign(1.0, begin.velocity_m_s)
+        if elapsed_s >= stop_s:
+            self.state = State.HOLD
+            return Setpoint(begin.position_m + 0.5 * sign * rate * stop_s**2, 0.0)
+        gone_m = begin.velocity_m_s * elapsed_s - 0.5 * sign * rate * elapsed_s**2
+        return Setpoint(begin.position_m + gone_m, begin.velocity_m_s - sign * rate * elapsed_s)
+
+
+def _shape(waveform: Waveform, cycles: float) -> tuple[float, float]:
+    """Value of the waveform of amplitude 1 at a phase in cycles, and its change a cycle."""
+    fraction = cycles % 1.0
+    if waveform is Waveform.SINE:
+        angle = 2.0 * math.pi * fraction
+        return math.sin(angle), 2.0 * math.pi * math.cos(angle)
+    if fraction < 0.25:
+        return 4.0 * fraction, 4.0
+    if fraction < 0.75:
+        return 2.0 - 4.0 * fraction, -4.0
+    return 4.0 * fraction - 4.0, 4.0

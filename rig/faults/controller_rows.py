@@ -1,0 +1,118 @@
+"""The actuator controller and its link: rows of the fault matrix, in its order."""
+
+from __future__ import annotations
+
+from rig.faults.row import Ending, FaultRow, StopKind
+
+ROWS = (
+    FaultRow(
+        slug="modbus-busy", fault="Modbus exception 06",
+        where="wire", place="modbus", detected_by="bounded retries",
+        limit_s=0.15, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=30, detector="controller answers busy beyond the bounded retries",
+        test="test_modbus.py::test_a_controller_that_stays_busy_is_stopped_by_its_own_watchdog_and_by_the_current",
+    ),
+    FaultRow(
+        slug="modbus-reject", fault="Exception 02/03/04 on write",
+        where="wire", place="modbus", detected_by="no positive ack",
+        limit_s=0.05, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=31, detector="controller refused a write or command while armed",
+        test="test_modbus.py::test_a_controller_that_refuses_writes_is_read_on_and_stopped_by_its_own_watchdog",
+    ),
+    FaultRow(
+        slug="modbus-reset", fault="RST mid-response",
+        where="wire", place="modbus", detected_by="outcome unknown: read back before resend",
+        limit_s=0.1, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=32, detector="connection to the controller ended",
+        test="test_modbus.py::test_a_reset_connection_stops_the_rig_over_a_new_one",
+    ),
+    FaultRow(
+        slug="modbus-halfopen", fault="Half-open TCP: blackhole",
+        where="wire", place="modbus", detected_by="request deadline",
+        limit_s=0.2, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=33, detector="second time-out in a row, or no status within its stale-after",
+        test="test_modbus.py::test_a_half_open_connection_is_given_up_and_the_rig_stopped_over_a_new_one",
+    ),
+    FaultRow(
+        slug="modbus-wrong-tid", fault="Wrong transaction id",
+        where="wire", place="modbus", detected_by="discard; reconnect at second",
+        limit_s=0.1, reaction="W", end=Ending.WARN, disk="J", resume="a",
+        code=55, detector="answers with the number of another request, thrown away",
+        test="test_modbus.py::test_passing_troubles_of_the_link_are_overcome_and_flagged",
+    ),
+    FaultRow(
+        slug="rtu-stale", fault="Stale RTU reply (no id)",
+        where="wire", place="rtu", detected_by="drain after timeout; verify effect",
+        limit_s=0.2, reaction="P", end=Ending.INVALID, disk="J", resume="a",
+        code=56, detector="bytes on the line that answer an earlier request, thrown away",
+        test="test_modbus.py::test_stale_answers_on_a_serial_line_are_never_believed_and_spoil_the_point",
+    ),
+    FaultRow(
+        slug="rtu-crc", fault="RTU CRC, truncated, extra bytes",
+        where="wire", place="rtu", detected_by="strict frame; retry reads only",
+        limit_s=0.15, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=57, detector="answers cut short, too long or with a wrong checksum, three polls in a row",
+        test="test_modbus.py::test_damaged_answers_on_a_serial_line_are_read_again_and_then_stop_the_rig",
+    ),
+    FaultRow(
+        slug="modbus-mismatch", fault="Wrong unit/function/count",
+        where="wire", place="modbus", detected_by="match against request",
+        limit_s=0.05, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=8, detector="answers that belong to no request, three polls in a row",
+        test="test_modbus.py::test_answers_to_another_function_stop_the_rig",
+    ),
+    FaultRow(
+        slug="modbus-write-lost", fault="Write acked, register unchanged",
+        where="wire", place="controller", detected_by="readback plus motion",
+        limit_s=0.1, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=29, detector="written counter or stop command is not there, three statuses in a row",
+        test="test_modbus.py::test_lost_writes_are_seen_by_their_missing_effect",
+    ),
+    FaultRow(
+        slug="actuator-frozen", fault="Position register frozen",
+        where="wire", place="controller", detected_by="controller heartbeat, LVDT disagreement",
+        limit_s=0.1, reaction="SO", end=StopKind.HALT, disk="J", resume="c",
+        code=34, detector="controller heartbeat or position stands still while time or LVDT move",
+        test="test_controller.py::test_a_frozen_position_register_is_not_trusted_and_the_halt_ramp_is_used",
+    ),
+    FaultRow(
+        slug="actuator-reboot", fault="Controller reboot, defaults",
+        where="wire", place="controller", detected_by="boot counter, config hash",
+        limit_s=0.05, reaction="S1", end=StopKind.PRESSURE_OFF, disk="J", resume="n",
+        code=36, detector="controller clock fell back, lease gone, boot count or configuration changed",
+        test="test_controller.py::test_a_rebooted_controller_is_never_taken_for_the_one_that_was_prepared",
+    ),
+    FaultRow(
+        slug="host-silent", fault="Host stops kicking",
+        where="process", place="silence", detected_by="controller latches trip",
+        limit_s=0.5, reaction="controller S2", end=StopKind.FADE_OUT, disk="J/K", resume="c",
+        code=39, detector="controller's watchdog tripped, or the station did not run for as long",
+        test="test_controller.py::test_a_station_that_falls_silent_is_stopped_by_the_controllers_watchdog",
+    ),
+    FaultRow(
+        slug="watchdog-absent", fault="Watchdog disabled or 'freeze'",
+        where="wire", place="controller", detected_by="starve it before each campaign",
+        occasion="preflight", reaction="R", end=Ending.REFUSE, disk="N", resume="c",
+        test="test_controller.py::test_a_watchdog_that_does_not_trip_is_refused",
+    ),
+    FaultRow(
+        slug="second-master", fault="Second Modbus master",
+        where="wire", place="controller", detected_by="setpoint/owner mismatch",
+        limit_s=0.05, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=37, detector="controller's lease is held by another, or its command has our stop's number",
+        test="test_controller.py::test_a_second_master_is_noticed_and_the_motion_stopped",
+    ),
+    FaultRow(
+        slug="stop-ignored", fault="Stop ignored",
+        where="wire", place="controller", detected_by="LVDT velocity after ramp",
+        limit_s=0.1, occasion="ramp+", reaction="S1→trip", end=StopKind.PRESSURE_OFF, disk="J", resume="n",
+        code=42, detector="program runs on past its end, or no standstill within the stop's deadline",
+        test="test_controller.py::test_a_program_that_does_not_end_is_stopped_by_taking_the_pressure_away",
+    ),
+    FaultRow(
+        slug="register-layout", fault="Word order/scale wrong",
+        where="wire", place="controller", detected_by="signature register",
+        occasion="connect", reaction="R", end=Ending.REFUSE, disk="N", resume="c",
+        test="test_controller.py::test_another_word_order_is_refused_at_connect",
+    ),
+)

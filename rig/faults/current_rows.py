@@ -1,0 +1,92 @@
+"""The current ECU, the coil and the bus: rows of the fault matrix, in its order."""
+
+from __future__ import annotations
+
+from rig.faults.row import Ending, FaultRow, StopKind
+
+ROWS = (
+    FaultRow(
+        slug="can-busoff", fault="CAN bus-off",
+        where="wire", place="can", detected_by="error state, status silence",
+        limit_s=0.03, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=9, detector="no ECU status while the CAN interface reports bus errors",
+        test="test_coil_and_bus.py::test_bus_off_is_told_from_a_silent_ecu",
+    ),
+    FaultRow(
+        slug="ecu-silent", fault="Status missing",
+        where="wire", place="ecu", detected_by="timeout",
+        limit_s=0.03, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=20, detector="no ECU status within its stale-after, or no temperature for five of its periods",
+        test="test_coil_and_bus.py::test_a_silent_ecu_stops_the_rig",
+    ),
+    FaultRow(
+        slug="ecu-late", fault="Status late/duplicated",
+        where="wire", place="ecu", detected_by="counter delta, age",
+        limit_s=0.03, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=7, detector="ECU status frames repeated again and again; a single one warns",
+        test="test_coil_and_bus.py::test_status_frames_that_come_twice_warn_and_stop_when_they_keep_coming",
+    ),
+    FaultRow(
+        slug="ecu-crc", fault="Wrong counter/CRC",
+        where="wire", place="ecu", detected_by="drop frame; third trips",
+        limit_s=0.03, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=21, detector="three ECU status frames in a row with a wrong counter or CRC",
+        test="test_coil_and_bus.py::test_status_frames_with_a_wrong_crc_stop_the_rig",
+    ),
+    FaultRow(
+        slug="can-malformed", fault="DLC short, RTR, extended id",
+        where="wire", place="can", detected_by="check before decode",
+        limit_s=0.01, reaction="as 20", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=6, detector="three ECU status frames in a row of a wrong length or kind",
+        test="test_coil_and_bus.py::test_short_remote_and_extended_frames_are_never_decoded",
+    ),
+    FaultRow(
+        slug="can-babble", fault="Babbling node",
+        where="wire", place="can", detected_by="bus load, status jitter",
+        limit_s=0.1, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=48, detector="frames of others fill the bus",
+        test="test_coil_and_bus.py::test_a_babbling_node_stops_the_rig",
+    ),
+    FaultRow(
+        slug="can-foreign", fault="Foreign sender on our command id",
+        where="wire", place="can", detected_by="self-id seen",
+        limit_s=0.01, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=26, detector="another sender on our command id",
+        test="test_coil_and_bus.py::test_another_sender_on_our_command_id_stops_the_rig",
+    ),
+    FaultRow(
+        slug="ecu-overtemp", fault="ECU over-temp/undervoltage",
+        where="wire", place="ecu", detected_by="status bits",
+        limit_s=0.02, reaction="S2, cool", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=23, detector="ECU over-temperature or undervoltage bit",
+        test="test_coil_and_bus.py::test_a_hot_ecu_and_one_without_supply_stop_the_rig",
+    ),
+    FaultRow(
+        slug="coil-open-short", fault="Coil open/short",
+        where="wire", place="ecu", detected_by="bits, measured current",
+        limit_s=0.02, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="n",
+        code=24, detector="ECU open or short bit",
+        test="test_coil_and_bus.py::test_a_broken_coil_stops_the_rig",
+    ),
+    FaultRow(
+        slug="current-tracking", fault="Current tracking error",
+        where="wire", place="ecu", detected_by="tolerance after settling",
+        limit_s=0.05, reaction="P; overcurrent S2", end=Ending.INVALID, disk="J", resume="a",
+        code=49, detector="measured current off the commanded one after settling",
+        test="test_coil_and_bus.py::test_a_current_off_its_setpoint_is_flagged_at_once_and_spoils_the_point",
+    ),
+    FaultRow(
+        slug="ecu-restart", fault="ECU restart",
+        where="wire", place="ecu", detected_by="counter/state reset",
+        limit_s=0.03, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=22, detector="ECU boot count changed, or its restart bit",
+        test="test_coil_and_bus.py::test_an_ecu_that_starts_anew_stops_the_rig",
+    ),
+    FaultRow(
+        slug="current-stuck", fault="Current persists after zero",
+        where="wire", place="ecu", detected_by="measured current",
+        limit_s=0.2, reaction="S1, cut coil supply", end=StopKind.PRESSURE_OFF, disk="J", resume="n",
+        code=28, detector="measured current after 0 A was commanded",
+        test="test_coil_and_bus.py::test_a_current_that_stays_after_zero_takes_the_hydraulics_away",
+    ),
+)

@@ -1,0 +1,104 @@
+"""Sensors and their lines: rows of the fault matrix, in its order."""
+
+from __future__ import annotations
+
+from rig.faults.row import Ending, FaultRow, StopKind
+
+ROWS = (
+    FaultRow(
+        slug="loadcell-pulled", fault="Load-cell cable pulled",
+        where="wire", place="sensor", detected_by="EOF, EIO or 5 missing samples",
+        limit_s=0.02, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=10, detector="load cell's port ended, or no value within its stale-after",
+        test="test_sensors.py::test_a_pulled_load_cell_stops_the_rig",
+    ),
+    FaultRow(
+        slug="lvdt-pulled", fault="Host LVDT lost",
+        where="wire", place="sensor", detected_by="same; controller position cross-check",
+        limit_s=0.02, reaction="S2; also control feedback: SO", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=11, detector="LVDT's port ended, or no value within its stale-after",
+        test="test_sensors.py::test_without_its_lvdt_the_host_proves_standstill_by_the_controller",
+    ),
+    FaultRow(
+        slug="serial-garbage", fault="Garbage, byte loss, framing shift",
+        where="wire", place="sensor", detected_by="checksum resync, error rate",
+        limit_s=0.1, reaction="P→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=19, detector="a tenth of a sensor's last frames damaged; a single one warns",
+        test="test_sensors.py::test_damaged_frames_warn_and_stop_when_there_are_many",
+    ),
+    FaultRow(
+        slug="serial-baud", fault="Baud mismatch (garbled bytes)",
+        where="wire", place="sensor", detected_by="no valid frame",
+        limit_s=0.5, reaction="R/S2", end=StopKind.FADE_OUT, disk="N/J", resume="c",
+        code=47, detector="bytes of a sensor that make no valid frame within its stale-after",
+        test="test_sensors.py::test_bytes_without_one_valid_frame_stop_the_rig",
+    ),
+    FaultRow(
+        slug="sensor-stuck", fault="Stuck value",
+        where="wire", place="sensor", detected_by="repeats below noise floor while moving",
+        limit_s=0.1, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=16, detector="one value repeated while the controller moves",
+        test="test_sensors.py::test_a_value_that_repeats_in_motion_stops_the_rig",
+    ),
+    FaultRow(
+        slug="sensor-saturated", fault="Saturation",
+        where="wire", place="sensor", detected_by="rail/NE 43 band, 3 samples",
+        limit_s=0.012, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=13, detector="three samples in a row overloaded or at the end of the span",
+        test="test_sensors.py::test_three_saturated_samples_stop_the_rig_and_prove_nothing_of_its_standstill",
+    ),
+    FaultRow(
+        slug="sensor-spike", fault="Spike",
+        where="wire", place="sensor", detected_by="slew; flag one, trip on 3",
+        limit_s=0.012, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=14, detector="three samples in a row beyond a jump that physics cannot make",
+        test="test_sensors.py::test_single_spikes_are_flagged_and_three_in_a_row_stop_the_rig",
+    ),
+    FaultRow(
+        slug="sensor-nan", fault="NaN/inf/comma text",
+        where="wire", place="sensor", detected_by="strict parser: lost sample",
+        limit_s=0.004, reaction="P", end=Ending.INVALID, disk="J", resume="a",
+        code=17, detector="sample that is not a number",
+        test="test_sensors.py::test_samples_that_are_no_numbers_spoil_the_point",
+    ),
+    FaultRow(
+        slug="sample-gap", fault="Sample-counter gap, device time backwards",
+        where="wire", place="sensor", detected_by="counter/order; store gap, never interpolate",
+        limit_s=0.004, reaction="P >0.1%", end=Ending.INVALID, disk="J", resume="a",
+        code=18, detector="hole in the sample counter",
+        test="test_sensors.py::test_gaps_are_stored_never_filled_and_spoil_the_point",
+    ),
+    FaultRow(
+        slug="clock-drift", fault="Clock drift ±500 ppm",
+        where="wire", place="sensor", detected_by="counter–monotonic fit",
+        limit_s=60.0, reaction="W", end=Ending.WARN, disk="J", resume="a",
+        code=45, detector="a sensor's clock off the controller's, by arrivals on the host's clock",
+        test="test_sensors.py::test_a_clock_that_drifts_is_flagged_and_nothing_else",
+    ),
+    FaultRow(
+        slug="slow-consumer", fault="Slow consumer",
+        where="process", place="starvation", detected_by="queue high-water; limits checked at reader",
+        limit_s=0.1, reaction="P; limit lag S2", end=Ending.INVALID, disk="J", resume="a",
+        code=44, detector="the recorder has left more than half of the ring unread",
+        test="test_slow_consumer.py::test_what_the_recorder_could_not_take_spoils_the_point_and_nothing_else",
+    ),
+    FaultRow(
+        slug="usb-renumber", fault="USB re-enumerates",
+        where="wire", place="sensor", detected_by="bind by serial number; no reopen in motion",
+        limit_s=0.02, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="c",
+        code=46, detector="a sensor's port ended while its name leads to another one",
+        test="test_sensors.py::test_an_adapter_that_comes_up_elsewhere_stops_the_rig_and_is_not_reopened",
+    ),
+    FaultRow(
+        slug="sensors-swapped", fault="Sensors swapped, sign/scale wrong",
+        where="wire", place="sensor", detected_by="low-level proof move",
+        occasion="preflight", reaction="R", end=Ending.REFUSE, disk="N", resume="c",
+        test="test_sensors.py::test_exchanged_plugs_are_refused_by_name_before_arming",
+    ),
+    FaultRow(
+        slug="not-tared", fault="Not tared, LVDT unplugged",
+        where="wire", place="sensor", detected_by="rest window, shunt cal",
+        occasion="preflight", reaction="R", end=Ending.REFUSE, disk="N", resume="c",
+        test="test_sensors.py::test_a_sensor_that_was_not_tared_is_refused_before_arming",
+    ),
+)

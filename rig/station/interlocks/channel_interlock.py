@@ -1,0 +1,165 @@
+"""Interlocks on samples: pure judges that see every sample once and answer with findings; no clock, no I/O.
+
+A judge is fed the batches a reader thread got from its driver (ring-record tuples) and keeps only what it needs of the
+past. The common case (nothing unusual) costs a minimum and a maximum over the batch.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import islice, pairwise
+from operator import eq
+
+from drivers.ring import Record
+from protocols.quality import Quality
+from rig.station.interlocks.finding import CONSECUTIVE, Finding
+
+REPEATED_SHARE = 0.3
+"""Where so many neighbours are equal, the resolution is coarser than the noise."""
+FEWEST_PAIRS = 50
+MOST_OF_A_RUN = 20
+"""A run of equal values counts as no more than this many: one is no proof of a coarse resolution, many are."""
+
+
+
+
+class ChannelInterlock:
+    """Judges one sensor channel: limits, saturation, spikes, sensor faults, gaps.
+
+    A value beyond a limit trips at once, unless it is a jump that physics cannot make: then it is flagged as a spike
+    and trips when `CONSECUTIVE` samples stay there.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        slug: str,
+        *,
+        low: float,
+        high: float,
+        span: float,
+        spike_jump: float = math.inf,
+        unit: str = "",
+    ) -> None:
+        self.name = name
+        self.slug = slug
+        self.low = low
+        self.high = high
+        self.span = span
+        self.spike_jump = spike_jump
+        self.unit = unit
+        self.last_value = math.nan
+        self.repeats = 0
+        self.step = math.inf
+        self._pairs = self._equal = 0
+        self._lowest = math.inf
+        self._highest = -math.inf
+        self._jumps = 0
+        self._saturated = 0
+        self._faulty = 0
+
+    def judge(self, records: list[Record]) -> tuple[list[Record], list[Finding]]:
+        """Judge one batch of one channel's samples.
+
+        Args:
+            records: the new samples, oldest first.
+
+        Returns:
+            The records as they go into the ring (spikes flagged), and what was found.
+        """
+        if not records:
+            return records, []
+        values = [record[2] for record in records]
+        self._count_repeats(values)
+        plain = not any(record[5] for record in records)
+        lowest, highest = min(values), max(values)
+        if plain and self._quiet(lowest, highest):
+            self._lowest, self._highest = min(self._lowest, lowest), max(self._highest, highest)
+            self.last_value = values[-1]
+            return records, []
+        findings: list[Finding] = []
+        return [self._one(record, findings) for record in records], findings
+
+    @property
+    def at_extreme(self) -> bool:
+        """The last value is the least or the greatest of all that the channel has shown, and it has shown others."""
+        return self._lowest < self._highest and self.last_value in {self._lowest, self._highest}
+
+    @property
+    def fine(self) -> bool:
+        """The channel's values usually differ from one sample to the next: its noise is finer than its steps."""
+        return self._pairs >= FEWEST_PAIRS and self._equal <= REPEATED_SHARE * self._pairs
+
+    def _count_repeats(self, values: list[float]) -> None:
+        """Follow for how many samples the value has been the same to the last bit, and how usual that is."""
+        many = len(values)
+        if min(values) == max(values) == self.last_value:
+            self.repeats += many
+            return
+        equal = sum(map(eq, values, islice(values, 1, None))) + (values[0] == self.last_value)
+        self._equal += min(self.repeats, MOST_OF_A_RUN) + equal
+        self._pairs += min(self.repeats, MOST_OF_A_RUN) + many
+        self.repeats = many - 1 if equal == many - 1 and values[0] != self.last_value else 0
+        if not self.fine:
+            self._follow_step(values)
+
+    def _follow_step(self, values: list[float]) -> None:
+        """The smallest difference between two values of a coarse channel."""
+        levels = sorted({value for value in (*values, self.last_value) if math.isfinite(value)})
+        self.step = min((self.step, *(above - below for below, above in pairwise(levels))))
+
+    def _quiet(self, lowest: float, highest: float) -> bool:
+        if self._jumps or self._saturated or self._faulty:
+            return False
+        if lowest < self.low or highest > self.high or max(highest, -lowest) >= self.span:
+            return False
+        if math.isnan(self.last_value):
+            return highest - lowest <= self.spike_jump
+        return max(highest, self.last_value) - min(lowest, self.last_value) <= self.spike_jump
+
+    def _one(self, record: Record, findings: list[Finding]) -> Record:
+        host_ns, device_us, value, sequence, channel, flags = record
+        if flags & Quality.GAP_BEFORE:
+            findings.append(Finding("sample-gap", f"{self.name}: samples lost before sequence {sequence}", host_ns))
+        self._follow_flags(record, findings)
+        if flags & Quality.NOT_A_NUMBER or math.isnan(value):
+            findings.append(Finding("sensor-nan", f"{self.name}: sample {sequence} is not a number", host_ns))
+            return record
+        # Over lost samples the value may have gone anywhere; its limits are judged all the same.
+        if not flags & Quality.GAP_BEFORE and abs(value - self.last_value) > self.spike_jump:
+            self._jumps += 1
+            if self._jumps < CONSECUTIVE:
+                detail = f"{self.name}: sample {sequence} jumps from {self.last_value:g} to {value:g} {self.unit}"
+                findings.append(Finding("sensor-spike", detail, host_ns, value, self.spike_jump, warns=True))
+                return (host_ns, device_us, value, sequence, channel, flags | int(Quality.SPIKE))
+            detail = f"{self.name}: jumped from {self.last_value:g} to {value:g} {self.unit} and stayed"
+            findings.append(Finding("sensor-spike", detail, host_ns, value, self.spike_jump))
+        self._jumps = 0
+        self.last_value = value
+        self._check_limits(host_ns, value, findings)
+        return record
+
+    def _follow_flags(self, record: Record, findings: list[Finding]) -> None:
+        """Count samples in a row with a fault, or at the end; one with neither value nor flag ends neither count."""
+        host_ns, _, value, _, _, flags = record
+        if flags & Quality.SENSOR_FAULT:
+            self._faulty += 1
+        elif not math.isnan(value):
+            self._faulty = 0
+        if self._faulty >= CONSECUTIVE:
+            findings.append(Finding("sensor-fault", f"{self.name}: the sensor reports a fault", host_ns, value))
+        if flags & Quality.OVERLOAD or abs(value) >= self.span:
+            self._saturated += 1
+        elif not math.isnan(value):
+            self._saturated = 0
+        if self._saturated >= CONSECUTIVE:
+            findings.append(Finding("sensor-saturated", f"{self.name}: at its end", host_ns, value, self.span))
+
+    def _check_limits(self, host_ns: int, value: float, findings: list[Finding]) -> None:
+        if self.low <= value <= self.high:
+            return
+        limit = self.low if value < self.low else self.high
+        detail = f"{self.name} {value:.6g} {self.unit}, allowed {self.low:.6g} to {self.high:.6g} {self.unit}"
+        findings.append(Finding(self.slug, detail, host_ns, value, limit))
+
+

@@ -1,0 +1,28 @@
+"""What a detector says: a finding, by the slug of its row in the fault matrix."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from protocols.quality import Quality
+
+CONSECUTIVE = 3
+BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
+"""Flags of a sample whose value is no measurement."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something a detector saw.
+
+    `slug` names a row of `rig.faults`, `t_ns` is the host arrival of what showed it; `warns` marks what is worth a
+    warning only, whatever the row's stop.
+    """
+
+    slug: str
+    detail: str
+    t_ns: int
+    value: float = math.nan
+    limit: float = math.nan
+    warns: bool = False

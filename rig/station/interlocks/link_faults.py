@@ -1,0 +1,109 @@
+"""What the controller's link goes through, by name: which errors are a fault at once, which only in a row. No I/O."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from drivers.connection import LinkKind
+from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
+from rig.station.interlocks.finding import CONSECUTIVE, Finding
+
+BUSY_POLLS = 4
+"""Each of them was asked several times already."""
+
+
+def link_slug(error: DriverError, kind: LinkKind) -> str:
+    """The fault matrix's slug for what the controller's driver raised in operation.
+
+    Args:
+        error: what it raised.
+        kind: what the link is made of.
+    """
+    if isinstance(error, RequestRefused):
+        return "modbus-busy" if isinstance(error, Busy) else "modbus-reject"
+    if isinstance(error, WrongAnswer):
+        return "rtu-crc" if kind is LinkKind.MODBUS_RTU else "modbus-mismatch"
+    if isinstance(error, NoAnswer):
+        return "modbus-halfopen"
+    return "modbus-reset" if isinstance(error, (LinkLost, PortClosed)) else "actuator-reboot"
+
+
+class CountingLink(Protocol):
+    """What is asked of the driver."""
+
+    @property
+    def link_kind(self) -> LinkKind:
+        """What the connection is made of."""
+
+    @property
+    def is_open(self) -> bool:
+        """The connection stands, as far as is known."""
+
+    @property
+    def stale(self) -> int:
+        """Answers to other requests that were recognised and thrown away."""
+
+    @property
+    def busy(self) -> int:
+        """"Busy" answers that were asked again."""
+
+
+class LinkFaults:
+    """Names what goes wrong between two good answers."""
+
+    def __init__(self, link: CountingLink) -> None:
+        self._link = link
+        self._kind = link.link_kind
+        self._busy = 0
+        self._wrong = 0
+        self._seen_stale = 0
+        self._seen_busy = 0
+
+    def answered(self, t_ns: int) -> list[Finding]:
+        """A status was read; returns what was overcome on the way, as warnings.
+
+        Args:
+            t_ns: host time of the answer.
+        """
+        self._busy = self._wrong = 0
+        findings = [*self._stale(t_ns)]
+        if self._link.busy > self._seen_busy:
+            detail = f"controller was busy {self._link.busy - self._seen_busy} times and then answered"
+            findings.append(Finding("modbus-busy", detail, t_ns, warns=True))
+        self._seen_busy = self._link.busy
+        return findings
+
+    def failed(self, error: DriverError, t_ns: int) -> Finding:
+        """A poll or command failed.
+
+        Args:
+            error: what the driver raised.
+            t_ns: host time.
+        """
+        detail, slug = str(error), link_slug(error, self._kind)
+        if slug == "modbus-busy":
+            self._busy += 1
+            return Finding(slug, detail, t_ns, warns=self._busy < BUSY_POLLS)
+        if isinstance(error, WrongAnswer):
+            self._wrong += 1
+            return Finding(slug, detail, t_ns, warns=self._wrong < CONSECUTIVE)
+        if isinstance(error, NoAnswer):
+            return self._silence(detail, t_ns)
+        return Finding(slug, detail, t_ns)
+
+    def _silence(self, detail: str, t_ns: int) -> Finding:
+        """One missing answer warns; the second in a row has closed the connection and is a fault.
+
+        Unless something did answer, with numbers of other requests: then connecting again is tried first.
+        """
+        others = self._stale(t_ns)
+        if others:
+            return others[0]
+        return Finding("modbus-halfopen", detail, t_ns, warns=self._link.is_open)
+
+    def _stale(self, t_ns: int) -> list[Finding]:
+        count, self._seen_stale = self._link.stale - self._seen_stale, self._link.stale
+        if count == 0:
+            return []
+        slug = "rtu-stale" if self._kind is LinkKind.MODBUS_RTU else "modbus-wrong-tid"
+        return [Finding(slug, f"{count} answers to other requests were thrown away", t_ns, warns=True)]

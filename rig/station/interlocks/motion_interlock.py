@@ -1,0 +1,157 @@
+"""Is the rod moving, how fast, and does a sensor say so? Pure, no clock, no I/O.
+
+`MotionInterlock` follows the LVDT. `StandingInterlock` compares a sensor that repeats one value with what the
+controller says of the rod by its own transducers. A sensor whose steps are finer than its noise is stuck when the rod
+has gone a way meanwhile. One of coarse steps may repeat a value along a whole stroke; it is stuck when the controller's
+own measure of it has changed by several of those steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+from drivers.ring import Record
+from protocols.quality import Quality
+from rig.station.interlocks.finding import BAD, CONSECUTIVE, Finding
+
+SPEED_WINDOW_S = 0.010
+STILL_TOLERANCE_M = 0.0003
+TRAVEL_M = 0.2e-3
+STEPS = 4.0
+SETTLED_POLLS = 5
+"""Polls of the controller, before and after, by which its status and the sensor may differ in age."""
+
+
+class MotionInterlock:
+    """Speed and standstill from LVDT samples, on the sensor's own clock.
+
+    The speed is the slew over `SPEED_WINDOW_S` of device time (at least 3 samples), which divides the sensor's noise by
+    the window; it trips when `CONSECUTIVE` windows in a row exceed the limit, so that one spike (which spoils two
+    windows that are not neighbours) does not.
+    """
+
+    def __init__(self, speed_limit_m_s: float, rate_Hz: float) -> None:
+        self.speed_limit_m_s = speed_limit_m_s
+        self._period_s = 1.0 / rate_Hz
+        self._span = max(CONSECUTIVE, round(SPEED_WINDOW_S * rate_Hz))
+        self._recent: deque[tuple[float, float]] = deque(maxlen=self._span)
+        self._over = 0
+        self._unusable = 0
+        self._anchor_m = math.nan
+        self._anchor_s = math.nan
+        self._latest_s = math.nan
+        self.speed_m_s = math.nan
+
+    @property
+    def blind(self) -> bool:
+        """The sensor sends, but nothing that says where the rod is: its last samples are no measurements."""
+        return self._unusable >= CONSECUTIVE
+
+    @property
+    def still_s(self) -> float:
+        """For how many seconds of the sensor's clock the rod has stayed within `STILL_TOLERANCE_M` (0: it moves)."""
+        elapsed_s = self._latest_s - self._anchor_s
+        return 0.0 if math.isnan(elapsed_s) else max(0.0, elapsed_s)
+
+    def restart_still(self) -> None:
+        """Begin the proof of standstill anew, from the next sample on."""
+        # In this order: a sample judged between the two (the supervisor calls from its own thread) sets neither.
+        self._anchor_s = math.nan
+        self._anchor_m = math.nan
+
+    def judge(self, records: list[Record]) -> list[Finding]:
+        """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
+        findings: list[Finding] = []
+        for host_ns, device_us, value, sequence, _, flags in records:
+            if flags & BAD:
+                self._miss()
+            if flags & (BAD | Quality.SPIKE):
+                continue
+            self._unusable = 0
+            t_s = device_us * 1e-6 if device_us >= 0 else sequence * self._period_s
+            if self._recent and t_s <= self._recent[-1][0]:
+                self._recent.clear()
+                self.restart_still()
+            if len(self._recent) == self._span:
+                before_s, before_m = self._recent[0]
+                self.speed_m_s = (value - before_m) / (t_s - before_s)
+                self._judge_speed(host_ns, findings)
+            self._recent.append((t_s, value))
+            self._latest_s = t_s
+            if not abs(value - self._anchor_m) <= STILL_TOLERANCE_M:
+                self._anchor_m, self._anchor_s = value, t_s
+        return findings
+
+    def _miss(self) -> None:
+        """A sample that is no measurement; after a few in a row speed and standstill are unknown."""
+        self._unusable += 1
+        if self.blind:
+            self._recent.clear()
+            self.speed_m_s = math.nan
+            self.restart_still()
+
+    def _judge_speed(self, host_ns: int, findings: list[Finding]) -> None:
+        speed_m_s = abs(self.speed_m_s)
+        self._over = self._over + 1 if speed_m_s > self.speed_limit_m_s else 0
+        if self._over >= CONSECUTIVE:
+            detail = f"LVDT speed {speed_m_s:.4g} m/s, allowed {self.speed_limit_m_s:.4g} m/s"
+            findings.append(Finding("speed-limit", detail, host_ns, speed_m_s, self.speed_limit_m_s))
+
+
+class Reference(NamedTuple):
+    """What the controller says: polls and the rod's way so far (m), its own measure of the sensor's quantity (SI)."""
+
+    polls: int
+    path_m: float
+    value: float
+
+
+class StandingInterlock:
+    """Follows one sensor's repeated values.
+
+    Args (construction):
+        samples: so many equal ones before anything is judged.
+        floor: what the controller's measure of the quantity may change by itself (SI), beside the sensor's steps.
+    """
+
+    def __init__(self, samples: int, floor: float) -> None:
+        self._samples = samples
+        self._floor = floor
+        self._repeats = 0
+        self._began = Reference(0, 0.0, math.nan)
+        self._low = self._high = math.nan
+        self._beyond_since: int | None = None
+
+    def forget(self) -> None:
+        """The last sample has another value than the one before."""
+        self._repeats = 0
+
+    def judge(self, repeats: int, reference: Reference, *, fine: bool, step: float) -> bool:
+        """Take one read.
+
+        Args:
+            repeats: how many samples in a row have had the last value.
+            reference: the controller's last status.
+            fine: the sensor's values usually differ from one sample to the next.
+            step: the smallest difference between two of its values that was seen (SI); 0 where none was.
+
+        Returns:
+            True while it stands and the rod does not.
+        """
+        if repeats < self._repeats or self._repeats == 0:
+            self._began, self._beyond_since = reference, None
+            self._low, self._high = math.inf, -math.inf
+        self._repeats = repeats
+        if repeats < self._samples:
+            return False
+        if fine:
+            return reference.path_m - self._began.path_m > TRAVEL_M
+        if reference.polls - self._began.polls < SETTLED_POLLS or not math.isfinite(reference.value):
+            return False
+        self._low, self._high = min(self._low, reference.value), max(self._high, reference.value)
+        if not self._high - self._low > STEPS * step + self._floor:
+            return False
+        self._beyond_since = reference.polls if self._beyond_since is None else self._beyond_since
+        return reference.polls - self._beyond_since >= SETTLED_POLLS

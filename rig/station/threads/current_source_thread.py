@@ -1,0 +1,279 @@
+"""The ECU's thread: reads its frames, judges them, writes them into the ring; the driver itself repeats the command.
+
+0 A is sent by whichever thread trips (`zero_now`), at once; the driver's beat then repeats it. After that no other
+current is taken until `begin` prepares the coil anew.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from drivers.current_source import CurrentSource, SourceBatch, SourceFault, SourceIdentity, SourceState
+from drivers.errors import DriverError
+from drivers.ring import Record
+from protocols.quality import Quality
+from rig.bench.settings import EcuConfig
+from rig.clock import monotonic_ns
+from rig.station.errors import StationRefused
+from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterlock, EcuInterlock
+from rig.station.interlocks.finding import Finding
+from rig.station.log import say
+from rig.station.supervisor import Supervisor
+from rig.station.threads.device_thread import DeviceThread
+from rig.station.watchdogs import Listener
+
+BACKSTOP_NS = 250_000_000
+STALE_FOR_SURE_S = 0.0002
+
+
+class CurrentSourceThread(DeviceThread):
+    """Owns the reading side of the ECU's driver; commands may come from any thread."""
+
+    def __init__(
+        self,
+        config: EcuConfig,
+        driver: CurrentSource,
+        judge: EcuInterlock,
+        supervisor: Supervisor,
+        append: Callable[[list[Record]], None],
+    ) -> None:
+        super().__init__("ecu", "ecu-silent")
+        self.config = config
+        self.judge = judge
+        self.port_lost: str | None = None
+        self._driver = driver
+        self._supervisor = supervisor
+        self._append = append
+        self._stale_ns = int(config.stale_after_s * 1e9)
+        self._timeout_s = min(0.05, config.stale_after_s)
+        self._last_ns = monotonic_ns()
+        self._listener = Listener(supervisor.host, self._last_ns)
+        self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
+        self._zero_error: DriverError | None = None
+        self._bus_judge = BusInterlock(config.bitrate)
+        self._current_judge = CurrentInterlock(self._stale_ns)
+        self._set_points = 0
+        self._bus_errors = 0
+        self._errors_before = 0
+        self._zeroed = True
+        self._zeroed_ns = 0
+        self._command_lock = threading.Lock()
+        self._progress = threading.Condition()
+        self._again = threading.Event()
+
+    def open(self) -> None:
+        """Join the bus; before the thread starts.
+
+        Raises:
+            DriverError: the interface cannot be opened.
+        """
+        self._driver.open()
+
+    def close(self) -> None:
+        """End the command frames and leave the bus; after the thread has ended."""
+        self._driver.close()
+
+    def revive(self) -> None:
+        """Open a lost bus again; only at standstill, as part of a reset.
+
+        Raises:
+            DriverError: the interface cannot be opened.
+        """
+        if self.port_lost is not None or self._driver.send_error is not None:
+            self._driver.close()
+            self._driver.send_error = None
+            self._zero_error = None
+            self._driver.open()
+            self.port_lost = None
+            self._again.set()
+
+    # Commands, from any thread
+
+    def begin(self) -> None:
+        """Send 0 A, disabled, with the ECU's faults cleared, from now on.
+
+        Raises:
+            DriverError: the bus does not take the frame.
+        """
+        with self._command_lock:
+            self._bus_judge.forget_foreign(self._driver.counters)
+            self._command(0.0, enable=False, clear_faults=True)
+            self._driver.start(self.config.command_period_s)
+            self._zeroed = False
+
+    def wait_clear(self, timeout_s: float) -> bool:
+        """Wait until the ECU reports no fault, then stop asking it to clear them; False after `timeout_s`."""
+        begun_ns = monotonic_ns()
+        with self._progress:
+            clear = self._progress.wait_for(lambda: self._last_ns > begun_ns and self._is_clear(), timeout_s)
+        with self._command_lock:
+            self._command(0.0, enable=False)
+        return clear
+
+    def set_current(self, current_A: float) -> None:
+        """Ask for a current (A), at once and from now on.
+
+        Raises:
+            StationRefused: 0 A is latched by a trip.
+            DriverError: the bus does not take the frame.
+        """
+        with self._command_lock:
+            if self._zeroed and current_A != 0.0:
+                raise StationRefused("tripped", "set_current: 0 A is latched")
+            self._command(current_A, enable=not self._zeroed)
+            self._driver.send_now()
+
+    def zero_now(self) -> None:
+        """Command 0 A, output stage off, and put the frame on the wire at once; never raises."""
+        with self._command_lock:
+            self._zeroed = True
+            self._zeroed_ns = monotonic_ns()
+            self._command(0.0, enable=False)
+            try:
+                self._driver.send_now()
+            except DriverError as error:
+                # The ECU goes to 0 A by its own time-out, if the repeated command frames do not reach it before.
+                self._zero_error = error
+                say(f"0 A could not be sent: {error}")
+
+    def _command(self, current_A: float, *, enable: bool, clear_faults: bool = False) -> None:
+        """Change what is sent; a set-point that lasts for less than a status period is counted all the same."""
+        before_A = self._driver.commanded_A
+        self._driver.command(current_A, enable=enable, clear_faults=clear_faults)
+        if self._driver.commanded_A != before_A:
+            self._set_points += 1
+
+    # State, for any thread
+
+    @property
+    def fresh_current_A(self) -> float | None:
+        """Measured current (A), None when its status is stale or older than the 0 A that a trip commanded."""
+        status = self._driver.status
+        if self._zeroed and self._last_ns <= self._zeroed_ns:
+            return None
+        allowed_ns = self._stale_ns + int(self._timeout_s * 1e9)
+        if status is None or self.port_lost is not None or monotonic_ns() - self._last_ns > allowed_ns:
+            return None
+        return status.current_A
+
+    @property
+    def identity_problem(self) -> str:
+        """Why the ECU is not the described device; empty while it is."""
+        return self._driver.identity_problem
+
+    def wait_identity(self, timeout_s: float) -> SourceIdentity | None:
+        """The ECU's identity once it, a status and a temperature have come; None after `timeout_s` wall seconds."""
+        with self._progress:
+            self._progress.wait_for(lambda: not self.missing, timeout_s)
+        return None if self.missing else self._driver.identity
+
+    @property
+    def missing(self) -> list[str]:
+        """Kinds of frames that the ECU has not sent yet."""
+        driver = self._driver
+        heard = {"identity": driver.identity, "status": driver.status, "temperature": driver.temperature}
+        return [name for name, frame in heard.items() if frame is None]
+
+    def describe(self) -> str:
+        """State and faults in words."""
+        status = self._driver.status
+        if status is None:
+            return "sends no status"
+        state = SourceState(status.state).name if status.state in set(SourceState) else str(status.state)
+        return f"in state {state}, faults {SourceFault(status.faults)!r}"
+
+    def silent_ns(self, now_ns: int) -> tuple[int, int]:
+        """Age of the last status, and the age at which the supervisor itself calls it stale (ns)."""
+        return now_ns - self._last_ns, self._stale_ns + BACKSTOP_NS
+
+    def counters(self, now_ns: int) -> dict[str, object]:
+        """Age of the last status and what was counted."""
+        counted = self._driver.counters
+        return {
+            "age_s": (now_ns - self._last_ns) / 1e9,
+            "statuses": counted.statuses,
+            "lost": counted.lost,
+            "bad": counted.bad_checks + self._driver.malformed,
+            "foreign": counted.foreign_commands,
+            "sent": counted.sent,
+            "late_sends": counted.late_sends,
+            "port_lost": self.port_lost,
+        }
+
+    # On the thread
+
+    def wake(self) -> None:
+        """Interrupt the wait for a lost bus."""
+        self._again.set()
+
+    def work(self) -> None:
+        """Read until the end; wait where the bus is gone."""
+        while not self._ending.is_set():
+            self._again.clear()
+            self._last_ns = monotonic_ns()
+            self._read()
+            if not self._ending.is_set():
+                self._again.wait()
+
+    def _read(self) -> None:
+        self._listener.restart(monotonic_ns())
+        while not self._ending.is_set():
+            asked_s = self._patience_s()
+            try:
+                batch = self._driver.read_batch(asked_s)
+            except DriverError as error:
+                self.port_lost = str(error)
+                self._supervisor.report([Finding("can-lost", self.port_lost, monotonic_ns())])
+                return
+            blind_ns = self._listener.returned(asked_s, batch.arrival_ns, heard=bool(batch.statuses))
+            late = blind_ns > self._late_after_ns
+            findings = self._judge(batch, late=late)
+            if findings:
+                self._supervisor.report(findings)
+            if batch.records:
+                self._append(_stale(batch.records) if late else batch.records)
+            if batch.statuses:
+                with self._progress:
+                    self._progress.notify_all()
+
+    def _patience_s(self) -> float:
+        """How long to wait for a frame: no longer than until the last status is stale."""
+        left_s = (self._last_ns + self._stale_ns - monotonic_ns()) * 1e-9 + STALE_FOR_SURE_S
+        return min(left_s, self._timeout_s) if left_s > 0.0 else self._timeout_s
+
+    def _judge(self, batch: SourceBatch, *, late: bool = False) -> list[Finding]:
+        """Judge what one read gave; `late`: it may have waited while the station did not run."""
+        now_ns = batch.arrival_ns
+        findings: list[Finding] = []
+        commanded_A = self._driver.commanded_A
+        for status in batch.statuses:
+            self._last_ns = now_ns
+            findings += self.judge.judge_status(status, now_ns)
+            if not late:
+                # What waited may be from before the set-point.
+                findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
+        if batch.statuses:
+            # Errors that came with the last status frame may be the beginning of what silences the bus.
+            self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
+        for temperature in batch.temperatures:
+            findings += self.judge.judge_temperature(temperature, now_ns)
+        findings += self.judge.judge_temperature_age(now_ns)
+        findings += self._bus_judge.judge(self._driver.counters, now_ns)
+        if self._driver.send_error is not None:
+            findings.append(Finding("can-lost", f"command frames ended: {self._driver.send_error}", now_ns))
+        elif self._zero_error is not None:
+            findings.append(Finding("can-lost", f"0 A could not be sent at once: {self._zero_error}", now_ns))
+        slug = "can-busoff" if self._driver.bus_errors > self._bus_errors else "ecu-silent"
+        silence = self._supervisor.host.missed(self.name, slug, self._last_ns, self._stale_ns, now_ns)
+        return findings if silence is None else [*findings, silence]
+
+    def _is_clear(self) -> bool:
+        status = self._driver.status
+        return status is not None and status.faults == 0
+
+
+def _stale(records: list[Record]) -> list[Record]:
+    """The records, flagged: they waited while the station did not run."""
+    stale = int(Quality.STALE)
+    return [(*record[:5], record[5] | stale) for record in records]

@@ -1,0 +1,161 @@
+"""The station's devices: drivers made from the configuration, their judges and threads, opened and proved together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from drivers.catalogue import SensorConnection, make_actuator, make_current_source, make_sensor
+from drivers.connection import ActuatorConnection
+from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
+from drivers.ring import Channel, Record
+from drivers.sample_stream import SampleScale
+from protocols.errors import ProtocolError
+from rig.bench.sensor_settings import SensorConfig
+from rig.bench.settings import StationConfig
+from rig.station.errors import StationRefused
+from rig.station.interlocks.actuator_interlock import ActuatorInterlock
+from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.current_interlock import EcuInterlock
+from rig.station.interlocks.motion_interlock import MotionInterlock
+from rig.station.supervisor import Supervisor
+from rig.station.threads.actuator_thread import ActuatorThread
+from rig.station.threads.current_source_thread import CurrentSourceThread
+from rig.station.threads.sensor_thread import SensorRole, SensorThread
+
+Append = Callable[[list[Record]], None]
+
+
+class Devices:
+    """All threads of one rig.
+
+    Opening is all or nothing: what fails is reported together, and what was open is closed again.
+    """
+
+    def __init__(self, config: StationConfig, owner_id: int, supervisor: Supervisor, append: Append) -> None:
+        self.config = config
+        self.owner_id = owner_id
+        self._supervisor = supervisor
+        limits, margins = config.limits, config.margins
+        speed_limit_m_s = limits.speed_m_s * (1.0 + margins.speed)
+        self.load_cell = self._sensor(config.load_cell, append, SensorRole(
+            "loadcell-pulled", Channel.FORCE,
+            _interlock(config, config.load_cell, "force-limit", -limits.force_N, limits.force_N, "N"), None,
+            lambda: self.actuator.force_reference(), self._actuator_ppm,
+        ))
+        self.lvdt = self._sensor(config.lvdt, append, SensorRole(
+            "lvdt-pulled", Channel.DISPLACEMENT,
+            _interlock(config, config.lvdt, "stroke-limit", limits.position_min_m, limits.position_max_m, "m"),
+            MotionInterlock(speed_limit_m_s, config.lvdt.rate_Hz),
+            lambda: self.actuator.position_reference(), self._actuator_ppm,
+        ))
+        self.auxiliary = tuple(
+            self._sensor(given, append, SensorRole(
+                "auxiliary-pulled", Channel(Channel.AUXILIARY_1 + index),
+                _interlock(config, given, "sensor-saturated", -given.span, given.span, ""), None, None, None,
+            ))
+            for index, given in enumerate(config.auxiliary)
+        )
+        given_ecu, given_actuator = config.ecu, config.actuator
+        self.coil = CurrentSourceThread(
+            given_ecu,
+            make_current_source(given_ecu.dbc, given_ecu.interface, given_ecu.channel, given_ecu.bitrate),
+            EcuInterlock(
+                limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls
+            ),
+            supervisor,
+            append,
+        )
+        driver = make_actuator(given_actuator.register_map, ActuatorConnection(
+            given_actuator.url, given_actuator.device_id, given_actuator.timeout_s, owner_id,
+            given_actuator.baudrate, given_actuator.parity,
+        ))
+        interlock = ActuatorInterlock(
+            owner_id,
+            driver.capabilities,
+            frozen_after_ns=int(given_actuator.stale_after_s * 1e9),
+            disagreement_m=config.disagreement_m,
+            lag_s=(given_actuator.poll_s + config.lvdt.stale_after_s) * max(1.0, config.device_rate),
+        )
+        self.actuator = ActuatorThread(given_actuator, driver, interlock, self.lvdt, supervisor, append)
+
+    def _actuator_ppm(self) -> float:
+        """Rate of the controller's clock against the host's (ppm); NaN while not known."""
+        return self.actuator.clock.ppm
+
+    def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
+        # The bench states the offset as what the sensor shows at zero; the driver adds its own to the scaled value.
+        scale = SampleScale(given.sensitivity, -given.offset, given.rate_Hz, self.config.device_rate)
+        driver = make_sensor(
+            SensorConnection(given.url, given.baudrate, given.label, role.channel, given.format, scale)
+        )
+        return SensorThread(given, driver, role, self._supervisor, append)
+
+    @property
+    def sensors(self) -> tuple[SensorThread, ...]:
+        """Load cell, LVDT and the auxiliary channels."""
+        return (self.load_cell, self.lvdt, *self.auxiliary)
+
+    def __iter__(self) -> Iterator[SensorThread | CurrentSourceThread | ActuatorThread]:
+        return iter((*self.sensors, self.coil, self.actuator))
+
+    def open(self) -> None:
+        """Open every port; nothing moves and nothing is written to a device.
+
+        Raises:
+            StationRefused: one line for each device that cannot be reached; all ports are closed again.
+        """
+        problems = []
+        for device in self:
+            try:
+                device.open()
+            except (DriverError, ProtocolError) as error:
+                problems.append(error)
+        if problems:
+            self.close()
+            slug = next((slug_of(error) for error in problems), "unreachable")
+            raise StationRefused(slug, "\n".join(str(error) for error in problems))
+
+    def start(self) -> None:
+        """Start every thread; the supervisor watches them from now on."""
+        for device in self:
+            device.start()
+        self._supervisor.attach(self.coil, self.actuator, self.lvdt, tuple(self))
+
+    def revive(self) -> None:
+        """Open lost ports again, as part of a reset.
+
+        Raises:
+            StationRefused: one of them is still gone.
+        """
+        devices: tuple[SensorThread | CurrentSourceThread, ...] = (*self.sensors, self.coil)
+        for device in devices:
+            try:
+                device.revive()
+            except DriverError as error:
+                raise StationRefused(device.slug, f"reset: {error}") from error
+
+    def close(self) -> None:
+        """End every thread and close every port."""
+        for device in self:
+            device.end()
+            device.close()
+
+
+def slug_of(error: Exception) -> str:
+    """The refusal's slug for what a driver raised at connect."""
+    if isinstance(error, WrongLayout):
+        return "register-layout"
+    if isinstance(error, WrongIdentity):
+        return "wrong-identity"
+    if isinstance(error, NoAnswer):
+        return "no-answer"
+    if isinstance(error, (WrongAnswer, ProtocolError)):
+        return "register-layout"
+    return "unreachable"
+
+
+def _interlock(
+    config: StationConfig, given: SensorConfig, slug: str, low: float, high: float, unit: str
+) -> ChannelInterlock:
+    jump = config.spike_jump(given)
+    return ChannelInterlock(given.label, slug, low=low, high=high, span=given.span, spike_jump=jump, unit=unit)

@@ -1,0 +1,172 @@
+"""What an actuator cannot do is neither asked of it nor taken for a fault; one that nothing stops is refused."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+
+import pytest
+from station_bench import Told, config_for
+
+from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.connection import LinkKind
+from drivers.roles import ActuatorIdentity, ActuatorStatus, Command, Input, Move, Program, State
+from rig.clock import monotonic_ns
+from rig.station.command_channel import CommandChannel
+from rig.station.errors import StationRefused
+from rig.station.interlocks.actuator_interlock import ActuatorInterlock
+from rig.station.preparation import Preparation
+from rig.station.requests import Requests
+from rig.station.safe_stop import StopAction
+from rig.station.supervisor import Supervisor
+from rig.station.threads.actuator_thread import ActuatorThread
+
+PATIENCE_S = 5.0
+
+
+class Lvdt:
+    """An LVDT that sees the rod stand."""
+
+    speed_m_s = 0.0
+
+    def still_s(self, now_ns: int) -> float:
+        del now_ns
+        return 1.0
+
+    def restart_still(self) -> None:
+        """It stands."""
+
+    def position_m(self, now_ns: int) -> float:
+        del now_ns
+        return 0.01
+
+
+class LittleActuator:
+    """An actuator that holds, and can do as little as it says."""
+
+    link_kind = LinkKind.TCP
+    is_open = True
+    stale = busy = 0
+
+    def __init__(self, capabilities: Capabilities) -> None:
+        self.capabilities = capabilities
+        self.sent: list[tuple[int, int]] = []
+        self.fed = 0
+
+    def open(self) -> None:
+        """It is there."""
+
+    def close(self) -> None:
+        """It stays there."""
+
+    def read_identity(self) -> ActuatorIdentity:
+        return ActuatorIdentity()
+
+    def read_status(self) -> ActuatorStatus:
+        now_ns = monotonic_ns()
+        values: dict[str, float] = dict.fromkeys(ActuatorStatus._fields, 0)
+        values |= {
+            "received_ns": now_ns, "heartbeat": now_ns // 10_000_000 % 65536, "state": State.HOLD,
+            "clock_us": now_ns // 1000 % (1 << 32), "position_m": 0.01,
+            "inputs": Input.E_STOP_CLOSED | Input.HYDRAULICS_ON,
+        }
+        return ActuatorStatus(**values)  # type: ignore[arg-type]  # numbers by name
+
+    def exchange(self, watchdog_counter: int) -> ActuatorStatus:
+        del watchdog_counter
+        self.fed += 1
+        return self.read_status()
+
+    def send(self, command: Command, order: Move | Program | None = None) -> int:
+        del order
+        self.sent.append((len(self.sent) + 1, int(command)))
+        return len(self.sent)
+
+
+class Rig:
+    """The station's thread at such an actuator, armed."""
+
+    def __init__(self, capabilities: Capabilities) -> None:
+        config = config_for()
+        self.told = Told()
+        self.driver = LittleActuator(capabilities)
+        self.supervisor = Supervisor(config, self.told.append, lambda _: None, lambda _: None, lambda: 0.0)
+        interlock = ActuatorInterlock(7, capabilities, frozen_after_ns=10**9, disagreement_m=1.0, lag_s=0.0)
+        self.thread = ActuatorThread(
+            config.actuator, self.driver, interlock, Lvdt(), self.supervisor, lambda _: None  # type: ignore[arg-type]  # does what is asked of it
+        )
+        devices = SimpleNamespace(actuator=self.thread, owner_id=7)
+        self.commands = CommandChannel(self.thread, self.supervisor)
+        self.preparation = Preparation(config, self.supervisor, devices, self.commands)  # type: ignore[arg-type]  # only its actuator is asked for
+        self.requests = Requests(config, self.supervisor, devices)  # type: ignore[arg-type]  # likewise
+        self.supervisor.arm()
+        self.supervisor.beat(healthy=True)
+        self.thread.start()
+
+
+@pytest.fixture
+def rig() -> Iterator[Callable[..., Rig]]:
+    made: list[Rig] = []
+
+    def make(*, watchdog: WatchdogKind = WatchdogKind.NONE, hydraulics: bool = True) -> Rig:
+        made.append(Rig(Capabilities(watchdog=watchdog, hydraulics=hydraulics)))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.thread.end()
+
+
+def wait_for(true: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + PATIENCE_S
+    while not true() and time.monotonic() < deadline:
+        time.sleep(0.002)
+    return true()
+
+
+def test_an_actuator_that_nothing_would_stop_is_refused(rig: Callable[..., Rig]) -> None:
+    with pytest.raises(StationRefused, match="nothing would stop it") as refused:
+        rig(hydraulics=False).requests.handle("connect", {})
+    assert refused.value.slug == "watchdog-absent"
+
+
+def test_a_watchdog_that_is_not_there_is_neither_fed_nor_proved(rig: Callable[..., Rig]) -> None:
+    without = rig()
+    assert wait_for(lambda: without.thread.polls > 20)
+    assert without.driver.fed == 0
+    assert without.preparation.starve_watchdog() is None
+    timed = rig(watchdog=WatchdogKind.TIMEOUT)
+    assert wait_for(lambda: timed.driver.fed > 20)
+    assert not timed.told, "no echo is expected of it, no lease, no acknowledgement"
+
+
+def test_without_acknowledgement_a_command_is_taken_when_it_is_written(rig: Callable[..., Rig]) -> None:
+    little = rig()
+    before_ns = monotonic_ns()
+    assert little.commands.command(Command.HALT).received_ns > before_ns
+    little.thread.act(StopAction.FADE)
+    assert wait_for(lambda: (2, Command.FADE_STOP) in little.driver.sent)
+    assert wait_for(lambda: little.thread.stop_taken)
+
+
+def test_without_lease_and_limits_nothing_of_it_is_prepared_but_the_thread_commands(rig: Callable[..., Rig]) -> None:
+    little = rig()
+    assert wait_for(lambda: little.thread.polls > 0)
+    limits = little.preparation.prepare_controller()
+    assert limits.force_max_N == 5000.0
+    assert little.thread.judge.leased
+    assert little.driver.sent == []
+    assert wait_for(lambda: little.thread.polls > 20)
+    assert not little.told
+
+
+def test_where_no_pressure_can_be_taken_away_a_stop_ends_with_the_rod_standing(rig: Callable[..., Rig]) -> None:
+    held = rig(watchdog=WatchdogKind.TIMEOUT, hydraulics=False)
+    assert wait_for(lambda: held.thread.stop_inputs(monotonic_ns())[0] is False)
+    moving, _, low, off = held.thread.stop_inputs(monotonic_ns())
+    assert (moving, low, off) == (False, True, True)
+    held.thread.act(StopAction.HYDRAULICS_OFF)
+    assert wait_for(lambda: held.thread.stop_taken)
+    assert held.driver.sent == []
+    assert held.requests._hydraulics({"level": "off"})["state"] == "HOLD"

@@ -1,0 +1,100 @@
+"""A whole matrix on an actuator without lease, acknowledgement, echo, watchdog or function generator."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rig.recording.campaign_log import read_log
+
+pytestmark = pytest.mark.wire
+
+HERE = Path(__file__).parent / "plain_actuator"
+MATRIX = """
+format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+mid_stroke = "0 mm"
+prior = "demo"
+[matrix]
+waveform = ["sine"]
+amplitude = ["10 mm"]
+frequency = ["1 Hz"]
+current = ["0.5 A", "1.0 A"]
+cycles = 5
+[identify]
+enabled = false
+"""
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Path]:
+    path = tmp_path / "bench.toml"
+    with subprocess.Popen(
+        [sys.executable, str(HERE / "plain_rig.py"), str(path)], stdout=subprocess.PIPE, text=True
+    ) as rig:
+        assert rig.stdout is not None
+        assert rig.stdout.readline() == "ready\n"
+        yield path
+        rig.terminate()
+        rig.wait(30)
+
+
+def rig(*arguments: str, plain: bool = True) -> subprocess.CompletedProcess[str]:
+    path = os.environ.get("PYTHONPATH", "")
+    environment = os.environ | ({"PYTHONPATH": f"{HERE}{os.pathsep}{path}"} if plain else {})
+    return subprocess.run(
+        [sys.executable, "-m", "rig.cli.main", *arguments], env=environment, capture_output=True, text=True,
+        timeout=170, check=False,
+    )
+
+
+def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, tmp_path: Path) -> None:
+    matrix = tmp_path / "matrix.toml"
+    matrix.write_text(MATRIX, encoding="utf-8")
+    unknown = rig("plan", str(matrix), "--bench", str(bench), plain=False)
+    assert unknown.returncode == 2
+    assert "'plain' is not known; known: demo" in unknown.stderr + unknown.stdout
+    done = rig("run", str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"), "--json")
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    story = read_log(Path(answer["campaign"]))
+    said = {line["slug"]: line["detail"] for line in story if str(line.get("slug", "")).startswith("actuator-without")}
+    assert {"actuator-without-lease", "actuator-without-watchdog", "actuator-without-generator"} <= set(said)
+    assert "actuator-without-lease" in done.stderr, "also on the terminal"
+    assert {point["verdict"] for point in answer["points"]} == {"valid"}
+
+
+def test_ctrl_c_in_motion_fades_its_program_out_and_proves_the_rest(bench: Path, tmp_path: Path) -> None:
+    matrix = tmp_path / "matrix.toml"
+    matrix.write_text(MATRIX, encoding="utf-8")
+    command = [sys.executable, "-m", "rig.cli.main", "run", str(matrix), "--bench", str(bench), "--json"]
+    environment = os.environ | {"PYTHONPATH": f"{HERE}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+    with subprocess.Popen(
+        [*command, "--out", str(tmp_path / "out")], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True,
+    ) as running:
+        deadline = time.monotonic() + 60.0
+        while time.monotonic() < deadline:
+            journals = list(tmp_path.glob("out/*/journal.jsonl"))
+            if journals and '"phase": "running"' in journals[0].read_text(encoding="utf-8"):
+                break
+            time.sleep(0.05)
+        time.sleep(2.5)
+        running.send_signal(signal.SIGINT)
+        said, _ = running.communicate(timeout=60)
+    answer = json.loads(said)
+    assert (running.returncode, answer["rig_state"], answer["stopped_by"]) == (4, "safe", "sigint")
+    story = read_log(Path(answer["campaign"]))
+    assert next(line["action"] for line in story if line.get("what") == "sent") == "fade"
+    (safe,) = [line for line in story if line.get("what") == "safe" and line["stop"] == "S2"]
+    assert (safe["standstill"], safe["current_zero"]) == (True, True)
