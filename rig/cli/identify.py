@@ -115,7 +115,7 @@ def _searching(method: Method, scheduler: str | None) -> Iterator[Method]:
     Raises:
         UsageError: the method evaluates no populations.
     """
-    from rig.identification.algorithms import METHODS
+    from rig.optimisers import METHODS
 
     if scheduler is None:
         yield method

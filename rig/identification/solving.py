@@ -79,7 +79,7 @@ class Method:
 
 def known_methods() -> tuple[str, ...]:
     """Names of all methods."""
-    from rig.identification.algorithms import METHODS
+    from rig.optimisers import METHODS
 
     return (SEPARABLE, *METHODS, THREE_STEPS)
 
@@ -175,7 +175,7 @@ def _search(model: DamperModel, measurements: Sequence[Measurement], method: Met
     Raises:
         IdentificationFailed: no candidate gave a finite force.
     """
-    from rig.identification.algorithms import minimise
+    from rig.optimisers import minimise
 
     problem = Problem(measurements, model, method.weighting(model).weight)
     held = dict.fromkeys(findings.held, 0.0) | {name: model.parameter(name).start for name in findings.fixed}

@@ -13,12 +13,12 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
-from rig.identification.algorithms.zhu_three_step import NormalizedBoucWenFit, identify
 from rig.identification.identifiability import SAME_CURRENT_A
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
 from rig.identification.projection import Weighting
 from rig.identification.separable import Solution
+from rig.identification.zhu_three_step import NormalizedBoucWenFit, identify
 
 MODEL = "normalized_bouc_wen"
 

@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from rig.dampers import model as damper_model
 from rig.errors import IdentificationFailed
-from rig.identification.algorithms import Result
-from rig.identification.algorithms.zhu_three_step import identify
 from rig.identification.fixed_parameters import FixedParameters
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
 from rig.identification.problem import Problem
+from rig.identification.zhu_three_step import identify
+from rig.optimisers import Result
 from rig.study.result_line import error_summary, failure_line, result_line
 from rig.study.search_cell import SearchCell
 from rig.study.study_file import CurrentStudy

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rig.identification.algorithms import Result
 from rig.identification.model_slope import modelled_force
 from rig.identification.problem import Problem
+from rig.optimisers import Result
 from rig.study.search_cell import SearchCell
 
 Array = npt.NDArray[np.float64]

@@ -12,8 +12,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from rig.identification.algorithms.c_foa import ContrastFruitFly
-from rig.identification.algorithms.registry import STEERED_BY_BUDGET
+from rig.optimisers.fruit_fly import ContrastFruitFly
+from rig.optimisers.methods import STEERED_BY_BUDGET
 from rig.study.study_file import SETTINGS, Sensitivity, StudyFile
 
 SENSITIVITY = ("N", "K", "Nres")

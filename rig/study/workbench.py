@@ -9,12 +9,12 @@ import numpy.typing as npt
 
 from rig.dampers.algebraic import AlgebraicModel
 from rig.errors import IdentificationFailed
-from rig.identification.algorithms import minimise
-from rig.identification.algorithms.search import Callback
 from rig.identification.measurement import Measurement
 from rig.identification.problem import Problem
 from rig.identification.projection import Weighting
 from rig.identification.separable import solve_separable
+from rig.optimisers import minimise
+from rig.optimisers.search import Callback
 from rig.study.per_current import current_box, current_objective, three_steps
 from rig.study.recordings import content_hash, measurements, one_a_current, thinned
 from rig.study.result_line import force_errors, result_line

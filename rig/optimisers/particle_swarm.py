@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from rig.identification.algorithms.search import Array, Search, SearchError, require
+from rig.optimisers.search import Array, Search, SearchError, require
 
 
 @dataclass(frozen=True)

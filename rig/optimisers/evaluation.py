@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from rig.identification.algorithms.search import Objective
+    from rig.optimisers.search import Objective
 
 Array = npt.NDArray[np.float64]
 

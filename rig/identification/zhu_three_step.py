@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.errors import IdentificationFailed
-from rig.identification.algorithms.search import Array
+from rig.optimisers.search import Array
 
 SATURATED_SPEED = 0.6
 SATURATED_TRAVEL = 5.0

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.identification.algorithms.search import Array, Search, SearchError, require
+from rig.optimisers.search import Array, Search, SearchError, require
 
 SMALLEST_STEP = 1e-8
 HALVINGS = 30

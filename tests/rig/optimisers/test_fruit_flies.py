@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from rig.identification.algorithms import c_foa, foa, minimise
+from rig.optimisers import fruit_fly, minimise
 
 if TYPE_CHECKING:
     from conftest import Bowl
@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 def test_equation_13_places_flies_between_the_radius_and_its_discrete_steps() -> None:
     attraction = np.array([[2.0, -4.0], [1.0, 10.0]])
     draws = np.array([[[1, 2]], [[3, 4]]])
-    flies = c_foa.swarm(attraction, 0.5, draws, resolution=4)
+    flies = fruit_fly.swarm(attraction, 0.5, draws, resolution=4)
     # factor 1 + 0.5 (2 r/4 - 1) for r = 1, 2, 3, 4: 0.75, 1, 1.25, 1.5
     assert np.allclose(flies, [[[1.5, -4.0]], [[1.25, 15.0]]])
 
 
 def test_equations_14_and_15_turn_a_position_into_a_signed_inverse_distance() -> None:
     position = np.array([[3.0, -0.6, -0.3, 0.0], [4.0, 0.8, -0.4, 2.0]])
-    assert np.allclose(c_foa.parameters(position), [0.2, -1.0, 2.0, 0.0])
+    assert np.allclose(fruit_fly.parameters(position), [0.2, -1.0, 2.0, 0.0])
 
 
 def test_coordinates_invert_the_equations() -> None:
     point = np.array([-270.0, 3.83, 1e-6])
-    assert np.allclose(c_foa.parameters(c_foa.coordinates(point)), point, rtol=1e-14)
+    assert np.allclose(fruit_fly.parameters(fruit_fly.coordinates(point)), point, rtol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_coordinates_invert_the_equations() -> None:
 def test_the_swarm_surges_when_better_looks_for_contrast_when_equal_and_casts_when_worse(
     value: float, back: float, decision: str
 ) -> None:
-    assert c_foa.decide(value, back) == decision
+    assert fruit_fly.decide(value, back) == decision
 
 
 class Recorder:
@@ -135,9 +135,9 @@ def test_zero_absorbs_so_a_zero_of_the_start_is_taken_as_one(bowl: Bowl) -> None
 
 def test_foa_places_flies_one_either_side_and_takes_the_inverse_distance() -> None:
     centre = np.array([[3.0], [4.0]])
-    flies = foa.swarm(centre, np.array([[[0.5], [1.0]], [[0.5], [0.0]]]))
+    flies = fruit_fly.original_swarm(centre, np.array([[[0.5], [1.0]], [[0.5], [0.0]]]))
     assert np.allclose(flies[:, :, 0], [[3.0, 4.0], [4.0, 3.0]])
-    assert np.allclose(foa.parameters(flies), [[0.2], [0.2]])
+    assert np.allclose(fruit_fly.original_parameters(flies), [[0.2], [0.2]])
 
 
 def test_foa_never_evaluates_a_negative_parameter(bowl: Bowl) -> None:

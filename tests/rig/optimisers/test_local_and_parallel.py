@@ -12,15 +12,15 @@ import pytest
 
 from rig.dampers import model
 from rig.errors import IdentificationFailed
-from rig.identification.algorithms import SearchError, minimise
-from rig.identification.algorithms.evaluation import Evaluation
-from rig.identification.algorithms.zhu_three_step import (
+from rig.identification.zhu_three_step import (
     identify,
     integrated_w,
     saturated_branch,
     slope_at_zero,
     travel_since_reversal,
 )
+from rig.optimisers import SearchError, minimise
+from rig.optimisers.evaluation import Evaluation
 
 if TYPE_CHECKING:
     from conftest import Bowl

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.errors import RigError
-from rig.identification.algorithms.evaluation import Evaluation
+from rig.optimisers.evaluation import Evaluation
 
 Array = npt.NDArray[np.float64]
 Bounds = Sequence[tuple[float, float]] | Array

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from rig.identification.algorithms import de, i_abc, minimise
-from rig.identification.algorithms.pso import Mood, ParticleSwarm, leaders_of, stopped_at_bounds
+from rig.optimisers import bee_colony, differential_evolution, minimise
+from rig.optimisers.particle_swarm import Mood, ParticleSwarm, leaders_of, stopped_at_bounds
 
 if TYPE_CHECKING:
     from conftest import Bowl
@@ -75,7 +75,9 @@ def test_the_papers_inertia_rule_converges_where_the_pages_flies_apart(bowl: Bow
 def test_de_partners_are_mutually_different_for_every_member(members: int) -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):
-        base, plus, minus = de.partners(rng.permutation(members), de.turns(rng, members))
+        base, plus, minus = differential_evolution.partners(
+            rng.permutation(members), differential_evolution.turns(rng, members)
+        )
         assert np.all(base != plus)
         assert np.all(base != minus)
         assert np.all(plus != minus)
@@ -85,7 +87,7 @@ def test_de_partners_are_mutually_different_for_every_member(members: int) -> No
 def test_de_mutants_are_rand_1() -> None:
     members = np.array([[0.0], [1.0], [4.0]])
     index = [np.array([0]), np.array([2]), np.array([1])]
-    assert de.mutants(members, *index, np.array([[0.9]]))[0, 0] == pytest.approx(2.7)
+    assert differential_evolution.mutants(members, *index, np.array([[0.9]]))[0, 0] == pytest.approx(2.7)
 
 
 @pytest.mark.parametrize(("strategy", "distinct"), [(4, True), (5, False)])
@@ -117,7 +119,7 @@ def test_de_dithers_per_vector_or_per_generation(strategy: int, distinct: bool) 
 
 
 def test_de_trials_come_back_between_bound_and_base() -> None:
-    trials = de.bounced(
+    trials = differential_evolution.bounced(
         np.array([[-3.0, 9.0]]), np.array([[1.0, 2.0]]), np.zeros(2), np.full(2, 4.0), np.full((1, 2), 0.5)
     )
     assert trials.tolist() == [[0.5, 3.0]]
@@ -147,7 +149,7 @@ def test_a_de_trial_replaces_its_target_when_it_is_not_worse() -> None:
 
 
 def test_i_abc_inertia_is_a_half_for_the_unfit_and_grows_with_fitness() -> None:
-    weight = i_abc.inertia(np.array([0.0, 0.5, 1.0]), 0.5)
+    weight = bee_colony.inertia(np.array([0.0, 0.5, 1.0]), 0.5)
     assert weight == pytest.approx([0.5, 1.0 / (1.0 + np.exp(-1.0)), 1.0 / (1.0 + np.exp(-2.0))])
 
 
@@ -172,14 +174,14 @@ def test_i_abc_abandons_a_source_that_failed_too_often(bowl: Bowl) -> None:
 
 def test_i_abc_moves_one_component_as_its_equation_says() -> None:
     sources = np.array([[2.0, 7.0], [5.0, 1.0]])
-    draws = i_abc.Draws(np.array([0]), np.array([1]), np.array([0.75]), np.array([0.5]))
-    tried = i_abc.neighbours(sources, np.array([0]), np.array([1.0, 0.0]), np.array([0.8]), np.array([1.0]), draws)
+    draws = bee_colony.Draws(np.array([0]), np.array([1]), np.array([0.75]), np.array([0.5]))
+    tried = bee_colony.neighbours(sources, np.array([0]), np.array([1.0, 0.0]), np.array([0.8]), np.array([1.0]), draws)
     assert tried.tolist() == [[pytest.approx(1.6 - 1.2 - 0.5), 7.0]]
     assert sources.tolist() == [[2.0, 7.0], [5.0, 1.0]]
 
 
 def test_i_abc_fitness_is_the_bees() -> None:
-    assert i_abc.fitness(np.array([0.0, 3.0, -2.0, np.inf])).tolist() == [1.0, 0.25, 3.0, 0.0]
+    assert bee_colony.fitness(np.array([0.0, 3.0, -2.0, np.inf])).tolist() == [1.0, 0.25, 3.0, 0.0]
 
 
 def test_bees_go_on_where_no_source_has_a_finite_value_yet() -> None:

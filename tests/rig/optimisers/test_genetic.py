@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from rig.identification.algorithms import ga, ga_novel, minimise
-from rig.identification.algorithms.ga_standard import roulette
-from rig.identification.algorithms.inheritance import StatisticalStop, blend, pick, rank_weights
-from rig.identification.algorithms.search import make_search
+from rig.optimisers import genetic, minimise, statistical_genetic
+from rig.optimisers.search import make_search
+from rig.optimisers.statistical_genetic import StatisticalStop, blend, pick, rank_weights, roulette
 
 if TYPE_CHECKING:
     from conftest import Bowl
@@ -27,7 +26,7 @@ class Line:
 
 
 def test_matlab_expectation_falls_with_the_square_root_of_rank() -> None:
-    shares = ga.expectation(4)
+    shares = genetic.expectation(4)
     assert shares.sum() == pytest.approx(1.0)
     assert shares[3] / shares[0] == pytest.approx(0.5)
     assert shares[1] / shares[0] == pytest.approx(1.0 / math.sqrt(2.0))
@@ -35,12 +34,12 @@ def test_matlab_expectation_falls_with_the_square_root_of_rank() -> None:
 
 def test_stochastic_uniform_walks_the_wheel_in_equal_steps_from_one_offset() -> None:
     shares = np.array([0.5, 0.3, 0.2])
-    assert ga.stochastic_uniform(shares, 4, 0.0).tolist() == [0, 0, 1, 1]  # at 0, 0.25, 0.5, 0.75
-    assert ga.stochastic_uniform(shares, 4, 0.5).tolist() == [0, 0, 1, 2]  # at 0.125, 0.375, 0.625, 0.875
+    assert genetic.stochastic_uniform(shares, 4, 0.0).tolist() == [0, 0, 1, 1]  # at 0, 0.25, 0.5, 0.75
+    assert genetic.stochastic_uniform(shares, 4, 0.5).tolist() == [0, 0, 1, 2]  # at 0.125, 0.375, 0.625, 0.875
 
 
 def test_a_child_is_a_weighted_average_of_its_parents() -> None:
-    child = ga.weighted_average(np.array([[0.0, 10.0]]), np.array([[4.0, 20.0]]), np.array([[0.25, 0.5]]))
+    child = genetic.weighted_average(np.array([[0.0, 10.0]]), np.array([[4.0, 20.0]]), np.array([[0.25, 0.5]]))
     assert child.tolist() == [[1.0, 15.0]]
 
 
@@ -59,10 +58,10 @@ def test_gaussian_mutation_has_shrunk_to_nothing_at_the_last_generation(bowl: Bo
 
 
 def test_ga_stalls_when_nothing_changes_for_so_many_generations() -> None:
-    assert not ga.stalled([5.0, 5.0], 2, 1e-6)
-    assert ga.stalled([5.0, 5.0, 5.0], 2, 1e-6)
-    assert not ga.stalled([6.0, 5.5, 5.0], 2, 1e-6)
-    assert not ga.stalled([5.0] * 100, 0, 1e-6)
+    assert not genetic.stalled([5.0, 5.0], 2, 1e-6)
+    assert genetic.stalled([5.0, 5.0, 5.0], 2, 1e-6)
+    assert not genetic.stalled([6.0, 5.5, 5.0], 2, 1e-6)
+    assert not genetic.stalled([5.0] * 100, 0, 1e-6)
 
 
 def test_rank_weights_of_the_novel_ga_fall_linearly() -> None:
@@ -81,7 +80,7 @@ def test_two_children_blend_their_parents_and_keep_the_sum() -> None:
 
 def test_a_father_is_never_his_childs_mother() -> None:
     mothers = np.zeros(500, dtype=np.int64)
-    fathers = ga_novel.other_parents(rank_weights(3), mothers, np.random.default_rng(1))
+    fathers = statistical_genetic.other_parents(rank_weights(3), mothers, np.random.default_rng(1))
     assert np.all(fathers != mothers)
     share = np.mean(fathers == 1)
     assert share == pytest.approx(2.0 / 3.0, abs=0.08)  # weights 2 : 1 remain of 3 : 2 : 1
@@ -89,7 +88,7 @@ def test_a_father_is_never_his_childs_mother() -> None:
 
 def test_mutation_replaces_single_variables_inside_the_bounds_and_spares_the_elite() -> None:
     members = np.full((10, 4), 100.0)
-    rows = ga_novel.mutate(members, np.zeros(4), np.full(4, 2.0), 7, np.random.default_rng(2))
+    rows = statistical_genetic.mutate(members, np.zeros(4), np.full(4, 2.0), 7, np.random.default_rng(2))
     changed = members != 100.0
     assert changed.sum() == 7
     assert not changed[0].any()
@@ -194,9 +193,9 @@ def test_feasible_directions_are_turned_round_at_a_bound_and_halved_where_neithe
         executor=None, chunks=None,
     )  # fmt: skip
     members = np.full((50, 1), 1.0)  # magnitude 1: a step of 1.5 leaves upwards, and turned round it stays inside
-    turned = ga.feasible_directions(search, members, np.arange(50), 1.5)
+    turned = genetic.feasible_directions(search, members, np.arange(50), 1.5)
     assert np.allclose(turned, -0.5)
-    halved = ga.feasible_directions(search, members, np.arange(50), 6.0)  # 6 and 3 leave on both sides, 1.5 fits
+    halved = genetic.feasible_directions(search, members, np.arange(50), 6.0)  # 6 and 3 leave on both sides, 1.5 fits
     assert np.allclose(halved, -0.5)
 
 

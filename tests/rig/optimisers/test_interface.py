@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from rig.identification.algorithms import METHODS, Progress, SearchError, minimise
-from rig.identification.algorithms.registry import STEERED_BY_BUDGET
+from rig.optimisers import METHODS, Progress, SearchError, minimise
+from rig.optimisers.methods import STEERED_BY_BUDGET
 
 if TYPE_CHECKING:
     from conftest import Bowl

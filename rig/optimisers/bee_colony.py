@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.identification.algorithms.search import Array, Search, require
+from rig.optimisers.search import Array, Search, require
 
 Indices = npt.NDArray[np.int64]
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from scipy.optimize import differential_evolution, least_squares
 
-from rig.identification.algorithms import minimise
+from rig.optimisers import minimise
 
 SEEDS = range(8)
 BUDGET = 3000
