@@ -26,12 +26,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rig.dampers import model, parameter_set
-from rig.identification.bouc_wen import solve_bouc_wen
-from rig.identification.fixed_parameters import FixedParameters
-from rig.identification.measurement import Measurement
-from rig.identification.model_slope import modelled_force
-from rig.identification.problem import Problem
-from rig.identification.projection import Weighting
+from rig.identification.models.bouc_wen import solve_bouc_wen
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.problem import FixedParameters, Problem
+from rig.identification.models.projection import Weighting
 from rig.optimisers import minimise
 from rig.study.per_current import CURRENT_FIXED
 from rig.study.recordings import BOUC_WEN_TRUTH

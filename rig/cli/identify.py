@@ -91,7 +91,7 @@ def command(
             profile=(*(["nonlinear"] if profile else []), *profile_of),
             current=dependence,
             series_spring=series_spring,
-            told=None if model != "all" else lambda line: click.echo(line, err=True),
+            on_progress=None if model != "all" else lambda line: click.echo(line, err=True),
         )
     if fit.kept is not None:
         click.echo(f"the earlier fit is kept as {fit.kept.resolve()}", err=True)

@@ -13,6 +13,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rig.dampers.arrays import FloatArray
 from rig.dampers.kinds import (
     KIND_ASYMMETRIC,
     KIND_ASYMMETRIC_PRINTED,
@@ -21,7 +22,7 @@ from rig.dampers.kinds import (
     KIND_SYMMETRIC,
     KIND_SYMMETRIC_PRINTED,
 )
-from rig.dampers.model import DamperModel, FloatArray
+from rig.dampers.model import DamperModel
 from rig.dampers.parameter import Parameter
 
 Hysteresis = Literal["kwok", "printed"]

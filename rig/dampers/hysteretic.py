@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rig.dampers.algebraic import LAG
+from rig.dampers.arrays import FloatArray
 from rig.dampers.kinds import (
     KIND_BOUC_WEN,
     KIND_MODIFIED_BOUC_WEN,
@@ -16,7 +17,7 @@ from rig.dampers.kinds import (
     KIND_THINNING_BOUC_WEN,
     KIND_VISCOELASTIC_PLASTIC,
 )
-from rig.dampers.model import DamperModel, FloatArray
+from rig.dampers.model import DamperModel
 from rig.dampers.parameter import Parameter
 
 

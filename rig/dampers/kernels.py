@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from rig.dampers.arrays import FloatArray
 from rig.dampers.kinds import (
     KIND_ASYMMETRIC,
     KIND_ASYMMETRIC_PRINTED,
@@ -27,8 +26,6 @@ from rig.dampers.kinds import (
     KIND_VISCOELASTIC_PLASTIC,
 )
 from rig.dampers.rate_independent import travel_between
-
-FloatArray = NDArray[np.float64]
 
 SATURATED = 0.999  # share of its limit from which the hysteretic variable only closes up
 SUBSTEP_RATE = 0.5  # rate x substep: RK4 is then within 3e-4 of a relaxing state

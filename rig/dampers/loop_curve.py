@@ -13,9 +13,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rig.dampers.arrays import FloatArray
 
 CELLS_A_UNIT = 48
 CLOSING = 0.8  # ratio of successive distances from saturation

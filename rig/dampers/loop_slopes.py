@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from rig.dampers.arrays import FloatArray
 from rig.dampers.loop_curve import (
     LAST,
     NODES,
@@ -25,7 +25,6 @@ from rig.dampers.loop_curve import (
     turning_point,
 )
 
-FloatArray = NDArray[np.float64]
 Place = tuple[float, float, int, float]
 
 

@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rig.dampers.arrays import FloatArray
 from rig.dampers.parameter import Parameter
-
-FloatArray = NDArray[np.float64]
 
 
 class DamperModel(ABC):

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from rig.dampers.arrays import FloatArray
 from rig.dampers.kernels import algebraic_force, hysteretic_force, integrate, loop_shape
 from rig.dampers.kinds import KIND_MODIFIED_BOUC_WEN, KIND_VISCOELASTIC_PLASTIC
 from rig.dampers.loop_curve import has_curve, hysteresis_series
-
-FloatArray = NDArray[np.float64]
 
 
 @njit(cache=True)

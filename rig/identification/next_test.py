@@ -16,16 +16,13 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
-from rig.identification.fit import Fit, NextTest
-from rig.identification.measurement import Measurement
-from rig.identification.model_slope import modelled_force, parameter_slopes
-from rig.identification.residuals import samples_a_cycle
+from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.models.model_slope import modelled_force, parameter_slopes
+from rig.identification.uncertainty.fit import Fit, NextTest
 from rig.matrix.point import TestPoint
-
-FloatArray = NDArray[np.float64]
 
 AMPLITUDES, FREQUENCIES, CURRENTS = 5, 6, 5
 ENOUGH = 4096  # samples of a test that tell what it says of the parameters

@@ -15,16 +15,16 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
-from rig.identification.fit import CurrentRelations, Estimate, Fit
-from rig.identification.identifiability import CURRENTS_NEEDED, PER_AMPERE, SAME_CURRENT_A, examine
-from rig.identification.judging import judged
-from rig.identification.measurement import Measurement
-from rig.identification.model_slope import modelled_force
-from rig.identification.relation import Relation, relations
-from rig.identification.scoring import describes, score_forces, together
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.relation import Relation, relations
+from rig.identification.models.solving import Method, solve
+from rig.identification.models.undetermined import CURRENTS_NEEDED, PER_AMPERE, SAME_CURRENT_A, examine
 from rig.identification.selection import Candidate
-from rig.identification.solving import Method, solve
-from rig.identification.uncertainty import DeclaredErrors
+from rig.identification.uncertainty.assessment import judged
+from rig.identification.uncertainty.covariance import DeclaredErrors
+from rig.identification.uncertainty.fit import CurrentRelations, Estimate, Fit
+from rig.identification.uncertainty.scoring import describes, score_forces, together
 from rig.matrix.methods import DEPENDENCES
 
 AFFINE = "affine"
@@ -49,7 +49,7 @@ def identify_per_current(
     warnings: Sequence[str],
     declared: DeclaredErrors | None,
     started: float,
-    told: Callable[[str], None] | None = None,
+    on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a model at each current and relate its parameters to the current.
 
@@ -62,7 +62,7 @@ def identify_per_current(
         warnings: what was found before.
         declared: errors the data do not show.
         started: `time.perf_counter()` at the start (s).
-        told: called with a line of text before each current.
+        on_progress: called with a line of text before each current.
 
     Returns:
         A fit whose parameters are named `NAME at I A`, with the relations in `current`.
@@ -75,8 +75,8 @@ def identify_per_current(
         raise IdentificationFailed(f"unknown current dependence {dependence!r}; known: {', '.join(DEPENDENCES)}")
     levels = []
     for current_A, tests in _levels(fitted):
-        if told is not None:
-            told(f"fitting {model.name} at {current_A:.3g} A ({len(tests)} tests)")
+        if on_progress is not None:
+            on_progress(f"fitting {model.name} at {current_A:.3g} A ({len(tests)} tests)")
         levels.append(Level(current_A, tuple(tests), _fit_level(model, current_A, tests, method, declared)))
     if len(levels) < 2:
         raise IdentificationFailed(

@@ -10,13 +10,12 @@ import numpy as np
 
 from rig.dampers.algebraic import BinghamModel, TanhModel
 from rig.dampers.model import DamperModel
-from rig.identification.fit import ModelScore
-from rig.identification.identifiability import Findings, examine
-from rig.identification.measurement import Measurement
-from rig.identification.scoring import score
-from rig.identification.separable import Solution
-from rig.identification.shortening import first_cycle, spaced
-from rig.identification.solving import GUARD_S, Method, solve
+from rig.identification.models.measurement import Measurement, first_cycle, spaced
+from rig.identification.models.separable import Solution
+from rig.identification.models.solving import GUARD_S, Method, solve
+from rig.identification.models.undetermined import Undetermined, examine
+from rig.identification.uncertainty.fit import ModelScore
+from rig.identification.uncertainty.scoring import score
 
 ENOUGH = 250  # samples of a cycle that rank models
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
@@ -27,7 +26,7 @@ class Candidate:
     """One model with its solution on all fitted tests."""
 
     model: DamperModel
-    findings: Findings
+    findings: Undetermined
     solution: Solution
 
 

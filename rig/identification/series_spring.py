@@ -13,19 +13,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
-from rig.identification.fit import SeriesSpring
-from rig.identification.identifiability import examine
-from rig.identification.measurement import Measurement
-from rig.identification.shortening import first_cycle
-from rig.identification.solving import SQUARES, Method, solve
-from rig.identification.uncertainty import quantile
+from rig.identification.models.measurement import Measurement, first_cycle
+from rig.identification.models.solving import SQUARES, Method, solve
+from rig.identification.models.undetermined import examine
+from rig.identification.uncertainty.covariance import quantile
+from rig.identification.uncertainty.fit import SeriesSpring
 from rig.recording.differentiation import harmonic
-
-FloatArray = NDArray[np.float64]
 
 LARGEST_SHARE = 0.3
 TOLERANCE = 1e-3  # of the compliance

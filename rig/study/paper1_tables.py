@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from rig.identification.measurement import Measurement
+from rig.identification.models.measurement import Measurement
 from rig.study.parallel_timing import parallel_key
 from rig.study.search_cell import SENSITIVITY, SearchCell, comparison_cells, symmetry_cells, varied_cells
 from rig.study.settings import TITLES, Lines, best_settings, setting_summary, values_of

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.identification.relation import Relation, relations
+from rig.identification.models.relation import Relation, relations
 from rig.study.search_cell import current_cells
 from rig.study.settings import TITLES, Lines
 from rig.study.study_file import StudyFile

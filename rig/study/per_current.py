@@ -7,21 +7,18 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rig.dampers import model as damper_model
+from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
-from rig.identification.fixed_parameters import FixedParameters
-from rig.identification.measurement import Measurement
-from rig.identification.model_slope import modelled_force
-from rig.identification.problem import Problem
-from rig.identification.zhu_three_step import identify
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.problem import FixedParameters, Problem
+from rig.identification.models.three_steps import identify
 from rig.optimisers import Result
 from rig.study.result_line import error_summary, failure_line, result_line
 from rig.study.search_cell import SearchCell
 from rig.study.study_file import CurrentStudy
-
-Array = npt.NDArray[np.float64]
 
 CURRENT_FIXED: dict[str, dict[str, float]] = {
     "bouc_wen": {"c0_b": 0.0, "alpha_b": 0.0, "A": 40.0},
@@ -46,7 +43,7 @@ def current_objective(test: Measurement, wanted: CurrentStudy) -> FixedParameter
     return FixedParameters(problem, CURRENT_FIXED[wanted.model], scale)
 
 
-def current_box(wanted: CurrentStudy, names: Sequence[str]) -> Array:
+def current_box(wanted: CurrentStudy, names: Sequence[str]) -> FloatArray:
     """Search box of the per-current study.
 
     Args:

@@ -12,7 +12,7 @@ import numpy as np
 
 from rig.dampers import model, parameter_set
 from rig.errors import FileProblem
-from rig.identification.measurement import Measurement
+from rig.identification.models.measurement import Measurement
 from rig.study.study_file import Data
 
 TABLE1_CURRENT_A = (0.0, 0.5, 1.0, 1.5, 2.0)
@@ -183,7 +183,7 @@ def content_hash(tests: Sequence[Measurement]) -> str:
 
 
 def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
-    from rig.identification.preparation import prepare_all
+    from rig.identification.points.preparation import prepare_all
     from rig.recording.run import Run
 
     runs = [Run.open(Path(folder)) for folder in data.runs]

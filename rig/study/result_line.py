@@ -8,14 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from rig.identification.model_slope import modelled_force
-from rig.identification.problem import Problem
+from rig.dampers.arrays import FloatArray
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.problem import Problem
 from rig.optimisers import Result
 from rig.study.search_cell import SearchCell
-
-Array = npt.NDArray[np.float64]
 
 HISTORY_ROWS = 80
 
@@ -95,7 +93,7 @@ def shorter_lines(line: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         yield {**same, **found, "key": cell.key, "budget": cell.budget, "evaluations": spent, "history": history}
 
 
-def thin_history(history: Array) -> list[list[float]]:
+def thin_history(history: FloatArray) -> list[list[float]]:
     """At most `HISTORY_ROWS` rows of a history, evenly spaced, the last one included.
 
     Args:
@@ -110,7 +108,7 @@ def thin_history(history: Array) -> list[list[float]]:
     return [[int(history[row, 0]), float(history[row, 1])] for row in rows]
 
 
-def force_errors(problem: Problem, vector: Array) -> dict[str, float]:
+def force_errors(problem: Problem, vector: FloatArray) -> dict[str, float]:
     """Errors of a fit in newton, whatever the objective's weight (PHYSICS: RMSE, MAE, SD always reported).
 
     Args:
@@ -127,7 +125,7 @@ def force_errors(problem: Problem, vector: Array) -> dict[str, float]:
     return error_summary(np.concatenate(errors))
 
 
-def error_summary(error_N: Array) -> dict[str, float]:
+def error_summary(error_N: FloatArray) -> dict[str, float]:
     """RMSE, MAE and SD of force errors.
 
     Args:
@@ -143,5 +141,5 @@ def error_summary(error_N: Array) -> dict[str, float]:
     }
 
 
-def _named(names: Sequence[str], vector: Array) -> dict[str, float]:
+def _named(names: Sequence[str], vector: FloatArray) -> dict[str, float]:
     return {name: float(each) for name, each in zip(names, vector, strict=True)}

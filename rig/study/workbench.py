@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
-from rig.identification.measurement import Measurement
-from rig.identification.problem import Problem
-from rig.identification.projection import Weighting
-from rig.identification.separable import solve_separable
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.problem import Problem
+from rig.identification.models.projection import Weighting
+from rig.identification.models.separable import solve_separable
 from rig.optimisers import minimise
 from rig.optimisers.search import Callback
 from rig.study.per_current import current_box, current_objective, three_steps
@@ -20,8 +20,6 @@ from rig.study.recordings import content_hash, measurements, one_a_current, thin
 from rig.study.result_line import force_errors, result_line
 from rig.study.search_cell import CURRENT, SearchCell
 from rig.study.study_file import LED, StudyFile
-
-Array = npt.NDArray[np.float64]
 
 WIDE_BOUND = 1e4
 
@@ -114,7 +112,7 @@ class Workbench:
         )
         return result_line(cell, problem.names, found, **force_errors(problem, found.best))
 
-    def start(self, cell: SearchCell, size: int) -> Array | None:
+    def start(self, cell: SearchCell, size: int) -> FloatArray | None:
         """Where a search starts: all ones for c-FOA and those it is to lead, else what the algorithm draws by itself.
 
         Args:
@@ -127,7 +125,7 @@ class Workbench:
         led = cell.algorithm[0] in LED
         return np.ones(size) if led and self.study.comparison.start == "ones" else None
 
-    def bounds(self, problem: Problem) -> Array | None:
+    def bounds(self, problem: Problem) -> FloatArray | None:
         """The box of the comparison.
 
         Args:

@@ -11,8 +11,8 @@ from rig.dampers import model, parameter_set
 from rig.dampers.catalogue import UnknownName
 from rig.errors import IdentificationFailed
 from rig.identification import Measurement, Method, Problem, identify
-from rig.identification.coil import with_lag
-from rig.identification.model_slope import modelled_force
+from rig.identification.models.coil import with_lag
+from rig.identification.models.model_slope import modelled_force
 
 Make = Callable[..., list[Measurement]]
 

@@ -10,9 +10,9 @@ from rig.dampers import model, parameter_set
 from rig.dampers.algebraic import AsymmetricModel
 from rig.errors import IdentificationFailed
 from rig.identification import Fit, Measurement, Method, identify
-from rig.identification.profile import profiles
-from rig.identification.projection import AlgebraicForm, Projection
-from rig.identification.uncertainty import information
+from rig.identification.models.projection import AlgebraicForm, Projection
+from rig.identification.uncertainty.covariance import information
+from rig.identification.uncertainty.profile import profiles
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)

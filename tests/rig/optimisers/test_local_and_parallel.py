@@ -12,7 +12,7 @@ import pytest
 
 from rig.dampers import model
 from rig.errors import IdentificationFailed
-from rig.identification.zhu_three_step import (
+from rig.identification.models.three_steps import (
     identify,
     integrated_w,
     saturated_branch,

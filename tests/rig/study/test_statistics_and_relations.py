@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import lagrange as scipy_lagrange
 
-from rig.identification.relation import lagrange, relations
+from rig.identification.models.relation import lagrange, relations
 from rig.study.statistics import kruskal_wallis, summarise
 from rig.study.table import written
 

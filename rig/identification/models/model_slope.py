@@ -1,0 +1,147 @@
+"""How the modelled force changes with each parameter, and with small errors of the motion's time, place and scale."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rig.dampers.algebraic import AlgebraicModel, TanhModel
+from rig.dampers.arrays import FloatArray
+from rig.dampers.model import DamperModel
+from rig.identification.models.coil import with_lag
+from rig.identification.models.measurement import Measurement
+
+RELATIVE_STEP = 1e-4
+TIME_STEP_S = 2e-6
+SCALE_STEP = 1e-5
+EXTENSION_STEP_M, SPEED_STEP_M_S, ACCELERATION_STEP_M_S2 = 1e-9, 1e-7, 1e-4
+
+
+def modelled_force(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Force (N), shape (n,), that the model predicts for a measurement; eta, if missing, does not matter.
+
+    Models with internal states run through the first cycle once before, so that they have forgotten their start.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    complete = dict(values)
+    if "eta" in model.names:
+        complete.setdefault("eta", model.parameter("eta").start)
+    if model.states == 0:
+        whole: FloatArray = np.empty(each.u_m.size)
+        for rows in each.pieces():
+            motion = (each.u_m[rows], each.v_m_s[rows], each.a_m_s2[rows], each.current_A[rows])
+            whole[rows] = model.force(complete, *motion, each.dt_s)
+        return whole
+    from rig.dampers.series import force_series
+
+    state, motion = model.initial_state(float(each.u_m[0])), (each.u_m, each.v_m_s, each.a_m_s2, each.current_A)
+    force: FloatArray = force_series(
+        model.kind, model.vector(complete), state, *motion, each.dt_s, each.samples_per_cycle
+    )
+    return force
+
+
+def parameter_slopes(
+    model: DamperModel, values: Mapping[str, float], names: Sequence[str], each: Measurement
+) -> FloatArray:
+    """Derivatives of the force with respect to `names`, shape (n, len(names)), in N per unit of each parameter.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    if isinstance(model, AlgebraicModel):
+        return _algebraic_slopes(model, values, names, each)
+    columns = []
+    for name in names:
+        if name == "eta":
+            columns.append(_lag_column(model, values, each))
+            continue
+        step = RELATIVE_STEP * max(abs(values[name]), 1e-3 * abs(model.parameter(name).start), 1e-9)
+        above = modelled_force(model, {**values, name: values[name] + step}, each)
+        below = modelled_force(model, {**values, name: values[name] - step}, each)
+        columns.append((above - below) / (2.0 * step))
+    return np.array(columns).T
+
+
+def _algebraic_slopes(
+    model: AlgebraicModel, values: Mapping[str, float], names: Sequence[str], each: Measurement
+) -> FloatArray:
+    fixed = model.fixed_columns(each.u_m, each.v_m_s, each.a_m_s2, each.current_A)
+    columns = dict(zip(model.fixed_names, fixed.T, strict=True))
+    yielding = model.yield_shape(values, each.u_m, each.v_m_s)
+    columns |= dict(zip(model.yield_names, (yielding, yielding * each.current_A), strict=True))
+    if isinstance(model, TanhModel):
+        at_zero, per_ampere = (values[name] for name in model.yield_names)
+        rate = (at_zero + per_ampere * each.current_A) * (1.0 - yielding**2)
+        slopes = model.argument_slopes(values, each.u_m, each.v_m_s)
+        columns |= {name: rate * slope for name, slope in zip(model.shape_names, slopes, strict=True)}
+    if "eta" in names:
+        columns["eta"] = _lag_column(model, values, each)
+    return np.array([columns[name] for name in names]).T
+
+
+def _lag_column(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Change of the force with eta (N s), through the coil current; 0 where that was measured."""
+    if each.commanded_A is None:
+        return np.zeros_like(each.u_m)
+    step = RELATIVE_STEP * values["eta"]
+    above, below = (modelled_force(model, values, with_lag(each, values["eta"] + signed)) for signed in (step, -step))
+    return (above - below) / (2.0 * step)
+
+
+def time_slope(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Change of the modelled force with a shift of time, dF/dt (N/s), shape (n,)."""
+    jerk = np.gradient(each.a_m_s2, each.dt_s)
+    return _motion_slope(model, values, each, (each.v_m_s, each.a_m_s2, jerk), TIME_STEP_S)
+
+
+def scale_slope(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Change of the modelled force with the displacement's scale (N per 1), shape (n,)."""
+    return _motion_slope(model, values, each, (each.u_m, each.v_m_s, each.a_m_s2), SCALE_STEP)
+
+
+def unseen_force(model: DamperModel, values: Mapping[str, float], each: Measurement) -> FloatArray:
+    """Change of the modelled force (N) with the motion that the samples did not resolve, shape (n,); 0 without any."""
+    if each.unseen_v_m_s is None or each.unseen_a_m_s2 is None:
+        return np.zeros_like(each.u_m)
+    direction = (np.zeros_like(each.u_m), each.unseen_v_m_s, each.unseen_a_m_s2)
+    return _motion_slope(model, values, each, direction, 1.0)
+
+
+def _motion_slope(
+    model: DamperModel,
+    values: Mapping[str, float],
+    each: Measurement,
+    direction: tuple[FloatArray, FloatArray, FloatArray],
+    step: float,
+) -> FloatArray:
+    forces = []
+    for signed in (step, -step):
+        motion = (each.u_m + signed * direction[0], each.v_m_s + signed * direction[1])
+        forces.append(modelled_force(model, values, each.moved(*motion, each.a_m_s2 + signed * direction[2])))
+    return (forces[0] - forces[1]) / (2.0 * step)
+
+
+def motion_slopes(
+    model: DamperModel, values: Mapping[str, float], each: Measurement
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Change of an algebraic model's force with extension (N/m), speed (N s/m), acceleration (kg), (n,) each."""
+    one, none = np.ones_like(each.u_m), np.zeros_like(each.u_m)
+    return (
+        _motion_slope(model, values, each, (one, none, none), EXTENSION_STEP_M),
+        _motion_slope(model, values, each, (none, one, none), SPEED_STEP_M_S),
+        _motion_slope(model, values, each, (none, none, one), ACCELERATION_STEP_M_S2),
+    )
+
+
+def force_change(
+    model: DamperModel,
+    values: Mapping[str, float],
+    each: Measurement,
+    direction: tuple[FloatArray, FloatArray, FloatArray],
+) -> FloatArray:
+    """Change of the modelled force (N) with a small change of extension (m), speed (m/s) and acceleration, (n,)."""
+    return _motion_slope(model, values, each, direction, 1.0)

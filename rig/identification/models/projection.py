@@ -1,0 +1,229 @@
+"""The weighted normal equations of an algebraic model, with everything that does not depend on its shape summed once.
+
+For shape parameters theta the force is linear in c: F = X c_fixed + sum_j (c_j0 + c_j1 I + ...) y_j(theta). Solving for
+c inside leaves a function of theta alone (variable projection, Golub and Pereyra 1973).
+Only sums over samples are kept, so any number of samples is streamed in pieces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from rig.dampers.algebraic import AlgebraicModel, TanhModel
+from rig.dampers.arrays import BoolArray, FloatArray
+from rig.identification.models.inner_least_squares import Inner, Reduction
+from rig.identification.models.measurement import Measurement
+
+Weight = Literal["v", "1"]
+
+BETA_LIMITS = (1e-3, 1e9)  # s/m: from a straight line to a sign function
+PIECE = 32768
+ALL = slice(None)
+KEEP_BELOW = 2_000_000  # samples up to which the regressors stay in memory
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """Which samples count, and how much.
+
+    Attributes:
+        weight: "v" weighs each sample by its speed (equation 12), "1" does not.
+        guard_s: time (s) around u = 0 whose samples do not count: the sensor's filter and the clocks do not let one say
+            on which side of the tanh models' jump they lie.
+        reversal_guard_s: time (s) around v = 0 whose samples do not count, for models that jump there.
+        extra: further weights, one array (n,) a measurement (robust losses).
+    """
+
+    weight: Weight = "1"
+    guard_s: float = 0.0
+    reversal_guard_s: float = 0.0
+    extra: tuple[FloatArray, ...] | None = None
+
+    def of(self, each: Measurement, index: int, rows: slice = ALL) -> FloatArray:
+        """Weight of each sample of measurement number `index`, or of some of its rows, shape (n,), not negative."""
+        speed = np.abs(each.v_m_s[rows])
+        weights = speed.copy() if self.weight == "v" else np.ones_like(speed)
+        if self.guard_s > 0.0:
+            weights[np.abs(each.u_m[rows]) < self.guard_s * speed] = 0.0
+        if self.reversal_guard_s > 0.0:
+            weights[speed < self.reversal_guard_s * np.abs(each.a_m_s2[rows])] = 0.0
+        if each.usable is not None:
+            weights[~each.usable[rows]] = 0.0
+        return weights if self.extra is None else weights * self.extra[index][rows]
+
+    def counting(self, each: Measurement, index: int) -> BoolArray:
+        """Which samples of measurement number `index` count, shape (n,)."""
+        counts = np.empty(each.u_m.size, dtype=bool)
+        for rows in each.pieces():
+            counts[rows] = self.of(each, index, rows) > 0.0
+        return counts
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Weighted samples: regressors X w (n, k), force F w, and the rows of the measurement they come from."""
+
+    fixed: FloatArray
+    force: FloatArray
+    weight: FloatArray
+    source: Measurement
+    rows: slice
+
+    @property
+    def current_A(self) -> FloatArray:
+        """Coil current (A) of the samples."""
+        return self.source.current_A[self.rows]
+
+
+class Form(Protocol):
+    """A model split for projection: what is linear without the shape, and the yield shapes times powers of the current.
+
+    Attributes:
+        fixed_names: linear parameters whose regressors need no shape parameter.
+        yield_names: linear parameters of the yield shapes, of each by rising powers of the current.
+        powers: how many of `yield_names` belong to each yield shape.
+        shape_names: the nonlinear parameters.
+        bends: for each of them, which yield shape it bends.
+        logarithmic: for each of them, whether it is positive and searched by its logarithm.
+        limits: lowest and highest value of each shape parameter, shape (s, 2).
+        pointwise: whether a sample's regressors need no other sample, so that samples may be left out.
+    """
+
+    @property
+    def fixed_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
+    @property
+    def yield_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
+    @property
+    def powers(self) -> tuple[int, ...]: ...  # noqa: D102 - described above
+    @property
+    def bends(self) -> tuple[int, ...]: ...  # noqa: D102 - described above
+    @property
+    def shape_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
+    @property
+    def logarithmic(self) -> tuple[bool, ...]: ...  # noqa: D102 - described above
+    @property
+    def limits(self) -> FloatArray: ...  # noqa: D102 - described above
+    @property
+    def pointwise(self) -> bool: ...  # noqa: D102 - described above
+
+    def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
+        """Regressors of `fixed_names`, shape (n, k), from extension (m), velocity, acceleration and current (A)."""
+
+    def yielding(self, source: Measurement, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
+        """The yield shapes of some rows, each (n,), then with `slope` a derivative for each shape parameter."""
+
+
+class AlgebraicForm:
+    """An algebraic model split for projection."""
+
+    pointwise = True
+    powers: tuple[int, ...] = (2,)
+
+    def __init__(self, model: AlgebraicModel) -> None:
+        self.model = model
+        self.fixed_names: tuple[str, ...] = model.fixed_names
+        self.yield_names: tuple[str, ...] = model.yield_names
+        self.shape_names = model.shape_names
+        self.bends = (0,) * len(model.shape_names)
+        self.logarithmic = tuple(name == "beta" for name in model.shape_names)
+        self.limits = np.array([BETA_LIMITS if name == "beta" else (-np.inf, np.inf) for name in model.shape_names])
+
+    def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
+        """See `Form.fixed_columns`."""
+        return self.model.fixed_columns(u, v, a, current)
+
+    def yielding(self, source: Measurement, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
+        """See `Form.yielding`."""
+        values = dict(zip(self.shape_names, shape, strict=True))
+        u, v = source.u_m[rows], source.v_m_s[rows]
+        yielding = self.model.yield_shape(values, u, v)
+        if not slope or not isinstance(self.model, TanhModel):
+            return [yielding]
+        rate = 1.0 - yielding**2
+        return [yielding, *(rate * each for each in self.model.argument_slopes(values, u, v))]
+
+
+class Projection:
+    """Equation (12) as a function of the shape parameters alone; the linear ones are solved for.
+
+    Attributes:
+        form: the model, split.
+        evaluations: how many passes over the samples were made, one counting as one evaluation of equation (12).
+        samples: number of samples that count.
+    """
+
+    def __init__(
+        self,
+        form: Form,
+        measurements: Sequence[Measurement],
+        weighting: Weighting,
+        *,
+        every: int = 1,
+        without: frozenset[str] = frozenset(),
+    ) -> None:
+        self.form = form
+        self._measurements = tuple(measurements)
+        self._weighting = weighting
+        self._every = every
+        self.evaluations = 0
+        self.samples = 0
+        self._kept: list[Piece] | None = None
+        if sum(each.u_m.size for each in measurements) // every <= KEEP_BELOW:
+            self._kept = list(self._stream())
+        width = len(form.fixed_names)
+        normal, right, power = np.zeros((width, width)), np.zeros(width), 0.0
+        for piece in self.pieces():
+            normal += piece.fixed.T @ piece.fixed
+            right += piece.fixed.T @ piece.force
+            power += float(piece.force @ piece.force)
+            self.samples += int(np.count_nonzero(piece.weight))
+        names = (*form.fixed_names, *form.yield_names)
+        self._reduction = Reduction(normal, right, power, np.array([name not in without for name in names]))
+        self._bends = [slice(sum(form.powers[:k]), sum(form.powers[: k + 1])) for k in form.bends]
+
+    def pieces(self) -> Iterator[Piece]:
+        """All weighted samples, piece by piece."""
+        return iter(self._kept) if self._kept is not None else self._stream()
+
+    def _stream(self) -> Iterator[Piece]:
+        for index, each in enumerate(self._measurements):
+            length = PIECE * self._every if self.form.pointwise else each.u_m.size
+            for start in range(0, each.u_m.size, length):
+                rows = slice(start, min(start + length, each.u_m.size), self._every)
+                u, v, a, current = each.u_m[rows], each.v_m_s[rows], each.a_m_s2[rows], each.current_A[rows]
+                weight = self._weighting.of(each, index, rows)
+                fixed = self.form.fixed_columns(u, v, a, current) * weight[:, None]
+                yield Piece(fixed, each.force_N[rows] * weight, weight, each, rows)
+
+    def objective(self, shape: FloatArray) -> float:
+        """The least objective at this shape; shape (s,) in the order of the model's `shape_names`."""
+        return self.solve(shape, slope=False).objective
+
+    def solve(self, shape: FloatArray, *, slope: bool = True) -> Inner:
+        """Linear values, objective and, with `slope`, its projected slope at this shape, in one pass."""
+        self.evaluations += 1
+        size = sum(self.form.powers) + (sum(self.form.powers[k] for k in self.form.bends) if slope else 0)
+        cross = np.zeros((size, len(self.form.fixed_names)))
+        right, own = np.zeros(size), np.zeros((size, size))
+        for piece in self.pieces():
+            block = self._block(piece, shape, slope=slope)
+            cross += block.T @ piece.fixed
+            own += block.T @ block
+            right += block.T @ piece.force
+        return self._reduction.solve(cross, right, own, self._bends if slope else ())
+
+    def _block(self, piece: Piece, shape: FloatArray, *, slope: bool) -> FloatArray:
+        """Columns of the yield shapes, then of their slopes, each times the powers of the current."""
+        powers = self.form.powers
+        counts = (*powers, *(powers[k] for k in self.form.bends)) if slope else powers
+        parts = []
+        for column, count in zip(self.form.yielding(piece.source, piece.rows, shape, slope=slope), counts, strict=True):
+            part = column * piece.weight
+            for _ in range(count):
+                parts.append(part)
+                part = part * piece.current_A
+        return np.column_stack(parts)
