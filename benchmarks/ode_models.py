@@ -26,11 +26,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rig.dampers import model, parameter_set
-from rig.identification.models.bouc_wen import solve_bouc_wen
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.problem import FixedParameters, Problem
 from rig.identification.models.projection import Weighting
+from rig.identification.models.separable import motion_scale, solve_loop
 from rig.optimisers import minimise
 from rig.study.per_current import CURRENT_FIXED
 from rig.study.recordings import BOUC_WEN_TRUTH
@@ -70,7 +70,10 @@ def timed(call: Callable[[], float]) -> tuple[float, float]:
 
 
 def separable(test: Measurement) -> float:
-    return solve_bouc_wen([test], model("bouc_wen"), Weighting("1"), HELD).objective
+    damper = model("bouc_wen")
+    form = damper.separation(motion_scale([test]))
+    assert form is not None
+    return solve_loop([test], damper, form, Weighting("1"), HELD).objective
 
 
 def rival(objective: FixedParameters) -> float:

@@ -15,7 +15,7 @@ from rig.errors import EXIT_DONE
 from rig.matrix.methods import DEPENDENCES, METHODS
 
 if TYPE_CHECKING:
-    from rig.dampers.algebraic import Hysteresis
+    from rig.dampers import Hysteresis
     from rig.identification import Method
 
 

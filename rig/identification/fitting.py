@@ -8,13 +8,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import rig.dampers
-from rig.dampers.algebraic import Hysteresis
+from rig.dampers import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
 from rig.identification.models.measurement import Measurement
-from rig.identification.models.separable import GivenUp
-from rig.identification.models.solving import PARTLY_SEPARABLE, Method, solve
+from rig.identification.models.separable import GivenUp, motion_scale
+from rig.identification.models.solving import Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
@@ -150,7 +150,8 @@ def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
     Raises:
         UnknownName: no such model, or no such form.
     """
-    only_kwok = hysteresis == "printed" and name not in {"asymmetric", "symmetric"}
+    named = rig.dampers.MODELS.get(name)
+    only_kwok = named is not None and hysteresis == "printed" and hysteresis not in named.forms
     return rig.dampers.model(name, "kwok" if only_kwok else hysteresis)
 
 
@@ -276,7 +277,9 @@ def _candidates(
     """
     candidates, refused, given_up = [], [], []
     rival_N = math.inf
-    for number, model in enumerate(sorted(models, key=_hardly_separable), 1):
+    scale = motion_scale(fitted)
+    searched_last = sorted(models, key=lambda model: model.separation(scale) is None)
+    for number, model in enumerate(searched_last, 1):
         if on_progress is not None:
             on_progress(f"fitting {model.name} ({number} of {len(models)})")
         findings = examine(model, fitted)
@@ -293,8 +296,3 @@ def _candidates(
     if not candidates:
         raise IdentificationFailed("; ".join(refused))
     return candidates, refused, tuple(given_up)
-
-
-def _hardly_separable(model: DamperModel) -> bool:
-    """Whether all parameters have to be searched at once; such models come last, when there are others to beat."""
-    return model.states > 0 and model.name not in PARTLY_SEPARABLE

@@ -19,12 +19,13 @@ from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.relation import Relation, relations
 from rig.identification.models.solving import Method, solve
-from rig.identification.models.undetermined import CURRENTS_NEEDED, PER_AMPERE, SAME_CURRENT_A, examine
+from rig.identification.models.undetermined import SAME_CURRENT_A, examine
 from rig.identification.selection import Candidate
 from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.covariance import DeclaredErrors
 from rig.identification.uncertainty.fit import CurrentRelations, Estimate, Fit
 from rig.identification.uncertainty.scoring import describes, score_forces, together
+from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES
 
 AFFINE = "affine"
@@ -139,14 +140,9 @@ def _fit_level(
         raise IdentificationFailed(f"at {current_A:.2f} A: {error}") from error
 
 
-def _of_current(name: str) -> bool:
-    """Whether a parameter is a term per ampere or of a higher power."""
-    return name in PER_AMPERE or name in CURRENTS_NEEDED
-
-
 def _relations(model: DamperModel, levels: Sequence[Level], kind: str) -> CurrentRelations:
     currents_A = np.array([level.current_A for level in levels])
-    names = [name for name in model.names if name != "eta" and not _of_current(name)]
+    names = [parameter.name for parameter in model.parameters if parameter.name != "eta" and parameter.power == 0]
     names = [name for name in names if all(level.fit.parameters[name].value is not None for level in levels)]
     found: dict[str, Relation] = {}
     ranges = {}
@@ -181,16 +177,16 @@ def _joined(
     low, high = found.currents_A[0] - SAME_CURRENT_A, found.currents_A[-1] + SAME_CURRENT_A
     outside = [each.id for each in held_out if not low <= float(np.mean(each.current_A)) <= high]
     notes = list(warnings) + [f"at {level.current_A:.2f} A: {text}" for level in levels for text in level.fit.warnings]
-    notes += [text for each in held_out for text in each.warnings]
+    notes += [f"{test.id}: {saying}" for test in held_out for saying in test.warnings]
     if outside:
-        notes.append(f"held out beyond the fitted currents, where the relations foretell nothing: {', '.join(outside)}")
+        notes.append(say("relations-beyond", tests=", ".join(outside)))
     return Fit(
         model=model.name,
         hysteresis=levels[0].fit.hysteresis,
         method=method.name,
         weight=levels[0].fit.weight,
         loss=method.loss,
-        parameters=_parameters(levels),
+        parameters=_parameters(model, levels),
         error=score_forces(fitted, [force(each) for each in fitted]),
         holdout=score_forces(held_out, [force(each) for each in held_out]) if held_out else None,
         selection=(),
@@ -206,8 +202,8 @@ def _joined(
     )
 
 
-def _parameters(levels: Sequence[Level]) -> Mapping[str, Estimate]:
-    names = [name for name in levels[0].fit.parameters if not _of_current(name)]
+def _parameters(model: DamperModel, levels: Sequence[Level]) -> Mapping[str, Estimate]:
+    names = [name for name in levels[0].fit.parameters if model.parameter(name).power == 0]
     return {
         f"{name} at {round(level.current_A, 2) + 0.0:g} A": level.fit.parameters[name]
         for name in names

@@ -9,7 +9,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from rig.dampers.algebraic import Hysteresis
+from rig.dampers import Hysteresis
 from rig.errors import IdentificationFailed
 from rig.identification.fitting import identify
 from rig.identification.models.solving import Method
@@ -17,7 +17,7 @@ from rig.identification.next_test import bench_of
 from rig.identification.per_current import AFFINE
 from rig.identification.uncertainty.covariance import DeclaredErrors
 from rig.identification.uncertainty.fit import Fit
-from rig.identification.words import some
+from rig.identification.words import say, some
 from rig.recording.calibration_check import doubts
 from rig.recording.run import RecordedPoint, Run
 
@@ -55,9 +55,13 @@ def identify_run(
     """
     runs = [Run.open(path) for path in paths]
     points = [point for run in runs for point in (run.usable if suspect else run.valid)]
-    left_out = [line for run in runs for line in run.left_out if not (suspect and ": suspect (" in line)]
+    taken = {"valid", "suspect"} if suspect else {"valid"}
+    others = [point for run in runs for point in run.points if point.verdict not in taken]
+    left_out = [
+        say("left-out", test=point.id, reason=f"{point.verdict} ({'; '.join(point.reasons)})") for point in others
+    ]
     if not points:
-        hint = "; `--suspect` takes suspect points too" if any(": suspect (" in line for line in left_out) else ""
+        hint = "; `--suspect` takes suspect points too" if any(point.verdict == "suspect" for point in others) else ""
         raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}{hint}")
     other = Run.open(holdout) if holdout is not None and Path(holdout).exists() else holdout
     tested = [*runs, other] if isinstance(other, Run) else runs

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig.dampers.algebraic import BinghamModel, TanhModel
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.separable import Solution
@@ -61,9 +60,10 @@ def compare(
 def _away_from_jumps(each: Measurement, models: Sequence[DamperModel]) -> Measurement:
     """The measurement without the samples so close to a jump of a model that their side of it is unsure."""
     kept = each.scored.copy()
-    if any(isinstance(model, TanhModel) for model in models):
+    jumps = {model.jumps_at for model in models}
+    if "mid-stroke" in jumps:
         kept &= np.abs(each.u_m) >= GUARD_S * np.abs(each.v_m_s)
-    if any(isinstance(model, BinghamModel) for model in models):
+    if "reversal" in jumps:
         kept &= np.abs(each.v_m_s) >= GUARD_S * np.abs(each.a_m_s2)
     return replace(each, usable=kept)
 

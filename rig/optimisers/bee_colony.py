@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.optimisers.search import Array, Search, require
+from rig.optimisers.evaluation import FloatArray
+from rig.optimisers.search import Search, require
 
 Indices = npt.NDArray[np.int64]
 
@@ -91,8 +92,8 @@ class Draws:
 
     component: Indices
     other: Indices
-    phi: Array
-    psi: Array
+    phi: FloatArray
+    psi: FloatArray
 
     @classmethod
     def draw(cls, rng: np.random.Generator, chosen: Indices, rows: int, size: int) -> Draws:
@@ -112,7 +113,7 @@ class Draws:
         return cls(rng.integers(0, size, count), other, rng.random(count), rng.random(count))
 
 
-def fitness(values: Array) -> Array:
+def fitness(values: FloatArray) -> FloatArray:
     """ABC fitness: 1 / (1 + f) for f >= 0, else 1 + |f|.
 
     Args:
@@ -124,7 +125,7 @@ def fitness(values: Array) -> Array:
     return np.where(values >= 0.0, 1.0 / (1.0 + np.maximum(values, 0.0)), 1.0 - np.minimum(values, 0.0))
 
 
-def shares(fit: Array) -> Array:
+def shares(fit: FloatArray) -> FloatArray:
     """How often an onlooker chooses each source: by its share of the fitness; any, where no source has a finite value.
 
     Args:
@@ -137,7 +138,7 @@ def shares(fit: Array) -> Array:
     return fit / total if total > 0.0 else np.full(fit.size, 1.0 / fit.size)
 
 
-def inertia(fit: Array, scale: float) -> Array:
+def inertia(fit: FloatArray, scale: float) -> FloatArray:
     """Weights w = Phi1 = 1 / (1 + exp(-fit / ap)): a half for the unfit, 0.73 for as good as the first colony's best.
 
     Args:
@@ -150,7 +151,9 @@ def inertia(fit: Array, scale: float) -> Array:
     return np.asarray(1.0 / (1.0 + np.exp(-fit / scale)))
 
 
-def neighbours(sources: Array, chosen: Indices, best: Array, weight: Array, best_pull: Array, draws: Draws) -> Array:
+def neighbours(
+    sources: FloatArray, chosen: Indices, best: FloatArray, weight: FloatArray, best_pull: FloatArray, draws: Draws
+) -> FloatArray:
     """Candidate sources: one component of each chosen source moved as in the module's first equation.
 
     Args:
@@ -165,7 +168,7 @@ def neighbours(sources: Array, chosen: Indices, best: Array, weight: Array, best
         Shape (n, p).
     """
     bees, j = np.arange(len(chosen)), draws.component
-    tried: Array = sources[chosen]
+    tried: FloatArray = sources[chosen]
     x, x_other = tried[bees, j], sources[draws.other, j]
     tried[bees, j] = (
         weight * x + 2.0 * (draws.phi - 0.5) * (x - x_other) * weight + draws.psi * (best[j] - x) * best_pull
@@ -174,12 +177,12 @@ def neighbours(sources: Array, chosen: Indices, best: Array, weight: Array, best
 
 
 def _greedy(
-    sources: Array,
-    values: Array,
+    sources: FloatArray,
+    values: FloatArray,
     failures: Indices,
     chosen: Indices,
-    tried: Array,
-    tried_values: Array,
+    tried: FloatArray,
+    tried_values: FloatArray,
 ) -> None:
     """Keep, at each source in place, the best of what its bees tried if it is better; count failures otherwise."""
     for bee in np.argsort(tried_values, kind="stable"):

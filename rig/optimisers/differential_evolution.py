@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.optimisers.search import Array, Search, SearchError, require
+from rig.optimisers.evaluation import FloatArray
+from rig.optimisers.search import Search, SearchError, require
 
 
 @dataclass(frozen=True)
@@ -108,12 +109,12 @@ def partners(
 
 
 def mutants(
-    members: Array,
+    members: FloatArray,
     base: npt.NDArray[np.int64],
     plus: npt.NDArray[np.int64],
     minus: npt.NDArray[np.int64],
-    factor: Array,
-) -> Array:
+    factor: FloatArray,
+) -> FloatArray:
     """Mutant vectors rand/1: x_r1 + F (x_r2 - x_r3).
 
     Args:
@@ -129,7 +130,7 @@ def mutants(
     return members[base] + factor * (members[plus] - members[minus])
 
 
-def bounced(trials: Array, origin: Array, low: Array, high: Array, draws: Array) -> Array:
+def bounced(trials: FloatArray, origin: FloatArray, low: FloatArray, high: FloatArray, draws: FloatArray) -> FloatArray:
     """Bring trials back inside as `devec3` does: somewhere between the bound they crossed and their base vector.
 
     Args:

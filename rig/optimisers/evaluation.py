@@ -21,7 +21,8 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from rig.optimisers.search import Objective
 
-Array = npt.NDArray[np.float64]
+FloatArray = npt.NDArray[np.float64]
+"""Numbers, of any shape."""
 
 KEPT_OBJECTIVES = 8
 """Objectives a worker remembers; the oldest goes first."""
@@ -35,7 +36,7 @@ def _remember(token: str, objective: Objective) -> None:
         _known.popitem(last=False)
 
 
-def evaluate_chunk(token: str, points: Array, payload: bytes | None = None) -> Array | None:
+def evaluate_chunk(token: str, points: FloatArray, payload: bytes | None = None) -> FloatArray | None:
     """Run in the worker: values of one chunk.
 
     Args:
@@ -69,7 +70,7 @@ class Evaluation:
         self._token = ""
         self._payload: bytes | None = None
 
-    def values(self, objective: Objective, points: Array) -> Array:
+    def values(self, objective: Objective, points: FloatArray) -> FloatArray:
         """Values of a population.
 
         Args:
@@ -90,7 +91,7 @@ class Evaluation:
             [self._answer(objective, part, future) for part, future in zip(parts, futures, strict=True)]
         )
 
-    def _answer(self, objective: Objective, part: Array, future: Future[Array | None]) -> Array:
+    def _answer(self, objective: Objective, part: FloatArray, future: Future[FloatArray | None]) -> FloatArray:
         answer = future.result()
         if answer is not None:
             return answer

@@ -32,7 +32,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.optimisers.search import Array, Search, SearchError, require
+from rig.optimisers.evaluation import FloatArray
+from rig.optimisers.search import Search, SearchError, require
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class ContrastFruitFly:
             trail.append((attraction, smell))
             search.generation_done()
 
-    def _fly(self, search: Search, attraction: Array, radius: float, *, first: bool) -> Array:
+    def _fly(self, search: Search, attraction: FloatArray, radius: float, *, first: bool) -> FloatArray:
         shape = (2, search.population, search.n_parameters)
         flies = swarm(
             attraction, radius, search.rng.integers(1, self.resolution, shape, endpoint=True), self.resolution
@@ -113,7 +114,7 @@ class ContrastFruitFly:
         return flies
 
 
-def coordinates(point: Array) -> Array:
+def coordinates(point: FloatArray) -> FloatArray:
     """Coordinates of a design vector: (14) and (15) inverted with |X| = |Y|, the sign on X.
 
     Args:
@@ -127,7 +128,7 @@ def coordinates(point: Array) -> Array:
     return np.stack([np.sign(usable) * inverse, inverse])
 
 
-def swarm(attraction: Array, radius: float, draws: npt.NDArray[np.int64], resolution: int) -> Array:
+def swarm(attraction: FloatArray, radius: float, draws: npt.NDArray[np.int64], resolution: int) -> FloatArray:
     """Flies near the attraction point, equation (13).
 
     Args:
@@ -142,7 +143,7 @@ def swarm(attraction: Array, radius: float, draws: npt.NDArray[np.int64], resolu
     return attraction[:, None, :] * (1.0 + radius * (2.0 * draws / resolution - 1.0))
 
 
-def parameters(position: Array) -> Array:
+def parameters(position: FloatArray) -> FloatArray:
     """Design vectors of positions, equations (14) and (15).
 
     Args:
@@ -206,7 +207,7 @@ class FruitFly:
             search.generation_done()
 
 
-def _centre(search: Search) -> Array:
+def _centre(search: Search) -> FloatArray:
     drawn = 10.0 * search.rng.random((2, search.n_parameters))
     if search.start is None:
         return drawn
@@ -215,7 +216,7 @@ def _centre(search: Search) -> Array:
     return np.where(reachable, inverse, drawn)
 
 
-def original_swarm(centre: Array, draws: Array) -> Array:
+def original_swarm(centre: FloatArray, draws: FloatArray) -> FloatArray:
     """Flies around the swarm's place: X_0 + 2 rand - 1.
 
     Args:
@@ -228,7 +229,7 @@ def original_swarm(centre: Array, draws: Array) -> Array:
     return centre[:, None, :] + 2.0 * draws - 1.0
 
 
-def original_parameters(position: Array) -> Array:
+def original_parameters(position: FloatArray) -> FloatArray:
     """Design vectors of positions: S = 1 / sqrt(X^2 + Y^2).
 
     Args:

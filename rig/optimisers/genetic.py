@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.optimisers.search import Array, Search, SearchError, require
+from rig.optimisers.evaluation import FloatArray
+from rig.optimisers.search import Search, SearchError, require
 
 SMALLEST_STEP = 1e-8
 HALVINGS = 30
@@ -101,8 +102,8 @@ class Genetic:
                 return "stall"
 
     def _mutants(
-        self, search: Search, members: Array, parents: npt.NDArray[np.int64], step: float, elapsed: float
-    ) -> Array:
+        self, search: Search, members: FloatArray, parents: npt.NDArray[np.int64], step: float, elapsed: float
+    ) -> FloatArray:
         if self.mutation == "gaussian":
             low, high = search.box(self.reach)
             width = self.scale * (1.0 - self.shrink * min(elapsed, 1.0)) * (high - low)
@@ -110,7 +111,7 @@ class Genetic:
         return feasible_directions(search, members, parents, step)
 
 
-def expectation(members: int) -> Array:
+def expectation(members: int) -> FloatArray:
     """Expected share of parents by rank, proportional to 1 / sqrt(rank).
 
     Args:
@@ -123,7 +124,7 @@ def expectation(members: int) -> Array:
     return np.asarray(weights / np.sum(weights))
 
 
-def stochastic_uniform(shares: Array, parents: int, draw: float) -> npt.NDArray[np.int64]:
+def stochastic_uniform(shares: FloatArray, parents: int, draw: float) -> npt.NDArray[np.int64]:
     """Parents from a wheel walked in equal steps from one random offset.
 
     Args:
@@ -138,7 +139,7 @@ def stochastic_uniform(shares: Array, parents: int, draw: float) -> npt.NDArray[
     return np.minimum(np.searchsorted(np.cumsum(shares), places, side="right"), len(shares) - 1)
 
 
-def weighted_average(first: Array, second: Array, draws: Array) -> Array:
+def weighted_average(first: FloatArray, second: FloatArray, draws: FloatArray) -> FloatArray:
     """Children p1 + r (p2 - p1).
 
     Args:
@@ -152,7 +153,7 @@ def weighted_average(first: Array, second: Array, draws: Array) -> Array:
     return np.asarray(first + draws * (second - first))
 
 
-def feasible_directions(search: Search, members: Array, parents: npt.NDArray[np.int64], step: float) -> Array:
+def feasible_directions(search: Search, members: FloatArray, parents: npt.NDArray[np.int64], step: float) -> FloatArray:
     """Mutants along random directions, inside the bounds.
 
     Args:
@@ -169,7 +170,7 @@ def feasible_directions(search: Search, members: Array, parents: npt.NDArray[np.
     scale = 2.0 ** np.round(np.log2(magnitude))
     basis = np.linalg.qr(search.rng.standard_normal((size, size)))[0]
     chosen = basis[search.rng.integers(0, size, len(parents))]
-    moves: Array = step * scale * chosen * search.rng.choice([-1.0, 1.0], (len(parents), 1))
+    moves: FloatArray = step * scale * chosen * search.rng.choice([-1.0, 1.0], (len(parents), 1))
     origin = members[parents]
     for _ in range(HALVINGS):
         outside = _leaves(origin + moves, search)
@@ -181,7 +182,7 @@ def feasible_directions(search: Search, members: Array, parents: npt.NDArray[np.
     return search.inside(origin + moves)
 
 
-def _leaves(points: Array, search: Search) -> npt.NDArray[np.bool_]:
+def _leaves(points: FloatArray, search: Search) -> npt.NDArray[np.bool_]:
     return np.asarray(np.any((points < search.low) | (points > search.high), axis=1))
 
 

@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from rig.optimisers.bee_colony import ImprovedBeeColony
 from rig.optimisers.differential_evolution import DifferentialEvolution
+from rig.optimisers.evaluation import FloatArray
 from rig.optimisers.fruit_fly import ContrastFruitFly, FruitFly
 from rig.optimisers.genetic import Genetic
 from rig.optimisers.particle_swarm import ParticleSwarm
 from rig.optimisers.search import (
-    Array,
     Bounds,
     Callback,
     Objective,
@@ -57,7 +57,7 @@ class Algorithm(Protocol):
 class HasResiduals(Protocol):
     """An objective that is a sum of squares and can name its terms."""
 
-    def residuals(self, vector: Array, /) -> Array:
+    def residuals(self, vector: FloatArray, /) -> FloatArray:
         """Residuals, shape (n,), whose squares sum to the objective, at `vector` (p,)."""
 
 
@@ -118,7 +118,7 @@ class Hybrid:
     def _refine(self, search: Search, objective: HasResiduals) -> None:
         from scipy.optimize import least_squares  # only this needs SciPy
 
-        def counted(vector: Array) -> Array:
+        def counted(vector: FloatArray) -> FloatArray:
             if search.remaining <= 0:
                 raise SearchEndedError("budget")
             residuals = objective.residuals(vector)

@@ -19,7 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from rig.optimisers.search import Array, Search, SearchError, require
+from rig.optimisers.evaluation import FloatArray
+from rig.optimisers.search import Search, SearchError, require
 
 
 @dataclass(frozen=True)
@@ -100,8 +101,14 @@ class ParticleSwarm:
                 return "stall"
 
     def accelerated(
-        self, speeds: Array, places: Array, own: Array, leader: Array, draws: Array, inertia: float
-    ) -> Array:
+        self,
+        speeds: FloatArray,
+        places: FloatArray,
+        own: FloatArray,
+        leader: FloatArray,
+        draws: FloatArray,
+        inertia: float,
+    ) -> FloatArray:
         """New velocities, equation (20).
 
         Args:
@@ -167,7 +174,7 @@ class Mood:
         return replace(self, inertia=inertia, neighbours=neighbours, stalls=stalls)
 
 
-def leaders_of(own_values: Array, draws: Array, neighbours: int) -> npt.NDArray[np.int64]:
+def leaders_of(own_values: FloatArray, draws: FloatArray, neighbours: int) -> npt.NDArray[np.int64]:
     """Index of the best particle of each particle's random neighbourhood.
 
     Args:
@@ -187,7 +194,9 @@ def leaders_of(own_values: Array, draws: Array, neighbours: int) -> npt.NDArray[
     return leaders
 
 
-def stopped_at_bounds(places: Array, speeds: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def stopped_at_bounds(
+    places: FloatArray, speeds: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Particles that left the bounds are put on them and lose that component of their velocity.
 
     Args:

@@ -17,10 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.errors import RigError
-from rig.optimisers.evaluation import Evaluation
+from rig.optimisers.evaluation import Evaluation, FloatArray
 
-Array = npt.NDArray[np.float64]
-Bounds = Sequence[tuple[float, float]] | Array
+Bounds = Sequence[tuple[float, float]] | FloatArray
 
 
 class Objective(Protocol):
@@ -30,7 +29,7 @@ class Objective(Protocol):
     def n_parameters(self) -> int:
         """Number of parameters p."""
 
-    def batch(self, population: Array, /) -> Array:
+    def batch(self, population: FloatArray, /) -> FloatArray:
         """Values of a population.
 
         Args:
@@ -60,7 +59,7 @@ class Progress:
     evaluations: int
     budget: int
     value: float
-    best: Array
+    best: FloatArray
 
 
 Callback = Callable[[Progress], bool | None]
@@ -82,14 +81,14 @@ class Result:
         marks: Evaluations -> best point (p,) and value after so many; the end's where the search ended earlier.
     """
 
-    best: Array
+    best: FloatArray
     value: float
     evaluations: int
-    history: Array
+    history: FloatArray
     generations: int
     stopped_by: str
     seconds: float
-    marks: Mapping[int, tuple[Array, float]] = field(default_factory=dict)
+    marks: Mapping[int, tuple[FloatArray, float]] = field(default_factory=dict)
 
 
 @dataclass
@@ -109,21 +108,21 @@ class Search:
     """
 
     objective: Objective
-    start: Array | None
-    low: Array
-    high: Array
+    start: FloatArray | None
+    low: FloatArray
+    high: FloatArray
     population: int
     budget: int
     rng: np.random.Generator
     callback: Callback | None = None
     evaluation: Evaluation = field(default_factory=Evaluation)
     marks: tuple[int, ...] = ()
-    best: Array = field(init=False)
+    best: FloatArray = field(init=False)
     value: float = field(init=False, default=float("inf"))
     evaluations: int = field(init=False, default=0)
     generations: int = field(init=False, default=0)
     history: list[tuple[int, float]] = field(init=False, default_factory=list)
-    marked: dict[int, tuple[Array, float]] = field(init=False, default_factory=dict)
+    marked: dict[int, tuple[FloatArray, float]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.best = np.full(self.objective.n_parameters, np.nan) if self.start is None else self.start.copy()
@@ -143,7 +142,7 @@ class Search:
         """Evaluations left."""
         return self.budget - self.evaluations
 
-    def box(self, reach: float) -> tuple[Array, Array]:
+    def box(self, reach: float) -> tuple[FloatArray, FloatArray]:
         """Where a first population is drawn: the bounds, and `reach` either side of 0 where there is none.
 
         Args:
@@ -156,7 +155,7 @@ class Search:
         high = np.where(np.isfinite(self.high), self.high, np.maximum(reach, self.low + 2 * reach))
         return low, high
 
-    def draw(self, reach: float, count: int | None = None) -> Array:
+    def draw(self, reach: float, count: int | None = None) -> FloatArray:
         """First population, uniform in `box(reach)`; the caller's start, if any, is its first member.
 
         Args:
@@ -173,7 +172,7 @@ class Search:
             points[0] = self.start
         return points
 
-    def inside(self, points: Array) -> Array:
+    def inside(self, points: FloatArray) -> FloatArray:
         """Points moved to the nearest place inside the bounds.
 
         Args:
@@ -184,7 +183,7 @@ class Search:
         """
         return np.clip(points, self.low, self.high)
 
-    def evaluate(self, points: Array) -> Array:
+    def evaluate(self, points: FloatArray) -> FloatArray:
         """Values of a generation; spends budget, archives the best, reports.
 
         Args:
@@ -205,7 +204,7 @@ class Search:
             raise SearchEndedError("budget")
         return values
 
-    def record(self, points: Array, values: Array) -> None:
+    def record(self, points: FloatArray, values: FloatArray) -> None:
         """Count and archive values that were found outside `evaluate` (local refinement).
 
         Args:
@@ -339,7 +338,7 @@ def make_search(
     )
 
 
-def _checked_start(start: Array, low: Array, high: Array) -> Array:
+def _checked_start(start: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     if start.shape != low.shape:
         raise SearchError(f"start has shape {start.shape}; {low.size} parameters need ({low.size},)")
     outside = np.flatnonzero(~((start >= low) & (start <= high)) | ~np.isfinite(start))

@@ -13,10 +13,11 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from rig.optimisers.search import Array, Search, require
+from rig.optimisers.evaluation import FloatArray
+from rig.optimisers.search import Search, require
 
 
-def rank_weights(kept: int) -> Array:
+def rank_weights(kept: int) -> FloatArray:
     """Probability of each survivor to be a parent, best first: P_k = (N_keep - k + 1) / sum(1..N_keep).
 
     Args:
@@ -29,7 +30,7 @@ def rank_weights(kept: int) -> Array:
     return np.asarray(ranks / ranks.sum())
 
 
-def pick(weights: Array, draws: Array) -> npt.NDArray[np.int64]:
+def pick(weights: FloatArray, draws: FloatArray) -> npt.NDArray[np.int64]:
     """The first m whose cumulative probability reaches the draw.
 
     Args:
@@ -42,7 +43,7 @@ def pick(weights: Array, draws: Array) -> npt.NDArray[np.int64]:
     return np.minimum(np.searchsorted(np.cumsum(weights), draws, side="left"), len(weights) - 1)
 
 
-def blend(mothers: Array, fathers: Array, draws: Array) -> tuple[Array, Array]:
+def blend(mothers: FloatArray, fathers: FloatArray, draws: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Two children of each couple: o1 = ma - r (ma - pa), o2 = pa + r (ma - pa).
 
     Args:
@@ -106,10 +107,10 @@ class Pool:
         high: Shape (p,): highest.
     """
 
-    members: Array
-    values: Array
-    low: Array
-    high: Array
+    members: FloatArray
+    values: FloatArray
+    low: FloatArray
+    high: FloatArray
 
     @classmethod
     def drawn(cls, search: Search, reach: float) -> Pool:
@@ -239,7 +240,9 @@ class NovelGenetic(StatisticalGenetic):
         pool.evaluate(search, mutate(pool.members, pool.low, pool.high, count, rng))
 
 
-def other_parents(weights: Array, mothers: npt.NDArray[np.int64], rng: np.random.Generator) -> npt.NDArray[np.int64]:
+def other_parents(
+    weights: FloatArray, mothers: npt.NDArray[np.int64], rng: np.random.Generator
+) -> npt.NDArray[np.int64]:
     """Fathers by rank weight, redrawn until none is the mother.
 
     Args:
@@ -256,7 +259,9 @@ def other_parents(weights: Array, mothers: npt.NDArray[np.int64], rng: np.random
     return fathers
 
 
-def mutate(members: Array, low: Array, high: Array, count: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+def mutate(
+    members: FloatArray, low: FloatArray, high: FloatArray, count: int, rng: np.random.Generator
+) -> npt.NDArray[np.int64]:
     """Replace `count` single variables outside row 0 (the elite), in place, by uniform draws.
 
     Args:
@@ -321,7 +326,7 @@ class StandardGenetic(StatisticalGenetic):
         pool.evaluate(search, np.union1d(mutate(pool.members, pool.low, pool.high, count, rng), born))
 
 
-def roulette(errors: Array) -> Array:
+def roulette(errors: FloatArray) -> FloatArray:
     """Shares of a wheel proportional to 1 / error.
 
     Args:

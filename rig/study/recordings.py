@@ -53,7 +53,7 @@ def table1(truth: str, noise_N: float, seed: int) -> list[Measurement]:
     """
     rng = np.random.default_rng(seed)
     values = parameter_set(truth)
-    damper = model(values.model, values.hysteresis)  # type: ignore[arg-type]  # sets carry one of the two forms
+    damper = model(values.model, values.hysteresis)
     tests = []
     for current_A in TABLE1_CURRENT_A:
         for frequency_Hz in TABLE1_FREQUENCY_HZ:

@@ -14,7 +14,6 @@ import numpy as np
 from numba import njit
 
 from rig.dampers.arrays import BoolArray, FloatArray, IntArray
-from rig.dampers.series import force_series
 
 BLOCK = 2048  # samples kept in cache while every candidate of a population passes over them
 
@@ -77,34 +76,13 @@ def tanh_objective(
 
 
 @njit(error_model="numpy", cache=True, nogil=True)
-def hysteretic_objective(
-    kind: int,
-    population: FloatArray,
-    states: FloatArray,
-    u: FloatArray,
-    v: FloatArray,
-    a: FloatArray,
-    current: FloatArray,
-    force: FloatArray,
-    weight_squared: FloatArray,
-    dt: float,
-    warm: int,
-) -> FloatArray:
-    """Weighted sum of squares, shape (N,), of one test for models with internal states.
-
-    `population` has shape (N, p) in the model's order, `states` (s,) the state at rest; the first `warm` samples, one
-    whole cycle, are run once before the scored pass, so that the state has forgotten its start. A candidate whose
-    force is not finite scores infinity.
-    """
-    total = np.empty(population.shape[0])
-    for j in range(population.shape[0]):
-        model = force_series(kind, population[j], states, u, v, a, current, dt, warm)
-        subtotal = 0.0
-        for i in range(u.size):
-            error = force[i] - model[i]
-            subtotal += error * error * weight_squared[i]
-        total[j] = subtotal if math.isfinite(subtotal) else math.inf
-    return total
+def weighted_squares(force: FloatArray, modelled: FloatArray, weight_squared: FloatArray) -> float:
+    """Weighted sum of squares of one test, arrays of shape (n,); infinity where a modelled force is not finite."""
+    total = 0.0
+    for i in range(force.size):
+        error = force[i] - modelled[i]
+        total += error * error * weight_squared[i]
+    return total if math.isfinite(total) else math.inf
 
 
 @njit(cache=True, nogil=True)
@@ -118,9 +96,6 @@ def lagged_current(commanded: FloatArray, start: float, eta: float, dt: float) -
             value = commanded[i - 1] + (value - commanded[i - 1]) * decay
         current[i] = value
     return current
-
-
-BLOCK = 2048
 
 
 @njit(fastmath=True, error_model="numpy", cache=True, nogil=True)

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, ComplexArray, FloatArray
+from rig.identification.words import Saying
 
 PIECE = 32768  # samples that are looked at together: what is made of them stays in the processor's cache
 ARRAYS = (
@@ -98,7 +99,7 @@ class Measurement:
     force_zero_std_N: float = 0.0
     force_step_N: float = 0.0
     noise_N: float = float("nan")
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[Saying, ...] = field(default=())
 
     def __post_init__(self) -> None:
         n = self.u_m.shape[0]

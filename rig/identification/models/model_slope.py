@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rig.dampers.algebraic import AlgebraicModel, TanhModel
+from rig.dampers.algebraic import AlgebraicModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import with_lag
@@ -35,12 +35,10 @@ def modelled_force(model: DamperModel, values: Mapping[str, float], each: Measur
             motion = (each.u_m[rows], each.v_m_s[rows], each.a_m_s2[rows], each.current_A[rows])
             whole[rows] = model.force(complete, *motion, each.dt_s)
         return whole
-    from rig.dampers.series import force_series
+    from rig.dampers.kernel import force_series
 
     state, motion = model.initial_state(float(each.u_m[0])), (each.u_m, each.v_m_s, each.a_m_s2, each.current_A)
-    force: FloatArray = force_series(
-        model.kind, model.vector(complete), state, *motion, each.dt_s, each.samples_per_cycle
-    )
+    force: FloatArray = force_series(model, model.vector(complete), state, *motion, each.dt_s, each.samples_per_cycle)
     return force
 
 
@@ -73,7 +71,7 @@ def _algebraic_slopes(
     columns = dict(zip(model.fixed_names, fixed.T, strict=True))
     yielding = model.yield_shape(values, each.u_m, each.v_m_s)
     columns |= dict(zip(model.yield_names, (yielding, yielding * each.current_A), strict=True))
-    if isinstance(model, TanhModel):
+    if model.shape_names:
         at_zero, per_ampere = (values[name] for name in model.yield_names)
         rate = (at_zero + per_ampere * each.current_A) * (1.0 - yielding**2)
         slopes = model.argument_slopes(values, each.u_m, each.v_m_s)

@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
+from rig.dampers import MODELS, Hysteresis
 from rig.dampers import model as damper_model
-from rig.dampers.algebraic import Hysteresis
+from rig.dampers.algebraic import AlgebraicModel, general_coefficients
 from rig.dampers.arrays import FloatArray
-from rig.dampers.kinds import KIND_VISCOELASTIC_PLASTIC
 from rig.dampers.model import DamperModel
 from rig.identification.models.coil import coil_current
 from rig.identification.models.measurement import Measurement
@@ -20,32 +20,7 @@ from rig.identification.models.model_slope import modelled_force
 
 Weight = Literal["v", "1"]
 
-GENERAL_ORDER = ("m", "F0", "beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "Ka", "Kb")
-TO_GENERAL: dict[str, dict[str, tuple[str, ...]]] = {
-    "asymmetric": {**{name: (name,) for name in GENERAL_ORDER}, "lambda": ("delta",)},
-    "symmetric": {name: (name,) for name in ("m", "F0", "beta", "delta", "Fya", "Fyb", "Ka", "Kb")}
-    | {"lambda": ("delta",), "Ca": ("Ca_plus", "Ca_minus"), "Cb": ("Cb_plus", "Cb_minus")},
-    "kwok": {
-        "c": ("Ca_plus", "Ca_minus"),
-        "c_b": ("Cb_plus", "Cb_minus"),
-        "k": ("Ka",),
-        "k_b": ("Kb",),
-        "alpha": ("Fya",),
-        "alpha_b": ("Fyb",),
-        "beta": ("beta",),
-        "delta": ("delta",),
-        "f0": ("F0",),
-    },
-    "bingham": {
-        "fc": ("Fya",),
-        "fc_b": ("Fyb",),
-        "c0": ("Ca_plus", "Ca_minus"),
-        "c0_b": ("Cb_plus", "Cb_minus"),
-        "f0": ("F0",),
-    },
-}
 UNACCEPTABLE = 1e12  # residual of a sample whose modelled force is not finite
-SIGN_SLOPE_S_M = 1e12  # tanh of so steep an argument is the sign function of the Bingham model
 
 
 class Problem:
@@ -78,11 +53,12 @@ class Problem:
         self.measurements = tuple(measurements)
         self.model = model if isinstance(model, DamperModel) else damper_model(model, hysteresis)
         if lag and "eta" not in self.model.names:
-            raise ValueError(f"lag: {self.model.name} has no eta; asymmetric, symmetric and modified_bouc_wen have it")
+            having = ", ".join(name for name, other in MODELS.items() if "eta" in other.names)
+            raise ValueError(f"lag: {self.model.name} has no eta; models that have: {having}")
         self.weight = weight
         self.lag = lag
         self.names = tuple(name for name in self.model.names if lag or name != "eta")
-        self._joined = self._join() if self.model.kind < KIND_VISCOELASTIC_PLASTIC else None
+        self._joined = self._join() if isinstance(self.model, AlgebraicModel) else None
         self._weights = [self._weight_squared(each) for each in self.measurements]
 
     @property
@@ -189,29 +165,28 @@ class Problem:
         return total
 
     def _hysteretic_batch(self, candidates: FloatArray, sources: Sequence[Measurement]) -> FloatArray:
-        from rig.identification.models.kernels import hysteretic_objective
+        from rig.dampers.kernel import series_of
+        from rig.identification.models.kernels import weighted_squares
 
+        series = series_of(self.model)
         full = np.ones((candidates.shape[0], len(self.model.parameters)))
         full[:, [self.model.names.index(name) for name in self.names]] = candidates
         total = np.zeros(candidates.shape[0])
-        for each, weight in zip(sources, self._weights, strict=True):
-            state = self.model.initial_state(float(each.u_m[0]))
-            data = (each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.force_N, weight)
-            total += hysteretic_objective(self.model.kind, full, state, *data, each.dt_s, each.samples_per_cycle)
+        for test, weight in zip(sources, self._weights, strict=True):
+            state = self.model.initial_state(float(test.u_m[0]))
+            motion = (test.u_m, test.v_m_s, test.a_m_s2, test.current_A, test.dt_s, test.samples_per_cycle)
+            total += [weighted_squares(test.force_N, series(vector, state, *motion), weight) for vector in full]
         return total
 
     def _general(self, candidates: FloatArray) -> FloatArray:
-        """Candidates in the 12 coefficients shared by the algebraic models, shape (N, 12)."""
-        general = np.zeros((candidates.shape[0], len(GENERAL_ORDER)))
-        mapping = TO_GENERAL[self.model.name]
-        for column, name in enumerate(self.names):
-            for target in mapping.get(name, ()):
-                general[:, GENERAL_ORDER.index(target)] = candidates[:, column]
-        if "lambda" in self.names:
-            general[:, 3] *= general[:, 2]
-        if self.model.name == "bingham":
-            general[:, 2] = SIGN_SLOPE_S_M
-        return general
+        """Candidates in the 12 coefficients shared by the algebraic models, shape (N, 12).
+
+        Raises:
+            TypeError: the model has internal states.
+        """
+        if not isinstance(self.model, AlgebraicModel):
+            raise TypeError(f"{self.model.name} has internal states and no general form")
+        return general_coefficients(self.model, self.names, candidates)
 
     def _weight_squared(self, each: Measurement) -> FloatArray:
         squared = each.v_m_s**2 if self.weight == "v" else np.ones_like(each.v_m_s)

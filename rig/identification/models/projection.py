@@ -9,18 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
-from rig.dampers.algebraic import AlgebraicModel, TanhModel
 from rig.dampers.arrays import BoolArray, FloatArray
+from rig.dampers.separation import Separation
 from rig.identification.models.inner_least_squares import Inner, Reduction
 from rig.identification.models.measurement import Measurement
 
 Weight = Literal["v", "1"]
 
-BETA_LIMITS = (1e-3, 1e9)  # s/m: from a straight line to a sign function
 PIECE = 32768
 ALL = slice(None)
 KEEP_BELOW = 2_000_000  # samples up to which the regressors stay in memory
@@ -79,74 +78,6 @@ class Piece:
         return self.source.current_A[self.rows]
 
 
-class Form(Protocol):
-    """A model split for projection: what is linear without the shape, and the yield shapes times powers of the current.
-
-    Attributes:
-        fixed_names: linear parameters whose regressors need no shape parameter.
-        yield_names: linear parameters of the yield shapes, of each by rising powers of the current.
-        powers: how many of `yield_names` belong to each yield shape.
-        shape_names: the nonlinear parameters.
-        bends: for each of them, which yield shape it bends.
-        logarithmic: for each of them, whether it is positive and searched by its logarithm.
-        limits: lowest and highest value of each shape parameter, shape (s, 2).
-        pointwise: whether a sample's regressors need no other sample, so that samples may be left out.
-    """
-
-    @property
-    def fixed_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
-    @property
-    def yield_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
-    @property
-    def powers(self) -> tuple[int, ...]: ...  # noqa: D102 - described above
-    @property
-    def bends(self) -> tuple[int, ...]: ...  # noqa: D102 - described above
-    @property
-    def shape_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
-    @property
-    def logarithmic(self) -> tuple[bool, ...]: ...  # noqa: D102 - described above
-    @property
-    def limits(self) -> FloatArray: ...  # noqa: D102 - described above
-    @property
-    def pointwise(self) -> bool: ...  # noqa: D102 - described above
-
-    def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
-        """Regressors of `fixed_names`, shape (n, k), from extension (m), velocity, acceleration and current (A)."""
-
-    def yielding(self, source: Measurement, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
-        """The yield shapes of some rows, each (n,), then with `slope` a derivative for each shape parameter."""
-
-
-class AlgebraicForm:
-    """An algebraic model split for projection."""
-
-    pointwise = True
-    powers: tuple[int, ...] = (2,)
-
-    def __init__(self, model: AlgebraicModel) -> None:
-        self.model = model
-        self.fixed_names: tuple[str, ...] = model.fixed_names
-        self.yield_names: tuple[str, ...] = model.yield_names
-        self.shape_names = model.shape_names
-        self.bends = (0,) * len(model.shape_names)
-        self.logarithmic = tuple(name == "beta" for name in model.shape_names)
-        self.limits = np.array([BETA_LIMITS if name == "beta" else (-np.inf, np.inf) for name in model.shape_names])
-
-    def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
-        """See `Form.fixed_columns`."""
-        return self.model.fixed_columns(u, v, a, current)
-
-    def yielding(self, source: Measurement, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
-        """See `Form.yielding`."""
-        values = dict(zip(self.shape_names, shape, strict=True))
-        u, v = source.u_m[rows], source.v_m_s[rows]
-        yielding = self.model.yield_shape(values, u, v)
-        if not slope or not isinstance(self.model, TanhModel):
-            return [yielding]
-        rate = 1.0 - yielding**2
-        return [yielding, *(rate * each for each in self.model.argument_slopes(values, u, v))]
-
-
 class Projection:
     """Equation (12) as a function of the shape parameters alone; the linear ones are solved for.
 
@@ -158,7 +89,7 @@ class Projection:
 
     def __init__(
         self,
-        form: Form,
+        form: Separation,
         measurements: Sequence[Measurement],
         weighting: Weighting,
         *,

@@ -1,9 +1,9 @@
-"""Separable identification of the algebraic models: global over their one or two shape parameters, linear in the rest.
+"""Separable fits: global over the few shape parameters of a model, linear in the rest.
 
-Method (no start needed): a grid over steepness and loop width on thinned data, with ranges from the greatest speed;
-Levenberg-Marquardt from the best few on the thinned data; then on all samples. The grid is what makes it global: from a
-single start one fit in six stops in a false minimum, where the tanh has saturated to sgn(u). What is returned as the
-objective is summed from the residuals themselves.
+Method (no start needed): a grid over the shape on thinned data or one cycle of each test, refined from the best few
+there, then finished on all samples. The grid is what makes it global: from a single start one fit of a tanh model in
+six stops in a false minimum, where the tanh has saturated to sgn(u). What a tanh model's fit returns as the objective
+is summed from the residuals themselves.
 """
 
 from __future__ import annotations
@@ -11,27 +11,32 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
-from rig.dampers.algebraic import AlgebraicModel, TanhModel
+from rig.dampers.algebraic import AlgebraicModel, AlgebraicSeparation, TanhModel
 from rig.dampers.arrays import FloatArray
+from rig.dampers.model import DamperModel
+from rig.dampers.separation import MotionScale, Separation
 from rig.errors import IdentificationFailed
 from rig.identification.models.inner_least_squares import Inner
-from rig.identification.models.measurement import Measurement
-from rig.identification.models.projection import AlgebraicForm, Projection, Weighting
+from rig.identification.models.measurement import Measurement, first_cycle
+from rig.identification.models.projection import Projection, Weighting
 from rig.identification.models.tanh_projection import TanhProjection
+from rig.optimisers.least_squares import Descent, Squares, descend
 
 THINNED_SAMPLES = 2500
-STEEPNESS = np.geomspace(1.5, 1500.0, 11)  # beta times the greatest speed
-WIDTHS = np.array([0.0, 0.004, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3, 0.55, 0.9])  # loop half width over the greatest speed
-STARTS = 4
-ITERATIONS = 60
-TOLERANCE = 1e-9
-ROUGH = 1e-4  # tolerance on the thinned data, whose minimum is further than that from the one sought
+STARTS = 4  # of a tanh model's grid, refined on thinned data
+LOOP_STARTS = 3  # of a loop's grid, refined on one cycle of each test
+TOLERANCE = 1e-9  # share of the objective that a step must promise
+ROUGH = 1e-4  # the same on thinned data, whose minimum is further than that from the one sought
+LOOP_ROUGH, LOOP_FINE = 1e-3, 1e-8  # the same for loops: among starts, at last
+LONGEST_LOGARITHM = 1.5  # step of a shape parameter that is searched by its logarithm
 RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not the best on all data either,
-AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
 FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
+AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
+AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
 
 class GivenUp(IdentificationFailed):
@@ -40,7 +45,7 @@ class GivenUp(IdentificationFailed):
 
 @dataclass(frozen=True)
 class Solution:
-    """A fit of an algebraic model.
+    """A fitted model.
 
     Attributes:
         values: parameter name to SI value, eta left out.
@@ -57,6 +62,18 @@ class Solution:
     at_bound: tuple[str, ...] = ()
     at_limit: Mapping[str, float] = field(default_factory=dict)
     extra: tuple[FloatArray, ...] | None = None
+
+
+def motion_scale(measurements: Sequence[Measurement]) -> MotionScale:
+    """What the motion of these tests is like."""
+    return MotionScale(
+        smallest_amplitude_m=min(float(np.ptp(test.u_m)) / 2.0 for test in measurements),
+        top_speed_m_s=max(float(np.max(np.abs(test.v_m_s))) for test in measurements),
+        mean_current_A=float(np.mean([np.mean(test.current_A) for test in measurements])),
+        low_current_A=min(float(np.min(test.current_A)) for test in measurements),
+        high_current_A=max(float(np.max(test.current_A)) for test in measurements),
+        interval_s=min(test.dt_s for test in measurements),
+    )
 
 
 def solve_separable(
@@ -82,28 +99,27 @@ def solve_separable(
         The best solution found; `values` in SI by name.
     """
     weighting = weighting or Weighting()
-    names = (*model.fixed_names, *model.yield_names)
     if not isinstance(model, TanhModel):
         return _without_shape(measurements, model, weighting, held, non_negative)
     full, cost = TanhProjection(model, measurements, weighting, without=held), 0.0
     starts = [] if start is None else [start]
     if not starts:
-        every = max(1, sum(each.u_m.size for each in measurements) // THINNED_SAMPLES)
+        every = max(1, sum(test.u_m.size for test in measurements) // THINNED_SAMPLES)
         thin = TanhProjection(model, measurements, weighting, every=every, without=held)
-        starts = _starts(thin, max(float(max(np.max(each.v_m_s), -np.min(each.v_m_s))) for each in measurements))
+        top_m_s = max(float(max(np.max(test.v_m_s), -np.min(test.v_m_s))) for test in measurements)
+        starts = _starts(thin, model.start_grid(top_m_s))
         cost = thin.evaluations / every
-    found = [levenberg_marquardt(full, each) for each in starts]
-    shape, inner = min(found, key=lambda each: each[1].objective)
-    bound = _negative(names, inner, non_negative)
+    refined = [refine(full, shape) for shape in starts]
+    shape, inner = min(refined, key=lambda minimum: minimum[1].objective)
+    bound = _negative(full.form, inner, non_negative)
     if bound:
         rest = full.without(held | frozenset(bound))
-        shape, inner = levenberg_marquardt(rest, shape)
+        shape, inner = refine(rest, shape)
         cost += rest.evaluations
     objective = full.plain(shape, inner.linear)
-    pairs = (*zip(names, inner.linear, strict=True), *zip(model.shape_names, shape, strict=True))
-    values = {name: float(value) for name, value in pairs}
-    limits = limits_met(model.shape_names, shape, full.form.limits)
-    return Solution(values, objective, full.evaluations + int(np.ceil(cost)), bound, limits)
+    limits = limits_met(full.form, shape)
+    evaluations = full.evaluations + int(np.ceil(cost))
+    return Solution(full.form.values(inner.linear, shape), objective, evaluations, bound, limits)
 
 
 def _without_shape(
@@ -114,44 +130,77 @@ def _without_shape(
     non_negative: frozenset[str],
 ) -> Solution:
     """A model without shape parameters is one linear least squares."""
-    names = (*model.fixed_names, *model.yield_names)
-    form = AlgebraicForm(model)
+    form, nothing = AlgebraicSeparation(model), np.zeros(0)
     whole = Projection(form, measurements, weighting, without=held)
-    inner = whole.solve(np.zeros(0), slope=False)
-    bound = _negative(names, inner, non_negative)
+    inner = whole.solve(nothing, slope=False)
+    bound = _negative(form, inner, non_negative)
     if bound:
         whole = Projection(form, measurements, weighting, without=held | frozenset(bound))
-        inner = whole.solve(np.zeros(0), slope=False)
-    values = {name: float(value) for name, value in zip(names, inner.linear, strict=True)}
-    return Solution(values, inner.objective, 1 + bool(bound), bound)
+        inner = whole.solve(nothing, slope=False)
+    return Solution(form.values(inner.linear, nothing), inner.objective, 1 + bool(bound), bound)
 
 
-def limits_met(names: Sequence[str], shape: FloatArray, limits: FloatArray) -> dict[str, float]:
-    """The shape parameters that lie at a limit of their search, with that limit.
+def solve_loop(
+    measurements: Sequence[Measurement],
+    model: DamperModel,
+    form: Separation,
+    weighting: Weighting,
+    held: frozenset[str],
+    near: Mapping[str, float] | None = None,
+) -> Solution:
+    """Fit a model with internal states that splits: given its loop's shape, the force is linear in the rest.
 
     Args:
-        names: of the shape parameters.
+        measurements: the tests.
+        model: the damper model.
+        form: how it splits.
+        weighting: which samples count, and how much.
+        held: linear parameters left out, held at zero.
+        near: values to start from instead of the form's starts.
+    """
+    without = form.held_here(held)
+    single = [first_cycle(test) for test in measurements]
+    short = Projection(form, single, weighting, without=without)
+    if near is None:
+        order = np.argsort([short.objective(shape) for shape in form.starts])[:LOOP_STARTS]
+        starts = [form.starts[k] for k in order]
+    else:
+        starts = [form.shape_of(near)]
+    refined = [refine(short, shape, LOOP_ROUGH) for shape in starts]
+    start = min(refined, key=lambda minimum: minimum[1].objective)[0]
+    full = Projection(form, measurements, weighting, without=without)
+    shape, inner = refine(full, start, LOOP_FINE)
+    share = sum(test.u_m.size for test in single) / sum(test.u_m.size for test in measurements)
+    evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
+    values = form.values(inner.linear, shape)
+    return Solution(values, inner.objective, evaluations, at_limit=limits_met(form, shape))
+
+
+def limits_met(form: Separation, shape: FloatArray) -> dict[str, float]:
+    """The shape parameters that lie at a limit of their search, by the model's names, with that limit.
+
+    Args:
+        form: the model, split.
         shape: where the search ended, shape (s,).
-        limits: lowest and highest value of each, shape (s, 2).
     """
     met = {}
-    for name, value, ends in zip(names, shape.tolist(), limits.tolist(), strict=True):
+    for name, value, ends in zip(form.shape_names, shape.tolist(), form.limits.tolist(), strict=True):
         for end in ends:
             if math.isfinite(end) and abs(value - end) <= AT_LIMIT * abs(end):
                 met[name] = end
-    return met
+    return form.at_limit(met)
 
 
-def _negative(names: Sequence[str], inner: Inner, non_negative: frozenset[str]) -> tuple[str, ...]:
-    """Names of the values that are negative and must not be."""
-    pairs = zip(names, inner.linear, strict=True)
+def _negative(form: Separation, inner: Inner, non_negative: frozenset[str]) -> tuple[str, ...]:
+    """Names of the linear values that are negative and must not be."""
+    pairs = zip((*form.fixed_names, *form.yield_names), inner.linear, strict=True)
     return tuple(name for name, value in pairs if name in non_negative and value < 0.0)
 
 
-def _starts(thin: TanhProjection, top_speed_m_s: float) -> list[FloatArray]:
+def _starts(thin: TanhProjection, grid: FloatArray) -> list[FloatArray]:
     """The best minimum of the thinned data, and the next one where those data do not rule it out."""
-    refined = [levenberg_marquardt(thin, each, ROUGH) for each in _best_of_grid(thin, top_speed_m_s)]
-    (best, inner), *others = sorted(refined, key=lambda found: found[1].objective)
+    refined = [refine(thin, shape, ROUGH) for shape in _best_of_grid(thin, grid)]
+    (best, inner), *others = sorted(refined, key=lambda minimum: minimum[1].objective)
     possible = RULED_OUT * inner.objective + FEW_DECIDE * thin.power
     for shape, rival in others:
         if rival.objective <= possible and not np.allclose(shape, best, rtol=0.1, atol=1e-3):
@@ -159,55 +208,65 @@ def _starts(thin: TanhProjection, top_speed_m_s: float) -> list[FloatArray]:
     return [best]
 
 
-def _best_of_grid(thin: TanhProjection, top_speed_m_s: float) -> list[FloatArray]:
-    """The best local minima of a grid over steepness and loop width."""
-    printed = thin.form.shape_names[1] == "lambda"
-    beta, width = np.meshgrid(STEEPNESS / top_speed_m_s, WIDTHS * top_speed_m_s, indexing="ij")
-    shapes = np.stack((beta, width if printed else beta * width), axis=-1)
-    values = thin.objectives(shapes.reshape(-1, 2)).reshape(beta.shape)
+def _best_of_grid(thin: TanhProjection, grid: FloatArray) -> list[FloatArray]:
+    """The best local minima of a grid (b, w, 2) over steepness and loop width."""
+    values = thin.objectives(grid.reshape(-1, 2)).reshape(grid.shape[:2])
     padded = np.pad(values, 1, constant_values=np.inf)
     neighbours = np.min(
         [padded[1 + i : padded.shape[0] - 1 + i, 1 + j : padded.shape[1] - 1 + j] for i, j in AROUND], axis=0
     )
     minima = np.argwhere(values <= neighbours)
     order = np.argsort(values[tuple(minima.T)])[:STARTS]
-    return [shapes[tuple(minima[k])] for k in order]
+    return [grid[tuple(minima[k])] for k in order]
 
 
-AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+class Projected(Protocol):
+    """An objective as a function of the shape alone, the linear parameters solved for."""
+
+    @property
+    def form(self) -> Separation:
+        """The model, split."""
+
+    def solve(self, shape: FloatArray, *, slope: bool = True) -> Inner:
+        """The inner solution at a shape (s,), with its projected slope."""
 
 
-def levenberg_marquardt(
-    projection: Projection | TanhProjection, start: FloatArray, tolerance: float = TOLERANCE
-) -> tuple[FloatArray, Inner]:
-    """Minimise the projected objective; positive parameters are searched by their logarithms.
+class _ShapeSquares(Squares):
+    """The projected sum of squares: one pass gives value and slopes; positive shapes move by their logarithms."""
+
+    def __init__(self, projection: Projected) -> None:
+        self._projection = projection
+        self.logarithmic, self._limits = np.array(projection.form.logarithmic, dtype=bool), projection.form.limits
+        self._last: Inner | None = None
+        self.taken: Inner | None = None
+
+    def value(self, theta: FloatArray) -> float:
+        """See `Squares.value`."""
+        self._last = self._projection.solve(theta)
+        return self._last.objective
+
+    def slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Squares.slopes`."""
+        self.taken = inner = self._last or self._projection.solve(theta)
+        chain = np.where(self.logarithmic, theta, 1.0)
+        return inner.curvature * (chain[:, None] * chain), inner.gradient * chain
+
+    def moved(self, theta: FloatArray, step: FloatArray) -> FloatArray:
+        """See `Squares.moved`."""
+        trial = theta + step
+        trial[self.logarithmic] = theta[self.logarithmic] * np.exp(step[self.logarithmic])
+        return np.asarray(np.minimum(np.maximum(trial, self._limits[:, 0]), self._limits[:, 1]))
+
+
+def refine(projection: Projected, start: FloatArray, tolerance: float = TOLERANCE) -> tuple[FloatArray, Inner]:
+    """Descend on the projected objective; the shape (s,) it ends at, and the inner solution there.
 
     Args:
         projection: the objective as a function of the shape.
         start: shape parameters, shape (s,).
         tolerance: it ends when a step promises less than this share of the objective.
     """
-    shape, inner = start, projection.solve(start)
-    logarithmic, limits = np.array(projection.form.logarithmic), projection.form.limits
-    damping = 1e-3
-    for _ in range(ITERATIONS):
-        chain = np.where(logarithmic, shape, 1.0)
-        gradient, curvature = inner.gradient * chain, inner.curvature * (chain[:, None] * chain)
-        damped = curvature.copy()
-        damped.flat[:: shape.size + 1] += damping * np.maximum(curvature.diagonal(), 1e-300)
-        step = np.linalg.solve(damped, gradient)
-        step[logarithmic] = np.minimum(np.maximum(step[logarithmic], -1.5), 1.5)
-        promised = float(step @ gradient)
-        if not np.isfinite(step).all() or promised <= tolerance * inner.objective:
-            break
-        trial = shape + step
-        trial[logarithmic] = shape[logarithmic] * np.exp(step[logarithmic])
-        trial = np.minimum(np.maximum(trial, limits[:, 0]), limits[:, 1])
-        found = projection.solve(trial)
-        if found.objective < inner.objective:
-            shape, inner, damping = trial, found, damping * 0.2
-        else:
-            damping *= 6.0
-            if damping > 1e8:
-                break
-    return shape, inner
+    squares = _ShapeSquares(projection)
+    longest = np.where(squares.logarithmic, LONGEST_LOGARITHM, np.inf)
+    shape, _ = descend(squares, start, Descent(tolerance, longest=longest))
+    return shape, squares.taken or projection.solve(shape)

@@ -1,4 +1,9 @@
-"""One model fitted to measurements by a named method: values and their cost, nothing judged yet."""
+"""One model fitted to measurements by a named method: values and their cost, nothing judged yet.
+
+Huber's loss (1964): rho(r) = r^2 / 2 up to a limit k, k |r| - k^2 / 2 beyond; k is `HUBER` standard deviations, which
+each test's median absolute residual gives. Solved by reweighting: samples beyond k have weight k / |r|. Outliers count
+less in the fit, and not at all when it is judged whether the model fits.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.dampers.algebraic import AlgebraicModel, BinghamModel, TanhModel
+from rig.dampers import MODELS
+from rig.dampers.algebraic import AlgebraicModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
@@ -17,7 +23,7 @@ from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.problem import FixedParameters, Problem
 from rig.identification.models.projection import Weighting
-from rig.identification.models.separable import Solution, solve_separable
+from rig.identification.models.separable import Solution, motion_scale, solve_loop, solve_separable
 from rig.identification.models.undetermined import Undetermined
 
 if TYPE_CHECKING:  # it loads logging and threads, which a fit does not need
@@ -27,7 +33,6 @@ SEPARABLE = "separable"
 SQUARES = "squares"
 LOSSES = (SQUARES, "huber")
 THREE_STEPS = "zhu_three_step"
-PARTLY_SEPARABLE = ("normalized_bouc_wen", "bouc_wen", "thinning_bouc_wen")
 GUARD_S = 1e-3
 ROBUST_ROUNDS = 8
 
@@ -72,8 +77,8 @@ class Method:
         guard_s = GUARD_S if self.name == SEPARABLE else 0.0
         return Weighting(
             "v" if weight == "v" else "1",
-            guard_s if isinstance(model, TanhModel) else 0.0,
-            guard_s if isinstance(model, BinghamModel) else 0.0,
+            guard_s if model.jumps_at == "mid-stroke" else 0.0,
+            guard_s if model.jumps_at == "reversal" else 0.0,
         )
 
 
@@ -107,9 +112,10 @@ def solve(
         GivenUp: the rival is so much better that the model was not fitted to the end.
     """
     if method.loss != SQUARES and not (method.name == SEPARABLE and isinstance(model, AlgebraicModel)):
+        having = ", ".join(name for name, other in MODELS.items() if other.states == 0)
         raise IdentificationFailed(
             f"{model.name} by {method.name} has no loss {method.loss!r}, only {SQUARES!r}; separable fits of "
-            "models without internal states (asymmetric, symmetric, kwok, bingham) have it"
+            f"models without internal states ({having}) have it"
         )
     if method.name == SEPARABLE:
         if isinstance(model, AlgebraicModel):
@@ -159,11 +165,10 @@ def _with_states(
     near: Mapping[str, float] | None,
     rival_N: float,
 ) -> Solution:
-    """The models with internal states: those that separate in part, and those that do not."""
-    if model.name in PARTLY_SEPARABLE:
-        from rig.identification.models.bouc_wen import solve_bouc_wen
-
-        return solve_bouc_wen(measurements, model, method.weighting(model), held, near)
+    """The models with internal states: those that split, and those that do not."""
+    form = model.separation(motion_scale(measurements))
+    if form is not None:
+        return solve_loop(measurements, model, form, method.weighting(model), held, near)
     from rig.identification.models.state_search import solve_states
 
     return solve_states(measurements, model, method.weighting(model), held, near, rival_N)

@@ -13,12 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
-from rig.dampers.algebraic import TanhModel
+from rig.dampers.algebraic import AlgebraicSeparation, TanhModel
 from rig.dampers.arrays import BoolArray, FloatArray, IntArray
 from rig.identification.models.inner_least_squares import Inner, Reduction
 from rig.identification.models.measurement import Measurement
-from rig.identification.models.problem import TO_GENERAL
-from rig.identification.models.projection import AlgebraicForm, Weighting
+from rig.identification.models.projection import Weighting
 
 COLUMNS = 6  # that do not depend on the shape: a, 1, v, |v|, u, force
 PIECE = 65_536
@@ -212,7 +211,7 @@ class TanhProjection:
         without: frozenset[str] = frozenset(),
         compiled: bool | None = None,
     ) -> None:
-        self.form = AlgebraicForm(model)
+        self.form = AlgebraicSeparation(model)
         self.evaluations = self.samples = 0
         self._printed = model.hysteresis == "printed"
         self._measurements, self._weighting = tuple(measurements), weighting
@@ -289,7 +288,7 @@ def _regressors(model: TanhModel) -> FloatArray:
     """The model's fixed regressors as combinations of a, 1, v, |v|, u, then these times the current; shape (10, k)."""
     columns = np.zeros((2, BASE, len(model.fixed_names)))
     for k, name in enumerate(model.fixed_names):
-        for general in TO_GENERAL[model.name][name]:
+        for general in model.general[name]:
             combination, power = REGRESSORS[general]
             columns[power, :, k] += combination
     return columns.reshape(2 * BASE, -1)

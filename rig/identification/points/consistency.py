@@ -12,7 +12,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement, samples_a_cycle
-from rig.identification.words import some
+from rig.identification.words import Saying, say, some
 from rig.recording.run import RecordedPoint
 
 REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
@@ -88,10 +88,10 @@ def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
         )
 
 
-def contradictions(measurements: Sequence[Measurement]) -> list[str]:
+def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:
     """A warning when tests of the same motion and current measured different forces."""
     loops = [_loop(each) for each in measurements]
-    found = []
+    differing = []
     for one, other in itertools.combinations(range(len(measurements)), 2):
         first, second = measurements[one], measurements[other]
         if not _alike(first, second):
@@ -100,18 +100,13 @@ def contradictions(measurements: Sequence[Measurement]) -> list[str]:
         noise = max((x for x in (first.noise_N, second.noise_N) if not np.isnan(x)), default=0.0)
         peak = max(first.peak_force_N, second.peak_force_N)
         if difference > max(DIFFERENT_OF_PEAK * peak, DIFFERENT_OF_NOISE * noise):
-            found.append(f"{_name(first)} and {_name(second)} by {100.0 * difference / peak:.0f} % of peak")
-    if not found:
-        return []
-    return [
-        f"tests of the same motion and current measured different forces ({some(found)}): two specimens, two "
-        "temperatures, or a rig that changed between them; one fit describes one damper in one condition"
-    ]
+            differing.append(f"{_name(first)} and {_name(second)} by {100.0 * difference / peak:.0f} % of peak")
+    return [say("contradiction", pairs=some(differing))] if differing else []
 
 
 def runs_apart(
     measurements: Sequence[Measurement], together_N: float, error_of: Callable[[list[Measurement]], float]
-) -> list[str]:
+) -> list[Saying]:
     """A warning when the runs, each fitted apart, are described much better than all of them by one fit.
 
     Args:
@@ -129,11 +124,7 @@ def runs_apart(
     apart_N = float(np.sqrt(total / sum(samples.values())))
     if apart_N > APART_OF_TOGETHER * together_N:
         return []
-    return [
-        f"the {len(runs)} runs are described to {apart_N:.3g} N when each is fitted apart, and only to "
-        f"{together_N:.3g} N by one fit: they are probably not the same damper, or not in the same condition; identify "
-        "them apart"
-    ]
+    return [say("runs-apart", count=len(runs), apart_N=apart_N, together_N=together_N)]
 
 
 def _alike(first: Measurement, second: Measurement) -> bool:

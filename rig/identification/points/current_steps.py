@@ -15,9 +15,11 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed, RigError
+from rig.optimisers.least_squares import Descent, Squares, descend
 from rig.recording.run import RecordedPoint
 
-MOST_ROUNDS = 60
+DESCENT = Descent(1e-14, iterations=60, more=4.0, most_damping=1e10)
+LARGEST_LOGARITHM = 20.0  # of eta: beyond it a search has diverged
 FEWEST_SAMPLES_A_STEP = 8
 LEAST_STEP_A = 0.05
 T_975_LARGE = 1.96
@@ -120,7 +122,7 @@ class _Solution:
     starts_s: FloatArray
 
 
-class _Response:
+class _Response(Squares):
     """Measured current (n,) and the model: exponential from level to level, each step from its own instant.
 
     Unknowns: ln eta, the instants (m,), the levels (m + 1,).
@@ -133,37 +135,46 @@ class _Response:
         self.starts_s, self.levels_A = starts_s, np.asarray(levels_A, np.float64)
         bounds_s = np.concatenate((starts_s, [np.inf]))
         shift_s = 0.5 * float(np.min(np.diff(time_s)))
+        self.diverged = False
+        self._model, self._slope = np.zeros(0), np.zeros((0, 0))
         self.step = np.searchsorted(bounds_s - shift_s, time_s, side="right") - 1
 
     def solve(self, eta_1_s: float) -> _Solution | None:
-        """Levenberg-Marquardt from a start; None where it does not converge to a finite result."""
+        """Least squares from a start; None where it does not converge to a finite result."""
         count = len(self.starts_s)
-        theta = np.concatenate(([math.log(eta_1_s)], self.starts_s, self.levels_A))
-        damping, (model, slope) = 1e-3, self.model(theta)
-        residual = self.current_A - model
-        for _ in range(MOST_ROUNDS):
-            normal, gradient = slope.T @ slope, slope.T @ residual
-            change = np.linalg.lstsq(normal + damping * np.diag(np.diag(normal)), gradient, rcond=None)[0]
-            trial = theta + change
-            if not np.all(np.isfinite(trial)) or abs(trial[0]) > 20.0:
-                return None
-            model, trial_slope = self.model(trial)
-            left = self.current_A - model
-            if left @ left <= residual @ residual:
-                converged = left @ left > (1.0 - 1e-12) * (residual @ residual)
-                theta, residual, slope, damping = trial, left, trial_slope, max(damping / 5.0, 1e-12)
-                if converged:
-                    break
-            else:
-                damping *= 4.0
-                if damping > 1e10:
-                    break
+        start = np.concatenate(([math.log(eta_1_s)], self.starts_s, self.levels_A))
+        self.diverged = False
+        theta, total = descend(self, start, DESCENT)
+        if self.diverged:
+            return None
+        slope = self.model(theta)[1]
         freedom = max(1, len(self.time_s) - len(theta))
-        variance = float(residual @ residual) / freedom
+        variance = total / freedom
         covariance = variance * np.linalg.pinv(slope.T @ slope)
         eta = math.exp(theta[0])
         std_1_s = eta * math.sqrt(max(0.0, float(covariance[0, 0])))
         return _Solution(eta, std_1_s, math.sqrt(variance), theta[1 : 1 + count])
+
+    def admissible(self, theta: FloatArray) -> bool:
+        """See `Squares.admissible`; a search that leaves every rate of a coil has diverged."""
+        self.diverged = self.diverged or abs(float(theta[0])) > LARGEST_LOGARITHM
+        return not self.diverged
+
+    @property
+    def spent(self) -> bool:
+        """See `Squares.spent`."""
+        return self.diverged
+
+    def value(self, theta: FloatArray) -> float:
+        """See `Squares.value`."""
+        self._model, self._slope = self.model(theta)
+        residual = self.current_A - self._model
+        return float(residual @ residual)
+
+    def slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Squares.slopes`."""
+        del theta
+        return self._slope.T @ self._slope, self._slope.T @ (self.current_A - self._model)
 
     def model(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Modelled current (n,) and its slope (n, p) by the unknowns."""

@@ -19,7 +19,7 @@ from rig.errors import IdentificationFailed, RigError
 from rig.identification.models.coil import LEAST_STEP_A
 from rig.identification.models.measurement import Measurement, MotionError
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
-from rig.identification.words import some
+from rig.identification.words import Saying, say, some
 from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
 from rig.recording.differentiation import Motion, harmonic, savitzky_golay, with_orders
 from rig.recording.loop_shape import noise_of
@@ -65,7 +65,7 @@ def _folder(point: RecordedPoint) -> Path | None:
     return None if point.path is None else point.path.resolve().parent
 
 
-def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> tuple[list[Measurement], list[str]]:
+def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> tuple[list[Measurement], list[Saying]]:
     """Measurements of all points that can be used, and one warning for each that cannot.
 
     Args:
@@ -75,14 +75,15 @@ def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> 
     Raises:
         IdentificationFailed: no point can be used; the message says why for each.
     """
-    measurements, refusals = [], []
+    measurements: list[Measurement] = []
+    refusals: list[Saying] = []
     given = list(points)
     known = campaign_skews(given) if skews is None else skews
     for point in given:
         try:
             measurements.append(prepare(point, known.get((_folder(point), point.id))))
         except RigError as error:
-            refusals.append(f"{point.id} left out: {error}")
+            refusals.append(say("left-out", test=point.id, reason=str(error)))
     if not measurements:
         reasons = some(refusals, "; ") if refusals else "the run holds no point"
         raise IdentificationFailed(f"nothing to identify from: {reasons}")
@@ -115,21 +116,16 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
         )
     shift_s = 0.0 if skew is None else skew.shift_s
     grid_s, force_N, usable = _force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
-    warned: list[str] = []
+    warned: list[Saying] = []
     current_A, commanded = _current(point, grid_s, warned)
     measured_N, frequency_Hz = np.where(usable, force_N, np.nan), float(np.mean(cycles.frequency_Hz))
     motion, motion_error = _motion(time_s, displacement_m, frequency_Hz, grid_s, measured_N)
     if motion.harmonics is None:
-        what = (
-            "the motion does not repeat from cycle to cycle"
-            if len(cycles) > 1
-            else "no series tells the motion of the single cycle that is left without the first and the last"
-        )
-        warnings.append(f"{point.id}: {what}; a local polynomial gives the velocity, and its errors are in no interval")
+        warnings.append(say("no-repeat" if len(cycles) > 1 else "one-cycle-no-series"))
     mean_m = motion.harmonics.mean_m if motion.harmonics is not None else cycles.mean_m
     reference_m = mean_m if point.mid_stroke_m is None else point.mid_stroke_m
     step_N = quantisation_step(force_N[usable])
-    usable, saturated = _without_saturation(point.id, force_N, usable, len(cycles), step_N)
+    usable, saturated = _without_saturation(force_N, usable, len(cycles), step_N)
     warnings += saturated
     dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
     per_cycle = round(float(np.mean(np.diff(cycles.start_s))) / dt_s)
@@ -164,16 +160,14 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     )
 
 
-def _usable_cycles(point: RecordedPoint) -> tuple[Cycles, list[str]]:
+def _usable_cycles(point: RecordedPoint) -> tuple[Cycles, list[Saying]]:
     """The kept cycles; a point with fewer than three full cycles gives what it has, with a warning."""
-    found = find_cycles(point.time_s, point.displacement_m)
+    whole = find_cycles(point.time_s, point.displacement_m)
     try:
-        return kept_cycles(found), []
+        return kept_cycles(whole), []
     except NoCycles:
-        full = full_cycles(found)
-        return full, [
-            f"{point.id}: only {len(full)} full cycle(s); none could be dropped, so the ends may hold transients"
-        ]
+        full = full_cycles(whole)
+        return full, [say("few-cycles", cycles=len(full))]
 
 
 def _force_on_grid(
@@ -248,7 +242,7 @@ def _stated(point: RecordedPoint, name: str) -> float:
 
 
 def _current(
-    point: RecordedPoint, wanted_s: FloatArray, warnings: list[str]
+    point: RecordedPoint, wanted_s: FloatArray, warnings: list[Saying]
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None]:
     """Coil current (A) at the wanted times, and the changing command (before, during) where none was measured.
 
@@ -263,10 +257,10 @@ def _current(
         return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured]), None
     before_A, during_A = _command(point, wanted_s)
     if during_A.size and float(np.ptp(np.concatenate((before_A, during_A)))) >= LEAST_STEP_A:
-        warnings.append(f"{point.id}: no current was measured; eta is found with the commanded one")
+        warnings.append(say("command-steps"))
         return during_A, (before_A, during_A)
     current_A = float(during_A[0]) if during_A.size else point.current_A
-    warnings.append(f"{point.id}: no current was measured; the commanded {current_A:g} A is used")
+    warnings.append(say("command-steady", current_A=current_A))
     return np.full(wanted_s.size, current_A), None
 
 
@@ -298,8 +292,8 @@ def _enough(good: int, count: int, what: str) -> None:
 
 
 def _without_saturation(
-    name: str, force_N: FloatArray, usable: BoolArray, cycles: int, step_N: float
-) -> tuple[BoolArray, list[str]]:
+    force_N: FloatArray, usable: BoolArray, cycles: int, step_N: float
+) -> tuple[BoolArray, list[Saying]]:
     """Which samples remain where the force stands still at an extreme value in half of the cycles, and a warning.
 
     What is cut off is a stretch of time, from shortly before the first to shortly after the last sample at the limit:
@@ -322,10 +316,7 @@ def _without_saturation(
         for start, stop in zip(starts, stops, strict=True):
             margin = SATURATED_RUN + (stop - start) // 5 if stop - start >= SATURATED_RUN else 0
             kept[max(0, start - margin) : stop + margin] = False
-        warnings.append(
-            f"{name}: the force stands still at its {word} value, {extreme:.1f} N, {standing} times; it is probably "
-            "saturated, and the fit does without these samples: the greatest forces are not in it"
-        )
+        warnings.append(say("saturated-force", end=word, extreme_N=extreme, times=standing))
     if warnings:
         _enough(int(np.count_nonzero(kept)), kept.size, "at the end of the force's range, or missing")
     return kept, warnings

@@ -2,7 +2,8 @@
 
 The intervals of beta and delta are linear in them, and a tanh that saturates is not: from some steepness on all fit
 alike. And where only two speeds were tested a bent tanh is a sign function and a viscous force, exactly. So shapes
-without a bend, and with a bend at another speed, take the tanh's place, the linear parameters fitted anew.
+without a bend, and with a bend at another speed, take the tanh's place, the linear parameters fitted anew. Here, too,
+is why a fitted parameter is not identified: by its slopes, or because a simpler shape does as well.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import parameter_slopes
 from rig.identification.models.projection import Weighting
-from rig.identification.models.undetermined import VISCOUS
 from rig.identification.uncertainty.covariance import Information
 from rig.identification.uncertainty.leftover import pieces_of
+from rig.identification.words import Saying, say
 
 Shape = Callable[[Measurement], FloatArray]
 Side = Callable[[Measurement], BoolArray]
@@ -28,13 +29,13 @@ TOLD_APART = 16.0  # times the residual's variance, by which another shape must 
 ROUNDING = 1e-12  # of the force's own sum of squares
 BENT = (0.5, 1.0, 2.0, 4.0)  # arguments of a tanh at the greatest speed where it bends within the tested speeds
 RESTS_ON = 2.0  # times its standard error, which a parameter may have without one side of mid-stroke
-LEAST = 1e-100  # square of a regressor without effect
+TINIEST_SQUARE = 1e-100  # of a regressor without effect
 RIDGE = 1e-12  # of a scaled normal matrix: keeps a variance without information finite, and very large
 
 
 def alternative_shapes(
     model: TanhModel,
-    found: Information,
+    known: Information,
     values: Mapping[str, float],
     measurements: Sequence[Measurement],
     weighting: Weighting,
@@ -46,7 +47,7 @@ def alternative_shapes(
 
     Args:
         model: the fitted model.
-        found: what is known of its parameters at `values`.
+        known: what is known of its parameters at `values`.
         values: the fit (SI).
         measurements: the tests of the fit.
         weighting: the weights of the fit.
@@ -65,17 +66,17 @@ def alternative_shapes(
         return lambda each: np.tanh(slope_s_m * each.v_m_s)
 
     def least(*shapes: Shape) -> tuple[list[float], float]:
-        return _least_squares(model, found.names, shapes, measurements, weighting)
+        return _least_squares(model, known.names, shapes, measurements, weighting)
 
     def needed(side: Side) -> bool:
         whole, rest = (
-            _shape_variances(model, found.names, values, without, measurements, weighting)
+            _shape_variances(model, known.names, values, without, measurements, weighting)
             for without in (_nowhere, side)
         )
         return bool(np.any(rest > RESTS_ON**2 * whole))
 
     (best, everywhere, *sides), power = least(fitted, *(saturated(side) for side in (_everywhere, _towards, _away)))
-    limit = best * (1.0 + TOLD_APART / found.freedom) + ROUNDING * power
+    limit = best * (1.0 + TOLD_APART / known.freedom) + ROUNDING * power
     one_sided = zip(sides, (_towards, _away), strict=True)
     steep = everywhere < limit or any(left < limit and needed(side) for left, side in one_sided)
     if not steep:
@@ -129,7 +130,7 @@ def _least_squares(
 
 def _left(sums: FloatArray) -> float:
     """Sum of squares that is left of the last column when the others are fitted to it, from their products."""
-    scale = np.sqrt(np.maximum(np.diag(sums)[:-1], LEAST))
+    scale = np.sqrt(np.maximum(np.diag(sums)[:-1], TINIEST_SQUARE))
     right = sums[:-1, -1] / scale
     solution = np.linalg.lstsq(sums[:-1, :-1] / np.outer(scale, scale), right, rcond=1e-12)[0]
     return float(sums[-1, -1] - right @ solution)
@@ -151,7 +152,7 @@ def _shape_variances(
             slopes = parameter_slopes(model, values, names, piece) * weighting.of(each, index, rows)[:, None]
             slopes[:, shaping] *= ~without(piece)[:, None]
             normal += slopes.T @ slopes
-    scale = np.sqrt(np.maximum(np.diag(normal), LEAST))
+    scale = np.sqrt(np.maximum(np.diag(normal), TINIEST_SQUARE))
     scaled = normal / np.outer(scale, scale) + RIDGE * np.eye(len(names))
     variances: FloatArray = (np.diag(np.linalg.inv(scaled)) / scale**2)[shaping]
     return variances
@@ -163,81 +164,60 @@ STRAIGHT = 0.15  # largest tanh up to which it is a straight line: its bend is t
 
 def explain(
     model: DamperModel,
-    found: Information,
+    known: Information,
     values: Mapping[str, float],
     measurements: Sequence[Measurement],
     weighting: Weighting,
-) -> dict[str, str]:
+) -> dict[str, Saying]:
     """Reasons for parameters that the fitted model's own slopes cannot tell apart, or that another shape leaves open.
 
     Args:
         model: the fitted model.
-        found: what is known of its parameters at `values`.
+        known: what is known of its parameters at `values`.
         values: the fit (SI).
         measurements: the tests of the fit.
         weighting: the weights of the fit.
     """
-    reasons = {}
-    for name, partners in found.partners.items():
-        if not partners:
-            reasons[name] = f"{name} cannot be found: it has no effect on the force in these tests"
-        else:
-            reasons[name] = f"{name} cannot be told from {', '.join(partners)} in these tests"
+    reasons = {
+        name: say("inseparable", name=name, partners=", ".join(partners)) if partners else say("no-effect", name=name)
+        for name, partners in known.partners.items()
+    }
     if isinstance(model, TanhModel):
-        reasons |= _tanh(model, found, values, measurements, weighting)
+        reasons |= _tanh(model, known, values, measurements, weighting)
     return reasons
 
 
 def _tanh(
     model: TanhModel,
-    found: Information,
+    known: Information,
     values: Mapping[str, float],
     measurements: Sequence[Measurement],
     weighting: Weighting,
-) -> dict[str, str]:
+) -> dict[str, Saying]:
     """Reasons where the tanh is as good as something simpler: sgn(u), a sign function, or a straight line."""
     share, largest = _yield_use(model, values, measurements)
-    viscous = [name for name in VISCOUS if name in model.names]
+    yielding, offset = (*model.shape_names, *model.yield_names), model.shape_names[1]
     if abs(share) < DEGENERATE:
-        text = (
-            f"cannot be told: the hysteresis is degenerate, {model.shape_names[1]} outweighs every speed, so that the "
-            "tanh follows sgn(u) and the yield force dissipates nothing; only its height is known"
-        )
-        return {name: f"{name} {text}" for name in (*model.shape_names, *model.yield_names)}
+        return {name: say("degenerate-yield", name=name, offset=offset) for name in yielding}
+    with_viscous = (*yielding, *model.of_term("viscous"))
     if largest < STRAIGHT:
-        text = (
-            f"cannot be told: the tanh is a straight line here (at most {largest:.2g}), so that yield and viscous "
-            "force are one; add faster tests"
-        )
-        return {name: f"{name} {text}" for name in (*model.shape_names, *model.yield_names, *viscous)}
-    steep, bent = alternative_shapes(model, found, values, measurements, weighting)
+        return {name: say("straight-tanh", name=name, largest=largest) for name in with_viscous}
+    steep, bent = alternative_shapes(model, known, values, measurements, weighting)
     if not steep:
         return {}
     if bent:
-        text = (
-            "cannot be told: at these speeds a steep tanh and a bent one, with other yield and viscous forces, fit "
-            "alike; add other speeds or a sine"
-        )
-        return {name: f"{name} {text}" for name in (*model.shape_names, *model.yield_names, *viscous)}
-    text = (
-        "cannot be found: the tanh is saturated at nearly all samples, towards or away from mid-stroke, so it "
-        "hardly changes the force; the yield force is only a sign function there"
-    )
-    return {name: f"{name} {text}" for name in model.shape_names}
+        return {name: say("bent-or-steep", name=name) for name in with_viscous}
+    return {name: say("saturated-tanh", name=name) for name in model.shape_names}
 
 
-def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> list[str]:
+def degenerate(model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]) -> list[Saying]:
     """A warning where the tanh follows sgn(u), as with the printed lambda of 1.41 m/s: a yield force without loss."""
     if not isinstance(model, TanhModel):
         return []
     if abs(_yield_use(model, values, measurements)[0]) >= DEGENERATE:
         return []
     offset = model.shape_names[1]
-    return [
-        f"degenerate hysteresis: {offset} = {values[offset]:.3g} outweighs beta v at every tested speed, so that the "
-        "yield force follows the side of mid-stroke, sgn(u), and not the motion, and dissipates nothing; check the "
-        "mid-stroke, or fit another model"
-    ]
+    return [say("degenerate-hysteresis", offset=offset, value=values[offset])]
 
 
 def _yield_use(

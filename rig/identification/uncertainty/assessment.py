@@ -20,10 +20,9 @@ from rig.identification.uncertainty.covariance import DeclaredErrors, Informatio
 from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore
 from rig.identification.uncertainty.leftover import leftovers
 from rig.identification.uncertainty.profile import Profile, profiles
-from rig.identification.uncertainty.residuals import LEAST_WIDENING, correlated
-from rig.identification.uncertainty.scoring import describes, passivity, score, together
-from rig.identification.uncertainty.scoring import judgements as energy_judgements
-from rig.identification.words import some
+from rig.identification.uncertainty.residuals import WORTH_WARNING, correlated
+from rig.identification.uncertainty.scoring import describes, energy_warnings, passivity, score, together
+from rig.identification.words import Saying, say, some
 
 NONLINEAR = "nonlinear"  # all nonlinear parameters, where parameters are named
 LARGE_SHARE = 0.1  # of the force's root mean square: a parameter of unknown sign that may make up more is not known
@@ -88,15 +87,12 @@ def judged(
     warnings = [*warnings, *_of_tests((*fitted, *held_out))]
     warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
     if fits is not False and foretells is False:
-        warnings.append(
-            "the model describes the tests it was fitted to, but misses the held-out ones by more than their own "
-            "scatter: outside of what it was fitted to it does not hold"
-        )
+        warnings.append(say("misses-held-out"))
     warnings += (
         degenerate(model, values, fitted) + _unfinished(known, method, best.solution) + _correlated(known, fitted)
     )
     error, passive = score(model, values, fitted), passivity(model, values, fitted)
-    warnings += energy_judgements(error, passive)
+    warnings += energy_warnings(error, passive)
     return Fit(
         model=model.name,
         hysteresis=getattr(model, "hysteresis", "kwok"),
@@ -145,42 +141,33 @@ def _profiles(
 def _of_tests(tests: Sequence[Measurement]) -> list[str]:
     """What the preparation found, the same finding of several tests together."""
     named: dict[str, list[str]] = {}
-    for each in tests:
-        for text in each.warnings:
-            named.setdefault(text.removeprefix(f"{each.id}: "), []).append(each.id)
-    return [f"{some(ids)}: {text}" for text, ids in named.items()]
+    for test in tests:
+        for saying in test.warnings:
+            named.setdefault(saying, []).append(test.id)
+    return [f"{some(ids)}: {saying}" for saying, ids in named.items()]
 
 
-def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[str]:
+def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[Saying]:
     warnings = []
     if fits is False:
-        warnings.append(
-            "the model leaves more than the tests' own scatter: its parameters are those of the closest model, and "
-            "their intervals do not cover what the model lacks"
-        )
+        warnings.append(say("model-error"))
     if fits is None:
-        warnings.append(
-            "no test has two whole cycles left without its first and last, which are not fitted, so it cannot be told "
-            "whether the model fits to the noise; run more cycles"
-        )
+        warnings.append(say("no-two-cycles"))
     if weight == "v":
-        warnings.append("weight v (equation 12) mutes the reversals; compare with weight 1")
+        warnings.append(say("weight-v"))
     return warnings
 
 
-def _unresolved(fitted: Sequence[Measurement]) -> list[str]:
+def _unresolved(fitted: Sequence[Measurement]) -> list[Saying]:
     """A warning when all tests reverse more sharply than the displacement's samples resolve."""
     sharp = [each.unseen_v_m_s for each in fitted if each.unseen_v_m_s is not None]
     if len(sharp) < len(fitted):
         return []
     worst_mm_s = 1e3 * max(float(np.max(np.abs(unseen))) for unseen in sharp)
-    return [
-        f"every test reverses more sharply than its displacement samples resolve (velocity there uncertain by up to "
-        f"{worst_mm_s:.1f} mm/s); the intervals allow for it; add sines to narrow them"
-    ]
+    return [say("sharp-reversals", worst_mm_s=worst_mm_s)]
 
 
-def _unfinished(known: Information, method: Method, solution: Solution) -> list[str]:
+def _unfinished(known: Information, method: Method, solution: Solution) -> list[Saying]:
     """A warning when a search stopped before the least-squares solution, which is what the intervals are about."""
     if method.name == SEPARABLE or method.loss != SQUARES or solution.at_bound:
         return []
@@ -189,54 +176,41 @@ def _unfinished(known: Information, method: Method, solution: Solution) -> list[
     far = [known.names[k] for k, errors in zip(told, away, strict=True) if errors > UNFINISHED]
     if not far:
         return []
-    return [
-        f"{method.name} stopped before the least-squares solution: {', '.join(far)} lie more than {UNFINISHED:g} "
-        "standard errors from it, and the intervals, which are those of the solution, do not hold; give it more "
-        "budget, or use separable"
-    ]
+    return [say("unfinished", method=method.name, names=", ".join(far), errors=UNFINISHED)]
 
 
-def _correlated(known: Information, fitted: Sequence[Measurement]) -> list[str]:
+def _correlated(known: Information, fitted: Sequence[Measurement]) -> list[Saying]:
     """A warning when residuals are not white and the intervals had to be widened noticeably for it."""
     indices = correlated(known.residuals)
     widening = math.sqrt(sum(each.widening for each in known.residuals) / len(known.residuals))
-    if not indices or widening < LEAST_WIDENING:
+    if not indices or widening < WORTH_WARNING:
         return []
     worst = max(indices, key=lambda k: known.residuals[k].repeating_N)
     repeats = known.residuals[worst].repeating_N
-    what = f"; in {fitted[worst].id} {repeats:.3g} N of it repeat every cycle" if repeats > 0.0 else ""
-    return [
-        f"the residuals of {len(indices)} of {len(fitted)} tests are not white{what}; the intervals are widened for it "
-        f"by {widening:.1f}"
-    ]
+    where = f" (worst: {repeats:.3g} N repeating every cycle in {fitted[worst].id})" if repeats > 0.0 else ""
+    count = len(indices)
+    return [say("systematic-residuals", count=count, tests=len(fitted), worst=where, widening=widening)]
 
 
-def _at_limits(model: DamperModel, solution: Solution) -> dict[str, str]:
+def _at_limits(model: DamperModel, solution: Solution) -> dict[str, Saying]:
     """Why parameters at a limit are not identified: those held at 0, and those whose search ended at its limit."""
-    reasons = {
-        name: f"{name} is not identifiable: it would be negative, and is held at its limit, 0; with 95 % it is below "
-        "the upper end of its interval"
-        for name in solution.at_bound
+    reasons = {name: say("would-be-negative", name=name) for name in solution.at_bound}
+    reasons |= {
+        name: say("at-limit", name=name, limit=limit)
+        for name, limit in solution.at_limit.items()
+        if name in model.names
     }
-    for name, limit in solution.at_limit.items():
-        if name in model.names:
-            reasons[name] = (
-                f"{name} is not identifiable: its search ended at its limit, {limit:.6g}; one beyond it would fit as "
-                "well or better"
-            )
     return reasons
 
 
-def _too_wide(known: Information, values: Mapping[str, float]) -> dict[str, str]:
+def _too_wide(known: Information, values: Mapping[str, float]) -> dict[str, Saying]:
     """Why parameters are not identified whose intervals exceed their values and stand for a large part of the force."""
     reasons, factor = {}, quantile(1, known.freedom)
     for name, share in zip(known.names, known.share.tolist(), strict=True):
         half = factor * known.standard_error(name)
         if math.isfinite(half) and half > abs(values[name]) and factor * share > LARGE_SHARE:
-            reasons[name] = (
-                f"{name} is not identifiable: {values[name]:.3g} +- {half:.3g} (95 %) is wider than its value, and "
-                f"stands for {100.0 * factor * share:.0f} % of the force, for which other parameters make up"
-            )
+            percent = 100.0 * factor * share
+            reasons[name] = say("too-wide", name=name, value=values[name], half=half, percent=percent)
     return reasons
 
 
@@ -244,7 +218,7 @@ def _estimates(
     model: DamperModel,
     values: dict[str, float],
     known: Information,
-    reasons: dict[str, str],
+    reasons: dict[str, Saying],
     solution: Solution,
 ) -> dict[str, Estimate]:
     """Every parameter of the model with its intervals, or the reason why it has none."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force, parameter_slopes
 from rig.identification.models.projection import Weighting
 from rig.identification.uncertainty.covariance import Information
+from rig.optimisers.least_squares import Descent, Squares, descend
 
 THRESHOLD = 3.841458820694124
 STEP_ERRORS = 0.7  # standard errors between the first points
@@ -30,7 +31,7 @@ EVEN_POINTS = 4
 FAR_ENOUGH = 2.4  # root of the deviance at which a side ends
 MOST_POINTS = 14
 UNKNOWN_STEP = 0.05  # first step of a parameter without standard error, relative to its value
-ITERATIONS = 25
+DESCENT = Descent(0.0, iterations=25, damping=1e-6, less=0.1, more=10.0, least_damping=1e-6, most_damping=1e6)
 TOLERANCE = 1e-4  # of the deviance
 
 
@@ -99,7 +100,7 @@ class _Walker:
     ) -> None:
         self._model, self._best, self._known, self._free = model, values, known, free
         self._data = [(each, weighting.of(each, index)) for index, each in enumerate(measurements)]
-        self._least = self._objective(values)
+        self._least = self.objective(values)
         self._ranges = {each.name: (each.low, each.high) for each in model.parameters if not each.linear}
         self._positive = {each.name for each in model.parameters if not each.linear and each.low >= 0.0}
 
@@ -183,30 +184,14 @@ class _Walker:
         return at
 
     def _fit(self, values: dict[str, float], pinned: str, scale: float) -> tuple[dict[str, float], float]:
-        """All parameters but one fitted by Levenberg-Marquardt; the fit and its sum of squares."""
-        names = [name for name in self._free if name != pinned]
-        found, damping = self._objective(values), 1e-6
-        if not math.isfinite(found):
-            return values, math.inf
-        normal, gradient = self._slopes(values, names)
-        for _ in range(ITERATIONS):
-            size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-            scaled = normal / np.outer(size, size) + damping * np.eye(len(names))
-            move = np.linalg.lstsq(scaled, gradient / size, rcond=None)[0] / size
-            if float(move @ gradient) < TOLERANCE * scale:
-                break
-            trial = {**values, **{name: values[name] + float(d) for name, d in zip(names, move, strict=True)}}
-            value = self._objective(trial) if self._admissible(trial) else math.inf
-            if value < found:
-                values, found, damping = trial, value, damping * 0.1
-                normal, gradient = self._slopes(values, names)
-            else:
-                damping = max(damping * 10.0, 1e-6)
-                if damping > 1e6:
-                    break
-        return values, found
+        """All parameters but one fitted anew; the fit and its sum of squares."""
+        squares = _Pinned(self, values, tuple(name for name in self._free if name != pinned))
+        descent = replace(DESCENT, absolute=TOLERANCE * scale)
+        theta, least = descend(squares, squares.theta(values), descent)
+        return squares.named(theta), least
 
-    def _admissible(self, values: Mapping[str, float]) -> bool:
+    def admissible(self, values: Mapping[str, float]) -> bool:
+        """Whether parameters that must be positive are."""
         return all(values[name] > 0.0 for name in self._positive if name in values)
 
     def _tests(self, values: Mapping[str, float]) -> Iterator[tuple[Measurement, FloatArray]]:
@@ -214,7 +199,8 @@ class _Walker:
         for each, weight in self._data:
             yield (with_lag(each, values["eta"]) if "eta" in values else each), weight
 
-    def _objective(self, values: Mapping[str, float]) -> float:
+    def objective(self, values: Mapping[str, float]) -> float:
+        """The weighted sum of squares; infinite where the force is not finite."""
         total = 0.0
         for each, weight in self._tests(values):
             force = modelled_force(self._model, values, each)
@@ -224,7 +210,7 @@ class _Walker:
             total += float(residual @ residual)
         return total if math.isfinite(total) else math.inf
 
-    def _slopes(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """J'W^2 J and J'W^2 r."""
         normal, gradient = np.zeros((len(names), len(names))), np.zeros(len(names))
         for each, weight in self._tests(values):
@@ -232,3 +218,30 @@ class _Walker:
             normal += slopes.T @ slopes
             gradient += slopes.T @ ((each.force_N - modelled_force(self._model, values, each)) * weight)
         return normal, gradient
+
+
+class _Pinned(Squares):
+    """The sum of squares as a function of some of the parameters, the others as they are."""
+
+    def __init__(self, walker: _Walker, values: Mapping[str, float], names: tuple[str, ...]) -> None:
+        self._walker, self._values, self._names = walker, dict(values), names
+
+    def theta(self, values: Mapping[str, float]) -> FloatArray:
+        """The free parameters of named values, (p,)."""
+        return np.array([values[name] for name in self._names])
+
+    def named(self, theta: FloatArray) -> dict[str, float]:
+        """All parameters by name."""
+        return {**self._values, **dict(zip(self._names, theta.tolist(), strict=True))}
+
+    def value(self, theta: FloatArray) -> float:
+        """See `Squares.value`."""
+        return self._walker.objective(self.named(theta))
+
+    def slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Squares.slopes`."""
+        return self._walker.slopes(self.named(theta), self._names)
+
+    def admissible(self, theta: FloatArray) -> bool:
+        """See `Squares.admissible`."""
+        return self._walker.admissible(self.named(theta))

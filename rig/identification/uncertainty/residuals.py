@@ -29,7 +29,7 @@ FEWEST_CYCLES_A_PART = 8
 MOST_TESTED = 1 << 15  # samples on which whiteness is tested
 SIGNIFICANT = 3.0  # standard errors beyond which something repeats
 FALSE_ALARM = 0.01  # of all tests of a fit together
-LEAST_WIDENING = 1.25  # by which intervals must be widened before it is worth a warning
+WORTH_WARNING = 1.25  # by which intervals must be widened before it is worth a warning
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from rig.identification.models.projection import Weighting
 from rig.identification.uncertainty.fit import ErrorSummary, Passivity, TestError
 from rig.identification.uncertainty.leftover import leftovers, motion_effects, thinned
 from rig.identification.uncertainty.residuals import judge, sum_of_squares
-from rig.identification.words import some
+from rig.identification.words import Saying, say, some
 
 MISFIT_OF_NOISE = 0.6  # misfit beyond the noise, as a share of it, that still counts as describing the data
 NEGLIGIBLE_OF_PEAK = 0.002  # misfit below this share of the peak force never matters
@@ -154,7 +154,6 @@ def together(verdicts: Iterable[bool | None]) -> bool | None:
 SPEEDS, CURRENTS = 24, 5
 NEGLIGIBLE = 0.005  # share of the greatest power below which power put in does not matter
 DIFFERENT = 0.05  # share of the measured energy by which the model's may differ
-UNKNOWN_ENERGY = "energy per cycle is unknown where a stretch of every cycle has no force samples"
 LONGEST_UNSEEN = 0.05  # share of a cycle over which the power may be bridged: 0.2 % of a sine's energy at the worst
 
 
@@ -232,23 +231,19 @@ def _sliding(model: DamperModel, values: Mapping[str, float], v_m_s: FloatArray,
     return np.asarray(0.5 * (sides[0] + sides[1])).reshape(v_m_s.shape)
 
 
-def judgements(error: ErrorSummary, found: Passivity) -> list[str]:
+def energy_warnings(error: ErrorSummary, passive: Passivity) -> list[Saying]:
     """Warnings: a model that drives the rod, and tests whose energy it does not give back."""
     warnings = []
-    if found.share < 1.0:
-        warnings.append(
-            f"the fitted model is not passive: at {100.0 * (1.0 - found.share):.0f} % of the tested speeds and "
-            f"currents its force, gas force left out, drives the rod instead of damping it ({found.worst}); a "
-            "simulation with it can gain energy"
-        )
+    if passive.share < 1.0:
+        warnings.append(say("not-passive", percent=100.0 * (1.0 - passive.share), worst=passive.worst))
     off = [
-        f"{each.id} {each.modelled_energy_J:.3g} J for {each.energy_J:.3g} J"
-        for each in error.per_test
-        if abs(each.modelled_energy_J - each.energy_J) > DIFFERENT * abs(each.energy_J)
+        f"{test.id} (model {test.modelled_energy_J:.3g} J, measured {test.energy_J:.3g} J)"
+        for test in error.per_test
+        if abs(test.modelled_energy_J - test.energy_J) > DIFFERENT * abs(test.energy_J)
     ]
-    unknown = [each.id for each in error.per_test if math.isnan(each.energy_J)]
+    unknown = [test.id for test in error.per_test if math.isnan(test.energy_J)]
     if unknown:
-        warnings.append(f"{UNKNOWN_ENERGY}: {some(unknown)}")
+        warnings.append(say("energy-unknown", tests=some(unknown)))
     if off:
-        warnings.append(f"the model's energy per cycle differs by more than {100 * DIFFERENT:g} %: {some(off)}")
+        warnings.append(say("energy-differs", percent=100.0 * DIFFERENT, tests=some(off)))
     return warnings

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from rig.dampers import model, parameter_set
+from rig.dampers.algebraic import AlgebraicSeparation
 from rig.identification import Measurement
-from rig.identification.models.projection import AlgebraicForm, Projection, Weighting
+from rig.identification.models.projection import Projection, Weighting
 from rig.identification.models.separable import solve_separable
 from rig.identification.models.tanh_projection import TanhProjection
 
@@ -58,7 +59,7 @@ def test_moments_and_whole_columns_give_one_solution(
     damper = model(name, form)
     weighting = Weighting("v", guard_s=2e-3)
     shape = np.array([35.0, WIDTH[form]])
-    by_columns = Projection(AlgebraicForm(damper), tests, weighting).solve(shape)
+    by_columns = Projection(AlgebraicSeparation(damper), tests, weighting).solve(shape)
     by_moments = TanhProjection(damper, tests, weighting, compiled=compiled).solve(shape)
     assert by_moments.objective == pytest.approx(by_columns.objective, rel=1e-9)
     assert by_moments.linear == pytest.approx(by_columns.linear, rel=1e-8)
