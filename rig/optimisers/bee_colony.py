@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.optimisers.evaluation import FloatArray
+from rig.optimisers.arrays import FloatArray
 from rig.optimisers.search import Search, require
 
 Indices = npt.NDArray[np.int64]

@@ -16,13 +16,12 @@ from concurrent.futures import Executor, Future
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
+
+from rig.optimisers.arrays import FloatArray
 
 if TYPE_CHECKING:
     from rig.optimisers.search import Objective
 
-FloatArray = npt.NDArray[np.float64]
-"""Numbers, of any shape."""
 
 KEPT_OBJECTIVES = 8
 """Objectives a worker remembers; the oldest goes first."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.optimisers.evaluation import FloatArray
+from rig.optimisers.arrays import FloatArray
 
 
 class Squares(ABC):

@@ -12,9 +12,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from rig.optimisers.arrays import FloatArray
 from rig.optimisers.bee_colony import ImprovedBeeColony
 from rig.optimisers.differential_evolution import DifferentialEvolution
-from rig.optimisers.evaluation import FloatArray
 from rig.optimisers.fruit_fly import ContrastFruitFly, FruitFly
 from rig.optimisers.genetic import Genetic
 from rig.optimisers.particle_swarm import ParticleSwarm

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from rig.optimisers.evaluation import FloatArray
+from rig.optimisers.arrays import FloatArray
 from rig.optimisers.search import Search, SearchError, require
 
 

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.errors import RigError
-from rig.optimisers.evaluation import Evaluation, FloatArray
+from rig.optimisers.arrays import FloatArray
+from rig.optimisers.evaluation import Evaluation
 
 Bounds = Sequence[tuple[float, float]] | FloatArray
 

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from rig.optimisers.evaluation import FloatArray
+from rig.optimisers.arrays import FloatArray
 from rig.optimisers.search import Search, require
 
 
