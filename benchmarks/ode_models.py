@@ -32,8 +32,8 @@ from rig.identification.models.problem import FixedParameters, Problem
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import motion_scale, solve_loop
 from rig.optimisers import minimise
-from rig.study.per_current import CURRENT_FIXED
 from rig.study.recordings import BOUC_WEN_TRUTH
+from rig.study.workbench import CURRENT_FIXED
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 SUCCESS = 1.01

@@ -11,7 +11,7 @@ from rig.cli.output import Command, console, json_option, scheduler_option, writ
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
-    from rig.study.runner import StudyProgress
+    from rig.study.execution import StudyProgress
 
 
 @click.command(name="study", cls=Command, examples=("rig study examples/paper-tables.toml --out logs/paper-tables",))

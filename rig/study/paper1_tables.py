@@ -6,12 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rig.identification.models.measurement import Measurement
+from rig.study.outputs import Cell, Table, known
 from rig.study.parallel_timing import parallel_key
 from rig.study.search_cell import SENSITIVITY, SearchCell, comparison_cells, symmetry_cells, varied_cells
-from rig.study.settings import TITLES, Lines, best_settings, setting_summary, values_of
-from rig.study.statistics import Summary, summarise
+from rig.study.settings import TITLES, Lines, Summary, best_settings, setting_summary, summarise, values_of
 from rig.study.study_file import StudyFile
-from rig.study.table import Cell, Table, known
 
 TABLE_NUMBERS = {"ga": 10, "de": 11, "pso": 12, "i_abc": 13, "c_foa": 14}
 VALUE_COLUMNS = ("BV", "MV", "SD", "repeats")

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from rig.identification.models.relation import Relation, relations
+from rig.study.outputs import Cell, Table, known
 from rig.study.search_cell import current_cells
 from rig.study.settings import TITLES, Lines
 from rig.study.study_file import StudyFile
-from rig.study.table import Cell, Table, known
 
 AT_THE_EDGE = 1e-3
 """Share of a box's width."""

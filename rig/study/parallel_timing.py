@@ -8,8 +8,7 @@ from multiprocessing import get_context
 from typing import Any
 
 from rig.optimisers import Result, minimise
-from rig.study.result_line import result_line
-from rig.study.results_file import ResultsFile
+from rig.study.results import ResultsFile, result_line
 from rig.study.search_cell import SearchCell
 from rig.study.study_file import Parallel
 from rig.study.workbench import Workbench
