@@ -173,10 +173,16 @@ class Search:
             scale: what the tests' motion is like.
         """
         del simple, scale
-        own = {each.name: each.start for each in self.model.parameters if each.name != "eta"}
-        shapes = [each for each in self.model.parameters if not each.linear and each.name in own and each.start > 0.0]
-        choices = [[min(max(share * each.start, each.low), each.high) for share in SCANNED_DECADES] for each in shapes]
-        names = [each.name for each in shapes]
+        own = {parameter.name: parameter.start for parameter in self.model.parameters if parameter.name != "eta"}
+        shapes = [
+            parameter
+            for parameter in self.model.parameters
+            if not parameter.linear and parameter.name in own and parameter.start > 0.0
+        ]
+        choices = [
+            [min(max(share * shape.start, shape.low), shape.high) for share in SCANNED_DECADES] for shape in shapes
+        ]
+        names = [shape.name for shape in shapes]
         return [own | dict(zip(names, chosen, strict=True)) for chosen in product(*choices)]
 
     def named(self, values: Mapping[str, float]) -> dict[str, float]:
@@ -187,25 +193,30 @@ class Search:
         """The unknowns, scaled by where they start, and what is held at zero."""
         names = tuple(name for name in self.model.names if name not in held and name != "eta")
         parameters = [self.model.parameter(name) for name in names]
-        logarithmic = np.array([not each.linear and each.low >= 0.0 and start[each.name] > 0.0 for each in parameters])
-        sizes = np.array([max(abs(start[each.name]), abs(each.start), 1e-6) for each in parameters])
+        logarithmic = np.array(
+            [not parameter.linear and parameter.low >= 0.0 and start[parameter.name] > 0.0 for parameter in parameters]
+        )
+        sizes = np.array([max(abs(start[parameter.name]), abs(parameter.start), 1e-6) for parameter in parameters])
         return Unknowns(names, logarithmic, sizes, self.model, held, lambda starts, named: starts | named)
 
     def admissible(self, values: Mapping[str, float], scale: MotionScale) -> bool:
         """Whether the model can be integrated with these values on such tests, and they are physical."""
         del scale
-        parameters = (each for each in self.model.parameters if not each.linear and each.name in values)
+        parameters = (
+            parameter for parameter in self.model.parameters if not parameter.linear and parameter.name in values
+        )
         return all(
-            math.isfinite(values[each.name]) and each.low <= values[each.name] <= each.high for each in parameters
+            math.isfinite(values[parameter.name]) and parameter.low <= values[parameter.name] <= parameter.high
+            for parameter in parameters
         )
 
     def at_limit(self, unknowns: Unknowns, theta: FloatArray) -> dict[str, float]:
         """Parameters at which the search ended at a limit, and that limit."""
         values = dict(zip(self.model.names, unknowns.vector(theta).tolist(), strict=True))
         return {
-            each.name: end
-            for each in self.model.parameters
-            if not each.linear and each.name in unknowns.names
-            for end in (each.low, each.high)
-            if math.isclose(values[each.name], end, rel_tol=1e-3)
+            parameter.name: end
+            for parameter in self.model.parameters
+            if not parameter.linear and parameter.name in unknowns.names
+            for end in (parameter.low, parameter.high)
+            if math.isclose(values[parameter.name], end, rel_tol=1e-3)
         }

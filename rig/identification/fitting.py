@@ -104,7 +104,7 @@ def identify(
     models = [_model(name, hysteresis) for name in names]
     eta_1_s = _found_lag(models, fitted, settings, on_progress) if needs_lag(fitted) else None
     if eta_1_s is not None:
-        fitted, held_out = ([with_lag(each, eta_1_s) for each in tests] for tests in (fitted, held_out))
+        fitted, held_out = ([with_lag(test, eta_1_s) for test in tests] for tests in (fitted, held_out))
     candidates, refused, given_up = _candidates(models, fitted, settings, on_progress)
     warnings += refused
     if on_progress is not None and len(candidates) > 1:
@@ -123,7 +123,9 @@ def identify(
     if spring is not None:
         from rig.identification.series_spring import SMOOTHING
 
-        spring = spring.widened(max((each.widening for each in fit.residuals), default=1.0), quantile() * SMOOTHING)
+        spring = spring.widened(
+            max((residual.widening for residual in fit.residuals), default=1.0), quantile() * SMOOTHING
+        )
     return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance))
 
 
@@ -166,8 +168,8 @@ def _split(
         IdentificationFailed: nothing or everything is held out, or a test is there twice or on both sides.
     """
     given = list(tests.valid) if isinstance(tests, Run) else list(tests)
-    points = [each for each in given if isinstance(each, RecordedPoint) and each.kind == "loop"]
-    fitted = [each for each in given if isinstance(each, Measurement)]
+    points = [item for item in given if isinstance(item, RecordedPoint) and item.kind == "loop"]
+    fitted = [item for item in given if isinstance(item, Measurement)]
     kept_out: list[RecordedPoint] = []
     held_out: list[Measurement] = []
     if isinstance(holdout, str):
@@ -182,8 +184,8 @@ def _split(
             raise IdentificationFailed(f"holdout {holdout!r} matches every point; nothing is left to fit")
     elif holdout is not None:
         others = list(holdout.valid) if isinstance(holdout, Run) else list(holdout)
-        kept_out = [each for each in others if isinstance(each, RecordedPoint) and each.kind == "loop"]
-        held_out = [each for each in others if isinstance(each, Measurement)]
+        kept_out = [item for item in others if isinstance(item, RecordedPoint) and item.kind == "loop"]
+        held_out = [item for item in others if isinstance(item, Measurement)]
         if not others:
             where = f"the run {holdout.path} holds no valid point" if isinstance(holdout, Run) else "no test was given"
             raise IdentificationFailed(f"nothing is held out: {where}; leave holdout out to fit without")
@@ -213,7 +215,7 @@ def _found_lag(
     """Eta (1/s) with the asked model where that is algebraic, else with the asymmetric one: it is the coil's alone."""
     if on_progress is not None:
         on_progress("finding the coil's lag from the commanded current")
-    model = next((each for each in models if each.states == 0), _model("asymmetric", "kwok"))
+    model = next((model for model in models if model.states == 0), _model("asymmetric", "kwok"))
     findings, quick = examine(model, fitted), Method(weight=method.weight)
     near: dict[str, float] = {}
 
@@ -239,7 +241,7 @@ def _error_of(best: Candidate, method: Method) -> Callable[[list[Measurement]], 
 def _recorded(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:
     """Every recorded point given, whatever it is for."""
     given = list(tests.valid) if isinstance(tests, Run) else list(tests)
-    return [each for each in given if isinstance(each, RecordedPoint)]
+    return [item for item in given if isinstance(item, RecordedPoint)]
 
 
 def _all_of(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:

@@ -84,16 +84,16 @@ def identify_per_current(
             f"{dependence} needs tests at two or more currents, and all ran at {levels[0].current_A:.2f} A; add tests "
             "at another current, or fit without this option"
         )
-    found = _relations(model, levels, PER_CURRENT[dependence])
-    return _joined(model, levels, found, held_out, dependence, method, warnings, started)
+    related = _relations(model, levels, PER_CURRENT[dependence])
+    return _joined(model, levels, related, held_out, dependence, method, warnings, started)
 
 
-def values_at(model: DamperModel, found: CurrentRelations, current_A: float) -> dict[str, float]:
+def values_at(model: DamperModel, related: CurrentRelations, current_A: float) -> dict[str, float]:
     """The model's values (SI) at a current (A); terms per ampere are zero, because the current is taken as zero."""
-    values = {each.name: 0.0 for each in model.parameters if each.name != "eta"}
-    for name, relation in found.relations.items():
+    values = {parameter.name: 0.0 for parameter in model.parameters if parameter.name != "eta"}
+    for name, relation in related.relations.items():
         value = float(relation.at(current_A))
-        low, high = found.ranges[name]
+        low, high = related.ranges[name]
         values[name] = value if model.parameter(name).linear else min(max(value, low), high)
     return values
 
@@ -105,22 +105,22 @@ def _levels(tests: Sequence[Measurement]) -> list[tuple[float, list[Measurement]
         IdentificationFailed: the current of a test changes.
     """
     groups: list[tuple[float, list[Measurement]]] = []
-    for each in sorted(tests, key=lambda test: float(np.mean(test.current_A))):
-        if float(np.ptp(each.current_A)) > SAME_CURRENT_A:
+    for test in sorted(tests, key=lambda test: float(np.mean(test.current_A))):
+        if float(np.ptp(test.current_A)) > SAME_CURRENT_A:
             raise IdentificationFailed(
-                f"{each.id}: its current changes from {np.min(each.current_A):.2f} to {np.max(each.current_A):.2f} A; "
-                "a fit for each current needs constant currents"
+                f"{test.id}: its current changes from {np.min(test.current_A):.2f} to {np.max(test.current_A):.2f} A; "
+                "a fit for test current needs constant currents"
             )
-        mean_A = float(np.mean(each.current_A))
+        mean_A = float(np.mean(test.current_A))
         if groups and mean_A - groups[-1][0] <= SAME_CURRENT_A:
-            groups[-1][1].append(each)
+            groups[-1][1].append(test)
         else:
-            groups.append((mean_A, [each]))
-    return [(float(np.mean([np.mean(each.current_A) for each in group])), group) for _, group in groups]
+            groups.append((mean_A, [test]))
+    return [(float(np.mean([np.mean(test.current_A) for test in group])), group) for _, group in groups]
 
 
-def _without_current(each: Measurement) -> Measurement:
-    return replace(each, current_A=np.zeros_like(each.current_A), nominal_current_A=0.0)
+def _without_current(test: Measurement) -> Measurement:
+    return replace(test, current_A=np.zeros_like(test.current_A), nominal_current_A=0.0)
 
 
 def _fit_level(
@@ -131,7 +131,7 @@ def _fit_level(
     Raises:
         IdentificationFailed: nothing can be identified at this current; the message names it.
     """
-    still, started = [_without_current(each) for each in tests], time.perf_counter()
+    still, started = [_without_current(test) for test in tests], time.perf_counter()
     findings = examine(model, still)
     try:
         best = Candidate(model, findings, solve(model, still, method, findings))
@@ -144,19 +144,19 @@ def _relations(model: DamperModel, levels: Sequence[Level], kind: str) -> Curren
     currents_A = np.array([level.current_A for level in levels])
     names = [parameter.name for parameter in model.parameters if parameter.name != "eta" and parameter.power == 0]
     names = [name for name in names if all(level.fit.parameters[name].value is not None for level in levels)]
-    found: dict[str, Relation] = {}
+    related: dict[str, Relation] = {}
     ranges = {}
     for name in names:
         values = np.array([level.fit.values[name] for level in levels])
-        found[name] = next(each for each in relations(currents_A, values) if each.kind == kind)
+        related[name] = next(relation for relation in relations(currents_A, values) if relation.kind == kind)
         ranges[name] = (float(np.min(values)), float(np.max(values)))
-    return CurrentRelations(f"per-current-{kind}", tuple(currents_A.tolist()), found, ranges)
+    return CurrentRelations(f"per-current-{kind}", tuple(currents_A.tolist()), related, ranges)
 
 
 def _joined(
     model: DamperModel,
     levels: Sequence[Level],
-    found: CurrentRelations,
+    related: CurrentRelations,
     held_out: Sequence[Measurement],
     dependence: str,
     method: Method,
@@ -164,18 +164,18 @@ def _joined(
     started: float,
 ) -> Fit:
     """The levels and their relations as one fit, scored with the relations."""
-    fitted = [each for level in levels for each in level.tests]
+    fitted = [test for level in levels for test in level.tests]
 
-    def force(each: Measurement) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        values = values_at(model, found, float(np.mean(each.current_A)))
-        return np.asarray(modelled_force(model, values, _without_current(each)))
+    def force(test: Measurement) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        values = values_at(model, related, float(np.mean(test.current_A)))
+        return np.asarray(modelled_force(model, values, _without_current(test)))
 
-    def fits(each: Measurement) -> bool | None:
-        values = values_at(model, found, float(np.mean(each.current_A)))
-        return describes(model, values, [_without_current(each)], method.weighting(model))
+    def fits(test: Measurement) -> bool | None:
+        values = values_at(model, related, float(np.mean(test.current_A)))
+        return describes(model, values, [_without_current(test)], method.weighting(model))
 
-    low, high = found.currents_A[0] - SAME_CURRENT_A, found.currents_A[-1] + SAME_CURRENT_A
-    outside = [each.id for each in held_out if not low <= float(np.mean(each.current_A)) <= high]
+    low, high = related.currents_A[0] - SAME_CURRENT_A, related.currents_A[-1] + SAME_CURRENT_A
+    outside = [test.id for test in held_out if not low <= float(np.mean(test.current_A)) <= high]
     notes = list(warnings) + [f"at {level.current_A:.2f} A: {text}" for level in levels for text in level.fit.warnings]
     notes += [f"{test.id}: {saying}" for test in held_out for saying in test.warnings]
     if outside:
@@ -187,17 +187,17 @@ def _joined(
         weight=levels[0].fit.weight,
         loss=method.loss,
         parameters=_parameters(model, levels),
-        error=score_forces(fitted, [force(each) for each in fitted]),
-        holdout=score_forces(held_out, [force(each) for each in held_out]) if held_out else None,
+        error=score_forces(fitted, [force(test) for test in fitted]),
+        holdout=score_forces(held_out, [force(test) for test in held_out]) if held_out else None,
         selection=(),
-        adequate=together(fits(each) for each in (*fitted, *held_out)),
+        adequate=together(fits(test) for test in (*fitted, *held_out)),
         warnings=tuple(notes),
         evaluations=sum(level.fit.evaluations for level in levels),
         wall_s=time.perf_counter() - started,
         objective=sum(level.fit.objective for level in levels),
         condition=max(level.fit.condition for level in levels),
         notes=(*levels[0].fit.notes, f"{dependence}: each current fitted alone, then related to the current"),
-        current=found,
+        current=related,
         equation=model.equation,
     )
 

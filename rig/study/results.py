@@ -27,13 +27,13 @@ from rig.study.search_cell import SearchCell
 HISTORY_ROWS = 80
 
 
-def result_line(cell: SearchCell, names: Sequence[str], found: Result, **more: object) -> dict[str, Any]:
+def result_line(cell: SearchCell, names: Sequence[str], result: Result, **more: object) -> dict[str, Any]:
     """A line of the results file.
 
     Args:
         cell: The search.
-        names: Parameter names, in the order of `found.best`.
-        found: What the search found.
+        names: Parameter names, in the order of `result.best`.
+        result: What the search found.
         **more: Further entries.
 
     Returns:
@@ -47,17 +47,17 @@ def result_line(cell: SearchCell, names: Sequence[str], found: Result, **more: o
         "budget": cell.budget,
         "repeat": cell.repeat,
         "settings": dict(cell.settings),
-        "value": found.value,
-        "parameters": _named(names, found.best),
-        "evaluations": found.evaluations,
-        "generations": found.generations,
-        "stopped_by": found.stopped_by,
-        "seconds": found.seconds,
+        "value": result.value,
+        "parameters": _named(names, result.best),
+        "evaluations": result.evaluations,
+        "generations": result.generations,
+        "stopped_by": result.stopped_by,
+        "seconds": result.seconds,
         "host": f"{socket.gethostname()}:{os.getpid()}",
-        "history": thin_history(found.history),
+        "history": thin_history(result.history),
         "marks": {
             str(mark): {"value": value, "parameters": _named(names, best)}
-            for mark, (best, value) in found.marks.items()
+            for mark, (best, value) in result.marks.items()
         },
         **more,
     }
@@ -94,12 +94,12 @@ def shorter_lines(line: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     Yields:
         A line without what only the whole search has.
     """
-    for mark, found in line["marks"].items():
+    for mark, entry in line["marks"].items():
         same = {name: line[name] for name in ("problem", "method", "population", "repeat", "settings")}
         cell = SearchCell(budget=int(mark), **same)
         history = [row for row in line["history"] if row[0] <= cell.budget]
         spent = min(cell.budget, line["evaluations"])
-        yield {**same, **found, "key": cell.key, "budget": cell.budget, "evaluations": spent, "history": history}
+        yield {**same, **entry, "key": cell.key, "budget": cell.budget, "evaluations": spent, "history": history}
 
 
 def thin_history(history: FloatArray) -> list[list[float]]:
@@ -151,7 +151,7 @@ def error_summary(error_N: FloatArray) -> dict[str, float]:
 
 
 def _named(names: Sequence[str], vector: FloatArray) -> dict[str, float]:
-    return {name: float(each) for name, each in zip(names, vector, strict=True)}
+    return {name: float(value) for name, value in zip(names, vector, strict=True)}
 
 
 FORMAT = 2
@@ -239,17 +239,17 @@ class ResultsFile:
             else:
                 self._take(entry)
 
-    def _check(self, found: dict[str, Any]) -> None:
-        if found.get("format") != FORMAT:
+    def _check(self, header: dict[str, Any]) -> None:
+        if header.get("format") != FORMAT:
             raise FileProblem(
                 str(self.path),
-                [f"line 1: format {found.get('format')!r}, this version writes {FORMAT}: give another --out"],
+                [f"line 1: format {header.get('format')!r}, this version writes {FORMAT}: give another --out"],
             )
-        if found.get("fingerprint") != self.fingerprint:
+        if header.get("fingerprint") != self.fingerprint:
             raise FileProblem(
                 str(self.path),
                 [
-                    f"line 1: fingerprint {found.get('fingerprint')!r}, this study's is {self.fingerprint!r}: "
+                    f"line 1: fingerprint {header.get('fingerprint')!r}, this study's is {self.fingerprint!r}: "
                     "the results belong to other recordings or settings; give another --out"
                 ],
             )

@@ -42,7 +42,7 @@ def best_settings(study: StudyFile, results: Lines) -> dict[str, tuple[int, int,
         Method -> population, budget, summary; methods without a result are left out.
     """
     model = study.comparison.models[0]
-    found: dict[str, tuple[int, int, Summary]] = {}
+    best: dict[str, tuple[int, int, Summary]] = {}
     for method in study.comparison.methods:
         settings = [
             (population, budget, summary)
@@ -51,8 +51,8 @@ def best_settings(study: StudyFile, results: Lines) -> dict[str, tuple[int, int,
             if (summary := setting_summary(study, results, model, method, population, budget)) is not None
         ]
         if settings:
-            found[method] = min(settings, key=lambda entry: entry[2].mean)
-    return found
+            best[method] = min(settings, key=lambda entry: entry[2].mean)
+    return best
 
 
 def setting_values(

@@ -87,8 +87,8 @@ def three_steps(cell: SearchCell, test: Measurement) -> dict[str, Any]:
     error_N = (test.force_N - force_N)[test.scored]
     value = float(np.mean(error_N**2) / np.var(test.force_N[test.scored], ddof=1))
     history = np.array([[fit.evaluations, value]])
-    found = Result(np.array(list(values.values())), value, fit.evaluations, history, 0, "converged", seconds)
-    return result_line(cell, names, found, **error_summary(error_N))
+    result = Result(np.array(list(values.values())), value, fit.evaluations, history, 0, "converged", seconds)
+    return result_line(cell, names, result, **error_summary(error_N))
 
 
 WIDE_BOUND = 1e4
@@ -107,12 +107,12 @@ class Workbench:
     def __init__(self, study: StudyFile) -> None:
         self.study = study
         tests, self.left_out = measurements(study.data, study.seed)
-        self.tests = [thinned(each, study.data.keep_every) for each in tests]
+        self.tests = [thinned(test, study.data.keep_every) for test in tests]
         self.current_tests: dict[float, Measurement] = {}
         if study.current is not None:
             wanted = study.current
-            found, left_out = measurements(wanted.data, study.seed, wanted.current_A)
-            self.current_tests = one_a_current(found, wanted.current_A)
+            recorded, left_out = measurements(wanted.data, study.seed, wanted.current_A)
+            self.current_tests = one_a_current(recorded, wanted.current_A)
             self.left_out += left_out
         self._problems: dict[str, Problem] = {}
 
@@ -149,10 +149,10 @@ class Workbench:
         if not isinstance(problem.model, AlgebraicModel):
             return None
         try:
-            found = solve_separable(self.tests, problem.model, Weighting(problem.weight), non_negative=frozenset())
+            solution = solve_separable(self.tests, problem.model, Weighting(problem.weight), non_negative=frozenset())
         except IdentificationFailed:
             return None
-        return problem.objective(problem.vector(found.values))
+        return problem.objective(problem.vector(solution.values))
 
     def run(self, cell: SearchCell, callback: Callback | None = None) -> dict[str, Any]:
         """Run one search.
@@ -168,7 +168,7 @@ class Workbench:
             return self._run_current(cell, callback)
         problem = self.problem(cell.problem)
         name, settings = cell.algorithm
-        found = minimise(
+        result = minimise(
             problem,
             method=name,
             start=self.start(cell, problem.n_parameters),
@@ -180,7 +180,7 @@ class Workbench:
             marks=cell.marks,
             **settings,
         )
-        return result_line(cell, problem.names, found, **force_errors(problem, found.best))
+        return result_line(cell, problem.names, result, **force_errors(problem, result.best))
 
     def start(self, cell: SearchCell, size: int) -> FloatArray | None:
         """Where a search starts: all ones for c-FOA and those it is to lead, else what the algorithm draws by itself.
@@ -221,7 +221,7 @@ class Workbench:
             return three_steps(cell, test)
         objective = current_objective(test, wanted)
         name, settings = cell.algorithm
-        found = minimise(
+        result = minimise(
             objective,
             method=name,
             bounds=current_box(wanted, objective.names),
@@ -232,5 +232,5 @@ class Workbench:
             marks=cell.marks,
             **settings,
         )
-        whole = objective.whole(found.best[None, :])[0]
-        return result_line(cell, objective.names, found, **force_errors(objective.problem, whole))
+        whole = objective.whole(result.best[None, :])[0]
+        return result_line(cell, objective.names, result, **force_errors(objective.problem, whole))

@@ -25,24 +25,24 @@ NARROW = 1e-5  # relative width of eta at which the search ends
 
 def needs_lag(measurements: Sequence[Measurement]) -> bool:
     """Whether any test stepped a current that was commanded and not measured."""
-    return any(each.commanded_A is not None for each in measurements)
+    return any(test.commanded_A is not None for test in measurements)
 
 
-def with_lag(each: Measurement, eta_1_s: float) -> Measurement:
+def with_lag(test: Measurement, eta_1_s: float) -> Measurement:
     """The measurement with the coil current that follows its command at rate eta; itself where it was measured."""
-    return each if each.commanded_A is None else replace(each, current_A=coil_current(each, eta_1_s))
+    return test if test.commanded_A is None else replace(test, current_A=coil_current(test, eta_1_s))
 
 
-def coil_current(each: Measurement, eta_1_s: float) -> FloatArray:
+def coil_current(test: Measurement, eta_1_s: float) -> FloatArray:
     """Coil current (A), shape (n,), by equation (9) from the command, with its history before the kept cycles."""
     from rig.identification.models.kernels import lagged_current
 
-    commanded = each.current_A if each.commanded_A is None else each.commanded_A
-    before = each.commanded_before_A
+    commanded = test.current_A if test.commanded_A is None else test.commanded_A
+    before = test.commanded_before_A
     if before is None or before.size == 0:
-        start: FloatArray = lagged_current(commanded, float(each.current_A[0]), eta_1_s, each.dt_s)
+        start: FloatArray = lagged_current(commanded, float(test.current_A[0]), eta_1_s, test.dt_s)
         return start
-    whole: FloatArray = lagged_current(np.concatenate((before, commanded)), float(before[0]), eta_1_s, each.dt_s)
+    whole: FloatArray = lagged_current(np.concatenate((before, commanded)), float(before[0]), eta_1_s, test.dt_s)
     return whole[before.size :]
 
 
@@ -55,15 +55,15 @@ def find_lag(measurements: Sequence[Measurement], objective: Callable[[list[Meas
     """
 
     def cost(logarithm: float) -> float:
-        return objective([with_lag(each, math.exp(logarithm)) for each in measurements])
+        return objective([with_lag(test, math.exp(logarithm)) for test in measurements])
 
-    fastest = 1.0 / min(each.dt_s for each in measurements)
+    fastest = 1.0 / min(test.dt_s for test in measurements)
     scanned = np.linspace(math.log(SLOWEST_1_S), math.log(fastest), SCANNED)
-    costs = [cost(float(each)) for each in scanned]
+    costs = [cost(float(logarithm)) for logarithm in scanned]
     best = int(np.argmin(costs))
     low, high = float(scanned[max(best - 1, 0)]), float(scanned[min(best + 1, SCANNED - 1)])
     inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)]
-    value = [cost(each) for each in inner]
+    value = [cost(place) for place in inner]
     while high - low > NARROW:
         if value[0] < value[1]:
             high, inner, value = inner[1], [inner[1] - GOLDEN * (inner[1] - low), inner[0]], [math.nan, value[0]]

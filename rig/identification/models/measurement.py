@@ -135,7 +135,7 @@ class Measurement:
     def rows(self, part: slice) -> Measurement:
         """Some of the samples, next to each other, without a copy of them."""
         piece = copy(self)
-        piece.__dict__.update({name: each[part] for name in ARRAYS if (each := getattr(self, name)) is not None})
+        piece.__dict__.update({name: values[part] for name in ARRAYS if (values := getattr(self, name)) is not None})
         return piece
 
     def moved(self, u_m: FloatArray, v_m_s: FloatArray, a_m_s2: FloatArray) -> Measurement:
@@ -151,30 +151,30 @@ class Measurement:
             yield slice(start, stop)
 
 
-def first_cycle(each: Measurement) -> Measurement:
+def first_cycle(test: Measurement) -> Measurement:
     """The first whole cycle of a measurement; the measurement itself when it has no more."""
-    stop = each.samples_per_cycle
-    if not 1 < stop < each.u_m.size:
-        return each
+    stop = test.samples_per_cycle
+    if not 1 < stop < test.u_m.size:
+        return test
     return replace(
-        each,
-        u_m=each.u_m[:stop],
-        v_m_s=each.v_m_s[:stop],
-        a_m_s2=each.a_m_s2[:stop],
-        force_N=each.force_N[:stop],
-        current_A=each.current_A[:stop],
-        usable=None if each.usable is None else each.usable[:stop],
-        commanded_A=None if each.commanded_A is None else each.commanded_A[:stop],
+        test,
+        u_m=test.u_m[:stop],
+        v_m_s=test.v_m_s[:stop],
+        a_m_s2=test.a_m_s2[:stop],
+        force_N=test.force_N[:stop],
+        current_A=test.current_A[:stop],
+        usable=None if test.usable is None else test.usable[:stop],
+        commanded_A=None if test.commanded_A is None else test.commanded_A[:stop],
     )
 
 
-def spaced(each: Measurement, most: int) -> Measurement:
+def spaced(test: Measurement, most: int) -> Measurement:
     """Every so-many-th sample of a measurement, so that a cycle has at most about `most`."""
-    every = max(1, each.samples_per_cycle // most)
+    every = max(1, test.samples_per_cycle // most)
     if every == 1:
-        return each
-    part = each.rows(slice(0, each.u_m.size, every))
-    return replace(part, dt_s=each.dt_s * every, samples_per_cycle=each.samples_per_cycle // every)
+        return test
+    part = test.rows(slice(0, test.u_m.size, every))
+    return replace(part, dt_s=test.dt_s * every, samples_per_cycle=test.samples_per_cycle // every)
 
 
 def samples_a_cycle(u_m: FloatArray) -> float:
@@ -187,9 +187,9 @@ def samples_a_cycle(u_m: FloatArray) -> float:
     return float(u_m.size) if exact.size < 2 else float((exact[-1] - exact[0]) / (exact.size - 1))
 
 
-def cycle_times_s(each: Measurement) -> FloatArray:
+def cycle_times_s(test: Measurement) -> FloatArray:
     """How long each whole cycle of a test lasts (s), from the crossings that `samples_a_cycle` counts, shape (k,)."""
-    return np.asarray(np.diff(_crossings(each.u_m)) * each.dt_s)
+    return np.asarray(np.diff(_crossings(test.u_m)) * test.dt_s)
 
 
 def _crossings(u_m: FloatArray) -> FloatArray:

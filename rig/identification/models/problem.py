@@ -59,7 +59,7 @@ class Problem:
         self.lag = lag
         self.names = tuple(name for name in self.model.names if lag or name != "eta")
         self._joined = self._join() if isinstance(self.model, AlgebraicModel) else None
-        self._weights = [self._weight_squared(each) for each in self.measurements]
+        self._weights = [self._weight_squared(test) for test in self.measurements]
 
     @property
     def n_parameters(self) -> int:
@@ -69,7 +69,7 @@ class Problem:
     @property
     def n_samples(self) -> int:
         """Samples over all measurements."""
-        return sum(each.u_m.size for each in self.measurements)
+        return sum(test.u_m.size for test in self.measurements)
 
     @property
     def bounds(self) -> FloatArray:
@@ -134,12 +134,12 @@ class Problem:
         """
         values = self.values(vector)
         parts = []
-        for each, squared in zip(self.measurements, self._weights, strict=True):
-            source = _behind_coil(each, values["eta"]) if self.lag else each
+        for test, squared in zip(self.measurements, self._weights, strict=True):
+            source = _behind_coil(test, values["eta"]) if self.lag else test
             if source is None:
-                parts.append(np.full(each.u_m.size, UNACCEPTABLE))
+                parts.append(np.full(test.u_m.size, UNACCEPTABLE))
                 continue
-            parts.append((each.force_N - modelled_force(self.model, values, source)) * np.sqrt(squared))
+            parts.append((test.force_N - modelled_force(self.model, values, source)) * np.sqrt(squared))
         joined = np.concatenate(parts)
         return np.where(np.isfinite(joined), joined, UNACCEPTABLE)
 
@@ -151,16 +151,16 @@ class Problem:
 
     def _lagged(self, candidate: FloatArray) -> float:
         eta_1_s = float(candidate[self.names.index("eta")])
-        found = [_behind_coil(each, eta_1_s) for each in self.measurements]
-        sources = [each for each in found if each is not None]
-        if len(sources) < len(found):
+        lagged = [_behind_coil(test, eta_1_s) for test in self.measurements]
+        sources = [test for test in lagged if test is not None]
+        if len(sources) < len(lagged):
             return math.inf
         if self._joined is None:
             return float(self._hysteretic_batch(candidate[None, :], sources)[0])
         general = self._general(candidate[None, :])
         total = 0.0
-        for each, weight in zip(sources, self._weights, strict=True):
-            data = (each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.force_N, weight)
+        for test, weight in zip(sources, self._weights, strict=True):
+            data = (test.u_m, test.v_m_s, test.a_m_s2, test.current_A, test.force_N, weight)
             total += float(self._algebraic_batch(general, *data)[0])
         return total
 
@@ -188,21 +188,21 @@ class Problem:
             raise TypeError(f"{self.model.name} has internal states and no general form")
         return general_coefficients(self.model, self.names, candidates)
 
-    def _weight_squared(self, each: Measurement) -> FloatArray:
-        squared = each.v_m_s**2 if self.weight == "v" else np.ones_like(each.v_m_s)
-        return np.where(each.scored, squared, 0.0)
+    def _weight_squared(self, test: Measurement) -> FloatArray:
+        squared = test.v_m_s**2 if self.weight == "v" else np.ones_like(test.v_m_s)
+        return np.where(test.scored, squared, 0.0)
 
     def _join(self) -> tuple[FloatArray, ...]:
         """Motion, current, force and squared weight of all measurements end to end."""
         columns = ("u_m", "v_m_s", "a_m_s2", "current_A", "force_N")
-        joined = [np.concatenate([getattr(each, name) for each in self.measurements]) for name in columns]
-        return (*joined, np.concatenate([self._weight_squared(each) for each in self.measurements]))
+        joined = [np.concatenate([getattr(test, name) for test in self.measurements]) for name in columns]
+        return (*joined, np.concatenate([self._weight_squared(test) for test in self.measurements]))
 
 
-def _behind_coil(each: Measurement, eta_1_s: float) -> Measurement | None:
+def _behind_coil(test: Measurement, eta_1_s: float) -> Measurement | None:
     """The measurement with the coil current that follows its command at rate eta; None where that is not finite."""
-    current_A = coil_current(each, eta_1_s)
-    return replace(each, current_A=current_A) if np.all(np.isfinite(current_A)) else None
+    current_A = coil_current(test, eta_1_s)
+    return replace(test, current_A=current_A) if np.all(np.isfinite(current_A)) else None
 
 
 class FixedParameters:

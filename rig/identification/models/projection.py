@@ -42,23 +42,23 @@ class Weighting:
     reversal_guard_s: float = 0.0
     extra: tuple[FloatArray, ...] | None = None
 
-    def of(self, each: Measurement, index: int, rows: slice = ALL) -> FloatArray:
+    def of(self, test: Measurement, index: int, rows: slice = ALL) -> FloatArray:
         """Weight of each sample of measurement number `index`, or of some of its rows, shape (n,), not negative."""
-        speed = np.abs(each.v_m_s[rows])
+        speed = np.abs(test.v_m_s[rows])
         weights = speed.copy() if self.weight == "v" else np.ones_like(speed)
         if self.guard_s > 0.0:
-            weights[np.abs(each.u_m[rows]) < self.guard_s * speed] = 0.0
+            weights[np.abs(test.u_m[rows]) < self.guard_s * speed] = 0.0
         if self.reversal_guard_s > 0.0:
-            weights[speed < self.reversal_guard_s * np.abs(each.a_m_s2[rows])] = 0.0
-        if each.usable is not None:
-            weights[~each.usable[rows]] = 0.0
+            weights[speed < self.reversal_guard_s * np.abs(test.a_m_s2[rows])] = 0.0
+        if test.usable is not None:
+            weights[~test.usable[rows]] = 0.0
         return weights if self.extra is None else weights * self.extra[index][rows]
 
-    def counting(self, each: Measurement, index: int) -> BoolArray:
+    def counting(self, test: Measurement, index: int) -> BoolArray:
         """Which samples of measurement number `index` count, shape (n,)."""
-        counts = np.empty(each.u_m.size, dtype=bool)
-        for rows in each.pieces():
-            counts[rows] = self.of(each, index, rows) > 0.0
+        counts = np.empty(test.u_m.size, dtype=bool)
+        for rows in test.pieces():
+            counts[rows] = self.of(test, index, rows) > 0.0
         return counts
 
 
@@ -103,7 +103,7 @@ class Projection:
         self.evaluations = 0
         self.samples = 0
         self._kept: list[Piece] | None = None
-        if sum(each.u_m.size for each in measurements) // every <= KEEP_BELOW:
+        if sum(test.u_m.size for test in measurements) // every <= KEEP_BELOW:
             self._kept = list(self._stream())
         width = len(form.fixed_names)
         normal, right, power = np.zeros((width, width)), np.zeros(width), 0.0
@@ -121,14 +121,14 @@ class Projection:
         return iter(self._kept) if self._kept is not None else self._stream()
 
     def _stream(self) -> Iterator[Piece]:
-        for index, each in enumerate(self._measurements):
-            length = PIECE * self._every if self.form.pointwise else each.u_m.size
-            for start in range(0, each.u_m.size, length):
-                rows = slice(start, min(start + length, each.u_m.size), self._every)
-                u, v, a, current = each.u_m[rows], each.v_m_s[rows], each.a_m_s2[rows], each.current_A[rows]
-                weight = self._weighting.of(each, index, rows)
+        for index, test in enumerate(self._measurements):
+            length = PIECE * self._every if self.form.pointwise else test.u_m.size
+            for start in range(0, test.u_m.size, length):
+                rows = slice(start, min(start + length, test.u_m.size), self._every)
+                u, v, a, current = test.u_m[rows], test.v_m_s[rows], test.a_m_s2[rows], test.current_A[rows]
+                weight = self._weighting.of(test, index, rows)
                 fixed = self.form.fixed_columns(u, v, a, current) * weight[:, None]
-                yield Piece(fixed, each.force_N[rows] * weight, weight, each, rows)
+                yield Piece(fixed, test.force_N[rows] * weight, weight, test, rows)
 
     def objective(self, shape: FloatArray) -> float:
         """The least objective at this shape; shape (s,) in the order of the model's `shape_names`."""

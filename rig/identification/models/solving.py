@@ -220,8 +220,8 @@ def huber_weights(
         KeyError: a parameter is missing.
     """
     weights = []
-    for each in measurements:
-        error, deviation = _error_and_deviation_N(model, values, each)
+    for test in measurements:
+        error, deviation = _error_and_deviation_N(model, values, test)
         weights.append(np.sqrt(np.minimum(1.0, HUBER * deviation / np.maximum(error, 1e-300))))
     return tuple(weights)
 
@@ -235,15 +235,15 @@ def without_outliers(
         KeyError: a parameter is missing.
     """
     kept = []
-    for each in measurements:
-        error, deviation = _error_and_deviation_N(model, values, each)
-        kept.append(replace(each, usable=each.scored & (error <= OUTLIER * deviation)))
+    for test in measurements:
+        error, deviation = _error_and_deviation_N(model, values, test)
+        kept.append(replace(test, usable=test.scored & (error <= OUTLIER * deviation)))
     return kept
 
 
 def _error_and_deviation_N(
-    model: DamperModel, values: Mapping[str, float], each: Measurement
+    model: DamperModel, values: Mapping[str, float], test: Measurement
 ) -> tuple[FloatArray, float]:
     """Absolute residual (n,), and its standard deviation but for outliers."""
-    error: FloatArray = np.abs(each.force_N - modelled_force(model, values, each))
-    return error, float(np.median(error[each.scored])) / MEDIAN_OF_NORMAL
+    error: FloatArray = np.abs(test.force_N - modelled_force(model, values, test))
+    return error, float(np.median(error[test.scored])) / MEDIAN_OF_NORMAL

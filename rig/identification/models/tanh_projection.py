@@ -68,7 +68,7 @@ class Samples:
 
 def join(measurements: Sequence[Measurement], weighting: Weighting, every: int = 1) -> Samples:
     """Every `every`-th sample of all measurements end to end."""
-    parts = [_of(each, weighting, k, slice(0, None, every)) for k, each in enumerate(measurements)]
+    parts = [_of(test, weighting, k, slice(0, None, every)) for k, test in enumerate(measurements)]
     return Samples(
         u_m=np.concatenate([part.u_m for part in parts]),
         v_m_s=np.concatenate([part.v_m_s for part in parts]),
@@ -83,15 +83,15 @@ def join(measurements: Sequence[Measurement], weighting: Weighting, every: int =
 
 def stream(measurements: Sequence[Measurement], weighting: Weighting) -> Iterator[Samples]:
     """All samples piece by piece, without copies of the motion."""
-    for k, each in enumerate(measurements):
-        for start in range(0, each.u_m.size, PIECE):
-            yield _of(each, weighting, k, slice(start, min(start + PIECE, each.u_m.size)))
+    for k, test in enumerate(measurements):
+        for start in range(0, test.u_m.size, PIECE):
+            yield _of(test, weighting, k, slice(start, min(start + PIECE, test.u_m.size)))
 
 
-def _of(each: Measurement, weighting: Weighting, index: int, rows: slice) -> Samples:
-    columns = (each.u_m, each.v_m_s, each.a_m_s2, each.current_A, each.force_N)
+def _of(test: Measurement, weighting: Weighting, index: int, rows: slice) -> Samples:
+    columns = (test.u_m, test.v_m_s, test.a_m_s2, test.current_A, test.force_N)
     u, v, a, current, force = (np.ascontiguousarray(column[rows], dtype=float) for column in columns)
-    squared = weighting.of(each, index, rows) ** 2
+    squared = weighting.of(test, index, rows) ** 2
     return Samples(
         u, v, a, current, force, squared, np.array([u.size]), np.array([bool(np.all(current == current[0]))])
     )
@@ -215,14 +215,14 @@ class TanhProjection:
         self.evaluations = self.samples = 0
         self._printed = model.hysteresis == "printed"
         self._measurements, self._weighting = tuple(measurements), weighting
-        size = sum(each.u_m.size for each in measurements) // every
+        size = sum(test.u_m.size for test in measurements) // every
         self._compiled = compiled_pays(size * every) if compiled is None else compiled
         self._kept = join(measurements, weighting, every) if size <= KEEP_BELOW or every > 1 else None
         self._columns = _regressors(model)
         total = np.zeros((3, COLUMNS, COLUMNS))
-        for each in self._pieces():
-            total += gram(each, compiled=self._compiled)
-            self.samples += int(np.count_nonzero(each.weight_squared))
+        for samples in self._pieces():
+            total += gram(samples, compiled=self._compiled)
+            self.samples += int(np.count_nonzero(samples.weight_squared))
         products = total[POWERS].transpose(0, 2, 1, 3)
         base = products[:, :BASE, :, :BASE].reshape(2 * BASE, 2 * BASE)
         self._normal = self._columns.T @ base @ self._columns
@@ -256,7 +256,7 @@ class TanhProjection:
         fixed = (self._columns @ linear[:-2]).reshape(2, BASE)
         values = np.column_stack((fixed, linear[-2:]))
         kwok = np.array((shape[0], shape[0] * shape[1])) if self._printed else shape
-        return sum(squares(each, kwok, values, compiled=self._compiled) for each in self._pieces())
+        return sum(squares(samples, kwok, values, compiled=self._compiled) for samples in self._pieces())
 
     def _pieces(self) -> Iterator[Samples]:
         return iter((self._kept,)) if self._kept is not None else stream(self._measurements, self._weighting)
@@ -270,8 +270,8 @@ class TanhProjection:
         self.evaluations += shapes.shape[0]
         kwok = np.column_stack((shapes[:, 0], shapes[:, 0] * shapes[:, 1])) if self._printed else shapes
         total = np.zeros((shapes.shape[0], 3, 3, 9))
-        for each in self._pieces():
-            add_moments(total, kwok, each, slope=slope, compiled=self._compiled)
+        for samples in self._pieces():
+            add_moments(total, kwok, samples, slope=slope, compiled=self._compiled)
         return total
 
     def _sums(self, moments: FloatArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:

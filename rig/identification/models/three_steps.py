@@ -264,15 +264,15 @@ def solve_three_steps(
     """
     if model.name != MODEL:
         raise IdentificationFailed(f"zhu_three_step identifies {MODEL} only, not {model.name}: add `--model {MODEL}`")
-    found: list[NormalizedBoucWenFit] = []
+    fits: list[NormalizedBoucWenFit] = []
     currents_A, refused = [], []
-    for each in measurements:
+    for test in measurements:
         try:
-            found.append(identify(*(array[each.scored] for array in (each.u_m, each.v_m_s, each.force_N))))
-            currents_A.append(float(np.mean(each.current_A)))
+            fits.append(identify(*(array[test.scored] for array in (test.u_m, test.v_m_s, test.force_N))))
+            currents_A.append(float(np.mean(test.current_A)))
         except IdentificationFailed as error:
-            refused.append(f"{each.id}: {error}")
-    if not found:
+            refused.append(f"{test.id}: {error}")
+    if not fits:
         raise IdentificationFailed("; ".join(refused))
     affine = "kw_b" not in held
     if affine and max(currents_A) - min(currents_A) <= SAME_CURRENT_A:
@@ -281,28 +281,28 @@ def solve_three_steps(
             f"({'; '.join(refused)}); hold the tests at other currents out, or use separable"
         )
     values = {
-        "kx": _mean(found, "kx"),
-        **_line("kv", found, currents_A, affine=affine),
-        **_line("kw", found, currents_A, affine=affine),
-        "f0": _mean(found, "f0"),
-        **{name: float(np.median([getattr(each, name) for each in found])) for name in ("rho", "sigma", "n")},
+        "kx": _mean(fits, "kx"),
+        **_line("kv", fits, currents_A, affine=affine),
+        **_line("kw", fits, currents_A, affine=affine),
+        "f0": _mean(fits, "f0"),
+        **{name: float(np.median([getattr(fit, name) for fit in fits])) for name in ("rho", "sigma", "n")},
     }
     objective = 0.0
-    for index, each in enumerate(measurements):
-        residual = (each.force_N - modelled_force(model, values, each)) * weighting.of(each, index)
+    for index, test in enumerate(measurements):
+        residual = (test.force_N - modelled_force(model, values, test)) * weighting.of(test, index)
         objective += float(residual @ residual)
-    return Solution(values, objective, sum(each.evaluations for each in found))
+    return Solution(values, objective, sum(fit.evaluations for fit in fits))
 
 
-def _mean(found: Sequence[NormalizedBoucWenFit], name: str) -> float:
-    return float(np.mean([getattr(each, name) for each in found]))
+def _mean(fits: Sequence[NormalizedBoucWenFit], name: str) -> float:
+    return float(np.mean([getattr(fit, name) for fit in fits]))
 
 
 def _line(
-    name: str, found: Sequence[NormalizedBoucWenFit], currents_A: Sequence[float], *, affine: bool
+    name: str, fits: Sequence[NormalizedBoucWenFit], currents_A: Sequence[float], *, affine: bool
 ) -> dict[str, float]:
     """Value at zero current and per ampere by least squares; the mean alone where the current never changed."""
     if not affine:
-        return {name: _mean(found, name), f"{name}_b": 0.0}
-    per_ampere, at_zero = np.polyfit(currents_A, [getattr(each, name) for each in found], 1)
+        return {name: _mean(fits, name), f"{name}_b": 0.0}
+    per_ampere, at_zero = np.polyfit(currents_A, [getattr(fit, name) for fit in fits], 1)
     return {name: float(at_zero), f"{name}_b": float(per_ampere)}

@@ -126,9 +126,9 @@ def _one_frequency(measurements: Sequence[Measurement]) -> bool:
 
 def _unlike(measurements: Sequence[Measurement]) -> float:
     """Share of the acceleration that displacement does not explain; 1 where either is missing."""
-    cross = sum(float(each.a_m_s2 @ each.u_m) for each in measurements)
-    power_a = sum(float(each.a_m_s2 @ each.a_m_s2) for each in measurements)
-    power_u = sum(float(each.u_m @ each.u_m) for each in measurements)
+    cross = sum(float(test.a_m_s2 @ test.u_m) for test in measurements)
+    power_a = sum(float(test.a_m_s2 @ test.a_m_s2) for test in measurements)
+    power_u = sum(float(test.u_m @ test.u_m) for test in measurements)
     return 1.0 - cross * cross / (power_a * power_u) if power_a > 0.0 and power_u > 0.0 else 1.0
 
 

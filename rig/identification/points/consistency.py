@@ -30,8 +30,8 @@ def refuse_seen(fitted: Sequence[RecordedPoint | Measurement], held_out: Sequenc
     Raises:
         IdentificationFailed: a recording is on both sides; the message names them.
     """
-    seen = {_fingerprint(each) for each in fitted}
-    twice = [each.id for each in held_out if _fingerprint(each) in seen]
+    seen = {_fingerprint(test) for test in fitted}
+    twice = [test.id for test in held_out if _fingerprint(test) in seen]
     if twice:
         raise IdentificationFailed(
             f"{len(twice)} held-out test(s) are fitted too ({some(twice)}): errors on them say nothing about tests "
@@ -47,11 +47,11 @@ def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
     """
     first: dict[bytes, str] = {}
     twice = []
-    for each in fitted:
-        mark = _fingerprint(each)
+    for test in fitted:
+        mark = _fingerprint(test)
         if mark in first:
-            twice.append(f"{first[mark]} and {each.id}")
-        first.setdefault(mark, each.id)
+            twice.append(f"{first[mark]} and {test.id}")
+        first.setdefault(mark, test.id)
     if twice:
         raise IdentificationFailed(
             f"{len(twice)} recording(s) are given twice ({some(twice)} hold the same force, sample by sample): a "
@@ -59,8 +59,8 @@ def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
         )
 
 
-def _fingerprint(each: RecordedPoint | Measurement) -> bytes:
-    force = each.force_N if isinstance(each, Measurement) else each.force_samples.force_N
+def _fingerprint(test: RecordedPoint | Measurement) -> bytes:
+    force = test.force_N if isinstance(test, Measurement) else test.force_samples.force_N
     return hashlib.sha256(np.ascontiguousarray(force).data).digest()
 
 
@@ -71,15 +71,15 @@ def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
         IdentificationFailed: most of the tests put energy in.
     """
     reversed_ids = []
-    for each in measurements:
-        scored = each.scored
-        mean_N, done, size = float(np.mean(each.force_N, where=scored)), 0.0, 0.0
-        for rows in each.pieces():
-            work = np.where(scored[rows], (each.force_N[rows] - mean_N) * each.v_m_s[rows], 0.0)
+    for test in measurements:
+        scored = test.scored
+        mean_N, done, size = float(np.mean(test.force_N, where=scored)), 0.0, 0.0
+        for rows in test.pieces():
+            work = np.where(scored[rows], (test.force_N[rows] - mean_N) * test.v_m_s[rows], 0.0)
             done += float(np.sum(work))
             size += float(np.sum(np.abs(work)))
         if done < REVERSED * size:
-            reversed_ids.append(each.id)
+            reversed_ids.append(test.id)
     if 2 * len(reversed_ids) > len(measurements):
         raise IdentificationFailed(
             f"{some(reversed_ids)}: the measured force drives the motion instead of resisting it: the sign of "
@@ -90,7 +90,7 @@ def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
 
 def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:
     """A warning when tests of the same motion and current measured different forces."""
-    loops = [_loop(each) for each in measurements]
+    loops = [_loop(test) for test in measurements]
     differing = []
     for one, other in itertools.combinations(range(len(measurements)), 2):
         first, second = measurements[one], measurements[other]
@@ -115,11 +115,11 @@ def runs_apart(
         error_of: the same of a fit to some of them (N).
     """
     runs: dict[Path, list[Measurement]] = {}
-    for each in measurements:
-        runs.setdefault(Path(each.file).parent, []).append(each)
+    for test in measurements:
+        runs.setdefault(Path(test.file).parent, []).append(test)
     if len(runs) < 2:
         return []
-    samples = {run: sum(int(np.count_nonzero(each.scored)) for each in tests) for run, tests in runs.items()}
+    samples = {run: sum(int(np.count_nonzero(test.scored)) for test in tests) for run, tests in runs.items()}
     total = sum(samples[run] * error_of(tests) ** 2 for run, tests in runs.items())
     apart_N = float(np.sqrt(total / sum(samples.values())))
     if apart_N > APART_OF_TOGETHER * together_N:
@@ -130,27 +130,27 @@ def runs_apart(
 def _alike(first: Measurement, second: Measurement) -> bool:
     if abs(float(np.mean(first.current_A)) - float(np.mean(second.current_A))) > SAME_CURRENT_A:
         return False
-    if max(float(np.ptp(each.current_A)) for each in (first, second)) > SAME_CURRENT_A:
+    if max(float(np.ptp(test.current_A)) for test in (first, second)) > SAME_CURRENT_A:
         return False
-    sizes = [(float(np.ptp(each.u_m)), samples_a_cycle(each.u_m) * each.dt_s) for each in (first, second)]
+    sizes = [(float(np.ptp(test.u_m)), samples_a_cycle(test.u_m) * test.dt_s) for test in (first, second)]
     same = all(abs(a - b) <= SAME_MOTION * max(a, b) for a, b in zip(*sizes, strict=True))
     return same and first.waveform == second.waveform
 
 
-def _loop(each: Measurement) -> FloatArray:
+def _loop(test: Measurement) -> FloatArray:
     """Mean force (N) at `PHASES` equal steps of the cycle, shape (PHASES,)."""
-    about_mean = each.u_m - float(np.mean(each.u_m))
+    about_mean = test.u_m - float(np.mean(test.u_m))
     rising = np.flatnonzero((about_mean[:-1] < 0.0) & (about_mean[1:] >= 0.0))
     start = float(rising[0]) if rising.size else 0.0
-    phase = ((np.arange(each.u_m.size) - start) / samples_a_cycle(each.u_m)) % 1.0
-    scored = each.scored
+    phase = ((np.arange(test.u_m.size) - start) / samples_a_cycle(test.u_m)) % 1.0
+    scored = test.scored
     bins = (phase[scored] * PHASES).astype(np.int64) % PHASES
     count = np.bincount(bins, minlength=PHASES)
-    total = np.bincount(bins, weights=each.force_N[scored], minlength=PHASES)
+    total = np.bincount(bins, weights=test.force_N[scored], minlength=PHASES)
     there = count > 0
     mean = total[there] / count[there]
     return np.interp(np.arange(PHASES), np.flatnonzero(there), mean, period=PHASES)
 
 
-def _name(each: Measurement) -> str:
-    return f"{each.id} of {Path(each.file).parent.parent.name}" if each.file else each.id
+def _name(test: Measurement) -> str:
+    return f"{test.id} of {Path(test.file).parent.parent.name}" if test.file else test.id

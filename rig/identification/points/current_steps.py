@@ -60,7 +60,7 @@ def lag_of(points: Sequence[RecordedPoint]) -> tuple[CurrentLag | None, list[str
     None when there is no such point or none can be used. Where the points scatter more than their own standard errors
     say, the pooled one is widened by that (Birge 1932).
     """
-    found, refused = [], []
+    lags, refused = [], []
     for point in points:
         if point.kind != "current_step":
             continue
@@ -68,22 +68,22 @@ def lag_of(points: Sequence[RecordedPoint]) -> tuple[CurrentLag | None, list[str
             refused.append(f"{point.id} left out: its recording is invalid")
             continue
         try:
-            found.append(fit_lag(point))
+            lags.append(fit_lag(point))
         except RigError as error:
             refused.append(f"{point.id} left out: {error}")
-    if not found:
+    if not lags:
         return None, refused
-    weights = np.array([1.0 / lag.std_1_s**2 for lag in found])
-    values = np.array([lag.eta_1_s for lag in found])
+    weights = np.array([1.0 / lag.std_1_s**2 for lag in lags])
+    values = np.array([lag.eta_1_s for lag in lags])
     mean_1_s = float(np.sum(weights * values) / np.sum(weights))
-    scatter = float(np.sum(weights * (values - mean_1_s) ** 2)) / max(1, len(found) - 1)
-    delays = [lag.delay_s for lag in found if lag.delay_s is not None]
+    scatter = float(np.sum(weights * (values - mean_1_s) ** 2)) / max(1, len(lags) - 1)
+    delays = [lag.delay_s for lag in lags if lag.delay_s is not None]
     return CurrentLag(
         eta_1_s=mean_1_s,
         std_1_s=math.sqrt(max(1.0, scatter) / float(np.sum(weights))),
         delay_s=float(np.median(delays)) if delays else None,
-        rmse_A=math.sqrt(float(np.mean([lag.rmse_A**2 for lag in found]))),
-        steps=sum(lag.steps for lag in found),
+        rmse_A=math.sqrt(float(np.mean([lag.rmse_A**2 for lag in lags]))),
+        steps=sum(lag.steps for lag in lags),
     ), refused
 
 
@@ -103,7 +103,9 @@ def fit_lag(point: RecordedPoint) -> CurrentLag:
     starts_s = _step_times(time_s, current_A, levels_A)
     response = _Response(time_s, current_A, starts_s, levels_A)
     solutions = [response.solve(eta) for eta in ETA_START]
-    best = min((each for each in solutions if each is not None), key=lambda each: each.rmse_A, default=None)
+    best = min(
+        (solution for solution in solutions if solution is not None), key=lambda entry: entry.rmse_A, default=None
+    )
     fastest_1_s = MOST_LAGS_A_SAMPLE / float(np.median(np.diff(time_s)))
     known = best is not None and 0.0 < best.std_1_s < LARGEST_DETERMINED_SHARE * best.eta_1_s
     if best is None or not known or best.eta_1_s > fastest_1_s:

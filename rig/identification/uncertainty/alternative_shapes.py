@@ -56,14 +56,14 @@ def alternative_shapes(
         The second only where the first holds.
     """
 
-    def fitted(each: Measurement) -> FloatArray:
-        return model.yield_shape(values, each.u_m, each.v_m_s)
+    def fitted(test: Measurement) -> FloatArray:
+        return model.yield_shape(values, test.u_m, test.v_m_s)
 
     def saturated(side: Side) -> Shape:
-        return lambda each: np.where(side(each), np.sign(fitted(each)), fitted(each))
+        return lambda entry: np.where(side(entry), np.sign(fitted(entry)), fitted(entry))
 
     def bent(slope_s_m: float) -> Shape:
-        return lambda each: np.tanh(slope_s_m * each.v_m_s)
+        return lambda test: np.tanh(slope_s_m * test.v_m_s)
 
     def least(*shapes: Shape) -> tuple[list[float], float]:
         return _least_squares(model, known.names, shapes, measurements, weighting)
@@ -81,24 +81,24 @@ def alternative_shapes(
     steep = everywhere < limit or any(left < limit and needed(side) for left, side in one_sided)
     if not steep:
         return False, False
-    top_m_s = max(float(max(np.max(each.v_m_s), -np.min(each.v_m_s))) for each in measurements)
+    top_m_s = max(float(max(np.max(test.v_m_s), -np.min(test.v_m_s))) for test in measurements)
     return True, min(least(*(bent(argument / top_m_s) for argument in BENT))[0]) < limit
 
 
-def _everywhere(each: Measurement) -> BoolArray:
-    return np.ones(each.u_m.size, dtype=bool)
+def _everywhere(test: Measurement) -> BoolArray:
+    return np.ones(test.u_m.size, dtype=bool)
 
 
-def _nowhere(each: Measurement) -> BoolArray:
-    return np.zeros(each.u_m.size, dtype=bool)
+def _nowhere(test: Measurement) -> BoolArray:
+    return np.zeros(test.u_m.size, dtype=bool)
 
 
-def _towards(each: Measurement) -> BoolArray:
-    return each.u_m * each.v_m_s < 0.0
+def _towards(test: Measurement) -> BoolArray:
+    return test.u_m * test.v_m_s < 0.0
 
 
-def _away(each: Measurement) -> BoolArray:
-    return ~_towards(each)
+def _away(test: Measurement) -> BoolArray:
+    return ~_towards(test)
 
 
 def _least_squares(
@@ -113,9 +113,9 @@ def _least_squares(
     powers = [k for k, name in enumerate(model.yield_names) if name in names]
     size = len(free) + len(powers) + 1
     sums = np.zeros((len(shapes), size, size))
-    for index, each in enumerate(measurements):
-        for rows, piece in pieces_of(model, each):
-            weight = weighting.of(each, index, rows)
+    for index, test in enumerate(measurements):
+        for rows, piece in pieces_of(model, test):
+            weight = weighting.of(test, index, rows)
             columns = np.empty((piece.u_m.size, size))
             fixed = model.fixed_columns(piece.u_m, piece.v_m_s, piece.a_m_s2, piece.current_A)
             columns[:, : len(free)] = fixed[:, free] * weight[:, None]
@@ -125,7 +125,7 @@ def _least_squares(
                 for at, power in enumerate(powers, len(free)):
                     columns[:, at] = gain * piece.current_A**power
                 sums[k] += columns.T @ columns
-    return [_left(each) for each in sums], float(sums[0, -1, -1])
+    return [_left(part) for part in sums], float(sums[0, -1, -1])
 
 
 def _left(sums: FloatArray) -> float:
@@ -147,9 +147,9 @@ def _shape_variances(
     """Variances of the shape parameters under unit noise, if the force of some samples did not depend on them."""
     shaping = [k for k, name in enumerate(names) if name in model.shape_names]
     normal = np.zeros((len(names), len(names)))
-    for index, each in enumerate(measurements):
-        for rows, piece in pieces_of(model, each):
-            slopes = parameter_slopes(model, values, names, piece) * weighting.of(each, index, rows)[:, None]
+    for index, test in enumerate(measurements):
+        for rows, piece in pieces_of(model, test):
+            slopes = parameter_slopes(model, values, names, piece) * weighting.of(test, index, rows)[:, None]
             slopes[:, shaping] *= ~without(piece)[:, None]
             normal += slopes.T @ slopes
     scale = np.sqrt(np.maximum(np.diag(normal), TINIEST_SQUARE))
@@ -225,8 +225,8 @@ def _yield_use(
 ) -> tuple[float, float]:
     """Energy that the yield force takes out as a share of what it would with the speed's sign; its greatest shape."""
     taken = most = largest = 0.0
-    for each in measurements:
-        for _, piece in pieces_of(model, each):
+    for test in measurements:
+        for _, piece in pieces_of(model, test):
             yielding = model.yield_shape(values, piece.u_m, piece.v_m_s)
             power = yielding * piece.v_m_s
             taken += float(np.sum(power))

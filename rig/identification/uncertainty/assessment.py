@@ -133,7 +133,11 @@ def _profiles(
         if name in for_a_choice:
             raise IdentificationFailed(f"no profile of {name!r}: it is known only for the {for_a_choice[name]} chosen")
     nonlinear = [name for name in known.names if not best.model.parameter(name).linear and name not in for_a_choice]
-    names = list(dict.fromkeys(name for each in asked for name in (nonlinear if each == NONLINEAR else [each])))
+    names = list(
+        dict.fromkeys(
+            name for wanted_name in asked for name in (nonlinear if wanted_name == NONLINEAR else [wanted_name])
+        )
+    )
     weighting, solution = method.weighting(best.model), best.solution
     return profiles(best.model, solution.values, known, fitted, weighting, names, solution.at_bound)
 
@@ -160,7 +164,7 @@ def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[Sayi
 
 def _unresolved(fitted: Sequence[Measurement]) -> list[Saying]:
     """A warning when all tests reverse more sharply than the displacement's samples resolve."""
-    sharp = [each.unseen_v_m_s for each in fitted if each.unseen_v_m_s is not None]
+    sharp = [test.unseen_v_m_s for test in fitted if test.unseen_v_m_s is not None]
     if len(sharp) < len(fitted):
         return []
     worst_mm_s = 1e3 * max(float(np.max(np.abs(unseen))) for unseen in sharp)
@@ -182,7 +186,7 @@ def _unfinished(known: Information, method: Method, solution: Solution) -> list[
 def _correlated(known: Information, fitted: Sequence[Measurement]) -> list[Saying]:
     """A warning when residuals are not white and the intervals had to be widened noticeably for it."""
     indices = correlated(known.residuals)
-    widening = math.sqrt(sum(each.widening for each in known.residuals) / len(known.residuals))
+    widening = math.sqrt(sum(residual.widening for residual in known.residuals) / len(known.residuals))
     if not indices or widening < WORTH_WARNING:
         return []
     worst = max(indices, key=lambda k: known.residuals[k].repeating_N)

@@ -119,12 +119,12 @@ def information(
     left = leftovers(model, values, names, measurements, weighting) if left is None else left
     total, residuals = _Sums(size), []
     independent, force_power = 0.0, 0.0
-    for index, each in enumerate(measurements):
-        sums = _sums(model, values, names, each, weighting, index, declared)
+    for index, test in enumerate(measurements):
+        sums = _sums(model, values, names, test, weighting, index, declared)
         power = sums.power / max(1, sums.count)
-        counting = weighting.counting(each, index)
+        counting = weighting.counting(test, index)
         error = left[index] if weighting.extra is None else left[index] * weighting.extra[index] ** 2
-        residual = judge(error, counting, each.u_m, each.dt_s, known_power=sums.known_power)
+        residual = judge(error, counting, test.u_m, test.dt_s, known_power=sums.known_power)
         residuals.append(residual)
         independent += sums.count / residual.widening
         force_power += sums.force_power
@@ -158,15 +158,15 @@ def _sums(
     model: DamperModel,
     values: Mapping[str, float],
     names: Sequence[str],
-    each: Measurement,
+    test: Measurement,
     weighting: Weighting,
     index: int,
     declared: DeclaredErrors,
 ) -> _Sums:
     sums, unseen = _Sums(len(names)), np.zeros(len(names))
     plain = replace(weighting, extra=None)
-    for rows, piece in pieces_of(model, each):
-        squared = plain.of(each, index, rows) ** 2
+    for rows, piece in pieces_of(model, test):
+        squared = plain.of(test, index, rows) ** 2
         robust = np.ones_like(squared) if weighting.extra is None else weighting.extra[index][rows] ** 2
         slopes, force = parameter_slopes(model, values, names, piece), modelled_force(model, values, piece)
         full, counting = slopes * squared[:, None], squared > 0.0
@@ -178,18 +178,18 @@ def _sums(
         sums.power += float(error[counting] @ error[counting])
         sums.count += int(np.count_nonzero(counting))
         sums.force_power += float(squared @ np.where(counting, piece.force_N, 0.0) ** 2)
-        if each.skew_std_s > 0.0:
-            sums.shared[0] += each.skew_std_s * (weighted.T @ time_slope(model, values, piece))
+        if test.skew_std_s > 0.0:
+            sums.shared[0] += test.skew_std_s * (weighted.T @ time_slope(model, values, piece))
         if declared.force_gain > 0.0:
             sums.shared[1] += declared.force_gain * (weighted.T @ force)
         if declared.displacement_gain > 0.0:
             sums.shared[2] += declared.displacement_gain * (weighted.T @ scale_slope(model, values, piece))
-        sums.shared[3] += each.force_zero_std_N * np.sum(weighted, axis=0)
-        if each.unseen_v_m_s is not None:
+        sums.shared[3] += test.force_zero_std_N * np.sum(weighted, axis=0)
+        if test.unseen_v_m_s is not None:
             unseen += weighted.T @ unseen_force(model, values, piece)
     sums.alone = np.outer(unseen, unseen)
-    if each.motion_error is not None:
-        effects, sums.known_power = _of_motion(model, values, names, each, weighting, index)
+    if test.motion_error is not None:
+        effects, sums.known_power = _of_motion(model, values, names, test, weighting, index)
         sums.alone += effects @ effects.T
     return sums
 
@@ -198,16 +198,16 @@ def _of_motion(
     model: DamperModel,
     values: Mapping[str, float],
     names: Sequence[str],
-    each: Measurement,
+    test: Measurement,
     weighting: Weighting,
     index: int,
 ) -> tuple[FloatArray, float]:
     """Effects of the motion's errors on J'W^2 r, shape (p, k), and the mean square force (N^2) they make."""
-    rows = thinned(each, model)
-    some = each.rows(rows)
-    squared = replace(weighting, extra=None).of(each, index, rows) ** 2
+    rows = thinned(test, model)
+    some = test.rows(rows)
+    squared = replace(weighting, extra=None).of(test, index, rows) ** 2
     weighted = parameter_slopes(model, values, names, some) * squared[:, None]
-    effects, power = motion_effects(model, values, some, weighted, each.dt_s * rows.step)
+    effects, power = motion_effects(model, values, some, weighted, test.dt_s * rows.step)
     return effects * rows.step, power
 
 

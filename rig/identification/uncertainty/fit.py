@@ -167,11 +167,15 @@ class CurrentRelations:
 
     def to_json(self) -> dict[str, Any]:
         """Key `current` of `rig identify --json`."""
-        found = {
-            name: {"coefficients": list(each.coefficients), "rms": each.rms, "rms_left_out": _number(each.rms_left_out)}
-            for name, each in self.relations.items()
+        relations = {
+            name: {
+                "coefficients": list(relation.coefficients),
+                "rms": relation.rms,
+                "rms_left_out": _number(relation.rms_left_out),
+            }
+            for name, relation in self.relations.items()
         }
-        return {"dependence": self.dependence, "currents_A": list(self.currents_A), "relations": found}
+        return {"dependence": self.dependence, "currents_A": list(self.currents_A), "relations": relations}
 
 
 @dataclass(frozen=True)
@@ -260,12 +264,12 @@ class Fit:
     @property
     def values(self) -> dict[str, float]:
         """Parameter name to value (SI), those without a value left out."""
-        return {name: each.value for name, each in self.parameters.items() if each.value is not None}
+        return {name: estimate.value for name, estimate in self.parameters.items() if estimate.value is not None}
 
     @property
     def identifiable(self) -> tuple[str, ...]:
         """Names of the parameters that these tests determine."""
-        return tuple(name for name, each in self.parameters.items() if each.identifiable)
+        return tuple(name for name, estimate in self.parameters.items() if estimate.identifiable)
 
     def to_json(self) -> dict[str, Any]:
         """The keys of `rig identify --json`: plain types, no NaN or infinity (null instead)."""
@@ -275,15 +279,15 @@ class Fit:
         error["holdout"] = None if self.holdout is None else _summary(self.holdout)
         scores = [
             {
-                "model": each.model,
-                "holdout_nrmse_percent_of_peak": _number(each.holdout_nrmse_percent_of_peak),
-                "bic": _number(each.bic),
-                "rmse_N": _number(each.rmse_N),
-                "parameters": each.parameters,
-                "method": each.method,
-                "reason": each.reason,
+                "model": score.model,
+                "holdout_nrmse_percent_of_peak": _number(score.holdout_nrmse_percent_of_peak),
+                "bic": _number(score.bic),
+                "rmse_N": _number(score.rmse_N),
+                "parameters": score.parameters,
+                "method": score.method,
+                "reason": score.reason,
             }
-            for each in self.selection
+            for score in self.selection
         ]
         return {
             "model": self.model,
@@ -293,7 +297,7 @@ class Fit:
             "hysteresis": self.hysteresis,
             "weight": self.weight,
             "loss": self.loss,
-            "parameters": {name: _estimate(each) for name, each in self.parameters.items()},
+            "parameters": {name: _estimate(estimate) for name, estimate in self.parameters.items()},
             "error": error,
             "selection": scores,
             "adequate": self.adequate,
@@ -304,8 +308,8 @@ class Fit:
             "condition": _number(self.condition),
             "correlation": {name: {k: _number(v) for k, v in row.items()} for name, row in self.correlation.items()},
             "passivity": None if self.passivity is None else _plain(self.passivity),
-            "profiles": {name: vars(each) for name, each in self.profiles.items()},
-            "next_tests": [_plain(each) for each in self.next_tests],
+            "profiles": {name: vars(profile) for name, profile in self.profiles.items()},
+            "next_tests": [_plain(proposal) for proposal in self.next_tests],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
             "series_spring": None if self.series is None else _plain(self.series),
             "notes": list(self.notes),
@@ -315,7 +319,7 @@ class Fit:
         """The estimates as a table, one row a parameter: value, unit, intervals, standard error, reason."""
         import pandas as pd
 
-        rows = [vars(each) for each in self.parameters.values()]
+        rows = [vars(estimate) for estimate in self.parameters.values()]
         return pd.DataFrame(rows, index=pd.Index(self.parameters, name="parameter"))
 
     def tests_to_pandas(self) -> pd.DataFrame:
@@ -323,8 +327,8 @@ class Fit:
         import pandas as pd
 
         held_out = () if self.holdout is None else self.holdout.per_test
-        rows = [vars(each) | {"held_out": False} for each in self.error.per_test]
-        rows += [vars(each) | {"held_out": True} for each in held_out]
+        rows = [vars(error) | {"held_out": False} for error in self.error.per_test]
+        rows += [vars(test) | {"held_out": True} for test in held_out]
         return pd.DataFrame(rows).set_index("id")
 
 
@@ -332,13 +336,13 @@ def _number(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-def _plain(each: object) -> dict[str, Any]:
+def _plain(record: object) -> dict[str, Any]:
     """The fields of a dataclass, what is not finite as null."""
-    return {key: _number(value) if isinstance(value, float) else value for key, value in vars(each).items()}
+    return {key: _number(value) if isinstance(value, float) else value for key, value in vars(record).items()}
 
 
-def _estimate(each: Estimate) -> dict[str, Any]:
-    entry = _plain(each)
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    entry = _plain(estimate)
     if not entry["reason"]:
         del entry["reason"]
     return entry
@@ -351,5 +355,5 @@ def _summary(summary: ErrorSummary) -> dict[str, Any]:
         "sd_N": _number(summary.sd_N),
         "r_squared": _number(summary.r_squared),
         "nrmse_percent_of_peak": _number(summary.nrmse_percent_of_peak),
-        "per_test": [_plain(each) for each in summary.per_test],
+        "per_test": [_plain(error) for error in summary.per_test],
     }

@@ -51,51 +51,51 @@ def leftovers(
     Raises:
         KeyError: a parameter is missing.
     """
-    many = sum(each.u_m.size for each in measurements) > MANY
+    many = sum(test.u_m.size for test in measurements) > MANY
     left: list[NDArray[Any]] = []
-    for each in measurements:
-        residual = modelled_force(model, values, each)
-        np.subtract(each.force_N, residual, out=residual)
+    for test in measurements:
+        residual = modelled_force(model, values, test)
+        np.subtract(test.force_N, residual, out=residual)
         left.append(residual.astype(np.float32) if many else residual)
-    skewed = [k for k, each in enumerate(measurements) if each.skew_std_s > 0.0]
+    skewed = [k for k, test in enumerate(measurements) if test.skew_std_s > 0.0]
     if not skewed:
         return left
     right, own, noise = (np.zeros(len(measurements)) for _ in range(3))
     for k in skewed:
-        each = measurements[k]
-        for rows, piece in pieces_of(model, each):
-            squared = weighting.of(each, k, rows) ** 2
-            slope = each.skew_std_s * time_slope(model, values, piece)
+        test = measurements[k]
+        for rows, piece in pieces_of(model, test):
+            squared = weighting.of(test, k, rows) ** 2
+            slope = test.skew_std_s * time_slope(model, values, piece)
             right[k] += float(slope @ (squared * left[k][rows]))
             own[k] += float(slope @ (squared * slope))
-        noise[k] = _noise_power(each, left[k]) * mean_weight(weighting, each, k)
+        noise[k] = _noise_power(test, left[k]) * mean_weight(weighting, test, k)
     if float(np.sum(right[skewed] ** 2 / noise[skewed])) < WORTHWHILE:
         return left
     return _cleaned(model, values, names, measurements, weighting, left, (right, own, noise))
 
 
-def pieces_of(model: DamperModel, each: Measurement) -> Iterator[tuple[slice, Measurement]]:
+def pieces_of(model: DamperModel, test: Measurement) -> Iterator[tuple[slice, Measurement]]:
     """A test in pieces where a sample's force needs no other sample, else as a whole."""
-    if model.states or each.u_m.size == 0:
-        yield slice(0, each.u_m.size), each
+    if model.states or test.u_m.size == 0:
+        yield slice(0, test.u_m.size), test
         return
-    for rows in each.pieces():
-        yield rows, each.rows(rows)
+    for rows in test.pieces():
+        yield rows, test.rows(rows)
 
 
-def mean_weight(weighting: Weighting, each: Measurement, index: int) -> float:
+def mean_weight(weighting: Weighting, test: Measurement, index: int) -> float:
     """Mean squared weight of the samples that count, weighted by itself: what scales noise in the weighted sum."""
-    squared = weighting.of(each, index, slice(0, each.u_m.size, max(1, each.u_m.size // 65536))) ** 2
+    squared = weighting.of(test, index, slice(0, test.u_m.size, max(1, test.u_m.size // 65536))) ** 2
     total = float(np.sum(squared))
     return float(squared @ squared) / total if total > 0.0 else 1.0
 
 
-def _noise_power(each: Measurement, residual_N: FloatArray) -> float:
-    kept = residual_N[each.scored] if each.usable is not None else residual_N
+def _noise_power(test: Measurement, residual_N: FloatArray) -> float:
+    kept = residual_N[test.scored] if test.usable is not None else residual_N
     power = float(kept @ kept) / max(1, kept.size)
-    if not math.isnan(each.noise_N):
-        power = min(power, each.noise_N**2)
-    return max(power, each.force_step_N**2 / 12.0, 1e-300)
+    if not math.isnan(test.noise_N):
+        power = min(power, test.noise_N**2)
+    return max(power, test.force_step_N**2 / 12.0, 1e-300)
 
 
 def _cleaned(
@@ -111,23 +111,23 @@ def _cleaned(
     right, own, noise = sums
     size, count = len(names), len(measurements)
     normal, cross = np.zeros((size, size)), np.zeros((size, count))
-    for k, each in enumerate(measurements):
-        for rows, piece in pieces_of(model, each) if size else ():
-            squared = weighting.of(each, k, rows) ** 2
+    for k, test in enumerate(measurements):
+        for rows, piece in pieces_of(model, test) if size else ():
+            squared = weighting.of(test, k, rows) ** 2
             slopes = parameter_slopes(model, values, names, piece)
             weighted = slopes * squared[:, None]
             normal += slopes.T @ weighted
-            if each.skew_std_s > 0.0:
-                cross[:, k] += each.skew_std_s * (weighted.T @ time_slope(model, values, piece))
+            if test.skew_std_s > 0.0:
+                cross[:, k] += test.skew_std_s * (weighted.T @ time_slope(model, values, piece))
     half = white(normal, size) if size else np.zeros((0, 0))
     absorbed = half.T @ cross
     table = np.diag(own + np.where(noise > 0.0, noise, 1.0)) - absorbed.T @ absorbed
     z = np.linalg.solve(table, right)
     moved = half @ (absorbed @ z)
-    for k, each in enumerate(measurements):
-        for rows, piece in pieces_of(model, each):
-            if each.skew_std_s > 0.0:
-                left[k][rows] -= z[k] * each.skew_std_s * time_slope(model, values, piece)
+    for k, test in enumerate(measurements):
+        for rows, piece in pieces_of(model, test):
+            if test.skew_std_s > 0.0:
+                left[k][rows] -= z[k] * test.skew_std_s * time_slope(model, values, piece)
             if size:
                 left[k][rows] += parameter_slopes(model, values, names, piece) @ moved
     return left
@@ -138,21 +138,21 @@ FEWEST_A_CYCLE = 400  # so long as each cycle keeps so many
 MOST_ORDERS = 10  # of a model with internal states, whose force has to be integrated anew for each
 
 
-def thinned(each: Measurement, model: DamperModel) -> slice:
+def thinned(test: Measurement, model: DamperModel) -> slice:
     """The samples that are enough for such sums; all where the model's force needs all."""
-    spacing = min(each.u_m.size // MOST_SAMPLES, each.samples_per_cycle // FEWEST_A_CYCLE)
-    return slice(0, each.u_m.size, 1 if model.states else max(1, spacing))
+    spacing = min(test.u_m.size // MOST_SAMPLES, test.samples_per_cycle // FEWEST_A_CYCLE)
+    return slice(0, test.u_m.size, 1 if model.states else max(1, spacing))
 
 
 def motion_effects(
-    model: DamperModel, values: Mapping[str, float], each: Measurement, weighted: FloatArray, dt_s: float
+    model: DamperModel, values: Mapping[str, float], test: Measurement, weighted: FloatArray, dt_s: float
 ) -> tuple[FloatArray, float]:
     """Effects of the motion's errors.
 
     Args:
         model: the fitted model.
         values: its parameters (SI).
-        each: the samples.
+        test: the samples.
         weighted: the parameters' slopes times the squared weights, shape (n, p).
         dt_s: interval of these samples (s).
 
@@ -160,19 +160,19 @@ def motion_effects(
         Sum over the samples of `weighted` times the force's change with one standard error of each coefficient,
         shape (p, k); and the mean square force (N^2) of all of them together.
     """
-    error = each.motion_error
+    error = test.motion_error
     if error is None:
         return np.zeros((weighted.shape[1], 0)), 0.0
     if model.states:
-        changes = list(_changes(model, values, each, error, dt_s))
+        changes = list(_changes(model, values, test, error, dt_s))
         power = sum(float(np.mean(change**2)) for change in changes)
         return np.column_stack([weighted.T @ change for change in changes]), power
-    by_u, by_v, by_a = motion_slopes(model, values, each)
+    by_u, by_v, by_a = motion_slopes(model, values, test)
     each_m = np.sqrt(error.errors_m**2 + 0.5 * np.sum(np.abs(error.common_m) ** 2, axis=0))
     power = _power(error, (by_u, by_v, by_a), each_m)
     if weighted.shape[1] == 0:
         return np.zeros((0, 0)), power
-    phase = np.outer(dt_s * np.arange(each.u_m.size), error.rates_rad_s)
+    phase = np.outer(dt_s * np.arange(test.u_m.size), error.rates_rad_s)
     cosine, sine, rate = np.cos(phase), np.sin(phase), error.rates_rad_s
     with_cosine = [(weighted * slope[:, None]).T @ cosine for slope in (by_u, by_v, by_a)]
     with_sine = [(weighted * slope[:, None]).T @ sine for slope in (by_u, by_v, by_a)]
@@ -192,18 +192,18 @@ def _power(error: MotionError, slopes: tuple[FloatArray, FloatArray, FloatArray]
 
 
 def _changes(
-    model: DamperModel, values: Mapping[str, float], each: Measurement, error: MotionError, dt_s: float
+    model: DamperModel, values: Mapping[str, float], test: Measurement, error: MotionError, dt_s: float
 ) -> Iterator[FloatArray]:
     """The force's change (N), (n,), with one standard error of each coefficient; the orders that matter most."""
-    time_s, none = dt_s * np.arange(each.u_m.size), np.zeros_like(each.u_m)
+    time_s, none = dt_s * np.arange(test.u_m.size), np.zeros_like(test.u_m)
     weight = error.errors_m * error.rates_rad_s
     for order in np.argsort(-weight, kind="stable")[:MOST_ORDERS]:
         rate, size_m = float(error.rates_rad_s[order]), float(error.errors_m[order])
         cosine, sine = size_m * np.cos(rate * time_s), size_m * np.sin(rate * time_s)
-        yield force_change(model, values, each, (cosine, -rate * sine, -(rate**2) * cosine))
-        yield force_change(model, values, each, (sine, rate * cosine, -(rate**2) * sine))
+        yield force_change(model, values, test, (cosine, -rate * sine, -(rate**2) * cosine))
+        yield force_change(model, values, test, (sine, rate * cosine, -(rate**2) * sine))
     turning = np.exp(1j * np.outer(time_s, error.rates_rad_s))
     for row in error.common_m:
         u, v, a = (np.real(turning @ (row * (1j * error.rates_rad_s) ** derivative)) for derivative in range(3))
-        yield force_change(model, values, each, (u, v, a))
-    yield force_change(model, values, each, (none + error.mean_error_m, none, none))
+        yield force_change(model, values, test, (u, v, a))
+    yield force_change(model, values, test, (none + error.mean_error_m, none, none))

@@ -99,10 +99,14 @@ class _Walker:
         weighting: Weighting,
     ) -> None:
         self._model, self._best, self._known, self._free = model, values, known, free
-        self._data = [(each, weighting.of(each, index)) for index, each in enumerate(measurements)]
+        self._data = [(test, weighting.of(test, index)) for index, test in enumerate(measurements)]
         self._least = self.objective(values)
-        self._ranges = {each.name: (each.low, each.high) for each in model.parameters if not each.linear}
-        self._positive = {each.name for each in model.parameters if not each.linear and each.low >= 0.0}
+        self._ranges = {
+            parameter.name: (parameter.low, parameter.high) for parameter in model.parameters if not parameter.linear
+        }
+        self._positive = {
+            parameter.name for parameter in model.parameters if not parameter.linear and parameter.low >= 0.0
+        }
 
     def profile(self, name: str, floor: float) -> Profile:
         """The profile of one parameter."""
@@ -133,10 +137,10 @@ class _Walker:
             if at == last[0]:
                 break
             ahead = self._extrapolated(values, name, at) if number else {**values, name: at}
-            values, found = self._fit(ahead, name, scale)
-            if not math.isfinite(found):
+            values, least = self._fit(ahead, name, scale)
+            if not math.isfinite(least):
                 break
-            point = (at, max(0.0, (found - self._least) / scale))
+            point = (at, max(0.0, (least - self._least) / scale))
             points.append(point)
             if point[1] >= THRESHOLD > last[1]:
                 crossing = self._crossing(values, name, last, point, scale)
@@ -174,10 +178,10 @@ class _Walker:
         for _ in range(2):
             near, far = math.sqrt(inside[1]), math.sqrt(outside[1])
             at = inside[0] + (outside[0] - inside[0]) * (wanted - near) / (far - near)
-            _, found = self._fit({**values, name: at}, name, scale)
-            if not math.isfinite(found):
+            _, least = self._fit({**values, name: at}, name, scale)
+            if not math.isfinite(least):
                 return None
-            here = (at, max(0.0, (found - self._least) / scale))
+            here = (at, max(0.0, (least - self._least) / scale))
             if abs(here[1] - THRESHOLD) < 0.01 * THRESHOLD:
                 break
             inside, outside = (here, outside) if here[1] < THRESHOLD else (inside, here)
@@ -196,27 +200,27 @@ class _Walker:
 
     def _tests(self, values: Mapping[str, float]) -> Iterator[tuple[Measurement, FloatArray]]:
         """The tests and their weights, with the coil current of this eta where only its command is known."""
-        for each, weight in self._data:
-            yield (with_lag(each, values["eta"]) if "eta" in values else each), weight
+        for test, weight in self._data:
+            yield (with_lag(test, values["eta"]) if "eta" in values else test), weight
 
     def objective(self, values: Mapping[str, float]) -> float:
         """The weighted sum of squares; infinite where the force is not finite."""
         total = 0.0
-        for each, weight in self._tests(values):
-            force = modelled_force(self._model, values, each)
+        for test, weight in self._tests(values):
+            force = modelled_force(self._model, values, test)
             if not np.all(np.isfinite(force)):
                 return math.inf
-            residual = (each.force_N - force) * weight
+            residual = (test.force_N - force) * weight
             total += float(residual @ residual)
         return total if math.isfinite(total) else math.inf
 
     def slopes(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """J'W^2 J and J'W^2 r."""
         normal, gradient = np.zeros((len(names), len(names))), np.zeros(len(names))
-        for each, weight in self._tests(values):
-            slopes = parameter_slopes(self._model, values, names, each) * weight[:, None]
+        for test, weight in self._tests(values):
+            slopes = parameter_slopes(self._model, values, names, test) * weight[:, None]
             normal += slopes.T @ slopes
-            gradient += slopes.T @ ((each.force_N - modelled_force(self._model, values, each)) * weight)
+            gradient += slopes.T @ ((test.force_N - modelled_force(self._model, values, test)) * weight)
         return normal, gradient
 
 

@@ -192,4 +192,4 @@ def _runs(values: FloatArray) -> float:
 def correlated(residuals: Sequence[Residual]) -> list[int]:
     """Indices of the tests whose residual is not white; one false alarm in `FALSE_ALARM` of the fits."""
     level = FALSE_ALARM / (2.0 * max(1, len(residuals)))
-    return [k for k, each in enumerate(residuals) if each.least_p < level or each.repeating_N > 0.0]
+    return [k for k, residual in enumerate(residuals) if residual.least_p < level or residual.repeating_N > 0.0]

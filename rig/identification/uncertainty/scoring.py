@@ -32,20 +32,20 @@ def score(model: DamperModel, values: Mapping[str, float], measurements: Sequenc
     Raises:
         KeyError: a parameter is missing.
     """
-    return score_forces(measurements, (modelled_force(model, values, each) for each in measurements))
+    return score_forces(measurements, (modelled_force(model, values, test) for test in measurements))
 
 
 def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[FloatArray]) -> ErrorSummary:
     """Errors of forces (N), one array (n,) a test, against the measured ones; one test's arrays at a time."""
     tests, counts, errors, squares, sizes = [], [], [], [], []
     forces, spreads = [], []
-    for each, modelled in zip(measurements, modelled_N, strict=True):
-        energies = cycle_energy_J(each, each.force_N), cycle_energy_J(each, modelled)
+    for test, modelled in zip(measurements, modelled_N, strict=True):
+        energies = cycle_energy_J(test, test.force_N), cycle_energy_J(test, modelled)
         force, model_N = (
-            (each.force_N, modelled) if each.usable is None else (each.force_N[each.usable], modelled[each.usable])
+            (test.force_N, modelled) if test.usable is None else (test.force_N[test.usable], modelled[test.usable])
         )
         error = np.subtract(force, model_N, out=model_N)  # what was modelled is not needed any more
-        mean_N, peak = float(np.mean(force)), each.peak_force_N
+        mean_N, peak = float(np.mean(force)), test.peak_force_N
         counts.append(error.size)
         errors.append(float(np.sum(error)))
         squares.append(float(error @ error))
@@ -55,12 +55,12 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[Float
         rmse = math.sqrt(squares[-1] / error.size)
         tests.append(
             TestError(
-                id=each.id,
-                file=each.file,
+                id=test.id,
+                file=test.file,
                 rmse_N=rmse,
                 mae_N=sizes[-1] / error.size,
                 nrmse_percent_of_peak=100.0 * rmse / peak if peak > 0.0 else math.nan,
-                noise_N=None if math.isnan(each.noise_N) else each.noise_N,
+                noise_N=None if math.isnan(test.noise_N) else test.noise_N,
                 samples=int(error.size),
                 energy_J=energies[0],
                 modelled_energy_J=energies[1],
@@ -74,7 +74,7 @@ def score_forces(measurements: Sequence[Measurement], modelled_N: Iterable[Float
         mae_N=sum(sizes) / total,
         sd_N=math.sqrt(max(0.0, sum(squares) - sum(errors) ** 2 / total) / max(1, total - 1)),
         r_squared=1.0 - sum(squares) / variance if variance > 0.0 else math.nan,
-        nrmse_percent_of_peak=float(np.mean([each.nrmse_percent_of_peak for each in tests])),
+        nrmse_percent_of_peak=float(np.mean([test.nrmse_percent_of_peak for test in tests])),
         per_test=tuple(tests),
     )
 
@@ -107,22 +107,22 @@ def describes(
     """
     samples, noise, beyond, repeating, peaks = 0, 0.0, 0.0, 0.0, []
     left = leftovers(model, values, (), measurements, weighting) if left is None else left
-    for index, (each, error) in enumerate(zip(measurements, left, strict=True)):
-        if math.isnan(each.noise_N) and each.u_m.size < FEWEST_CYCLES * samples_a_cycle(each.u_m):
+    for index, (test, error) in enumerate(zip(measurements, left, strict=True)):
+        if math.isnan(test.noise_N) and test.u_m.size < FEWEST_CYCLES * samples_a_cycle(test.u_m):
             continue
-        counting = weighting.counting(each, index)
-        found = judge(error, counting, each.u_m, each.dt_s)
+        counting = weighting.counting(test, index)
+        residual = judge(error, counting, test.u_m, test.dt_s)
         count = int(np.count_nonzero(counting))
         if count == 0:
             continue
-        known = count * _no_misfit(model, values, each)
-        scatter_N = found.noise_N if math.isnan(each.noise_N) else each.noise_N
-        scatter = max(scatter_N**2, each.force_step_N**2 / 12.0)
+        known = count * _no_misfit(model, values, test)
+        scatter_N = residual.noise_N if math.isnan(test.noise_N) else test.noise_N
+        scatter = max(scatter_N**2, test.force_step_N**2 / 12.0)
         samples += count
         noise += count * scatter
         beyond += sum_of_squares(error, counting) - count * scatter - known
-        repeating += max(0.0, count * found.repeating_N**2 - known)
-        peaks.append(each.peak_force_N)
+        repeating += max(0.0, count * residual.repeating_N**2 - known)
+        peaks.append(test.peak_force_N)
     if samples == 0:
         return None
     noise_N, peak_N = math.sqrt(noise / samples), sum(peaks) / len(peaks)
@@ -132,22 +132,22 @@ def describes(
     )
 
 
-def _no_misfit(model: DamperModel, values: Mapping[str, float], each: Measurement) -> float:
+def _no_misfit(model: DamperModel, values: Mapping[str, float], test: Measurement) -> float:
     """Mean square (N^2) that repeats and is no misfit: errors of the motion as foretold, and quantisation."""
-    power = QUANTISED_WITHIN * each.force_step_N**2 / 12.0
-    rows = thinned(each, model)
-    some = each.rows(rows)
-    if each.unseen_v_m_s is not None:
+    power = QUANTISED_WITHIN * test.force_step_N**2 / 12.0
+    rows = thinned(test, model)
+    some = test.rows(rows)
+    if test.unseen_v_m_s is not None:
         power += FORETOLD_WITHIN**2 * float(np.mean(unseen_force(model, values, some) ** 2))
-    if each.motion_error is not None:
+    if test.motion_error is not None:
         nothing = np.zeros((some.u_m.size, 0))
-        power += FORETOLD_WITHIN**2 * motion_effects(model, values, some, nothing, each.dt_s * rows.step)[1]
+        power += FORETOLD_WITHIN**2 * motion_effects(model, values, some, nothing, test.dt_s * rows.step)[1]
     return power
 
 
 def together(verdicts: Iterable[bool | None]) -> bool | None:
     """False when one of the verdicts is, None when nothing could be judged."""
-    told = [each for each in verdicts if each is not None]
+    told = [verdict for verdict in verdicts if verdict is not None]
     return all(told) if told else None
 
 
@@ -157,24 +157,24 @@ DIFFERENT = 0.05  # share of the measured energy by which the model's may differ
 LONGEST_UNSEEN = 0.05  # share of a cycle over which the power may be bridged: 0.2 % of a sine's energy at the worst
 
 
-def cycle_energies_J(each: Measurement, force_N: FloatArray) -> FloatArray:
+def cycle_energies_J(test: Measurement, force_N: FloatArray) -> FloatArray:
     """Energy (J) that a force (N), shape (n,), takes out in each cycle, shape (k,): the area of the loop.
 
     `E = integral of F v dt` over one measured period. Lost samples are bridged; NaN for a cycle in which the force is
     unknown for more than `LONGEST_UNSEEN` of the period at a stretch, as where the load cell was saturated: what was
     dissipated there is not known.
     """
-    period = samples_a_cycle(each.u_m)
-    count = each.u_m.size
+    period = samples_a_cycle(test.u_m)
+    count = test.u_m.size
     cycles = max(1, round(count / period))
     edges = np.linspace(0.0, count, cycles + 1)
-    mean_N = float(np.mean(force_N if each.usable is None else force_N[each.usable]))
-    work = (force_N - mean_N) * each.v_m_s
-    if each.usable is None:
-        return np.diff(_summed(work, edges)) * each.dt_s * period / (count / cycles)
-    known = np.flatnonzero(each.usable)
+    mean_N = float(np.mean(force_N if test.usable is None else force_N[test.usable]))
+    work = (force_N - mean_N) * test.v_m_s
+    if test.usable is None:
+        return np.diff(_summed(work, edges)) * test.dt_s * period / (count / cycles)
+    known = np.flatnonzero(test.usable)
     work = np.interp(np.arange(count), known, work[known])
-    energies_J = np.diff(_summed(work, edges)) * each.dt_s * period / (count / cycles)
+    energies_J = np.diff(_summed(work, edges)) * test.dt_s * period / (count / cycles)
     seen = np.concatenate(([-1], known, [count]))
     for gap in np.flatnonzero(np.diff(seen) - 1 > LONGEST_UNSEEN * period):
         energies_J[(edges[:-1] < seen[gap + 1]) & (edges[1:] > seen[gap] + 1)] = np.nan
@@ -189,9 +189,9 @@ def _summed(values: FloatArray, at: FloatArray) -> FloatArray:
     return np.asarray(before + (at - whole) * (total[whole] - before))
 
 
-def cycle_energy_J(each: Measurement, force_N: FloatArray) -> float:
+def cycle_energy_J(test: Measurement, force_N: FloatArray) -> float:
     """Energy (J) that a force (N), shape (n,), takes out in one cycle, the mean of those known; NaN where none is."""
-    energies_J = cycle_energies_J(each, force_N)
+    energies_J = cycle_energies_J(test, force_N)
     known = energies_J[np.isfinite(energies_J)]
     return float(np.mean(known)) if known.size else math.nan
 
@@ -203,7 +203,7 @@ def passivity(model: DamperModel, values: Mapping[str, float], measurements: Seq
         KeyError: a parameter is missing.
     """
     complete = {"eta": 1.0, **values} if "eta" in model.names else dict(values)
-    top = max(float(np.max(np.abs(each.v_m_s))) for each in measurements)
+    top = max(float(np.max(np.abs(test.v_m_s))) for test in measurements)
     speeds = np.concatenate([sign * top * np.arange(1, SPEEDS + 1) / SPEEDS for sign in (-1.0, 1.0)])
     currents = _levels(measurements)
     grid_v, grid_A = np.meshgrid(speeds, currents)
@@ -217,8 +217,8 @@ def passivity(model: DamperModel, values: Mapping[str, float], measurements: Seq
 
 
 def _levels(measurements: Sequence[Measurement]) -> FloatArray:
-    low = min(float(np.min(each.current_A)) for each in measurements)
-    high = max(float(np.max(each.current_A)) for each in measurements)
+    low = min(float(np.min(test.current_A)) for test in measurements)
+    high = max(float(np.max(test.current_A)) for test in measurements)
     return np.linspace(low, high, CURRENTS if high > low else 1)
 
 
