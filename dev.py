@@ -31,7 +31,7 @@ MEALPY = "mealpy==3.0.3"  # asks for numpy 1 and works with 2: installed without
 PACKAGES = ["rig", "drivers", "protocols", "simulators"]
 FULLY_COVERED = {"protocols": "tests/protocols", "rig.dampers": "tests/rig/dampers"}
 COMPILED = [
-    "rig/dampers/kernels.py", "rig/dampers/rate_independent.py", "rig/identification/objective_kernels.py",
+    "rig/identification/models/kernels.py",
     "simulators/frames.py", "simulators/conditioner.py", "simulators/plant/step.py", "simulators/plant/motion.py",
 ]  # run as machine code, which coverage does not see
 LEAST_COVERAGE = 95

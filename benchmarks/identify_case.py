@@ -11,9 +11,9 @@ from numba import njit
 from scipy.optimize import least_squares
 
 from rig.dampers import model, parameter_set
-from rig.identification.measurement import Measurement
-from rig.identification.objective_kernels import fast_tanh
-from rig.identification.problem import Problem
+from rig.identification.models.kernels import fast_tanh
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.problem import Problem
 from rig.study.recordings import table1
 
 SUCCESS = 1.001

@@ -30,9 +30,9 @@ from identify_case import SUCCESS, Case, random_case, sane_box, timed, wide_box
 from scipy.optimize import differential_evolution, least_squares
 
 from rig.dampers import model
-from rig.identification.algorithms import minimise
-from rig.identification.projection import Weighting
-from rig.identification.separable import solve_separable
+from rig.identification.models.projection import Weighting
+from rig.identification.models.separable import solve_separable
+from rig.optimisers import minimise
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 BUDGET = 16_000

@@ -26,15 +26,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rig.dampers import model, parameter_set
-from rig.identification.algorithms import minimise
-from rig.identification.bouc_wen import solve_bouc_wen
-from rig.identification.fixed_parameters import FixedParameters
-from rig.identification.measurement import Measurement
-from rig.identification.model_slope import modelled_force
-from rig.identification.problem import Problem
-from rig.identification.projection import Weighting
-from rig.study.per_current import CURRENT_FIXED
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.problem import FixedParameters, Problem
+from rig.identification.models.projection import Weighting
+from rig.identification.models.separable import motion_scale, solve_loop
+from rig.optimisers import minimise
 from rig.study.recordings import BOUC_WEN_TRUTH
+from rig.study.workbench import CURRENT_FIXED
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 SUCCESS = 1.01
@@ -71,7 +70,10 @@ def timed(call: Callable[[], float]) -> tuple[float, float]:
 
 
 def separable(test: Measurement) -> float:
-    return solve_bouc_wen([test], model("bouc_wen"), Weighting("1"), HELD).objective
+    damper = model("bouc_wen")
+    form = damper.separation(motion_scale([test]))
+    assert form is not None
+    return solve_loop([test], damper, form, Weighting("1"), HELD).objective
 
 
 def rival(objective: FixedParameters) -> float:

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.identification.energy import cycle_energies_J
-from rig.identification.measurement import Measurement
-from rig.identification.preparation import prepare
-from rig.identification.residuals import samples_a_cycle
+from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.points.preparation import prepare
+from rig.identification.uncertainty.scoring import cycle_energies_J
 from rig.recording.loop_shape import noise_of
 from rig.recording.run import RecordedPoint
 

@@ -10,9 +10,9 @@ from typing import Any
 from rig.characteristics.friction import FrictionTest, friction_of
 from rig.characteristics.loop import LoopCharacteristics, characterise_loop
 from rig.errors import RigError
-from rig.identification.current_lag import CurrentLag, lag_of
-from rig.identification.measurement import Measurement
-from rig.identification.preparation import prepare
+from rig.identification.models.measurement import Measurement
+from rig.identification.points.current_steps import CurrentLag, lag_of
+from rig.identification.points.preparation import prepare
 from rig.recording.run import Run
 from rig.recording.skew_pooling import pooled_skews
 

@@ -16,7 +16,7 @@ from rig.errors import EXIT_DONE
 from rig.matrix.methods import DEPENDENCES, METHODS
 
 if TYPE_CHECKING:
-    from rig.dampers.algebraic import Hysteresis
+    from rig.dampers import Hysteresis
     from rig.identification import Method
 
 
@@ -110,7 +110,7 @@ def command(
             profile=(*(["nonlinear"] if profile else []), *profile_of),
             current=dependence,
             series_spring=series_spring,
-            told=None if model != "all" else lambda line: click.echo(line, err=True),
+            on_progress=None if model != "all" else lambda line: click.echo(line, err=True),
         )
     if fit.kept is not None:
         click.echo(f"the earlier fit is kept as {fit.kept.resolve()}", err=True)
@@ -134,7 +134,7 @@ def _searching(method: Method, scheduler: str | None) -> Iterator[Method]:
     Raises:
         UsageError: the method evaluates no populations.
     """
-    from rig.identification.algorithms import METHODS
+    from rig.optimisers import METHODS
 
     if scheduler is None:
         yield method

@@ -12,7 +12,7 @@ from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
 
 if TYPE_CHECKING:
-    from rig.study.runner import StudyProgress
+    from rig.study.execution import StudyProgress
 
 
 @click.command(name="study", cls=Command, examples=("rig study examples/paper-tables.toml --out logs/paper-tables",))

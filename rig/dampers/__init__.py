@@ -1,11 +1,20 @@
-"""Damper models: named parameters, equations, forces, and the compiled kernels behind them.
+"""Damper models: each one object that owns its parameters, equation, kernel, slopes, and what a fit must know of it.
 
 Pure functions of motion and current; no files, clocks, devices or fitting. The simulated plant and the identifier share
-these definitions. `kernels` needs numba and is imported only by those who integrate.
+these definitions. `kernel` and `loop_curve` need numba and are imported only by those who integrate.
 """
 
-from rig.dampers.catalogue import MODELS, UnknownName, model, parameter_set
-from rig.dampers.model import DamperModel
-from rig.dampers.parameter import Parameter, ParameterSet
+from rig.dampers.catalogue import MODELS, PARAMETER_SETS, UnknownName, model, parameter_set
+from rig.dampers.model import DamperModel, Hysteresis, Parameter, ParameterSet
 
-__all__ = ["MODELS", "DamperModel", "Parameter", "ParameterSet", "UnknownName", "model", "parameter_set"]
+__all__ = [
+    "MODELS",
+    "PARAMETER_SETS",
+    "DamperModel",
+    "Hysteresis",
+    "Parameter",
+    "ParameterSet",
+    "UnknownName",
+    "model",
+    "parameter_set",
+]

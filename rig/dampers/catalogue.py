@@ -1,42 +1,51 @@
-"""Models and parameter sets by name."""
+"""The damper models and the parameter sets by name. A new model is a line of `_models`."""
 
 from __future__ import annotations
 
 from difflib import get_close_matches
 
-from rig.dampers.algebraic import AsymmetricModel, BinghamModel, Hysteresis, KwokModel, SymmetricModel
-from rig.dampers.hysteretic import (
-    BoucWenModel,
-    ModifiedBoucWenModel,
-    NormalizedBoucWenModel,
-    ThinningBoucWenModel,
-    ViscoelasticPlasticModel,
-)
-from rig.dampers.model import DamperModel
-from rig.dampers.parameter import ParameterSet
-from rig.dampers.parameter_sets import PARAMETER_SETS
+from rig.dampers.algebraic import AsymmetricModel, KwokModel, SymmetricModel
+from rig.dampers.bouc_wen import BoucWenModel, NormalizedBoucWenModel, ThinningBoucWenModel
+from rig.dampers.model import DamperModel, Hysteresis, ParameterSet
+from rig.dampers.modified_bouc_wen import ModifiedBoucWenModel
+from rig.dampers.plastic import BinghamModel, ViscoelasticPlasticModel
+from rig.dampers.published import PARAMETER_SETS as PUBLISHED
 from rig.errors import RigError
+
+SIMULATED = "plausible values for the simulated rig; not a published fit"
+
+CATALOGUE: tuple[DamperModel, ...] = (
+    AsymmetricModel(),
+    AsymmetricModel("printed"),
+    SymmetricModel(),
+    SymmetricModel("printed"),
+    KwokModel(),
+    BinghamModel(),
+    ViscoelasticPlasticModel(),
+    BoucWenModel(),
+    ModifiedBoucWenModel(),
+    NormalizedBoucWenModel(),
+    ThinningBoucWenModel(),
+)
+"""Every model in every form; a place here is the model's `kind`, which files of simulated runs hold: append."""
+
+MODELS: dict[str, DamperModel] = {model.name: model for model in CATALOGUE if model.hysteresis == "kwok"}
+PRINTED: dict[str, DamperModel] = {model.name: model for model in CATALOGUE if model.hysteresis == "printed"}
+KINDS = {(model.name, model.hysteresis): kind for kind, model in enumerate(CATALOGUE)}
+
+
+def _demonstration(model: DamperModel) -> ParameterSet:
+    name = "demo" if model.name == "asymmetric" else f"demo-{model.name.replace('_', '-')}"
+    return ParameterSet(name, model.name, model.demonstration, SIMULATED)
+
+
+PARAMETER_SETS: dict[str, ParameterSet] = {
+    values.name: values for values in (*(_demonstration(model) for model in MODELS.values()), *PUBLISHED)
+}
 
 
 class UnknownName(RigError):
     """No model or parameter set has this name; the message lists those there are."""
-
-
-MODELS: dict[str, DamperModel] = {
-    each.name: each
-    for each in (
-        AsymmetricModel(),
-        SymmetricModel(),
-        KwokModel(),
-        BinghamModel(),
-        ViscoelasticPlasticModel(),
-        BoucWenModel(),
-        ModifiedBoucWenModel(),
-        NormalizedBoucWenModel(),
-        ThinningBoucWenModel(),
-    )
-}
-PRINTED: dict[str, DamperModel] = {each.name: each for each in (AsymmetricModel("printed"), SymmetricModel("printed"))}
 
 
 def _nearest(name: str, known: list[str]) -> str:

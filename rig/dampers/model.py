@@ -1,17 +1,81 @@
-"""What every damper model is: named parameters, an equation, and a force for a motion and a current."""
+"""What a damper model is: named parameters, an equation, a force, a kernel, and what a fit needs to know of it.
+
+One object owns all of it: its parameters (name, unit, limits, role), its equation, its compiled kernel, the columns and
+slopes that a fit uses, where its force jumps, and which parameters which tests cannot tell. So a new model is one file,
+and one line in `catalogue`.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rig.dampers.parameter import Parameter
+from rig.dampers.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
+if TYPE_CHECKING:  # it loads numba
+    from rig.dampers.kernel import Kernel
+    from rig.dampers.separation import MotionScale, Search, Separation
+
+Hysteresis = Literal["kwok", "printed"]
+Term = Literal["inertia", "stiffness", "viscous", "yield", "shape", ""]
+Jump = Literal["mid-stroke", "reversal", ""]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A model parameter as data.
+
+    Attributes:
+        name: key in mappings, files and JSON.
+        symbol: as written in the cited equation.
+        unit: SI unit, "1" when it has none.
+        start: sensible first guess, in `unit`.
+        low: lowest admissible value, in `unit`.
+        high: highest admissible value, in `unit`.
+        linear: whether the force is linear in it once the other nonlinear ones are given.
+        meaning: one phrase for tables and messages.
+        term: which part of the force it belongs to, where tests may fail to tell that part from another.
+        at_zero: the parameter whose value at zero current this one adds to, times a power of the current.
+        power: that power; 0 for a parameter that does not depend on the current.
+        softens: whether warm oil weakens it.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    start: float
+    low: float
+    high: float
+    linear: bool
+    meaning: str
+    term: Term = ""
+    at_zero: str = ""
+    power: int = 0
+    softens: bool = False
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Named values of one model.
+
+    Attributes:
+        name: how users ask for it.
+        model: name of the model in `rig.dampers.MODELS`.
+        values: parameter name to SI value; complete.
+        source: publication, table and how the values were read.
+        hysteresis: form of the hysteresis argument; only the tanh models have two.
+    """
+
+    name: str
+    model: str
+    values: Mapping[str, float]
+    source: str
+    hysteresis: Hysteresis = "kwok"
 
 
 class DamperModel(ABC):
@@ -19,17 +83,36 @@ class DamperModel(ABC):
 
     Attributes:
         name: key in `rig.dampers.MODELS`.
-        kind: integer that selects the model in `rig.dampers.kernels.advance`.
         parameters: in the order of the kernel's vector.
         states: number of internal states; 0 for algebraic models.
+        positions: how many of them, from the first, are positions, which move with the rod.
         equation: the force as text, with its source.
+        forms: forms of the hysteresis argument that it has.
+        hysteresis: the form of this one.
+        jumps_at: where the force jumps, so that noise of motion or clocks puts samples on the wrong side.
+        redundant: parameters that only scale others, and those; the others are known for one choice of it only.
+        speeds_tell_yield: whether a single speed tells yield force from viscous force.
+        demonstration: plausible values of a damper for the simulated rig, complete; not a published fit.
     """
 
     name: ClassVar[str]
     states: ClassVar[int]
+    positions: ClassVar[int] = 0
     equation: ClassVar[str]
-    kind: int
+    forms: ClassVar[tuple[Hysteresis, ...]] = ("kwok",)
+    jumps_at: ClassVar[Jump] = ""
+    redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    speeds_tell_yield: ClassVar[bool] = False
+    demonstration: ClassVar[Mapping[str, float]]
+    hysteresis: Hysteresis = "kwok"
     parameters: tuple[Parameter, ...]
+
+    @property
+    def kind(self) -> int:
+        """Its place in the catalogue, by which files of simulated runs name it."""
+        from rig.dampers.catalogue import KINDS
+
+        return KINDS[self.name, self.hysteresis]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -46,6 +129,10 @@ class DamperModel(ABC):
             if parameter.name == name:
                 return parameter
         raise KeyError(f"{self.name} has no parameter {name!r}; it has {', '.join(self.names)}")
+
+    def of_term(self, term: Term) -> tuple[str, ...]:
+        """Names of the parameters of one part of the force."""
+        return tuple(parameter.name for parameter in self.parameters if parameter.term == term)
 
     def vector(self, values: Mapping[str, float]) -> FloatArray:
         """Values in the kernel's order, shape (len(parameters),), SI.
@@ -68,9 +155,32 @@ class DamperModel(ABC):
         return {name: float(value) for name, value in zip(self.names, vector, strict=True)}
 
     def initial_state(self, u_m: float = 0.0) -> FloatArray:
-        """Internal state at rest at extension `u_m` (m); shape (max(states, 1),)."""
-        del u_m
-        return np.zeros(max(self.states, 1))
+        """Internal state at rest at extension `u_m` (m), springs free; shape (max(states, 1),)."""
+        state = np.zeros(max(self.states, 1))
+        state[: self.positions] = u_m
+        return state
+
+    @abstractmethod
+    def kernel(self) -> Kernel:
+        """The equation compiled: force, and rates of the internal states, of one instant."""
+
+    @abstractmethod
+    def separation(self, scale: MotionScale) -> Separation | None:
+        """How the model splits into a few shape parameters and a linear rest, and starts for the shape.
+
+        None for a model that is searched for with all parameters at once, by `search`.
+
+        Args:
+            scale: what the tests' motion is like.
+        """
+
+    def search(self) -> Search:
+        """How all parameters of a model that does not split are searched for at once.
+
+        Raises:
+            NotImplementedError: the model splits.
+        """
+        raise NotImplementedError(f"{self.name} splits: see `separation`")
 
     @abstractmethod
     def force(
@@ -124,3 +234,80 @@ class DamperModel(ABC):
         u = np.sign(v_m_s) * np.linspace(-travel_m, 0.0, steps + 1)
         v = np.full(steps + 1, v_m_s)
         return float(self.force(parameters, u, v, np.zeros(steps + 1), current_A, dt_s)[-1])
+
+
+class HystereticModel(DamperModel):
+    """A model whose force depends on what happened before; integrated by the compiled kernels."""
+
+    def force(
+        self,
+        parameters: Mapping[str, float],
+        u: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        current: ArrayLike,
+        dt_s: float,
+    ) -> FloatArray:
+        """See `DamperModel.force`; the first sample starts from `initial_state`.
+
+        Raises:
+            KeyError: a parameter is missing or unknown.
+        """
+        from rig.dampers.kernel import force_series
+
+        motion = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (u, v, a, current)))
+        u_m, v_m_s, a_m_s2, current_A = (np.ascontiguousarray(x) for x in motion)
+        state = self.initial_state(float(u_m[0]))
+        data = (u_m, v_m_s, a_m_s2, current_A)
+        force: FloatArray = force_series(self, self.vector(parameters), state, *data, dt_s, 0)
+        return force
+
+    def separation(self, scale: MotionScale) -> Separation | None:
+        """See `DamperModel.separation`: None, unless the model says how it splits."""
+        del scale
+        return None
+
+    def search(self) -> Search:
+        """See `DamperModel.search`: from the parameters' starts, all positive shapes by their logarithm."""
+        from rig.dampers.separation import Search
+
+        return Search(self)
+
+
+#: The coil current's first-order lag (equation 9), which belongs to the coil and not to the force.
+LAG = Parameter("eta", "eta", "1/s", 25.0, 0.1, 1e4, False, "rate of the coil current's first-order lag")
+
+
+def linear_parameter(
+    name: str,
+    unit: str,
+    start: float,
+    meaning: str,
+    *,
+    symbol: str = "",
+    limit: float = 1e6,
+    term: Term = "",
+    at_zero: str = "",
+    power: int = 0,
+    softens: bool = False,
+) -> Parameter:
+    """A linear parameter, of either sign up to `limit`; one that is `at_zero` of another has power 1 unless told."""
+    power = power or (1 if at_zero else 0)
+    return Parameter(name, symbol or name, unit, start, -limit, limit, True, meaning, term, at_zero, power, softens)
+
+
+def shape_parameter(
+    name: str,
+    unit: str,
+    start: float,
+    low: float,
+    high: float,
+    meaning: str,
+    *,
+    term: Term = "",
+    at_zero: str = "",
+    softens: bool = False,
+) -> Parameter:
+    """A nonlinear parameter between `low` and `high`."""
+    power = 1 if at_zero else 0
+    return Parameter(name, name, unit, start, low, high, False, meaning, term, at_zero, power, softens)

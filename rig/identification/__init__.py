@@ -1,21 +1,25 @@
-"""Fitting damper models to recorded runs: problems, methods, uncertainty, selection, and the fit as a value.
+"""Identification: damper models fitted to recorded runs, how sure the result is, and the fit as a value.
 
-Reads runs through `rig.recording`; writes nothing but `fit.json`. The published optimisers live in `algorithms`.
-A name is loaded when it is first asked for, so that a process that only fits does not load what judges a fit.
+Sub-rooms, each of which may import those named before it: `models` (what is fitted, and how a model is solved for),
+`points` (from recorded points to measurements), `uncertainty` (what is known of the result). Beside them the entries:
+`fitting` (measurements to a fit), `runs` (recorded runs to `fit.json`), `selection`, `per_current`, `series_spring`,
+`next_test`; every sentence for people is made in `words`. Reads runs through `rig.recording`; writes nothing but
+`fit.json`. A name is loaded when it is first asked for: a process that only fits does not load what assesses a fit.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rig.identification.fit import Estimate, Fit
-    from rig.identification.fitting import identify, identify_run
-    from rig.identification.measurement import Measurement
-    from rig.identification.preparation import prepare
-    from rig.identification.problem import Problem
-    from rig.identification.projection import Weighting
-    from rig.identification.separable import solve_separable
-    from rig.identification.solving import Method
+    from rig.identification.fitting import identify
+    from rig.identification.models.measurement import Measurement
+    from rig.identification.models.problem import Problem
+    from rig.identification.models.projection import Weighting
+    from rig.identification.models.separable import solve_separable
+    from rig.identification.models.solving import Method
+    from rig.identification.points.preparation import prepare
+    from rig.identification.runs import identify_run
+    from rig.identification.uncertainty.fit import Estimate, Fit
 
 __all__ = [
     "Estimate",
@@ -31,16 +35,16 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Estimate": "fit",
-    "Fit": "fit",
-    "Measurement": "measurement",
-    "Method": "solving",
-    "Problem": "problem",
-    "Weighting": "projection",
+    "Estimate": "uncertainty.fit",
+    "Fit": "uncertainty.fit",
+    "Measurement": "models.measurement",
+    "Method": "models.solving",
+    "Problem": "models.problem",
+    "Weighting": "models.projection",
     "identify": "fitting",
-    "identify_run": "fitting",
-    "prepare": "preparation",
-    "solve_separable": "separable",
+    "identify_run": "runs",
+    "prepare": "points.preparation",
+    "solve_separable": "models.separable",
 }
 
 

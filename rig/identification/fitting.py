@@ -2,42 +2,36 @@
 
 from __future__ import annotations
 
-import itertools
-import json
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
-from pathlib import Path
 
 import rig.dampers
-from rig.dampers.algebraic import Hysteresis
+from rig.dampers import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
-from rig.identification.coil import find_lag, needs_lag, with_lag
-from rig.identification.consistency import (
+from rig.identification.models.coil import find_lag, needs_lag, with_lag
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.separable import GivenUp, motion_scale
+from rig.identification.models.solving import Method, solve
+from rig.identification.models.undetermined import examine
+from rig.identification.next_test import Allowance, bench_of, next_tests
+from rig.identification.per_current import AFFINE, identify_per_current
+from rig.identification.points.consistency import (
     contradictions,
     refuse_reversed_signs,
     refuse_seen,
     refuse_twice,
     runs_apart,
-    some,
 )
-from rig.identification.current_lag import CurrentLag, lag_of
-from rig.identification.fit import Estimate, Fit, ModelScore, SeriesSpring
-from rig.identification.identifiability import examine
-from rig.identification.judging import judged
-from rig.identification.measurement import Measurement
-from rig.identification.next_test import Allowance, bench_of, next_tests
-from rig.identification.per_current import AFFINE, identify_per_current
-from rig.identification.preparation import campaign_skews, prepare_all
-from rig.identification.scoring import score
+from rig.identification.points.current_steps import CurrentLag, lag_of
+from rig.identification.points.preparation import campaign_skews, prepare_all
 from rig.identification.selection import Candidate, compare
-from rig.identification.separable import GivenUp
-from rig.identification.solving import PARTLY_SEPARABLE, Method, solve
-from rig.identification.uncertainty import DeclaredErrors, quantile
-from rig.recording.calibration_check import doubts
+from rig.identification.uncertainty.assessment import judged
+from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
+from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore, SeriesSpring
+from rig.identification.uncertainty.scoring import score
 from rig.recording.run import RecordedPoint, Run
 
 ALL = "all"
@@ -56,7 +50,7 @@ def identify(
     series_spring: bool = False,
     allowance: Allowance | None = None,
     campaign: Sequence[RecordedPoint] = (),
-    told: Callable[[str], None] | None = None,
+    on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
 
@@ -75,7 +69,7 @@ def identify(
         allowance: what the next test may ask of the machine; by default what a run's own bench and matrix allow, or
             what was tested.
         campaign: further points of the same campaigns, neither fitted nor held out: they know of the sensors' delays.
-        told: called with a line of text before each model is fitted and each comparison.
+        on_progress: called with a line of text before each model is fitted and each comparison.
 
     Returns:
         The fit; with "all", that of the recommended model.
@@ -98,7 +92,9 @@ def identify(
                 f"current dependence {current!r} goes with one model, without profiles and without a series spring"
             )
         chosen = _model(model, hysteresis)
-        return identify_per_current(chosen, fitted, held_out, current, settings, warnings, declared, started, told)
+        return identify_per_current(
+            chosen, fitted, held_out, current, settings, warnings, declared, started, on_progress
+        )
     spring = None
     if series_spring:
         if model == ALL:
@@ -106,13 +102,13 @@ def identify(
         spring, fitted, held_out = _behind_spring(_model(model, hysteresis), fitted, held_out, settings)
     names = list(rig.dampers.MODELS) if model == ALL else [model]
     models = [_model(name, hysteresis) for name in names]
-    eta_1_s = _found_lag(models, fitted, settings, told) if needs_lag(fitted) else None
+    eta_1_s = _found_lag(models, fitted, settings, on_progress) if needs_lag(fitted) else None
     if eta_1_s is not None:
-        fitted, held_out = ([with_lag(each, eta_1_s) for each in tests] for tests in (fitted, held_out))
-    candidates, refused, given_up = _candidates(models, fitted, settings, told)
+        fitted, held_out = ([with_lag(test, eta_1_s) for test in tests] for tests in (fitted, held_out))
+    candidates, refused, given_up = _candidates(models, fitted, settings, on_progress)
     warnings += refused
-    if told is not None and len(candidates) > 1:
-        told("comparing the models on what they have not seen")
+    if on_progress is not None and len(candidates) > 1:
+        on_progress("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, settings)
     ranking += given_up
     if eta_1_s is not None and "eta" in best.model.names:
@@ -127,7 +123,9 @@ def identify(
     if spring is not None:
         from rig.identification.series_spring import SMOOTHING
 
-        spring = spring.widened(max((each.widening for each in fit.residuals), default=1.0), quantile() * SMOOTHING)
+        spring = spring.widened(
+            max((residual.widening for residual in fit.residuals), default=1.0), quantile() * SMOOTHING
+        )
     return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance))
 
 
@@ -148,119 +146,14 @@ def _behind_spring(
     return spring, Softened(fitted).by(compliance_m_N), Softened(held_out).by(compliance_m_N)
 
 
-def identify_run(
-    paths: Sequence[Path | str],
-    *,
-    model: str = "asymmetric",
-    method: str | Method = "separable",
-    holdout: str | None = None,
-    hysteresis: Hysteresis = "kwok",
-    suspect: bool = False,
-    profile: bool | Sequence[str] = False,
-    current: str = AFFINE,
-    series_spring: bool = False,
-    told: Callable[[str], None] | None = None,
-) -> Fit:
-    """Fit recorded runs and write `fit.json` into the first of them, or beside the file it is.
-
-    Args:
-        paths: campaign directories, folders in which exactly one campaign lies, or point files.
-        model: as in `identify`.
-        method: as in `identify`.
-        holdout: a filter on the points, or the path of another run.
-        hysteresis: as in `identify`.
-        suspect: take suspect points too, not only valid ones.
-        profile: as in `identify`.
-        current: as in `identify`.
-        series_spring: as in `identify`.
-        told: as in `identify`.
-
-    Raises:
-        IdentificationFailed: nothing can be identified.
-        FileProblem: a path is no run.
-    """
-    runs = [Run.open(path) for path in paths]
-    points = [point for run in runs for point in (run.usable if suspect else run.valid)]
-    left_out = [line for run in runs for line in run.left_out if not (suspect and ": suspect (" in line)]
-    if not points:
-        hint = "; `--suspect` takes suspect points too" if any(": suspect (" in line for line in left_out) else ""
-        raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}{hint}")
-    other = Run.open(holdout) if holdout is not None and Path(holdout).exists() else holdout
-    tested = [*runs, other] if isinstance(other, Run) else runs
-    specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}
-    if len(specimens) > 1:
-        raise IdentificationFailed(
-            f"these runs tested different specimens ({', '.join(sorted(specimens))}); one fit describes one damper: "
-            "identify them apart"
-        )
-    declared = declared_errors(points)
-    fit = identify(
-        points,
-        model=model,
-        method=method,
-        holdout=other,
-        hysteresis=hysteresis,
-        declared=declared,
-        profile=profile,
-        current=current,
-        series_spring=series_spring,
-        allowance=bench_of(runs[0].path),
-        campaign=[point for run in tested for point in run.usable],
-        told=told,
-    )
-    doubted = [f"calibration in doubt, and in no interval: {line}" for line in doubts(points)]
-    fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
-    written, kept = write_fit(fit, runs[0].path)
-    return replace(fit, path=written, kept=kept)
-
-
-def declared_errors(points: Sequence[RecordedPoint]) -> DeclaredErrors:
-    """What the calibrations in the recorded points leave uncertain; the largest where they differ."""
-
-    def largest(name: str) -> float:
-        return max((float(point.test.get(f"{name}_uncertainty_percent", 0.0)) for point in points), default=0.0) / 100.0
-
-    return DeclaredErrors(force_gain=largest("force"), displacement_gain=largest("displacement"))
-
-
-def write_fit(fit: Fit, folder: Path) -> tuple[Path, Path | None]:
-    """Write `fit.json` into a campaign directory, whole or not at all.
-
-    Returns:
-        Its path, and where an older `fit.json` was kept: `fit-<UTC of its writing>.json`.
-    """
-    target = folder / "fit.json"
-    kept = _kept(target)
-    temporary = folder / "fit.json.tmp"
-    temporary.write_text(json.dumps(fit.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    temporary.replace(target)
-    return target, kept
-
-
-def _kept(target: Path) -> Path | None:
-    """Give an older fit a name of its own, by the time it was written; None where there is none."""
-    if not target.is_file():
-        return None
-    written = datetime.fromtimestamp(target.stat().st_mtime, UTC).strftime("%Y%m%dT%H%M%SZ")
-    for number in itertools.count(1):
-        name = target.with_name(f"fit-{written}{'' if number == 1 else f'-{number}'}.json")
-        try:
-            name.hardlink_to(target)
-        except FileExistsError:
-            continue
-        except OSError:  # a file system without hard links
-            name.write_bytes(target.read_bytes())
-        return name
-    return None
-
-
 def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
     """The model, in the wanted form where it has one.
 
     Raises:
         UnknownName: no such model, or no such form.
     """
-    only_kwok = hysteresis == "printed" and name not in {"asymmetric", "symmetric"}
+    named = rig.dampers.MODELS.get(name)
+    only_kwok = named is not None and hysteresis == "printed" and hysteresis not in named.forms
     return rig.dampers.model(name, "kwok" if only_kwok else hysteresis)
 
 
@@ -275,8 +168,8 @@ def _split(
         IdentificationFailed: nothing or everything is held out, or a test is there twice or on both sides.
     """
     given = list(tests.valid) if isinstance(tests, Run) else list(tests)
-    points = [each for each in given if isinstance(each, RecordedPoint) and each.kind == "loop"]
-    fitted = [each for each in given if isinstance(each, Measurement)]
+    points = [item for item in given if isinstance(item, RecordedPoint) and item.kind == "loop"]
+    fitted = [item for item in given if isinstance(item, Measurement)]
     kept_out: list[RecordedPoint] = []
     held_out: list[Measurement] = []
     if isinstance(holdout, str):
@@ -291,8 +184,8 @@ def _split(
             raise IdentificationFailed(f"holdout {holdout!r} matches every point; nothing is left to fit")
     elif holdout is not None:
         others = list(holdout.valid) if isinstance(holdout, Run) else list(holdout)
-        kept_out = [each for each in others if isinstance(each, RecordedPoint) and each.kind == "loop"]
-        held_out = [each for each in others if isinstance(each, Measurement)]
+        kept_out = [item for item in others if isinstance(item, RecordedPoint) and item.kind == "loop"]
+        held_out = [item for item in others if isinstance(item, Measurement)]
         if not others:
             where = f"the run {holdout.path} holds no valid point" if isinstance(holdout, Run) else "no test was given"
             raise IdentificationFailed(f"nothing is held out: {where}; leave holdout out to fit without")
@@ -317,12 +210,12 @@ def _found_lag(
     models: Sequence[DamperModel],
     fitted: Sequence[Measurement],
     method: Method,
-    told: Callable[[str], None] | None,
+    on_progress: Callable[[str], None] | None,
 ) -> float:
     """Eta (1/s) with the asked model where that is algebraic, else with the asymmetric one: it is the coil's alone."""
-    if told is not None:
-        told("finding the coil's lag from the commanded current")
-    model = next((each for each in models if each.states == 0), _model("asymmetric", "kwok"))
+    if on_progress is not None:
+        on_progress("finding the coil's lag from the commanded current")
+    model = next((model for model in models if model.states == 0), _model("asymmetric", "kwok"))
     findings, quick = examine(model, fitted), Method(weight=method.weight)
     near: dict[str, float] = {}
 
@@ -348,7 +241,7 @@ def _error_of(best: Candidate, method: Method) -> Callable[[list[Measurement]], 
 def _recorded(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:
     """Every recorded point given, whatever it is for."""
     given = list(tests.valid) if isinstance(tests, Run) else list(tests)
-    return [each for each in given if isinstance(each, RecordedPoint)]
+    return [item for item in given if isinstance(item, RecordedPoint)]
 
 
 def _all_of(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:
@@ -377,7 +270,7 @@ def _candidates(
     models: Sequence[DamperModel],
     fitted: Sequence[Measurement],
     method: Method,
-    told: Callable[[str], None] | None,
+    on_progress: Callable[[str], None] | None,
 ) -> tuple[list[Candidate], list[str], tuple[ModelScore, ...]]:
     """Every model that the method can fit, a line for each that it cannot, and those given up beside better ones.
 
@@ -386,9 +279,11 @@ def _candidates(
     """
     candidates, refused, given_up = [], [], []
     rival_N = math.inf
-    for number, model in enumerate(sorted(models, key=_hardly_separable), 1):
-        if told is not None:
-            told(f"fitting {model.name} ({number} of {len(models)})")
+    scale = motion_scale(fitted)
+    searched_last = sorted(models, key=lambda model: model.separation(scale) is None)
+    for number, model in enumerate(searched_last, 1):
+        if on_progress is not None:
+            on_progress(f"fitting {model.name} ({number} of {len(models)})")
         findings = examine(model, fitted)
         try:
             candidate = Candidate(model, findings, solve(model, fitted, method, findings, rival_N=rival_N))
@@ -403,8 +298,3 @@ def _candidates(
     if not candidates:
         raise IdentificationFailed("; ".join(refused))
     return candidates, refused, tuple(given_up)
-
-
-def _hardly_separable(model: DamperModel) -> bool:
-    """Whether all parameters have to be searched at once; such models come last, when there are others to beat."""
-    return model.states > 0 and model.name not in PARTLY_SEPARABLE

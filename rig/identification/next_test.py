@@ -16,16 +16,13 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
-from rig.identification.fit import Fit, NextTest
-from rig.identification.measurement import Measurement
-from rig.identification.model_slope import modelled_force, parameter_slopes
-from rig.identification.residuals import samples_a_cycle
+from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.models.model_slope import modelled_force, parameter_slopes
+from rig.identification.uncertainty.fit import Fit, NextTest
 from rig.matrix.point import TestPoint
-
-FloatArray = NDArray[np.float64]
 
 AMPLITUDES, FREQUENCIES, CURRENTS = 5, 6, 5
 ENOUGH = 4096  # samples of a test that tell what it says of the parameters
@@ -68,14 +65,14 @@ def envelope_of(measurements: Sequence[Measurement]) -> Allowance:
     """What the tests so far have shown to be possible."""
 
     def largest(of: Callable[[Measurement], FloatArray]) -> float:
-        return ROUNDING * max(float(np.max(np.abs(of(each)))) for each in measurements)
+        return ROUNDING * max(float(np.max(np.abs(of(test)))) for test in measurements)
 
     return Allowance(
-        amplitude_m=max(float(np.ptp(each.u_m)) for each in measurements) / 2.0,
-        speed_m_s=largest(lambda each: each.v_m_s),
-        acceleration_m_s2=largest(lambda each: each.a_m_s2),
-        force_N=largest(lambda each: each.force_N) / FORCE_SHARE,
-        current_A=largest(lambda each: each.current_A) / ROUNDING,
+        amplitude_m=max(float(np.ptp(test.u_m)) for test in measurements) / 2.0,
+        speed_m_s=largest(lambda test: test.v_m_s),
+        acceleration_m_s2=largest(lambda test: test.a_m_s2),
+        force_N=largest(lambda test: test.force_N) / FORCE_SHARE,
+        current_A=largest(lambda test: test.current_A) / ROUNDING,
         source="inside what was tested so far",
     )
 
@@ -130,10 +127,10 @@ def next_tests(
         allowance: what may be tested; by default what was tested.
     """
     allowance = allowance or envelope_of(measurements)
-    found = list(_loop(model, fit, measurements, allowance)) if fit.adequate is not False else []
+    proposals = list(_loop(model, fit, measurements, allowance)) if fit.adequate is not False else []
     if "eta" in fit.parameters and not fit.parameters["eta"].identifiable and allowance.feasible is not None:
-        found.append(_steps(allowance))
-    return tuple(found)
+        proposals.append(_steps(allowance))
+    return tuple(proposals)
 
 
 def _loop(
@@ -143,24 +140,24 @@ def _loop(
     names = tuple(values)
     if not names or len(fit.residuals) != len(measurements):
         return
-    spacing = [1 if model.states else max(1, each.u_m.size // ENOUGH) for each in measurements]
-    some = [each.rows(slice(0, each.u_m.size, by)) for each, by in zip(measurements, spacing, strict=True)]
-    slopes = [parameter_slopes(model, values, names, each) for each in some]
-    sizes = np.max([np.max(np.abs(each), axis=0) for each in slopes], axis=0)
-    peak_N = max(each.peak_force_N for each in measurements)
+    spacing = [1 if model.states else max(1, test.u_m.size // ENOUGH) for test in measurements]
+    some = [test.rows(slice(0, test.u_m.size, by)) for test, by in zip(measurements, spacing, strict=True)]
+    slopes = [parameter_slopes(model, values, names, test) for test in some]
+    sizes = np.max([np.max(np.abs(jacobian), axis=0) for jacobian in slopes], axis=0)
+    peak_N = max(test.peak_force_N for test in measurements)
     least = LEAST_CONTRIBUTION * peak_N / np.where(sizes > 0.0, sizes, np.inf)
     scale = np.maximum(np.abs([values[name] for name in names]), least)
     scale = np.where(scale > 0.0, scale, 1.0)
     before = np.eye(len(names)) / VAGUE**2
     spread = []
     tested = zip(some, spacing, slopes, fit.residuals, fit.error.per_test, strict=True)
-    for each, by, jacobian, residual, error in tested:
+    for test, by, jacobian, residual, error in tested:
         spread.append(max(error.rmse_N, 1e-9) ** 2 * residual.widening)
-        scaled = jacobian[each.scored] * scale
+        scaled = jacobian[test.scored] * scale
         before += by * (scaled.T @ scaled) / spread[-1]
     widths = _widths(before)
-    longest = float(np.median([each.u_m.size for each in measurements]))
-    dt_s, noise = float(np.median([each.dt_s for each in measurements])), float(np.median(spread))
+    longest = float(np.median([test.u_m.size for test in measurements]))
+    dt_s, noise = float(np.median([test.dt_s for test in measurements])), float(np.median(spread))
     candidates = list(_candidates(model, values, measurements, allowance))
     expected = []
     for point, motion in candidates:
@@ -168,7 +165,7 @@ def _loop(
         weight = min(KEPT_CYCLES / (point.frequency_Hz * dt_s), longest) / SAMPLES / noise
         expected.append(_widths(before + weight * scaled.T @ scaled))
     for worst in np.argsort(-widths) if candidates else ():
-        ranked = np.argsort([each[worst] for each in expected])[:MOST_CHECKS]
+        ranked = np.argsort([widths[worst] for widths in expected])[:MOST_CHECKS]
         for k in ranked:
             ratio = float(expected[k][worst] / widths[worst])
             if ratio > WORTHWHILE:
@@ -188,8 +185,8 @@ def _candidates(
     model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement], allowance: Allowance
 ) -> Iterator[tuple[TestPoint, Measurement]]:
     """Sines on a grid, what is too fast, too violent or too strong left out; numbers as people write them."""
-    tested_Hz = [1.0 / (samples_a_cycle(each.u_m) * each.dt_s) for each in measurements]
-    smallest_m = min(float(np.ptp(each.u_m)) for each in measurements) / 2.0
+    tested_Hz = [1.0 / (samples_a_cycle(test.u_m) * test.dt_s) for test in measurements]
+    smallest_m = min(float(np.ptp(test.u_m)) for test in measurements) / 2.0
     amplitudes = np.geomspace(0.3 * min(smallest_m, allowance.amplitude_m), allowance.amplitude_m, AMPLITUDES)
     frequencies = np.geomspace(0.5 * min(tested_Hz), 3.0 * max(tested_Hz), FREQUENCIES)
     currents = np.linspace(0.0, allowance.current_A, CURRENTS if allowance.current_A > 0.0 else 1)

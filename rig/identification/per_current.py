@@ -15,16 +15,17 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
-from rig.identification.fit import CurrentRelations, Estimate, Fit
-from rig.identification.identifiability import CURRENTS_NEEDED, PER_AMPERE, SAME_CURRENT_A, examine
-from rig.identification.judging import judged
-from rig.identification.measurement import Measurement
-from rig.identification.model_slope import modelled_force
-from rig.identification.relation import Relation, relations
-from rig.identification.scoring import describes, score_forces, together
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.relation import Relation, relations
+from rig.identification.models.solving import Method, solve
+from rig.identification.models.undetermined import SAME_CURRENT_A, examine
 from rig.identification.selection import Candidate
-from rig.identification.solving import Method, solve
-from rig.identification.uncertainty import DeclaredErrors
+from rig.identification.uncertainty.assessment import judged
+from rig.identification.uncertainty.covariance import DeclaredErrors
+from rig.identification.uncertainty.fit import CurrentRelations, Estimate, Fit
+from rig.identification.uncertainty.scoring import describes, score_forces, together
+from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES
 
 AFFINE = "affine"
@@ -49,7 +50,7 @@ def identify_per_current(
     warnings: Sequence[str],
     declared: DeclaredErrors | None,
     started: float,
-    told: Callable[[str], None] | None = None,
+    on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a model at each current and relate its parameters to the current.
 
@@ -62,7 +63,7 @@ def identify_per_current(
         warnings: what was found before.
         declared: errors the data do not show.
         started: `time.perf_counter()` at the start (s).
-        told: called with a line of text before each current.
+        on_progress: called with a line of text before each current.
 
     Returns:
         A fit whose parameters are named `NAME at I A`, with the relations in `current`.
@@ -75,24 +76,24 @@ def identify_per_current(
         raise IdentificationFailed(f"unknown current dependence {dependence!r}; known: {', '.join(DEPENDENCES)}")
     levels = []
     for current_A, tests in _levels(fitted):
-        if told is not None:
-            told(f"fitting {model.name} at {current_A:.3g} A ({len(tests)} tests)")
+        if on_progress is not None:
+            on_progress(f"fitting {model.name} at {current_A:.3g} A ({len(tests)} tests)")
         levels.append(Level(current_A, tuple(tests), _fit_level(model, current_A, tests, method, declared)))
     if len(levels) < 2:
         raise IdentificationFailed(
             f"{dependence} needs tests at two or more currents, and all ran at {levels[0].current_A:.2f} A; add tests "
             "at another current, or fit without this option"
         )
-    found = _relations(model, levels, PER_CURRENT[dependence])
-    return _joined(model, levels, found, held_out, dependence, method, warnings, started)
+    related = _relations(model, levels, PER_CURRENT[dependence])
+    return _joined(model, levels, related, held_out, dependence, method, warnings, started)
 
 
-def values_at(model: DamperModel, found: CurrentRelations, current_A: float) -> dict[str, float]:
+def values_at(model: DamperModel, related: CurrentRelations, current_A: float) -> dict[str, float]:
     """The model's values (SI) at a current (A); terms per ampere are zero, because the current is taken as zero."""
-    values = {each.name: 0.0 for each in model.parameters if each.name != "eta"}
-    for name, relation in found.relations.items():
+    values = {parameter.name: 0.0 for parameter in model.parameters if parameter.name != "eta"}
+    for name, relation in related.relations.items():
         value = float(relation.at(current_A))
-        low, high = found.ranges[name]
+        low, high = related.ranges[name]
         values[name] = value if model.parameter(name).linear else min(max(value, low), high)
     return values
 
@@ -104,22 +105,22 @@ def _levels(tests: Sequence[Measurement]) -> list[tuple[float, list[Measurement]
         IdentificationFailed: the current of a test changes.
     """
     groups: list[tuple[float, list[Measurement]]] = []
-    for each in sorted(tests, key=lambda test: float(np.mean(test.current_A))):
-        if float(np.ptp(each.current_A)) > SAME_CURRENT_A:
+    for test in sorted(tests, key=lambda test: float(np.mean(test.current_A))):
+        if float(np.ptp(test.current_A)) > SAME_CURRENT_A:
             raise IdentificationFailed(
-                f"{each.id}: its current changes from {np.min(each.current_A):.2f} to {np.max(each.current_A):.2f} A; "
-                "a fit for each current needs constant currents"
+                f"{test.id}: its current changes from {np.min(test.current_A):.2f} to {np.max(test.current_A):.2f} A; "
+                "a fit for test current needs constant currents"
             )
-        mean_A = float(np.mean(each.current_A))
+        mean_A = float(np.mean(test.current_A))
         if groups and mean_A - groups[-1][0] <= SAME_CURRENT_A:
-            groups[-1][1].append(each)
+            groups[-1][1].append(test)
         else:
-            groups.append((mean_A, [each]))
-    return [(float(np.mean([np.mean(each.current_A) for each in group])), group) for _, group in groups]
+            groups.append((mean_A, [test]))
+    return [(float(np.mean([np.mean(test.current_A) for test in group])), group) for _, group in groups]
 
 
-def _without_current(each: Measurement) -> Measurement:
-    return replace(each, current_A=np.zeros_like(each.current_A), nominal_current_A=0.0)
+def _without_current(test: Measurement) -> Measurement:
+    return replace(test, current_A=np.zeros_like(test.current_A), nominal_current_A=0.0)
 
 
 def _fit_level(
@@ -130,7 +131,7 @@ def _fit_level(
     Raises:
         IdentificationFailed: nothing can be identified at this current; the message names it.
     """
-    still, started = [_without_current(each) for each in tests], time.perf_counter()
+    still, started = [_without_current(test) for test in tests], time.perf_counter()
     findings = examine(model, still)
     try:
         best = Candidate(model, findings, solve(model, still, method, findings))
@@ -139,28 +140,23 @@ def _fit_level(
         raise IdentificationFailed(f"at {current_A:.2f} A: {error}") from error
 
 
-def _of_current(name: str) -> bool:
-    """Whether a parameter is a term per ampere or of a higher power."""
-    return name in PER_AMPERE or name in CURRENTS_NEEDED
-
-
 def _relations(model: DamperModel, levels: Sequence[Level], kind: str) -> CurrentRelations:
     currents_A = np.array([level.current_A for level in levels])
-    names = [name for name in model.names if name != "eta" and not _of_current(name)]
+    names = [parameter.name for parameter in model.parameters if parameter.name != "eta" and parameter.power == 0]
     names = [name for name in names if all(level.fit.parameters[name].value is not None for level in levels)]
-    found: dict[str, Relation] = {}
+    related: dict[str, Relation] = {}
     ranges = {}
     for name in names:
         values = np.array([level.fit.values[name] for level in levels])
-        found[name] = next(each for each in relations(currents_A, values) if each.kind == kind)
+        related[name] = next(relation for relation in relations(currents_A, values) if relation.kind == kind)
         ranges[name] = (float(np.min(values)), float(np.max(values)))
-    return CurrentRelations(f"per-current-{kind}", tuple(currents_A.tolist()), found, ranges)
+    return CurrentRelations(f"per-current-{kind}", tuple(currents_A.tolist()), related, ranges)
 
 
 def _joined(
     model: DamperModel,
     levels: Sequence[Level],
-    found: CurrentRelations,
+    related: CurrentRelations,
     held_out: Sequence[Measurement],
     dependence: str,
     method: Method,
@@ -168,46 +164,46 @@ def _joined(
     started: float,
 ) -> Fit:
     """The levels and their relations as one fit, scored with the relations."""
-    fitted = [each for level in levels for each in level.tests]
+    fitted = [test for level in levels for test in level.tests]
 
-    def force(each: Measurement) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        values = values_at(model, found, float(np.mean(each.current_A)))
-        return np.asarray(modelled_force(model, values, _without_current(each)))
+    def force(test: Measurement) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        values = values_at(model, related, float(np.mean(test.current_A)))
+        return np.asarray(modelled_force(model, values, _without_current(test)))
 
-    def fits(each: Measurement) -> bool | None:
-        values = values_at(model, found, float(np.mean(each.current_A)))
-        return describes(model, values, [_without_current(each)], method.weighting(model))
+    def fits(test: Measurement) -> bool | None:
+        values = values_at(model, related, float(np.mean(test.current_A)))
+        return describes(model, values, [_without_current(test)], method.weighting(model))
 
-    low, high = found.currents_A[0] - SAME_CURRENT_A, found.currents_A[-1] + SAME_CURRENT_A
-    outside = [each.id for each in held_out if not low <= float(np.mean(each.current_A)) <= high]
+    low, high = related.currents_A[0] - SAME_CURRENT_A, related.currents_A[-1] + SAME_CURRENT_A
+    outside = [test.id for test in held_out if not low <= float(np.mean(test.current_A)) <= high]
     notes = list(warnings) + [f"at {level.current_A:.2f} A: {text}" for level in levels for text in level.fit.warnings]
-    notes += [text for each in held_out for text in each.warnings]
+    notes += [f"{test.id}: {saying}" for test in held_out for saying in test.warnings]
     if outside:
-        notes.append(f"held out beyond the fitted currents, where the relations foretell nothing: {', '.join(outside)}")
+        notes.append(say("relations-beyond", tests=", ".join(outside)))
     return Fit(
         model=model.name,
         hysteresis=levels[0].fit.hysteresis,
         method=method.name,
         weight=levels[0].fit.weight,
         loss=method.loss,
-        parameters=_parameters(levels),
-        error=score_forces(fitted, [force(each) for each in fitted]),
-        holdout=score_forces(held_out, [force(each) for each in held_out]) if held_out else None,
+        parameters=_parameters(model, levels),
+        error=score_forces(fitted, [force(test) for test in fitted]),
+        holdout=score_forces(held_out, [force(test) for test in held_out]) if held_out else None,
         selection=(),
-        adequate=together(fits(each) for each in (*fitted, *held_out)),
+        adequate=together(fits(test) for test in (*fitted, *held_out)),
         warnings=tuple(notes),
         evaluations=sum(level.fit.evaluations for level in levels),
         wall_s=time.perf_counter() - started,
         objective=sum(level.fit.objective for level in levels),
         condition=max(level.fit.condition for level in levels),
         notes=(*levels[0].fit.notes, f"{dependence}: each current fitted alone, then related to the current"),
-        current=found,
+        current=related,
         equation=model.equation,
     )
 
 
-def _parameters(levels: Sequence[Level]) -> Mapping[str, Estimate]:
-    names = [name for name in levels[0].fit.parameters if not _of_current(name)]
+def _parameters(model: DamperModel, levels: Sequence[Level]) -> Mapping[str, Estimate]:
+    names = [name for name in levels[0].fit.parameters if model.parameter(name).power == 0]
     return {
         f"{name} at {round(level.current_A, 2) + 0.0:g} A": level.fit.parameters[name]
         for name in names

@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig.dampers.algebraic import BinghamModel, TanhModel
 from rig.dampers.model import DamperModel
-from rig.identification.fit import ModelScore
-from rig.identification.identifiability import Findings, examine
-from rig.identification.measurement import Measurement
-from rig.identification.scoring import score
-from rig.identification.separable import Solution
-from rig.identification.shortening import first_cycle, spaced
-from rig.identification.solving import GUARD_S, Method, solve
+from rig.identification.models.measurement import Measurement, first_cycle, spaced
+from rig.identification.models.separable import Solution
+from rig.identification.models.solving import GUARD_S, Method, solve
+from rig.identification.models.undetermined import Undetermined, examine
+from rig.identification.uncertainty.fit import ModelScore
+from rig.identification.uncertainty.scoring import score
 
 ENOUGH = 250  # samples of a cycle that rank models
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
@@ -27,7 +25,7 @@ class Candidate:
     """One model with its solution on all fitted tests."""
 
     model: DamperModel
-    findings: Findings
+    findings: Undetermined
     solution: Solution
 
 
@@ -42,12 +40,12 @@ def compare(
     those where one of them jumps, and a fit of it does not look, count for none.
     """
     if len(candidates) > 1:
-        models = [each.model for each in candidates]
-        fitted = [_away_from_jumps(each, models) for each in fitted]
-        held_out = [_away_from_jumps(each, models) for each in held_out]
-    scores = [_score(each, fitted, held_out, method, alone=len(candidates) == 1) for each in candidates]
-    errors = [each.holdout_nrmse_percent_of_peak for each in scores]
-    known = [each for each in errors if each is not None and math.isfinite(each)]
+        models = [candidate.model for candidate in candidates]
+        fitted = [_away_from_jumps(test, models) for test in fitted]
+        held_out = [_away_from_jumps(test, models) for test in held_out]
+    scores = [_score(candidate, fitted, held_out, method, alone=len(candidates) == 1) for candidate in candidates]
+    errors = [score.holdout_nrmse_percent_of_peak for score in scores]
+    known = [value for value in errors if value is not None and math.isfinite(value)]
     limit = min(known) * (1.0 + EQUIVALENT) if known else math.inf
 
     def rank(pair: tuple[ModelScore, Candidate]) -> tuple[float, float]:
@@ -56,17 +54,18 @@ def compare(
         return (0.0 if held <= limit or not known else held, pair[0].bic)
 
     ordered = sorted(zip(scores, candidates, strict=True), key=rank)
-    return tuple(each for each, _ in ordered), ordered[0][1]
+    return tuple(score for score, _ in ordered), ordered[0][1]
 
 
-def _away_from_jumps(each: Measurement, models: Sequence[DamperModel]) -> Measurement:
+def _away_from_jumps(test: Measurement, models: Sequence[DamperModel]) -> Measurement:
     """The measurement without the samples so close to a jump of a model that their side of it is unsure."""
-    kept = each.scored.copy()
-    if any(isinstance(model, TanhModel) for model in models):
-        kept &= np.abs(each.u_m) >= GUARD_S * np.abs(each.v_m_s)
-    if any(isinstance(model, BinghamModel) for model in models):
-        kept &= np.abs(each.v_m_s) >= GUARD_S * np.abs(each.a_m_s2)
-    return replace(each, usable=kept)
+    kept = test.scored.copy()
+    jumps = {model.jumps_at for model in models}
+    if "mid-stroke" in jumps:
+        kept &= np.abs(test.u_m) >= GUARD_S * np.abs(test.v_m_s)
+    if "reversal" in jumps:
+        kept &= np.abs(test.v_m_s) >= GUARD_S * np.abs(test.a_m_s2)
+    return replace(test, usable=kept)
 
 
 def _score(
@@ -92,13 +91,13 @@ def cross_validated_nrmse(
     One cycle of each test is used, and each fit starts from `near`, the values fitted to all tests, where the method
     can make use of a start: this ranks models, nothing else.
     """
-    measurements = [spaced(first_cycle(each), ENOUGH) for each in measurements]
+    measurements = [spaced(first_cycle(test), ENOUGH) for test in measurements]
     groups = _groups(measurements)
     if len(groups) < 2:
         return None
     errors = []
     for group in groups:
-        rest = [each for each in measurements if not any(each is other for other in group)]
+        rest = [test for test in measurements if not any(test is other for other in group)]
         solution = solve(model, rest, method, examine(model, rest), near)
         errors += [test.nrmse_percent_of_peak for test in score(model, solution.values, group).per_test]
     return sum(errors) / len(errors)
@@ -108,9 +107,9 @@ def _groups(measurements: Sequence[Measurement]) -> list[list[Measurement]]:
     """Tests of the same motion; of the same current where all share one motion."""
     for key in ("motion", "current"):
         groups: dict[object, list[Measurement]] = {}
-        for each in measurements:
-            motion = (each.waveform, round(each.amplitude_m, 6), round(each.frequency_Hz, 4))
-            groups.setdefault(motion if key == "motion" else round(each.nominal_current_A, 3), []).append(each)
+        for test in measurements:
+            motion = (test.waveform, round(test.amplitude_m, 6), round(test.frequency_Hz, 4))
+            groups.setdefault(motion if key == "motion" else round(test.nominal_current_A, 3), []).append(test)
         if len(groups) > 1:
             break
     return list(groups.values())

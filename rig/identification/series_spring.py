@@ -13,19 +13,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
-from rig.identification.fit import SeriesSpring
-from rig.identification.identifiability import examine
-from rig.identification.measurement import Measurement
-from rig.identification.shortening import first_cycle
-from rig.identification.solving import SQUARES, Method, solve
-from rig.identification.uncertainty import quantile
+from rig.identification.models.measurement import Measurement, first_cycle
+from rig.identification.models.solving import SQUARES, Method, solve
+from rig.identification.models.undetermined import examine
+from rig.identification.uncertainty.covariance import quantile
+from rig.identification.uncertainty.fit import SeriesSpring
 from rig.recording.differentiation import harmonic
-
-FloatArray = NDArray[np.float64]
 
 LARGEST_SHARE = 0.3
 TOLERANCE = 1e-3  # of the compliance
@@ -43,34 +40,34 @@ class Softened:
 
     def __init__(self, tests: Sequence[Measurement]) -> None:
         self._tests = tuple(tests)
-        self._forces = [_smooth_force(each) for each in tests]
+        self._forces = [_smooth_force(test) for test in tests]
 
     def by(self, compliance_m_N: float) -> list[Measurement]:
         """The tests with the damper's own motion behind a spring of this compliance (m/N)."""
         return [
-            replace(each, u_m=each.u_m - compliance_m_N * force, v_m_s=each.v_m_s - compliance_m_N * rate)
-            for each, (force, rate) in zip(self._tests, self._forces, strict=True)
+            replace(test, u_m=test.u_m - compliance_m_N * force, v_m_s=test.v_m_s - compliance_m_N * rate)
+            for test, (force, rate) in zip(self._tests, self._forces, strict=True)
         ]
 
     @property
     def largest_m_N(self) -> float:
         """The compliance (m/N) that takes `LARGEST_SHARE` of the stroke in the test that leaves the least room."""
         return LARGEST_SHARE * min(
-            float(np.ptp(each.u_m)) / max(float(np.ptp(force)), 1e-9)
-            for each, (force, _) in zip(self._tests, self._forces, strict=True)
+            float(np.ptp(test.u_m)) / max(float(np.ptp(force)), 1e-9)
+            for test, (force, _) in zip(self._tests, self._forces, strict=True)
         )
 
 
-def _smooth_force(each: Measurement) -> tuple[FloatArray, FloatArray]:
+def _smooth_force(test: Measurement) -> tuple[FloatArray, FloatArray]:
     """Force (N) and its rate (N/s), shape (n,) each.
 
     Raises:
         IdentificationFailed: the cycles are unknown.
     """
-    if each.samples_per_cycle < 1:
-        raise IdentificationFailed(f"{each.id}: its cycles are unknown, so its force cannot be differentiated")
-    time_s: FloatArray = np.arange(each.u_m.size, dtype=np.float64) * each.dt_s
-    fit = harmonic(time_s, np.where(each.scored, each.force_N, np.nan), 1.0 / (each.samples_per_cycle * each.dt_s))
+    if test.samples_per_cycle < 1:
+        raise IdentificationFailed(f"{test.id}: its cycles are unknown, so its force cannot be differentiated")
+    time_s: FloatArray = np.arange(test.u_m.size, dtype=np.float64) * test.dt_s
+    fit = harmonic(time_s, np.where(test.scored, test.force_N, np.nan), 1.0 / (test.samples_per_cycle * test.dt_s))
     force, rate, _ = fit.at(time_s)
     return force, rate
 
@@ -95,32 +92,32 @@ def find_spring(model: DamperModel, tests: Sequence[Measurement], method: Method
     def left(compliance: float) -> float:
         moved = softened.by(compliance)
         if model.states > 0:
-            moved = [first_cycle(each) for each in moved]
+            moved = [first_cycle(test) for test in moved]
         solution = solve(model, moved, method, findings, near or None)
         near.update(solution.values)
         return solution.objective
 
     largest = softened.largest_m_N
     rigid = left(0.0)
-    found = minimize_scalar(left, bounds=(0.0, largest), method="bounded", options={"xatol": TOLERANCE * largest})
-    if float(found.fun) >= rigid:
+    minimum = minimize_scalar(left, bounds=(0.0, largest), method="bounded", options={"xatol": TOLERANCE * largest})
+    if float(minimum.fun) >= rigid:
         return SeriesSpring(None, None, None)
-    best, step = float(found.x), CURVATURE_STEP * largest
+    best, step = float(minimum.x), CURVATURE_STEP * largest
     low, high = max(0.0, best - step), best + step
-    curvature = 2.0 * _second_difference((low, left(low)), (best, float(found.fun)), (high, left(high)))
+    curvature = 2.0 * _second_difference((low, left(low)), (best, float(minimum.fun)), (high, left(high)))
     counted = first_cycle if model.states > 0 else _whole
-    samples = sum(counted(each).u_m.size for each in tests)
+    samples = sum(counted(test).u_m.size for test in tests)
     if curvature <= 0.0:
         return SeriesSpring(1.0 / best, None, None)
-    error = math.sqrt(2.0 * float(found.fun) / samples / curvature)
+    error = math.sqrt(2.0 * float(minimum.fun) / samples / curvature)
     if best < SEEN * error:
         return SeriesSpring(None, None, None)
     softest, stiffest = best + quantile() * error, best - quantile() * error
     return SeriesSpring(1.0 / best, 1.0 / softest, 1.0 / stiffest)
 
 
-def _whole(each: Measurement) -> Measurement:
-    return each
+def _whole(test: Measurement) -> Measurement:
+    return test
 
 
 def _second_difference(low: tuple[float, float], middle: tuple[float, float], high: tuple[float, float]) -> float:

@@ -54,7 +54,7 @@ class Specimen(Section):
     @field_validator("prior")
     @classmethod
     def _known_prior(cls, value: str | None) -> str | None:
-        from rig.dampers.parameter_sets import PARAMETER_SETS
+        from rig.dampers import PARAMETER_SETS
 
         if value is not None and value not in PARAMETER_SETS:
             raise ValueError(_unknown("parameter set", value, sorted(PARAMETER_SETS)))
@@ -205,7 +205,7 @@ class Identify(Section):
     @field_validator("model")
     @classmethod
     def _known_model(cls, value: str) -> str:
-        from rig.dampers.catalogue import MODELS
+        from rig.dampers import MODELS
 
         known = ["all", *MODELS]
         if value not in known:

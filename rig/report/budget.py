@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics
-from rig.identification.measurement import Measurement
+from rig.identification.models.measurement import Measurement
 from rig.recording.calibration_check import checked, instruments_of
 from rig.recording.loop_shape import noise_of
 from rig.recording.reading import channel_attributes

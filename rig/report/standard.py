@@ -9,7 +9,7 @@ import numpy as np
 
 from rig.characteristics import Characteristics
 from rig.characteristics.loop import LoopCharacteristics, Measured
-from rig.identification.current_lag import CurrentLag
+from rig.identification.points.current_steps import CurrentLag
 from rig.recording.run import RecordedPoint
 from rig.report.chart import Chart, Trace
 from rig.report.fragment import NOTHING, number, table, text

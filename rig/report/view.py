@@ -10,10 +10,10 @@ import numpy as np
 
 from rig.dampers import DamperModel
 from rig.errors import RigError
-from rig.identification.coil import with_lag
-from rig.identification.measurement import Measurement
-from rig.identification.model_slope import modelled_force
-from rig.identification.preparation import prepare
+from rig.identification.models.coil import with_lag
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.points.preparation import prepare
 from rig.recording.run import RecordedPoint
 from rig.recording.skew_pooling import PointSkew
 from rig.report.chart import FloatArray, thinned

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from rig.identification.cluster import cluster
+from rig.study.execution import StudyProgress, Workers, local_workers, run_cells
 from rig.study.figures import figures
-from rig.study.outputs import write_outputs
+from rig.study.outputs import Table, write_outputs
 from rig.study.paper1_tables import (
     SYMMETRY_TITLES,
     comparison_tables,
@@ -24,15 +25,11 @@ from rig.study.paper1_tables import (
 )
 from rig.study.paper2_tables import current_tables
 from rig.study.parallel_timing import time_parallel
-from rig.study.results_file import ResultsFile
-from rig.study.runner import StudyProgress, run_cells
+from rig.study.results import ResultsFile
 from rig.study.search_cell import all_cells, searches
-from rig.study.settings import TITLES, best_settings, setting_groups, setting_values
-from rig.study.statistics import KruskalWallis, kruskal_wallis
+from rig.study.settings import TITLES, KruskalWallis, best_settings, kruskal_wallis, setting_groups, setting_values
 from rig.study.study_file import StudyFile, load_study
-from rig.study.table import Table
 from rig.study.workbench import Workbench
-from rig.study.workers import Workers, local_workers
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,9 @@ def _error_against_evaluations(study: StudyFile, results: Lines) -> Figure:
     axes = figure.subplots()
     for method, by_current in current_results(study, results).items():
         histories = [np.array(line["history"]) for lines in by_current.values() for line in lines]
-        grid = np.linspace(min(each[0, 0] for each in histories), max(each[-1, 0] for each in histories), 200)
+        grid = np.linspace(
+            min(history[0, 0] for history in histories), max(history[-1, 0] for history in histories), 200
+        )
         _band(axes, grid, np.array([_at(history, grid) for history in histories]), TITLES[method])
     axes.set_xlabel("fitness evaluations")
     axes.set_ylabel("minimum of mean(((Fsim - Fexp) / SD(Fexp))^2)")
@@ -113,10 +115,10 @@ def _at(history: np.ndarray, evaluations: np.ndarray) -> np.ndarray:
 def _against_current(study: StudyFile, results: Lines) -> Figure:
     if study.current is None:
         raise ValueError("this study has no per-current part to draw")
-    found = current_results(study, results)
-    method = "ga_novel" if "ga_novel" in found else next(iter(found))
-    currents = sorted(found[method])
-    best = [min(found[method][current], key=lambda line: float(line["value"])) for current in currents]
+    outcomes = current_results(study, results)
+    method = "ga_novel" if "ga_novel" in outcomes else next(iter(outcomes))
+    currents = sorted(outcomes[method])
+    best = [min(outcomes[method][current], key=lambda line: float(line["value"])) for current in currents]
     names = list(best[0]["parameters"])
     rows = -(-len(names) // 3)
     figure = _new_figure(2.2 * rows)

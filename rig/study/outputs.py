@@ -1,28 +1,61 @@
-"""Writes what a study found: one CSV a table, one JSON, one HTML page that needs nothing else."""
+"""Tables as values, and what a study writes: one CSV a table, one JSON, one HTML page that needs nothing else."""
 
 from __future__ import annotations
 
 import csv
-import html
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rig.study.statistics import KruskalWallis
-from rig.study.table import Cell, Table, written
+from rig.report.fragment import table, text
+from rig.study.settings import KruskalWallis
 
-STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 62rem; padding: 0 1rem; color: #1b1f24; }
-table { border-collapse: collapse; margin: .5rem 0 1rem; } th, td { padding: .2rem .6rem; border-bottom: 1px solid
-#d5dae0; white-space: nowrap; } th { text-align: left; vertical-align: bottom; background: #f4f6f8; }
-th, td.long { white-space: normal; } .number { text-align: right; font-variant-numeric: tabular-nums; }
-h2 { font-size: 1.15rem; margin: 2rem 0 0; } .caption { margin: .1rem 0 .4rem; } .table { overflow-x: auto; }
-nav { columns: 3; font-size: .9em; } nav a { display: block; } .note { color: #57606a; font-size: .9em; }
-svg { max-width: 100%; height: auto; }
-@media (prefers-color-scheme: dark) { body { background: #fff; } }
-"""
+Cell = str | float | int | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the study.
+
+    Attributes:
+        name: File name without ending, such as `table-02`.
+        heading: What the paper calls it, such as `Table 2`.
+        title: As above the paper's table.
+        columns: Headings, with units.
+        rows: As many cells each as there are columns.
+        note: What the reader must know; empty when nothing.
+    """
+
+    name: str
+    heading: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+
+def known(number: float) -> float | None:
+    """A number, or None where there is none (nan)."""
+    return None if math.isnan(number) else number
+
+
+def written(cell: Cell) -> str:
+    """A cell as text: numbers with four significant digits, empty where there is none.
+
+    Args:
+        cell: Text, number or None.
+
+    Returns:
+        Text without markup.
+    """
+    if cell is None or (isinstance(cell, float) and math.isnan(cell)):
+        return ""
+    if isinstance(cell, float):
+        return f"{cell:.2e}" if cell != 0.0 and not 1e-3 <= abs(cell) < 1e5 else f"{cell:.4g}"
+    return str(cell)
 
 
 FIGURE_TITLES = {
@@ -31,11 +64,12 @@ FIGURE_TITLES = {
     "paper2-figure-10": "Paper 2, Figure 10: minimum error against evaluations",
     "paper2-figure-relations": "Paper 2: parameters against current",
 }
-LONG_TEXT = 40
 HYPOTHESIS = (
     "Hypothesis: all settings draw from one distribution. Over all settings it is honest; over best-tuned settings "
     "only (as the paper does) it is not: the settings were chosen on the same values."
 )
+FIGURE_STYLE = ".figure path { fill:unset; } .figure svg { max-width:65rem; }"
+"""Drawn figures carry their own colours; the report's sheet is for its own charts."""
 SEVERAL = {"Paper 2, Table 1", "Paper 2, relations"}
 
 
@@ -62,11 +96,11 @@ def write_outputs(
     """
     (folder / "tables").mkdir(parents=True, exist_ok=True)
     (folder / "figures").mkdir(exist_ok=True)
-    for table in tables:
-        with (folder / "tables" / f"{table.name}.csv").open("w", newline="", encoding="utf-8") as file:
+    for part in tables:
+        with (folder / "tables" / f"{part.name}.csv").open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(table.columns)
-            writer.writerows(table.rows)
+            writer.writerow(part.columns)
+            writer.writerows(part.rows)
     for name, svg in figures.items():
         (folder / "figures" / f"{name}.svg").write_text(svg, encoding="utf-8")
     (folder / "study.json").write_text(json.dumps(as_json(tables, tests, facts), indent=2) + "\n", encoding="utf-8")
@@ -93,14 +127,14 @@ def as_json(
         "kruskal_wallis": {name: None if test is None else _test_as_json(test) for name, test in tests.items()},
         "tables": [
             {
-                "name": table.name,
-                "heading": table.heading,
-                "title": table.title,
-                "columns": list(table.columns),
-                "rows": [[_plain(cell) for cell in row] for row in table.rows],
-                "note": table.note,
+                "name": part.name,
+                "heading": part.heading,
+                "title": part.title,
+                "columns": list(part.columns),
+                "rows": [[_plain(cell) for cell in row] for row in part.rows],
+                "note": part.note,
             }
-            for table in tables
+            for part in tables
         ],
     }
 
@@ -120,49 +154,39 @@ def _page(
     tests: Mapping[str, KruskalWallis | None],
     facts: Mapping[str, Any],
 ) -> str:
-    parts = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(_summary(facts))}</p>"]
-    parts += [f"<p class='note'>{html.escape(line)}</p>" for line in facts["left_out"]]
+    from rig.report.document import page  # heavy, and only the session that writes needs it
+
+    parts = [f"<style>{FIGURE_STYLE}</style><h1>{text(title)}</h1><p class='lead'>{text(_summary(facts))}</p>"]
+    parts += [f"<p class='lead'>{text(line)}</p>" for line in facts["left_out"]]
     parts.append(_contents(tables, figures))
-    parts += [_html_table(table) for table in tables]
-    parts.append(f"<h2 id='kruskal-wallis'>Kruskal-Wallis test</h2><p class='note'>{HYPOTHESIS}</p>")
+    parts += [_html_table(part) for part in tables]
+    parts.append(f"<h2 id='kruskal-wallis'>Kruskal-Wallis test</h2><p class='lead'>{HYPOTHESIS}</p>")
     parts += [_html_test(name, test) for name, test in tests.items()]
     for name, svg in figures.items():
-        parts.append(f"<h2 id='{name}'>{html.escape(FIGURE_TITLES.get(name, name))}</h2>{svg}")
-    head = f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{html.escape(title)}</title>"
-    return f"{head}<style>{STYLE}</style><body>{''.join(parts)}</body></html>\n"
+        parts.append(f"<h2 id='{name}'>{text(FIGURE_TITLES.get(name, name))}</h2><div class='figure'>{svg}</div>")
+    return page(title, "".join(parts))
 
 
-def _html_table(table: Table) -> str:
-    numeric = [any(isinstance(row[place], int | float) for row in table.rows) for place in range(len(table.columns))]
-    heads = "".join(
-        f"<th{_align(right)}>{html.escape(column)}</th>" for column, right in zip(table.columns, numeric, strict=True)
-    )
-    rows = "".join(f"<tr>{''.join(_html_cell(cell) for cell in row)}</tr>" for row in table.rows)
-    note = f"<p class='note'>{html.escape(table.note)}</p>" if table.note else ""
-    head = f"<h2 id='{table.name}'>{html.escape(table.heading)}</h2><p class='caption'>{html.escape(table.title)}</p>"
-    return f"{head}<div class='table'><table><tr>{heads}</tr>{rows}</table></div>{note}"
-
-
-def _html_cell(cell: Cell) -> str:
-    text = html.escape(written(cell))
-    long = " class='long'" if len(text) > LONG_TEXT else ""
-    return f"<td{_align(isinstance(cell, int | float)) or long}>{text}</td>"
-
-
-def _align(right: bool) -> str:
-    return " class='number'" if right else ""
+def _html_table(part: Table) -> str:
+    numeric = [
+        place for place in range(len(part.columns)) if any(isinstance(row[place], int | float) for row in part.rows)
+    ]
+    rows = [("", [text(written(cell)) for cell in row]) for row in part.rows]
+    note = f"<p class='lead'>{text(part.note)}</p>" if part.note else ""
+    head = f"<h2 id='{part.name}'>{text(part.heading)}</h2><p>{text(part.title)}</p>"
+    return head + table([text(column) for column in part.columns], rows, numeric) + note
 
 
 def _contents(tables: Sequence[Table], figures: Mapping[str, str]) -> str:
-    places = {table.name: f"{table.heading}{_suffix(table)}" for table in tables}
+    places = {part.name: f"{part.heading}{_suffix(part)}" for part in tables}
     places |= {"kruskal-wallis": "Kruskal-Wallis test", **{name: FIGURE_TITLES.get(name, name) for name in figures}}
-    links = "".join(f"<a href='#{name}'>{html.escape(text)}</a>" for name, text in places.items())
+    links = "".join(f"<a href='#{name}'>{text(label)}</a>" for name, label in places.items())
     return f"<nav>{links}</nav>"
 
 
-def _suffix(table: Table) -> str:
+def _suffix(part: Table) -> str:
     """What tells apart tables of one heading, for the list of contents."""
-    return f", {table.title.rpartition(', ')[2].partition(' (')[0]}" if table.heading in SEVERAL else ""
+    return f", {part.title.rpartition(', ')[2].partition(' (')[0]}" if part.heading in SEVERAL else ""
 
 
 def _summary(facts: Mapping[str, Any]) -> str:
@@ -174,8 +198,9 @@ def _summary(facts: Mapping[str, Any]) -> str:
 
 def _html_test(name: str, test: KruskalWallis | None) -> str:
     if test is None:
-        return f"<p>{html.escape(name)}: not possible (too few values, or all equal).</p>"
+        return f"<p>{text(name)}: not possible (too few values, or all equal).</p>"
     ranked = sorted(test.mean_ranks.items(), key=lambda entry: entry[1])
-    rows = "".join(f"<tr><td>{html.escape(each)}</td><td>{rank:.1f}</td></tr>" for each, rank in ranked)
-    head = f"<p>{html.escape(name)}: H = {test.statistic:.3f}, p = {test.p:.3g}. {html.escape(test.note)}</p>"
-    return f"{head}<table><tr><th>setting</th><th>mean rank</th></tr>{rows}</table>"
+    head = f"<p>{text(name)}: H = {test.statistic:.3f}, p = {test.p:.3g}. {text(test.note)}</p>"
+    return head + table(
+        ["setting", "mean rank"], [("", [text(setting), f"{rank:.1f}"]) for setting, rank in ranked], (1,)
+    )

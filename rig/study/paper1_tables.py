@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from rig.identification.measurement import Measurement
+from rig.identification.models.measurement import Measurement
+from rig.study.outputs import Cell, Table, known
 from rig.study.parallel_timing import parallel_key
 from rig.study.search_cell import SENSITIVITY, SearchCell, comparison_cells, symmetry_cells, varied_cells
-from rig.study.settings import TITLES, Lines, best_settings, setting_summary, values_of
-from rig.study.statistics import Summary, summarise
+from rig.study.settings import TITLES, Lines, Summary, best_settings, setting_summary, summarise, values_of
 from rig.study.study_file import StudyFile
-from rig.study.table import Cell, Table, known
 
 TABLE_NUMBERS = {"ga": 10, "de": 11, "pso": 12, "i_abc": 13, "c_foa": 14}
 VALUE_COLUMNS = ("BV", "MV", "SD", "repeats")
@@ -37,8 +36,8 @@ def tests_table(tests: Sequence[Measurement]) -> Table:
     for current in currents:
         amplitudes = [
             ", ".join(
-                f"{each:.4g}"
-                for each in sorted(
+                f"{amplitude_m:.4g}"
+                for amplitude_m in sorted(
                     {
                         test.amplitude_m
                         for test in tests
@@ -182,7 +181,7 @@ def sensitivity_tables(study: StudyFile, results: Lines) -> list[Table]:
     held = {"N": wanted.populations[0], "K": wanted.generations[0], "Nres": wanted.resolutions[0]}
     for number, parameter in enumerate(SENSITIVITY, start=7):
         groups: dict[str, list[SearchCell]] = {}
-        for value, cell in sorted(varied_cells(study, wanted, parameter), key=lambda each: each[0]):
+        for value, cell in sorted(varied_cells(study, wanted, parameter), key=lambda entry: entry[0]):
             groups.setdefault(f"{parameter} = {value}", []).append(cell)
         others = ", ".join(f"{name} = {value}" for name, value in held.items() if name != parameter)
         title = _statistics(study, f"c-FOA for {', '.join(groups)}, {others}, kappa = 5, M = 0.95 and c = 0.9")
@@ -215,7 +214,7 @@ def parallel_table(study: StudyFile, results: Lines) -> list[Table]:
         lines = [results.get(parallel_key(wanted, model, count)) for count in counts]
         seconds = [None if line is None else float(line["seconds"]) for line in lines]
         processors = max([processors, *(line["processors"] for line in lines if line is not None)])
-        speed_up = [_ratio(seconds[0] if counts[0] == 1 else None, each) for each in seconds]
+        speed_up = [_ratio(seconds[0] if counts[0] == 1 else None, duration_s) for duration_s in seconds]
         rows += [
             (model, "time / s", *seconds),
             (model, "speed-up", *speed_up),

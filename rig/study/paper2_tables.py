@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from rig.identification.relation import Relation, relations
+from rig.identification.models.relation import Relation, relations
+from rig.study.outputs import Cell, Table, known
 from rig.study.search_cell import current_cells
 from rig.study.settings import TITLES, Lines
 from rig.study.study_file import StudyFile
-from rig.study.table import Cell, Table, known
 
 AT_THE_EDGE = 1e-3
 """Share of a box's width."""
@@ -27,11 +27,11 @@ def current_results(study: StudyFile, results: Lines) -> dict[str, dict[float, l
     Returns:
         Method -> current (A) -> lines of its repeats; those that failed are left out.
     """
-    found: dict[str, dict[float, list[Mapping[str, Any]]]] = {}
+    outcomes: dict[str, dict[float, list[Mapping[str, Any]]]] = {}
     for cell in current_cells(study):
         if cell.key in results and "failed" not in results[cell.key]:
-            found.setdefault(cell.method, {}).setdefault(cell.current_A, []).append(results[cell.key])
-    return found
+            outcomes.setdefault(cell.method, {}).setdefault(cell.current_A, []).append(results[cell.key])
+    return outcomes
 
 
 def current_tables(study: StudyFile, results: Lines) -> list[Table]:
@@ -44,24 +44,28 @@ def current_tables(study: StudyFile, results: Lines) -> list[Table]:
     Returns:
         No table when the study has no per-current part.
     """
-    found = current_results(study, results)
-    if not found:
+    outcomes = current_results(study, results)
+    if not outcomes:
         return []
-    return [error_table(found, _failures(study, results)), improvement_table(found), *parameter_tables(study, found)]
+    return [
+        error_table(outcomes, _failures(study, results)),
+        improvement_table(outcomes),
+        *parameter_tables(study, outcomes),
+    ]
 
 
-def error_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]], failures: str = "") -> Table:
+def error_table(outcomes: Mapping[str, Mapping[float, list[Mapping[str, Any]]]], failures: str = "") -> Table:
     """MAE (21), SD (22) and generations to convergence of every method, means over currents and repeats: Figure 13.
 
     Args:
-        found: From `current_results`.
+        outcomes: From `current_results`.
         failures: What could not be done, for the note.
 
     Returns:
         One row for each method.
     """
     rows = []
-    for method, by_current in found.items():
+    for method, by_current in outcomes.items():
         lines = [line for repeats in by_current.values() for line in repeats]
         stopped = sum(line["stopped_by"] in {"statistics", "converged"} for line in lines)
         rows.append((
@@ -76,18 +80,18 @@ def error_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]], fa
     return Table("paper2-figure-13", "Paper 2, Figure 13", title, columns, tuple(rows), f"{note} {failures}".strip())
 
 
-def improvement_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> Table:
+def improvement_table(outcomes: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> Table:
     """How much lower the novel GA's mean absolute error is than each other method's: paper 2's Table 2.
 
     Args:
-        found: From `current_results`.
+        outcomes: From `current_results`.
 
     Returns:
         One row for each other method; no rows without the novel GA.
     """
     errors = {
         method: float(np.mean([line["mae_N"] for repeats in by_current.values() for line in repeats]))
-        for method, by_current in found.items()
+        for method, by_current in outcomes.items()
     }
     novel = errors.get("ga_novel")
     rows: list[tuple[Cell, ...]] = []
@@ -99,12 +103,12 @@ def improvement_table(found: Mapping[str, Mapping[float, list[Mapping[str, Any]]
     return Table("paper2-table-02", "Paper 2, Table 2", "Error improvement comparison", columns, tuple(rows))
 
 
-def parameter_tables(study: StudyFile, found: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> list[Table]:
+def parameter_tables(study: StudyFile, outcomes: Mapping[str, Mapping[float, list[Mapping[str, Any]]]]) -> list[Table]:
     """Best parameters at every current, and their relations to it: paper 2's Table 1.
 
     Args:
         study: The study.
-        found: From `current_results`.
+        outcomes: From `current_results`.
 
     Returns:
         Two tables for each method.
@@ -112,7 +116,7 @@ def parameter_tables(study: StudyFile, found: Mapping[str, Mapping[float, list[M
     if study.current is None:
         return []
     tables = []
-    for method, by_current in found.items():
+    for method, by_current in outcomes.items():
         currents = sorted(by_current)
         best = [min(by_current[current], key=lambda line: float(line["value"])) for current in currents]
         names = list(best[0]["parameters"])

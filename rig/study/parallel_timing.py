@@ -7,9 +7,8 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
 
-from rig.identification.algorithms import Result, minimise
-from rig.study.result_line import result_line
-from rig.study.results_file import ResultsFile
+from rig.optimisers import Result, minimise
+from rig.study.results import ResultsFile, result_line
 from rig.study.search_cell import SearchCell
 from rig.study.study_file import Parallel
 from rig.study.workbench import Workbench

@@ -12,7 +12,7 @@ import numpy as np
 
 from rig.dampers import model, parameter_set
 from rig.errors import FileProblem
-from rig.identification.measurement import Measurement
+from rig.identification.models.measurement import Measurement
 from rig.study.study_file import Data
 
 TABLE1_CURRENT_A = (0.0, 0.5, 1.0, 1.5, 2.0)
@@ -53,7 +53,7 @@ def table1(truth: str, noise_N: float, seed: int) -> list[Measurement]:
     """
     rng = np.random.default_rng(seed)
     values = parameter_set(truth)
-    damper = model(values.model, values.hysteresis)  # type: ignore[arg-type]  # sets carry one of the two forms
+    damper = model(values.model, values.hysteresis)
     tests = []
     for current_A in TABLE1_CURRENT_A:
         for frequency_Hz in TABLE1_FREQUENCY_HZ:
@@ -123,11 +123,11 @@ def one_a_current(tests: Sequence[Measurement], currents_A: Sequence[float]) -> 
     Raises:
         FileProblem: There is no test at a current, or more than one.
     """
-    problems, found = [], {}
+    problems, chosen = [], {}
     for current_A in currents_A:
         there = [test for test in tests if abs(test.nominal_current_A - current_A) <= SAME_CURRENT_A]
         if len(there) == 1:
-            found[current_A] = there[0]
+            chosen[current_A] = there[0]
         elif there:
             names = ", ".join(f"{test.id} ({test.amplitude_m:g} m, {test.frequency_Hz:.4g} Hz)" for test in there)
             problems.append(
@@ -135,11 +135,13 @@ def one_a_current(tests: Sequence[Measurement], currents_A: Sequence[float]) -> 
                 '[per_current.data], such as select = "frequency_Hz=1"'
             )
         else:
-            known = ", ".join(f"{each:g} A" for each in sorted({round(test.nominal_current_A, 3) for test in tests}))
+            known = ", ".join(
+                f"{current_A:g} A" for current_A in sorted({round(test.nominal_current_A, 3) for test in tests})
+            )
             problems.append(f"{current_A:g} A: no test was run at it; there are tests at {known}")
     if problems:
         raise FileProblem("[per_current] current", problems)
-    return found
+    return chosen
 
 
 def thinned(measurement: Measurement, keep_every: int) -> Measurement:
@@ -175,15 +177,15 @@ def content_hash(tests: Sequence[Measurement]) -> str:
         Eight hexadecimal digits.
     """
     checksum = 0
-    for each in tests:
-        sampling = np.array([each.dt_s, each.samples_per_cycle])
-        for channel in (each.u_m, each.v_m_s, each.a_m_s2, each.force_N, each.current_A, each.scored, sampling):
+    for test in tests:
+        sampling = np.array([test.dt_s, test.samples_per_cycle])
+        for channel in (test.u_m, test.v_m_s, test.a_m_s2, test.force_N, test.current_A, test.scored, sampling):
             checksum = zlib.crc32(np.ascontiguousarray(channel).tobytes(), checksum)
     return f"{checksum:08x}"
 
 
 def _recorded(data: Data) -> tuple[list[Measurement], list[str]]:
-    from rig.identification.preparation import prepare_all
+    from rig.identification.points.preparation import prepare_all
     from rig.recording.run import Run
 
     runs = [Run.open(Path(folder)) for folder in data.runs]

@@ -12,8 +12,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from rig.identification.algorithms.c_foa import ContrastFruitFly
-from rig.identification.algorithms.registry import STEERED_BY_BUDGET
+from rig.optimisers.fruit_fly import ContrastFruitFly
+from rig.optimisers.methods import STEERED_BY_BUDGET
 from rig.study.study_file import SETTINGS, Sensitivity, StudyFile
 
 SENSITIVITY = ("N", "K", "Nres")
@@ -147,10 +147,10 @@ def varied_cells(study: StudyFile, wanted: Sensitivity, parameter: str) -> Itera
     choices = {"N": wanted.populations, "K": wanted.generations, "Nres": wanted.resolutions}[parameter]
     for repeat in range(study.comparison.repeats):
         for value in choices:
-            each = {**first, parameter: value}
-            budget = each["N"] * each["K"] + 1
-            settings = {} if each["Nres"] == ContrastFruitFly().resolution else {"resolution": each["Nres"]}
-            yield value, SearchCell(study.comparison.models[0], "c_foa", each["N"], budget, repeat, settings)
+            varied = {**first, parameter: value}
+            budget = varied["N"] * varied["K"] + 1
+            settings = {} if varied["Nres"] == ContrastFruitFly().resolution else {"resolution": varied["Nres"]}
+            yield value, SearchCell(study.comparison.models[0], "c_foa", varied["N"], budget, repeat, settings)
 
 
 def current_cells(study: StudyFile) -> Iterator[SearchCell]:

@@ -1,12 +1,14 @@
-"""Values of the comparison's settings: a setting is a method with a population and a budget."""
+"""Values of the comparison's settings (a method with a population and a budget), and statistics over their repeats."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from rig.study.search_cell import SearchCell
-from rig.study.statistics import Summary, summarise
 from rig.study.study_file import StudyFile
 
 Lines = Mapping[str, Mapping[str, Any]]
@@ -40,7 +42,7 @@ def best_settings(study: StudyFile, results: Lines) -> dict[str, tuple[int, int,
         Method -> population, budget, summary; methods without a result are left out.
     """
     model = study.comparison.models[0]
-    found: dict[str, tuple[int, int, Summary]] = {}
+    best: dict[str, tuple[int, int, Summary]] = {}
     for method in study.comparison.methods:
         settings = [
             (population, budget, summary)
@@ -49,8 +51,8 @@ def best_settings(study: StudyFile, results: Lines) -> dict[str, tuple[int, int,
             if (summary := setting_summary(study, results, model, method, population, budget)) is not None
         ]
         if settings:
-            found[method] = min(settings, key=lambda entry: entry[2].mean)
-    return found
+            best[method] = min(settings, key=lambda entry: entry[2].mean)
+    return best
 
 
 def setting_values(
@@ -108,3 +110,83 @@ def setting_summary(
 def values_of(cells: Iterable[SearchCell], results: Lines) -> list[float]:
     """Objective values of those cells that have a result, in their order."""
     return [float(results[cell.key]["value"]) for cell in cells if cell.key in results]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What the papers state of repeated searches.
+
+    Attributes:
+        best: BV, lowest objective value.
+        mean: MV.
+        deviation: SD with N - 1; nan for a single repeat.
+        median: Median, beside the papers.
+        repeats: How many.
+    """
+
+    best: float
+    mean: float
+    deviation: float
+    median: float
+    repeats: int
+
+
+def summarise(values: Sequence[float]) -> Summary:
+    """BV, MV, SD and median of repeats.
+
+    Args:
+        values: Objective values, at least one.
+
+    Returns:
+        The summary.
+
+    Raises:
+        ValueError: There is no value.
+    """
+    if not values:
+        raise ValueError("no repeats to summarise")
+    array = np.asarray(values, dtype=np.float64)
+    deviation = float(np.std(array, ddof=1)) if len(array) > 1 else float("nan")
+    return Summary(float(array.min()), float(array.mean()), deviation, float(np.median(array)), len(array))
+
+
+@dataclass(frozen=True)
+class KruskalWallis:
+    """Rank test of the hypothesis that every setting draws from one distribution.
+
+    Attributes:
+        statistic: H, corrected for ties.
+        p: Probability of so large an H under the hypothesis.
+        mean_ranks: Mean rank of each setting over all values together, lower is better.
+        note: What the reader must know of the values; empty when nothing.
+    """
+
+    statistic: float
+    p: float
+    mean_ranks: Mapping[str, float]
+    note: str = ""
+
+
+def kruskal_wallis(groups: Mapping[str, Sequence[float]], note: str = "") -> KruskalWallis | None:
+    """Kruskal-Wallis test over settings.
+
+    Args:
+        groups: Values of each setting, independent of each other.
+        note: Kept with the test.
+
+    Returns:
+        The test; None when there are fewer than two settings, a setting has fewer than two values, or all values are
+        equal.
+    """
+    from scipy.stats import kruskal, rankdata  # only studies need SciPy's statistics
+
+    values = [np.asarray(group, dtype=np.float64) for group in groups.values()]
+    if len(values) < 2 or min(len(group) for group in values) < 2:
+        return None
+    pooled = np.concatenate(values)
+    if np.all(pooled == pooled[0]):
+        return None
+    outcome = kruskal(*values)
+    ranks = np.split(rankdata(pooled), np.cumsum([len(group) for group in values])[:-1])
+    mean_ranks = {name: float(np.mean(part)) for name, part in zip(groups, ranks, strict=True)}
+    return KruskalWallis(float(outcome.statistic), float(outcome.pvalue), mean_ranks, note)

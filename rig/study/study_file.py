@@ -153,7 +153,11 @@ class StudyFile(Section):
         """Hash of everything that decides what one search would return: results of other fingerprints are not mixed."""
         from rig.dampers.catalogue import MODELS
 
-        ranges = [(name, each.name, each.low, each.high) for name, model in MODELS.items() for each in model.parameters]
+        ranges = [
+            (name, parameter.name, parameter.low, parameter.high)
+            for name, model in MODELS.items()
+            for parameter in model.parameters
+        ]
         decisive = {
             "revision": REVISION,
             "ranges": ranges if self.comparison.bounds == "model" else None,
@@ -210,10 +214,10 @@ def _ones_outside(study: StudyFile) -> list[str]:
     models = list(study.comparison.models) if any(map(led, study.comparison.methods)) else []
     models += study.parallel.models if study.parallel is not None and led(study.parallel.method) else ()
     return [
-        f"{each.name} of {name} is from {each.low:g} to {each.high:g}"
+        f"{parameter.name} of {name} is from {parameter.low:g} to {parameter.high:g}"
         for name in dict.fromkeys(models)
-        for each in MODELS[name].parameters
-        if not each.low <= 1.0 <= each.high
+        for parameter in MODELS[name].parameters
+        if not parameter.low <= 1.0 <= parameter.high
     ]
 
 

@@ -1,27 +1,95 @@
-"""Runs one search of a study: builds the problem once a process, searches, and says what a results line holds."""
+"""Runs one search of a study: builds the problem once a process, searches, and says what a results line holds.
+
+Paper 2's searches, too: one test at one current, a Bouc-Wen model without affine terms, its fitness and its boxes.
+"""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rig.dampers import model as damper_model
 from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
-from rig.identification.algorithms import minimise
-from rig.identification.algorithms.search import Callback
-from rig.identification.measurement import Measurement
-from rig.identification.problem import Problem
-from rig.identification.projection import Weighting
-from rig.identification.separable import solve_separable
-from rig.study.per_current import current_box, current_objective, three_steps
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.problem import FixedParameters, Problem
+from rig.identification.models.projection import Weighting
+from rig.identification.models.separable import solve_separable
+from rig.identification.models.three_steps import identify
+from rig.optimisers import Result, minimise
+from rig.optimisers.search import Callback
 from rig.study.recordings import content_hash, measurements, one_a_current, thinned
-from rig.study.result_line import force_errors, result_line
+from rig.study.results import error_summary, failure_line, force_errors, result_line
 from rig.study.search_cell import CURRENT, SearchCell
-from rig.study.study_file import LED, StudyFile
+from rig.study.study_file import LED, CurrentStudy, StudyFile
 
-Array = npt.NDArray[np.float64]
+CURRENT_FIXED: dict[str, dict[str, float]] = {
+    "bouc_wen": {"c0_b": 0.0, "alpha_b": 0.0, "A": 40.0},
+    "normalized_bouc_wen": {"kv_b": 0.0, "kw_b": 0.0},
+}
+"""Held when one current is fitted: the affine terms, and A, which is redundant with alpha."""
+
+
+def current_objective(test: Measurement, wanted: CurrentStudy) -> FixedParameters:
+    """Paper 2's fitness of one test: mean(((F_sim - F_exp) / SD(F_exp))^2).
+
+    Args:
+        test: The recording, at constant current.
+        wanted: Its model.
+
+    Returns:
+        The objective over the parameters that one current can tell.
+    """
+    problem = Problem([test], wanted.model, "1")
+    measured_N = test.force_N[test.scored]
+    scale = 1.0 / (len(measured_N) * float(np.var(measured_N, ddof=1)))
+    return FixedParameters(problem, CURRENT_FIXED[wanted.model], scale)
+
+
+def current_box(wanted: CurrentStudy, names: Sequence[str]) -> FloatArray:
+    """Search box of the per-current study.
+
+    Args:
+        wanted: Its model and boxes.
+        names: Free parameters.
+
+    Returns:
+        Shape (p, 2).
+    """
+    return np.array([wanted.boxes[name] for name in names])
+
+
+def three_steps(cell: SearchCell, test: Measurement) -> dict[str, Any]:
+    """Zhu's three steps on one test, as a results line.
+
+    Args:
+        cell: The search.
+        test: The recording.
+
+    Returns:
+        A line of the results file; `evaluations` are integrations of the transitions. Where the loop has no saturated
+        branch or too few samples, a line that says so.
+    """
+    started_ns = time.monotonic_ns()
+    try:
+        fit = identify(*(samples[test.scored] for samples in (test.u_m, test.v_m_s, test.force_N)))
+    except IdentificationFailed as error:
+        return failure_line(cell, f"{test.id}: {error}")
+    seconds = (time.monotonic_ns() - started_ns) * 1e-9
+    names = ("kx", "kv", "kw", "f0", "rho", "sigma", "n")
+    values = {name: float(getattr(fit, name)) for name in names}
+    force_N = modelled_force(damper_model("normalized_bouc_wen"), {**values, "kv_b": 0.0, "kw_b": 0.0}, test)
+    error_N = (test.force_N - force_N)[test.scored]
+    value = float(np.mean(error_N**2) / np.var(test.force_N[test.scored], ddof=1))
+    history = np.array([[fit.evaluations, value]])
+    result = Result(np.array(list(values.values())), value, fit.evaluations, history, 0, "converged", seconds)
+    return result_line(cell, names, result, **error_summary(error_N))
+
 
 WIDE_BOUND = 1e4
 
@@ -39,12 +107,12 @@ class Workbench:
     def __init__(self, study: StudyFile) -> None:
         self.study = study
         tests, self.left_out = measurements(study.data, study.seed)
-        self.tests = [thinned(each, study.data.keep_every) for each in tests]
+        self.tests = [thinned(test, study.data.keep_every) for test in tests]
         self.current_tests: dict[float, Measurement] = {}
         if study.current is not None:
             wanted = study.current
-            found, left_out = measurements(wanted.data, study.seed, wanted.current_A)
-            self.current_tests = one_a_current(found, wanted.current_A)
+            recorded, left_out = measurements(wanted.data, study.seed, wanted.current_A)
+            self.current_tests = one_a_current(recorded, wanted.current_A)
             self.left_out += left_out
         self._problems: dict[str, Problem] = {}
 
@@ -81,10 +149,10 @@ class Workbench:
         if not isinstance(problem.model, AlgebraicModel):
             return None
         try:
-            found = solve_separable(self.tests, problem.model, Weighting(problem.weight), non_negative=frozenset())
+            solution = solve_separable(self.tests, problem.model, Weighting(problem.weight), non_negative=frozenset())
         except IdentificationFailed:
             return None
-        return problem.objective(problem.vector(found.values))
+        return problem.objective(problem.vector(solution.values))
 
     def run(self, cell: SearchCell, callback: Callback | None = None) -> dict[str, Any]:
         """Run one search.
@@ -100,7 +168,7 @@ class Workbench:
             return self._run_current(cell, callback)
         problem = self.problem(cell.problem)
         name, settings = cell.algorithm
-        found = minimise(
+        result = minimise(
             problem,
             method=name,
             start=self.start(cell, problem.n_parameters),
@@ -112,9 +180,9 @@ class Workbench:
             marks=cell.marks,
             **settings,
         )
-        return result_line(cell, problem.names, found, **force_errors(problem, found.best))
+        return result_line(cell, problem.names, result, **force_errors(problem, result.best))
 
-    def start(self, cell: SearchCell, size: int) -> Array | None:
+    def start(self, cell: SearchCell, size: int) -> FloatArray | None:
         """Where a search starts: all ones for c-FOA and those it is to lead, else what the algorithm draws by itself.
 
         Args:
@@ -127,7 +195,7 @@ class Workbench:
         led = cell.algorithm[0] in LED
         return np.ones(size) if led and self.study.comparison.start == "ones" else None
 
-    def bounds(self, problem: Problem) -> Array | None:
+    def bounds(self, problem: Problem) -> FloatArray | None:
         """The box of the comparison.
 
         Args:
@@ -153,7 +221,7 @@ class Workbench:
             return three_steps(cell, test)
         objective = current_objective(test, wanted)
         name, settings = cell.algorithm
-        found = minimise(
+        result = minimise(
             objective,
             method=name,
             bounds=current_box(wanted, objective.names),
@@ -164,5 +232,5 @@ class Workbench:
             marks=cell.marks,
             **settings,
         )
-        whole = objective.whole(found.best[None, :])[0]
-        return result_line(cell, objective.names, found, **force_errors(objective.problem, whole))
+        whole = objective.whole(result.best[None, :])[0]
+        return result_line(cell, objective.names, result, **force_errors(objective.problem, whole))

@@ -13,15 +13,10 @@ from rig.dampers import DamperModel
 from simulators.controller_input import ControllerInput
 from simulators.options import DamperOptions, RigOptions
 from simulators.plant.records import COMMAND, CONSTANTS, EVENT_CAPACITY, MODE_OFF, STATE
-from simulators.plant.step import COLUMNS, FORCE, PISTON, run_slice
+from simulators.plant.step import COLUMNS, FORCE, PISTON, slice_of
 
 FloatArray = NDArray[np.float64]
 
-THERMAL_PARAMETERS = {
-    "Fya", "Fyb", "Ca", "Cb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "c", "c_b", "alpha", "alpha_b",
-    "fc", "fc_b", "c0", "c0_b", "c1", "alpha_a", "c0a", "c0b", "c1a", "c1b", "kv", "kv_b", "kw", "kw_b",
-}
-"""Yield and viscous terms of all models: those that warm oil weakens (PHYSICS section 11)."""
 TABLE_CAPACITY = 4096
 MAXIMUM_STEPS = 8192
 _EXACT_LAG_ETA = 25.0
@@ -43,7 +38,7 @@ class Plant:
         self.dt_s = 1.0 / options.plant_rate_Hz
         self.model, self.values = specimen_model(options.damper)
         self._base = self.model.vector(self.values)
-        self._thermal = np.array([float(name in THERMAL_PARAMETERS) for name in self.model.names])
+        self._thermal = np.array([float(parameter.softens) for parameter in self.model.parameters])
         self._change_per_K = options.damper.force_change_per_K
         self._reference_degC = options.damper.ambient_degC
         self.constants = np.zeros(1, CONSTANTS)
@@ -79,9 +74,17 @@ class Plant:
             warmer = float(self.state["temperature_degC"][0]) - self._reference_degC
             self._damper[:] = self._base * (1.0 + self._thermal * self._change_per_K * warmer)
         self.first_step = int(self.state["step"][0])
-        count = run_slice(
-            steps, self.constants, self.command, self.state, self.model.kind, self._damper, self._damper_state,
-            self._scratch, self.table, self._buffer, self._events,
+        count = slice_of(self.model)(
+            steps,
+            self.constants,
+            self.command,
+            self.state,
+            self._damper,
+            self._damper_state,
+            self._scratch,
+            self.table,
+            self._buffer,
+            self._events,
         )
         self.out = self._buffer[:steps]
         self.position_input.take(self.out[:, PISTON])

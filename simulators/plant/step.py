@@ -1,8 +1,8 @@
 """One slice of the plant: motion, damper in its mounting, coil, heat, the controller's limits; one compiled loop.
 
-The damper's force comes from `rig.dampers.kernels.advance`, inlined by the compiler. Numba does not notice when a
-function that a cached one calls has changed, so only the whole loop is cached, and it is built in a closure over the
-sources' fingerprint: another fingerprint, another cache entry.
+The damper's force comes from `rig.dampers.kernel.advance_of`, inlined by the compiler. Numba does not notice when a
+function that a cached one calls has changed, so only the whole loop is cached, one for each damper model, and it is
+built in a closure over the sources' fingerprint: another fingerprint, another cache entry.
 """
 
 from __future__ import annotations
@@ -11,13 +11,12 @@ import inspect
 import math
 import sys
 import zlib
-from collections.abc import Callable
-from typing import Any
+from functools import cache
 
 from numba import njit
 
-from rig.dampers import algebraic, kernels, kinds, rate_independent
-from rig.dampers.kernels import advance
+from rig.dampers import DamperModel
+from rig.dampers.kernel import Compiled, advance_of, cached, fingerprint
 from simulators.plant import motion, records
 from simulators.plant.motion import Record, move_rod, note
 from simulators.plant.records import (
@@ -73,46 +72,48 @@ def _mount_force(p: Record, stretch_m: float) -> float:
 mount_force = njit(cache=False)(_mount_force)
 
 
-def _rigid_force(p: Record, s: Record, kind: int, dp: Record, ds: Record) -> float:
-    """Force (N) of a damper bolted to the rod without play."""
-    s.damper_u_m = s.position_m - p.mid_stroke_m
-    s.damper_v_m_s = s.velocity_m_s
-    force = advance(kind, dp, ds, s.damper_u_m, s.damper_v_m_s, s.acceleration_m_s2, s.current_A, p.dt_s)
-    total: float = p.force_scale * force + fittings_force(p, s.damper_u_m, s.damper_v_m_s)
-    return total
+def _rigid_force(advance: Compiled) -> Compiled:
+    """Force (N) of a damper bolted to the rod without play, compiled: (p, s, dp, ds)."""
+
+    def rigid_force(p: Record, s: Record, dp: Record, ds: Record) -> float:
+        s.damper_u_m = s.position_m - p.mid_stroke_m
+        s.damper_v_m_s = s.velocity_m_s
+        force = advance(dp, ds, s.damper_u_m, s.damper_v_m_s, s.acceleration_m_s2, s.current_A, p.dt_s)
+        total: float = p.force_scale * force + fittings_force(p, s.damper_u_m, s.damper_v_m_s)
+        return total
+
+    return njit(cache=False)(rigid_force)
 
 
-rigid_force = njit(cache=False)(_rigid_force)
+def _mounted_force(advance: Compiled) -> Compiled:
+    """Force (N) of a damper behind a spring with free play, compiled: (p, s, dp, ds, scratch).
 
-
-def _mounted_force(p: Record, s: Record, kind: int, dp: Record, ds: Record, scratch: Record) -> float:
-    """Force (N) of a damper behind a spring with free play: bisection on the damper's speed.
-
-    The damper's force rises with its speed and the spring's falls, so the balance is bracketed; internal states are
-    copied for each trial and kept for the last.
+    By bisection on the damper's speed: the damper's force rises with its speed and the spring's falls, so the balance
+    is bracketed; internal states are copied for each trial and kept for the last.
     """
-    rod_u = s.position_m - p.mid_stroke_m
-    reach = 2.0 + 10.0 * abs(s.velocity_m_s)
-    low, high = s.damper_v_m_s - reach, s.damper_v_m_s + reach
-    u, v, force = s.damper_u_m, s.damper_v_m_s, 0.0
-    for _ in range(_MOUNT_ITERATIONS):
-        v = 0.5 * (low + high)
-        u = s.damper_u_m + 0.5 * (s.damper_v_m_s + v) * p.dt_s
-        scratch[:] = ds
-        a = (v - s.damper_v_m_s) / p.dt_s
-        force = p.force_scale * advance(kind, dp, scratch, u, v, a, s.current_A, p.dt_s)
-        force += fittings_force(p, u, v)
-        if force > mount_force(p, rod_u - u):
-            high = v
-        else:
-            low = v
-    ds[:] = scratch
-    s.damper_u_m = u
-    s.damper_v_m_s = v
-    return mount_force(p, rod_u - u)
 
+    def mounted_force(p: Record, s: Record, dp: Record, ds: Record, scratch: Record) -> float:
+        rod_u = s.position_m - p.mid_stroke_m
+        reach = 2.0 + 10.0 * abs(s.velocity_m_s)
+        low, high = s.damper_v_m_s - reach, s.damper_v_m_s + reach
+        u, v, force = s.damper_u_m, s.damper_v_m_s, 0.0
+        for _ in range(_MOUNT_ITERATIONS):
+            v = 0.5 * (low + high)
+            u = s.damper_u_m + 0.5 * (s.damper_v_m_s + v) * p.dt_s
+            scratch[:] = ds
+            a = (v - s.damper_v_m_s) / p.dt_s
+            force = p.force_scale * advance(dp, scratch, u, v, a, s.current_A, p.dt_s)
+            force += fittings_force(p, u, v)
+            if force > mount_force(p, rod_u - u):
+                high = v
+            else:
+                low = v
+        ds[:] = scratch
+        s.damper_u_m = u
+        s.damper_v_m_s = v
+        return mount_force(p, rod_u - u)
 
-mounted_force = njit(cache=False)(_mounted_force)
+    return njit(cache=False)(mounted_force)
 
 
 def _specimen_end(p: Record, s: Record) -> None:
@@ -182,19 +183,37 @@ guard = njit(cache=False)(_guard)
 
 def _sources() -> int:
     """CRC-32 over every source the compiled loop is made of."""
-    crc = 0
-    for module in (kernels, rate_independent, kinds, algebraic, records, motion, sys.modules[__name__]):
+    crc = fingerprint()
+    for module in (records, motion, sys.modules[__name__]):
         crc = zlib.crc32(inspect.getsource(module).encode(), crc)
     return crc
 
 
-def _build(fingerprint: int) -> Callable[..., int]:
+rigid_force: Compiled = fittings_force
+mounted_force: Compiled = fittings_force
+"""Of the loop's damper model, once `slice_of` has made it."""
+
+
+@cache
+def slice_of(model: DamperModel) -> Compiled:
+    """The plant's loop with one damper model, compiled.
+
+    `(steps, constants, command, state, damper, damper_state, scratch, table, out, events) -> number of events`. Arrays:
+    records of `records` (length 1), `damper` parameters in the model's order, `out` (steps, `COLUMNS`), `events`
+    (capacity, 3) of time (s), kind, value.
+    """
+    advance = advance_of(model)
+    loop = _loop(f"{_sources()} {model.name} {model.hysteresis}")
+    forces = {"rigid_force": _rigid_force(advance), "mounted_force": _mounted_force(advance)}
+    return cached(loop, error_model="numpy", **forces)
+
+
+def _loop(key: str) -> Compiled:
     def run(
         steps: int,
         constants: Record,
         command: Record,
         state: Record,
-        kind: int,
         damper: Record,
         damper_state: Record,
         scratch: Record,
@@ -203,15 +222,15 @@ def _build(fingerprint: int) -> Callable[..., int]:
         events: Record,
     ) -> int:
         p, c, s = constants[0], command[0], state[0]
-        count = 0 * fingerprint
+        count = 0 * len(key)
         for i in range(steps):
             s.step += 1
             end_s = s.step * p.dt_s
             count = move_rod(p, c, s, table, end_s, events, count)
             if p.mount_stiffness_N_m > 0.0 or p.load_train_stiffness_N_m > 0.0:
-                s.damper_force_N = mounted_force(p, s, kind, damper, damper_state, scratch)
+                s.damper_force_N = mounted_force(p, s, damper, damper_state, scratch)
             else:
-                s.damper_force_N = rigid_force(p, s, kind, damper, damper_state)
+                s.damper_force_N = rigid_force(p, s, damper, damper_state)
             s.cell_force_N = s.damper_force_N + p.moving_mass_kg * s.acceleration_m_s2
             specimen_end(p, s)
             coil_and_heat(p, c, s)
@@ -229,13 +248,4 @@ def _build(fingerprint: int) -> Callable[..., int]:
             out[i, BODY_TEMPERATURE] = s.temperature_degC
         return count
 
-    compiled: Any = njit(cache=True, error_model="numpy")(run)
-    return compiled  # type: ignore[no-any-return]  # numba's dispatchers carry no annotations
-
-
-run_slice = _build(_sources())
-"""`run_slice(steps, constants, command, state, kind, damper, damper_state, scratch, table, out, events) -> events`.
-
-Arrays: records of `records` (length 1), `damper` parameters in the model's order, `out` (steps, `COLUMNS`), `events`
-(capacity, 3) of time (s), kind, value.
-"""
+    return run

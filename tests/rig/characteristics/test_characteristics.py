@@ -13,8 +13,8 @@ import pytest
 from rig.characteristics.friction import friction_of
 from rig.characteristics.loop import characterise_loop
 from rig.characteristics.summary import Characteristics, characterise, dynamic_range
-from rig.identification.energy import cycle_energy_J
-from rig.identification.preparation import prepare
+from rig.identification.points.preparation import prepare
+from rig.identification.uncertainty.scoring import cycle_energy_J
 from rig.recording.run import RecordedPoint, Run
 
 RATE_HZ, AMPLITUDE_M = 500.0, 0.02

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from rig.dampers import MODELS, UnknownName, model, parameter_set
+from rig.dampers import MODELS, PARAMETER_SETS, UnknownName, model, parameter_set
 from rig.dampers.algebraic import TanhModel
-from rig.dampers.kernels import advance, lag_step
-from rig.dampers.parameter_sets import PARAMETER_SETS
+from rig.dampers.kernel import advance_of, lag_step
 
 DEMO = parameter_set("demo").values
 
@@ -95,7 +94,7 @@ def test_one_plant_step_gives_the_same_force_as_the_equation(name: str) -> None:
         (0.0, 0.0, 0.0, 0.0),
         (0.03, -0.001, 7.0, 2.0),
     ):
-        step = advance(damper.kind, vector, state, u, v, a, current, 1e-4)
+        step = advance_of(damper)(vector, state, u, v, a, current, 1e-4)
         assert step == pytest.approx(damper.force(chosen.values, [u], [v], [a], current, 1e-4)[0], rel=1e-12, abs=1e-9)
 
 

@@ -7,10 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rig.dampers import model, parameter_set
-from rig.dampers.kernels import advance
-from rig.dampers.loop_curve import hysteresis_series
-from rig.dampers.loop_slopes import hysteresis_with_slopes
-from rig.dampers.series import force_series
+from rig.dampers.kernel import advance_of, force_series
+from rig.dampers.loop_curve import hysteresis_series, hysteresis_with_slopes
 
 OMEGA, AMPLITUDE, CURRENT = 2.0 * np.pi * 1.5, 0.02, 0.8
 
@@ -115,7 +113,7 @@ def test_plant_steps_follow_the_series(name: str) -> None:
     series = damper.force(chosen.values, u, v, a, CURRENT, 1.0 / 8000.0)
     vector, state = damper.vector(chosen.values), damper.initial_state()
     steps = [
-        advance(damper.kind, vector, state, u[k], v[k], a[k], CURRENT, 0.0 if k == 0 else 1.0 / 8000.0)
+        advance_of(damper)(vector, state, u[k], v[k], a[k], CURRENT, 0.0 if k == 0 else 1.0 / 8000.0)
         for k in range(t.size)
     ]
     assert np.max(np.abs(np.array(steps) - series)) < 1e-3 * np.max(np.abs(series))
@@ -211,7 +209,7 @@ def test_a_cycle_of_warm_up_leaves_no_jump_at_the_first_sample() -> None:
         t = np.arange(0.0, 3.0, 0.004)  # a cycle is 166.67 samples
         u, v, a = motion(t)
         data = (u, v, a, np.full(t.size, CURRENT), 0.004)
-        force = force_series(damper.kind, damper.vector(chosen.values), damper.initial_state(u[0]), *data, 167)
+        force = force_series(damper, damper.vector(chosen.values), damper.initial_state(u[0]), *data, 167)
         assert force[0] == pytest.approx(force[500], abs=2.0)
 
 
@@ -220,7 +218,7 @@ def test_a_loop_that_starts_saturated_stays_so_until_the_motion_turns() -> None:
     damper, p = model(chosen.model), chosen.values
     t = np.arange(0.0, 0.16, 0.002)  # a quarter of a period: rebound all the way
     u, v, a = motion(t)
-    held = force_series(damper.kind, damper.vector(p), np.array([1.0]), u, v, a, np.zeros(t.size), 0.002, 0)
+    held = force_series(damper, damper.vector(p), np.array([1.0]), u, v, a, np.zeros(t.size), 0.002, 0)
     assert held == pytest.approx(p["kx"] * u + p["kv"] * v + p["kw"] + p["f0"], rel=1e-9)
 
 
@@ -229,7 +227,7 @@ def test_a_series_of_a_model_without_states_is_its_equation() -> None:
     damper = model(chosen.model)
     u, v, a = motion(np.arange(0.0, 1.0, 0.002))
     current = np.full(u.size, CURRENT)
-    series = force_series(damper.kind, damper.vector(chosen.values), np.zeros(0), u, v, a, current, 0.002, 0)
+    series = force_series(damper, damper.vector(chosen.values), np.zeros(0), u, v, a, current, 0.002, 0)
     assert series == pytest.approx(damper.force(chosen.values, u, v, a, current, 0.002), rel=1e-12)
 
 
@@ -239,8 +237,8 @@ def test_a_cycle_of_warm_up_is_forgotten_by_loops_that_have_no_curve() -> None:
     vector = damper.vector({**chosen.values, "n": 0.9})
     t = np.arange(0.0, 2.0 / 1.5, 0.002)
     data = (*motion(t), np.full(t.size, CURRENT), 0.002)
-    from_rest = force_series(damper.kind, vector, np.array([0.0]), *data, 333)
-    from_elsewhere = force_series(damper.kind, vector, np.array([0.5]), *data, 333)
+    from_rest = force_series(damper, vector, np.array([0.0]), *data, 333)
+    from_elsewhere = force_series(damper, vector, np.array([0.5]), *data, 333)
     assert np.max(np.abs(from_rest - from_elsewhere)) < 1e-6 * np.max(np.abs(from_rest))
 
 

@@ -10,7 +10,7 @@ import pytest
 from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Measurement, identify
-from rig.identification.consistency import contradictions
+from rig.identification.points.consistency import contradictions
 from rig.recording.run import RecordedPoint
 
 Make = Callable[..., list[Measurement]]

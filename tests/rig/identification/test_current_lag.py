@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rig.errors import IdentificationFailed
-from rig.identification.current_lag import fit_lag, lag_of
+from rig.identification.points.current_steps import fit_lag, lag_of
 from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointFile, RawChannel, write_file
 from rig.recording.run import RecordedPoint
 

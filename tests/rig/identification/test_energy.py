@@ -9,8 +9,8 @@ import pytest
 from rig.dampers import model, parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Measurement, identify
-from rig.identification.consistency import refuse_reversed_signs
-from rig.identification.energy import cycle_energy_J, passivity
+from rig.identification.points.consistency import refuse_reversed_signs
+from rig.identification.uncertainty.scoring import cycle_energy_J, passivity
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.identification.faint_orders import FAINT_ORDERS, expected
+from rig.identification.points.faint_orders import FAINT_ORDERS, expected
 from rig.recording.differentiation import harmonic, with_orders
 from rig.recording.spectral_lines import coefficient_errors
 
@@ -49,8 +49,11 @@ def harmonics_found(compliance_m_N: float, seed: int) -> tuple[NDArray[np.comple
     turned = np.exp(-1j * known.orders * known.omega_rad_s * known.origin_s)
     found[known.orders - 1] = (known.cosine_m - 1j * known.sine_m) * turned
     ninth = np.flatnonzero(known.orders == 9)
-    std_m = float(np.hypot(error.errors_m[ninth], np.sqrt(0.5 * np.sum(np.abs(error.common_m[:, ninth]) ** 2)))[0]) \
-        if len(ninth) else math.inf
+    std_m = (
+        float(np.hypot(error.errors_m[ninth], np.sqrt(0.5 * np.sum(np.abs(error.common_m[:, ninth]) ** 2)))[0])
+        if len(ninth)
+        else math.inf
+    )
     return truth, found, float(np.real(found - truth)[8]) / std_m
 
 

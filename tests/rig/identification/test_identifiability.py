@@ -8,9 +8,9 @@ import pytest
 
 from rig.dampers import model, parameter_set
 from rig.identification import Fit, Measurement, identify
-from rig.identification.identifiability import explain
-from rig.identification.projection import Weighting
-from rig.identification.uncertainty import information
+from rig.identification.models.projection import Weighting
+from rig.identification.uncertainty.alternative_shapes import explain
+from rig.identification.uncertainty.covariance import information
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)

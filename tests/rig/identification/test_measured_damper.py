@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rig.identification import Measurement, identify
-from rig.identification.preparation import prepare_all
+from rig.identification.points.preparation import prepare_all
 from rig.recording.importing import import_tests
 from rig.recording.run import Run
 

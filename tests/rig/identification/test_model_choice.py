@@ -7,7 +7,7 @@ import pytest
 
 from rig.dampers import model, parameter_set
 from rig.identification import Measurement, identify
-from rig.identification.model_slope import modelled_force
+from rig.identification.models.model_slope import modelled_force
 
 Force = Callable[[Measurement], np.ndarray]
 

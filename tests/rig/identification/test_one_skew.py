@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rig.identification import identify
-from rig.identification.preparation import campaign_skews, prepare_all
+from rig.identification.points.preparation import campaign_skews, prepare_all
 from rig.recording.run import ForceSamples, RecordedPoint
 
 LATE_S = 2e-3
@@ -18,10 +18,15 @@ LATE_S = 2e-3
 def late(point: RecordedPoint, lag_s: float | None, std_s: float) -> RecordedPoint:
     """The point with a load cell 2 ms late, of which its own record says `lag_s`, and its file nothing yet."""
     quality = {
-        f"{name}_{key}": value for name in ("force", "displacement")
+        f"{name}_{key}": value
+        for name in ("force", "displacement")
         for key, value in (
-            ("tie_std_s", 2e-6), ("compared", 1), ("declared_delay_s", 0.2e-3), ("undeclared_delay_s", 0.0),
-            ("matched_lag_s", 0.0), ("matched_lag_std_s", 0.02e-3),
+            ("tie_std_s", 2e-6),
+            ("compared", 1),
+            ("declared_delay_s", 0.2e-3),
+            ("undeclared_delay_s", 0.0),
+            ("matched_lag_s", 0.0),
+            ("matched_lag_std_s", 0.02e-3),
         )
     }
     quality |= {"force_matched_lag_s": lag_s, "force_matched_lag_std_s": std_s}

@@ -9,7 +9,7 @@ from protocols.quality import Quality
 from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import identify, prepare
-from rig.identification.preparation import prepare_all
+from rig.identification.points.preparation import prepare_all
 from rig.recording.cycles import NoCycles
 from rig.recording.run import ForceSamples, RecordedPoint
 

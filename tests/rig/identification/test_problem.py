@@ -11,8 +11,8 @@ from rig.dampers import model, parameter_set
 from rig.dampers.catalogue import UnknownName
 from rig.errors import IdentificationFailed
 from rig.identification import Measurement, Method, Problem, identify
-from rig.identification.coil import with_lag
-from rig.identification.model_slope import modelled_force
+from rig.identification.models.coil import with_lag
+from rig.identification.models.model_slope import modelled_force
 
 Make = Callable[..., list[Measurement]]
 
@@ -85,7 +85,7 @@ def test_eta_moves_the_objective_of_a_model_with_states_too(make_synthetic: Make
     problem = Problem([stepped], damper, "1", lag=True)
     found = [problem.objective(problem.vector({**values, "eta": eta})) for eta in (20.0, 25.0, 30.0)]
     assert found[1] < 1e-9 * min(found[0], found[2])
-    with pytest.raises(ValueError, match="lag: kwok has no eta; asymmetric, symmetric and modified_bouc_wen have it"):
+    with pytest.raises(ValueError, match="kwok has no eta; models that have: asymmetric, symmetric, modified_bouc_wen"):
         Problem([test], "kwok", lag=True)
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from rig.dampers import model, parameter_set
-from rig.dampers.algebraic import AsymmetricModel
+from rig.dampers.algebraic import AlgebraicSeparation, AsymmetricModel
 from rig.errors import IdentificationFailed
 from rig.identification import Fit, Measurement, Method, identify
-from rig.identification.profile import profiles
-from rig.identification.projection import AlgebraicForm, Projection
-from rig.identification.uncertainty import information
+from rig.identification.models.projection import Projection
+from rig.identification.uncertainty.covariance import information
+from rig.identification.uncertainty.profile import profiles
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
@@ -28,7 +28,7 @@ def weak(make_synthetic: Make) -> tuple[list[Measurement], Fit]:
 def test_the_deviance_is_that_of_the_best_fit_with_the_parameter_held(weak: tuple[list[Measurement], Fit]) -> None:
     tests, fit = weak
     weighting = Method().weighting(model("asymmetric"))
-    projection = Projection(AlgebraicForm(model("asymmetric")), tests, weighting, without=frozenset({"m"}))  # type: ignore[arg-type] - algebraic
+    projection = Projection(AlgebraicSeparation(model("asymmetric")), tests, weighting, without=frozenset({"m"}))  # type: ignore[arg-type] - algebraic
     found = fit.profiles["beta"]
 
     def least(beta: float) -> float:

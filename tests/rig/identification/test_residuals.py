@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rig.identification.residuals import Residual, autocovariance, correlated, judge, samples_a_cycle
+from rig.identification.models.measurement import samples_a_cycle
+from rig.identification.uncertainty.residuals import Residual, autocovariance, correlated, judge
 
 PERIOD, CYCLES = 125.3, 8
 TIME = np.arange(round(PERIOD * CYCLES))

@@ -7,10 +7,10 @@ import pytest
 
 from rig.dampers import model, parameter_set
 from rig.identification import Measurement, Method, identify
-from rig.identification.identifiability import Findings
-from rig.identification.projection import Weighting
-from rig.identification.separable import solve_separable
-from rig.identification.solving import solve
+from rig.identification.models.projection import Weighting
+from rig.identification.models.separable import solve_separable
+from rig.identification.models.solving import solve
+from rig.identification.models.undetermined import Undetermined
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
@@ -70,8 +70,8 @@ def test_huber_loss_ignores_spikes(make_synthetic: Make) -> None:
         Measurement(**{**vars(test), "force_N": test.force_N + 400.0 * (rng.uniform(size=test.u_m.size) < 0.02)})
         for test in tests
     ]
-    plain = solve(model("asymmetric"), spiked, Method(), Findings())
-    robust = solve(model("asymmetric"), spiked, Method(loss="huber"), Findings())
+    plain = solve(model("asymmetric"), spiked, Method(), Undetermined())
+    robust = solve(model("asymmetric"), spiked, Method(loss="huber"), Undetermined())
     assert abs(plain.values["F0"] - DEMO["F0"]) > 5.0
     assert abs(robust.values["F0"] - DEMO["F0"]) < 0.5
 
@@ -79,8 +79,8 @@ def test_huber_loss_ignores_spikes(make_synthetic: Make) -> None:
 def test_pieces_give_the_same_answer_as_the_whole(make_synthetic: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     tests = make_synthetic(DEMO, (0.0, 1.0), (0.5, 1.0))
     whole = solve_separable(tests, model("bingham"))
-    monkeypatch.setattr("rig.identification.projection.PIECE", 257)
-    monkeypatch.setattr("rig.identification.projection.KEEP_BELOW", 0)
+    monkeypatch.setattr("rig.identification.models.projection.PIECE", 257)
+    monkeypatch.setattr("rig.identification.models.projection.KEEP_BELOW", 0)
     pieces = solve_separable(tests, model("bingham"))
     assert pieces.values == pytest.approx(whole.values, rel=1e-6)
 

@@ -7,7 +7,7 @@ import pytest
 
 from rig.dampers import model, parameter_set
 from rig.identification import Measurement, identify
-from rig.identification.model_slope import modelled_force
+from rig.identification.models.model_slope import modelled_force
 
 NOISE_N = 5.0
 CURRENTS_A = (0.0, 0.7, 1.3, 2.0)
@@ -67,7 +67,10 @@ def test_all_models_compared_recommend_the_plant_with_a_roll_off_at_small_speeds
     held_out = [test for test in tests if test.nominal_current_A == 1.3]
     told: list[str] = []
     fit = identify(
-        [test for test in tests if test.nominal_current_A != 1.3], model="all", holdout=held_out, told=told.append
+        [test for test in tests if test.nominal_current_A != 1.3],
+        model="all",
+        holdout=held_out,
+        on_progress=told.append,
     )
     assert fit.model == "modified_bouc_wen"
     assert fit.adequate

@@ -9,7 +9,7 @@ import pytest
 
 from rig.dampers import parameter_set
 from rig.identification import Measurement, identify
-from rig.identification.preparation import prepare
+from rig.identification.points.preparation import prepare
 from rig.recording.run import ForceSamples, RecordedPoint
 
 Make = Callable[..., list[Measurement]]
@@ -17,8 +17,9 @@ MakeCampaign = Callable[..., list[RecordedPoint]]
 DEMO = dict(parameter_set("demo").values)
 
 
-def with_force(point: RecordedPoint, change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
-               **described: object) -> RecordedPoint:
+def with_force(
+    point: RecordedPoint, change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], **described: object
+) -> RecordedPoint:
     """The point with other force samples (times, N)."""
     time_s, force_N = change(point.force_samples.time_s, point.force_samples.force_N)
     changed = replace(point, **described)
@@ -39,7 +40,8 @@ def test_m_is_never_stated_from_one_frequency(waveform: str, make_campaign: Make
 
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
 def test_m_is_not_stated_from_one_frequency_of_which_a_single_cycle_is_left(
-    waveform: str, make_campaign: MakeCampaign,
+    waveform: str,
+    make_campaign: MakeCampaign,
 ) -> None:
     points = []
     for point in make_campaign("demo", (0.0, 1.0), (0.5,), waveform=waveform):
@@ -48,9 +50,7 @@ def test_m_is_not_stated_from_one_frequency_of_which_a_single_cycle_is_left(
         samples = point.force_samples
         kept = samples.time_s < point.time_s[first][-1]
         short = replace(point, arrays={name: values[first] for name, values in point.arrays.items()})
-        short.__dict__["force_samples"] = ForceSamples(
-            samples.time_s[kept], samples.force_N[kept], samples.flags[kept]
-        )
+        short.__dict__["force_samples"] = ForceSamples(samples.time_s[kept], samples.force_N[kept], samples.flags[kept])
         points.append(short)
     m = identify(points).parameters["m"]
     assert not m.identifiable

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from rig.dampers import model, parameter_set
+from rig.dampers.algebraic import AlgebraicSeparation
 from rig.identification import Measurement
-from rig.identification.projection import AlgebraicForm, Projection, Weighting
-from rig.identification.separable import solve_separable
-from rig.identification.tanh_projection import TanhProjection
+from rig.identification.models.projection import Projection, Weighting
+from rig.identification.models.separable import solve_separable
+from rig.identification.models.tanh_projection import TanhProjection
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)
@@ -58,7 +59,7 @@ def test_moments_and_whole_columns_give_one_solution(
     damper = model(name, form)
     weighting = Weighting("v", guard_s=2e-3)
     shape = np.array([35.0, WIDTH[form]])
-    by_columns = Projection(AlgebraicForm(damper), tests, weighting).solve(shape)
+    by_columns = Projection(AlgebraicSeparation(damper), tests, weighting).solve(shape)
     by_moments = TanhProjection(damper, tests, weighting, compiled=compiled).solve(shape)
     assert by_moments.objective == pytest.approx(by_columns.objective, rel=1e-9)
     assert by_moments.linear == pytest.approx(by_columns.linear, rel=1e-8)
@@ -116,7 +117,9 @@ def test_the_fit_does_not_depend_on_whether_it_was_compiled(
     damper = model("asymmetric", form)
     fits = []
     for compiled in (True, False):
-        monkeypatch.setattr("rig.identification.tanh_projection.compiled_pays", lambda _, chosen=compiled: chosen)
+        monkeypatch.setattr(
+            "rig.identification.models.tanh_projection.compiled_pays", lambda _, chosen=compiled: chosen
+        )
         fits.append(solve_separable(tests, damper, Weighting("v")))
     assert fits[0].values == pytest.approx(fits[1].values, rel=1e-7)
     assert fits[0].objective == pytest.approx(fits[1].objective, rel=1e-10)
@@ -127,11 +130,11 @@ def test_the_fit_does_not_depend_on_whether_it_was_compiled(
 def test_streamed_pieces_add_up_to_the_whole(
     compiled: bool, tests: list[Measurement], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.identification.tanh_projection.compiled_pays", lambda _: compiled)
+    monkeypatch.setattr("rig.identification.models.tanh_projection.compiled_pays", lambda _: compiled)
     damper = model("asymmetric")
     whole = solve_separable(tests, damper)
-    monkeypatch.setattr("rig.identification.tanh_moments.PIECE", 257)
-    monkeypatch.setattr("rig.identification.tanh_projection.KEEP_BELOW", 0)
+    monkeypatch.setattr("rig.identification.models.tanh_projection.PIECE", 257)
+    monkeypatch.setattr("rig.identification.models.tanh_projection.KEEP_BELOW", 0)
     pieces = solve_separable(tests, damper)
     assert pieces.values == pytest.approx(whole.values, rel=1e-7)
 
@@ -165,7 +168,7 @@ def test_a_fresh_process_loads_only_what_a_fit_needs_and_finds_the_same(
     command = [sys.executable, "-c", FRESH, str(tmp_path / "channels.npy")]
     printed = subprocess.run(command, check=True, capture_output=True, text=True, timeout=120).stdout.splitlines()
     assert printed[1] == "False False False"
-    monkeypatch.setattr("rig.identification.tanh_projection.compiled_pays", lambda _: True)
+    monkeypatch.setattr("rig.identification.models.tanh_projection.compiled_pays", lambda _: True)
     one = Measurement(**{**dict(zip(CHANNELS, channels, strict=True)), "id": "one", "dt_s": 0.004})
     here = solve_separable([one], model("asymmetric"), Weighting("v"))
     assert ast.literal_eval(printed[0]) == pytest.approx(here.values, rel=1e-6)

@@ -8,9 +8,9 @@ import pytest
 
 from rig.dampers import model, parameter_set
 from rig.identification import Measurement
-from rig.identification.projection import Weighting
-from rig.identification.separable import solve_separable
-from rig.identification.uncertainty import DeclaredErrors, Information, information, quantile
+from rig.identification.models.projection import Weighting
+from rig.identification.models.separable import solve_separable
+from rig.identification.uncertainty.covariance import DeclaredErrors, Information, information, quantile
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)

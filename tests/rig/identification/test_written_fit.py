@@ -7,8 +7,8 @@ import pytest
 
 from rig.dampers import model
 from rig.errors import FileProblem
-from rig.identification.fit import INTERVAL, ErrorSummary, Fit
-from rig.identification.fitting import write_fit
+from rig.identification.runs import write_fit
+from rig.identification.uncertainty.fit import INTERVAL, ErrorSummary, Fit
 from rig.recording.point_names import campaign_in
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rig.errors import FileProblem
-from rig.identification.solving import known_methods
+from rig.identification.models.solving import known_methods
 from rig.matrix.methods import METHODS
 from rig.matrix.model import Matrix, load_matrix
 

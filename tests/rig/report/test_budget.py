@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rig.characteristics import characterise
-from rig.identification.preparation import prepare
+from rig.identification.points.preparation import prepare
 from rig.recording.layout import AlignedChannel, PointFile, write_file
 from rig.recording.run import Run
 from rig.report import write_report

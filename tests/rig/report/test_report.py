@@ -17,8 +17,8 @@ from rig.characteristics import characterise
 from rig.characteristics.loop import characterise_loop
 from rig.cli.analyst import analyse
 from rig.errors import FileProblem
-from rig.identification.energy import cycle_energy_J
-from rig.identification.preparation import prepare_all
+from rig.identification.points.preparation import prepare_all
+from rig.identification.uncertainty.scoring import cycle_energy_J
 from rig.recording.layout import AlignedChannel, PointFile, write_file
 from rig.recording.run import Run
 from rig.report import write_report

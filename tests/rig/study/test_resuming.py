@@ -15,7 +15,7 @@ import pytest
 
 from rig.errors import FileProblem
 from rig.study.comparison import run_study
-from rig.study.results_file import ResultsFile
+from rig.study.results import ResultsFile
 
 pytestmark = pytest.mark.wire
 

@@ -15,9 +15,9 @@ import pytest
 
 from rig.cli.main import main
 from rig.errors import RigError
-from rig.identification.algorithms import minimise
 from rig.identification.cluster import cluster
-from rig.identification.problem import Problem
+from rig.identification.models.problem import Problem
+from rig.optimisers import minimise
 from rig.study.comparison import run_study
 from rig.study.recordings import table1
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import lagrange as scipy_lagrange
 
-from rig.identification.relation import lagrange, relations
-from rig.study.statistics import kruskal_wallis, summarise
-from rig.study.table import written
+from rig.identification.models.relation import lagrange, relations
+from rig.study.outputs import written
+from rig.study.settings import kruskal_wallis, summarise
 
 
 def test_a_summary_is_best_mean_and_sample_deviation() -> None:

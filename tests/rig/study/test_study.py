@@ -14,10 +14,9 @@ import pytest
 from rig.dampers import model, parameter_set
 from rig.errors import FileProblem
 from rig.study.comparison import run_study
+from rig.study.execution import StudyProgress
 from rig.study.recordings import BOUC_WEN_TRUTH, bouc_wen, content_hash, table1
-from rig.study.result_line import shorter_lines
-from rig.study.results_file import ResultsFile
-from rig.study.runner import StudyProgress
+from rig.study.results import ResultsFile, shorter_lines
 from rig.study.search_cell import SearchCell, all_cells, searches
 from rig.study.study_file import CURRENT_BOXES, load_study
 from rig.study.workbench import Workbench
@@ -205,7 +204,7 @@ def test_three_steps_find_the_bouc_wen_plant_at_every_current(small_study: Path)
 
 
 def test_paper_2s_fitness_at_the_truth_is_the_noise_over_the_forces_variance(small_study: Path) -> None:
-    from rig.study.per_current import current_objective
+    from rig.study.workbench import current_objective
 
     study = load_study(small_study)
     assert study.current is not None

@@ -1,0 +1,362 @@
+"""The models compiled: one plant step, and the force along whole recordings after a cycle of warm-up.
+
+A model gives a `Kernel`, the functions of one instant; here they are integrated. The motion inside a step is the cubic
+of velocity that meets speed and acceleration at both ends, so the internal states are integrated (classical
+Runge-Kutta, substeps by the state's own rate) much finer than the recording is sampled. A rate-independent hysteresis
+needs no time: it depends on the distance travelled; along whole recordings it follows its loop's one curve
+(`loop_curve`). Parameters come as vectors in the order of `DamperModel.parameters`; eta is carried but belongs to the
+coil (`lag_step`).
+
+Numba does not notice when a function that a cached one calls has changed, so only whole loops are `cached`, one for
+each model, each a closure over this room's `fingerprint`: another fingerprint, another cache entry.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any, Literal
+
+import numpy as np
+from numba import njit
+
+from rig.dampers.arrays import FloatArray
+from rig.dampers.loop_curve import has_curve, hysteresis_series
+from rig.dampers.model import DamperModel
+
+SUBSTEP_RATE = 0.5  # rate x substep: RK4 is then within 3e-4 of a relaxing state
+MAXIMUM_SUBSTEPS = 400  # a sample; stiffer states (50,000 1/s at 250 Hz) belong to no damper
+LONGEST_STEP = 0.1  # of a loop's path, in 1/rho
+STEP_OF_EXPONENT = 0.3  # the same, times the exponent
+SATURATED = 0.999  # share of its limit from which the hysteretic variable only closes up
+
+Compiled = Callable[..., Any]
+"""A function compiled by numba."""
+Motion = tuple[float, float, float, float, float]
+"""u0, v0 and the coefficients of v(t) = v0 + c1 t + c2 t^2 + c3 t^3 inside a step."""
+
+
+@njit()
+def sign(x: float) -> float:
+    """-1, 0 or 1."""
+    if x > 0.0:
+        return 1.0
+    return -1.0 if x < 0.0 else 0.0
+
+
+@njit()
+def bouc_wen_rate(z: float, v: float, gamma: float, beta: float, A: float, n: float) -> float:
+    """Rate of the Bouc-Wen hysteresis, z' = -gamma |v| z |z|^(n-1) - beta v |z|^n + A v."""
+    power = abs(z) ** (n - 1.0) if z != 0.0 else 0.0
+    return -gamma * abs(v) * z * power - beta * v * abs(z) * power + A * v
+
+
+@njit()
+def _no_rates(p: FloatArray, s0: float, s1: float, u: float, v: float, current: float) -> tuple[float, float]:
+    return 0.0, 0.0
+
+
+@njit()
+def _no_fastest_rate(p: FloatArray, v: float, current: float) -> float:
+    return 0.0
+
+
+@njit()
+def _no_loop(p: FloatArray) -> tuple[float, float, float, float]:
+    return 0.0, 0.0, 0.0, 1.0
+
+
+@njit()
+def _no_step(p: FloatArray, state: FloatArray, motion: Motion, current: float, dt: float) -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A model's equation, compiled: p are its parameters, s0 and s1 its internal states, u, v, a, current one instant.
+
+    Attributes:
+        force: (p, s0, s1, u, v, a, current) -> force (N).
+        rates: (p, s0, s1, u, v, current) -> rates of s0 and s1 (1/s of their units).
+        fastest_rate: (p, v, current) -> upper estimate (1/s) of how fast the internal state relaxes.
+        loop: (p) -> the rate-independent hysteresis of s0: rho (1/m; 0 where there is none), sigma, n, and its limit.
+        step: (p, state, motion, current, dt) -> whether it has advanced the state by an integrator of its own.
+    """
+
+    force: Compiled
+    rates: Compiled = _no_rates
+    fastest_rate: Compiled = _no_fastest_rate
+    loop: Compiled = _no_loop
+    step: Compiled = _no_step
+
+
+@njit(cache=True)
+def lag_step(current: float, commanded: float, eta: float, dt: float) -> float:
+    """Coil current (A) after `dt` (s) under a constant command (A): exact solution of equation (9), eta in 1/s."""
+    return commanded + (current - commanded) * math.exp(-eta * dt)
+
+
+@njit()
+def _loop_slope(x: float, unloading: float, n: float) -> float:
+    if x >= 0.0:
+        return float(1.0 - x**n)
+    return float(1.0 + unloading * (-x) ** n)
+
+
+@njit()
+def travel(w: float, distance: float, sigma: float, n: float) -> float:
+    """Normalised hysteretic variable after a path without reversal.
+
+    With x = w sgn(v) and s = rho |du| the Bouc-Wen hysteresis is dx/ds = 1 - x^n for x >= 0 (loading) and
+    dx/ds = 1 + (2 sigma - 1) |x|^n for x < 0 (unloading). Only the bend of the loop needs small steps; once saturated,
+    1 - x decays as exp(-n s). So the cost of a sample does not grow with its speed.
+
+    Args:
+        w: value before, between -1 and 1.
+        distance: rho times the change of extension, with its sign (1).
+        sigma: shape of the loop (1).
+        n: sharpness of the bend (1).
+    """
+    direction = 1.0 if distance >= 0.0 else -1.0
+    x, left = w * direction, abs(distance)
+    unloading = 2.0 * sigma - 1.0
+    longest = min(LONGEST_STEP, STEP_OF_EXPONENT / n)
+    steep = longest / max(1.0, 1.0 + unloading)
+    while left > 0.0:
+        if x > SATURATED:
+            return direction * (1.0 - (1.0 - x) * math.exp(-n * left))
+        h = min(left, longest if x >= 0.0 else steep)
+        a = _loop_slope(x, unloading, n)
+        b = _loop_slope(x + 0.5 * h * a, unloading, n)
+        c = _loop_slope(x + 0.5 * h * b, unloading, n)
+        d = _loop_slope(x + h * c, unloading, n)
+        x += h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+        left -= h
+    return direction * x
+
+
+@njit()
+def travel_between(
+    w: float, u0: float, v0: float, u1: float, v1: float, dt: float, rho: float, sigma: float, n: float
+) -> float:
+    """Normalised hysteretic variable at the end of a step of `dt` (s) from (u0, v0) to (u1, v1), in m and m/s.
+
+    Where the speed changes its sign, the path turns where a straight line through both speeds crosses zero.
+    """
+    if v0 * v1 >= 0.0:
+        return travel(w, rho * (u1 - u0), sigma, n)
+    before = dt * v0 / (v0 - v1)
+    turn = 0.5 * (u0 + 0.5 * v0 * before + u1 - 0.5 * v1 * (dt - before))
+    return travel(travel(w, rho * (turn - u0), sigma, n), rho * (u1 - turn), sigma, n)
+
+
+def runge_kutta(rates: Compiled) -> Compiled:
+    """One classical Runge-Kutta step, compiled: (p, state, motion, current, t, h) moves `state` by `h` (s) from `t`."""
+
+    @njit()
+    def step(p: FloatArray, state: FloatArray, motion: Motion, current: float, t: float, h: float) -> None:
+        u0, v0, c1, c2, c3 = motion
+        s0 = state[0]
+        s1 = state[1] if state.size > 1 else 0.0
+        u_a = u0 + t * (v0 + t * (c1 / 2.0 + t * (c2 / 3.0 + t * c3 / 4.0)))
+        v_a = v0 + t * (c1 + t * (c2 + t * c3))
+        t += 0.5 * h
+        u_b = u0 + t * (v0 + t * (c1 / 2.0 + t * (c2 / 3.0 + t * c3 / 4.0)))
+        v_b = v0 + t * (c1 + t * (c2 + t * c3))
+        t += 0.5 * h
+        u_c = u0 + t * (v0 + t * (c1 / 2.0 + t * (c2 / 3.0 + t * c3 / 4.0)))
+        v_c = v0 + t * (c1 + t * (c2 + t * c3))
+        a0, a1 = rates(p, s0, s1, u_a, v_a, current)
+        b0, b1 = rates(p, s0 + 0.5 * h * a0, s1 + 0.5 * h * a1, u_b, v_b, current)
+        d0, d1 = rates(p, s0 + 0.5 * h * b0, s1 + 0.5 * h * b1, u_b, v_b, current)
+        e0, e1 = rates(p, s0 + h * d0, s1 + h * d1, u_c, v_c, current)
+        state[0] = s0 + h / 6.0 * (a0 + 2.0 * b0 + 2.0 * d0 + e0)
+        if state.size > 1:
+            state[1] = s1 + h / 6.0 * (a1 + 2.0 * b1 + 2.0 * d1 + e1)
+
+    return step
+
+
+def _mover(kernel: Kernel) -> Compiled:
+    """Advance of a model's state over one step of a motion, compiled: (p, state, motion, v_end, current, dt)."""
+    integrate, loop, own_step, fastest_rate = runge_kutta(kernel.rates), kernel.loop, kernel.step, kernel.fastest_rate
+
+    @njit()
+    def move(p: FloatArray, state: FloatArray, motion: Motion, v_end: float, current: float, dt: float) -> None:
+        u0, v0, c1, c2, c3 = motion
+        rho, sigma, n, scale = loop(p)
+        if rho > 0.0 and sigma >= 0.0 and n >= 1.0:
+            u_end = u0 + dt * (v0 + dt * (c1 / 2.0 + dt * (c2 / 3.0 + dt * c3 / 4.0)))
+            state[0] = scale * travel_between(state[0] / scale, u0, v0, u_end, v_end, dt, rho, sigma, n)
+            return
+        if own_step(p, state, motion, current, dt):
+            return
+        rate = fastest_rate(p, max(abs(v0), abs(v_end)), current)
+        substeps = int(min(float(MAXIMUM_SUBSTEPS), max(1.0, math.ceil(rate * dt / SUBSTEP_RATE))))
+        h = dt / substeps
+        for k in range(substeps):
+            integrate(p, state, motion, current, k * h, h)
+
+    return move
+
+
+@cache
+def advance_of(model: DamperModel) -> Compiled:
+    """One plant step of a model, compiled: (p, state, u, v, a, current, dt) -> force (N) at the end of the step.
+
+    p is `DamperModel.vector(values)`; `state` is `DamperModel.initial_state()`, kept by the caller between steps and
+    moved along in place; u (m about mid-stroke), v (m/s) are those at the end of the step; a (m/s^2) is taken as
+    constant over it; current (A) is the coil's after its lag; dt (s): 0 returns the force without moving the state.
+    """
+    kernel = model.kernel()
+    force, move, has_states = kernel.force, _mover(kernel), model.states > 0
+
+    @njit()
+    def advance(p: FloatArray, state: FloatArray, u: float, v: float, a: float, current: float, dt: float) -> float:
+        if not has_states:
+            return float(force(p, 0.0, 0.0, u, v, a, current))
+        if dt > 0.0:
+            v0 = v - a * dt
+            move(p, state, (u - v * dt + 0.5 * a * dt * dt, v0, a, 0.0, 0.0), v, current, dt)
+        return float(force(p, state[0], state[1] if state.size > 1 else 0.0, u, v, a, current))
+
+    return advance
+
+
+def _sampled(move: Compiled) -> Compiled:
+    """Advance of `state` between two samples, compiled: (p, state, u, v, a, current, dt, start, stop) -> place (m)."""
+
+    @njit()
+    def step(
+        p: FloatArray,
+        state: FloatArray,
+        u: FloatArray,
+        v: FloatArray,
+        a: FloatArray,
+        current: FloatArray,
+        dt: float,
+        start: int,
+        stop: int,
+    ) -> float:
+        """Inside, velocity is the cubic that meets speed and acceleration at both ends; where the motion then is."""
+        slope = (v[stop] - v[start]) / dt
+        c2 = (3.0 * slope - 2.0 * a[start] - a[stop]) / dt
+        c3 = (a[start] + a[stop] - 2.0 * slope) / (dt * dt)
+        motion = (u[start], v[start], a[start], c2, c3)
+        move(p, state, motion, v[stop], 0.5 * (current[start] + current[stop]), dt)
+        return float(u[start] + dt * (v[start] + dt * (a[start] / 2.0 + dt * (c2 / 3.0 + dt * c3 / 4.0))))
+
+    return step
+
+
+@cache
+def fingerprint() -> int:
+    """CRC-32 over the sources of this room: what compiled loops that call a model depend on."""
+    crc = 0
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        crc = zlib.crc32(source.read_bytes(), crc)
+    return crc
+
+
+def cached(loop: Compiled, error_model: Literal["python", "numpy"] = "python", **functions: Compiled) -> Compiled:
+    """A whole loop compiled, and kept for the next process.
+
+    Args:
+        loop: a closure over what tells its versions apart, such as `fingerprint()` and a model's name, as plain values.
+        error_model: numba's: what a division by zero does.
+        functions: compiled functions that it calls by these global names; they are not part of what tells it apart.
+    """
+    named = FunctionType(loop.__code__, {**loop.__globals__, **functions}, loop.__name__, None, loop.__closure__)
+    named.__qualname__ = loop.__qualname__
+    return njit(cache=True, nogil=True, error_model=error_model)(named)
+
+
+@cache
+def series_of(model: DamperModel) -> Compiled:
+    """`force_series` of one model, compiled: (p, start, u, v, a, current, dt, warm)."""
+    kernel = model.kernel()
+    step = _sampled(_mover(kernel))
+    key = f"{fingerprint()} {model.name} {model.hysteresis}"
+    return cached(_series(key, model.states, model.positions), _force=kernel.force, _loop=kernel.loop, _step=step)
+
+
+def _force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
+    raise NotImplementedError("given by the model's kernel")
+
+
+_loop: Compiled = _no_loop
+_step: Compiled = _no_step
+
+
+def _series(key: str, states: int, positions: int) -> Compiled:
+    def series(
+        p: FloatArray,
+        start: FloatArray,
+        u: FloatArray,
+        v: FloatArray,
+        a: FloatArray,
+        current: FloatArray,
+        dt: float,
+        warm: int,
+    ) -> FloatArray:
+        n = u.size + 0 * len(key)
+        force = np.empty(n)
+        if states == 0:
+            for k in range(n):
+                force[k] = _force(p, 0.0, 0.0, u[k], v[k], a[k], current[k])
+            return force
+        rho, sigma, exponent, scale = _loop(p)
+        if has_curve(rho, sigma, exponent) and abs(start[0]) <= scale:
+            w = hysteresis_series(start[0] / scale, rho, sigma, exponent, u, v, dt, warm)
+            for k in range(n):
+                force[k] = _force(p, scale * w[k], 0.0, u[k], v[k], a[k], current[k])
+            return force
+        state = start.copy()
+        if warm > 1:
+            for k in range(1, warm):
+                _step(p, state, u, v, a, current, dt, k - 1, k)
+            # A cycle is no whole number of samples, so the last step ends a fraction of a sample beside the first one:
+            # states that are positions move with it, or they would meet the first sample with a jump.
+            beside = u[0] - _step(p, state, u, v, a, current, dt, warm - 1, 0)
+            for place in range(positions):
+                state[place] += beside
+        for k in range(n):
+            if k > 0:
+                _step(p, state, u, v, a, current, dt, k - 1, k)
+            force[k] = _force(p, state[0], state[1] if state.size > 1 else 0.0, u[k], v[k], a[k], current[k])
+        return force
+
+    return series
+
+
+def force_series(
+    model: DamperModel,
+    p: FloatArray,
+    start: FloatArray,
+    u: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+    current: FloatArray,
+    dt: float,
+    warm: int,
+) -> FloatArray:
+    """Force (N), shape (n,), along a motion sampled every `dt` (s).
+
+    Args:
+        model: the damper model.
+        p: `DamperModel.vector(values)`.
+        start: state at the first sample, or before the warm-up; not changed.
+        u: extension about mid-stroke (m), shape (n,).
+        v: velocity (m/s), shape (n,).
+        a: acceleration (m/s^2), shape (n,).
+        current: coil current after its lag (A), shape (n,).
+        dt: sampling interval (s).
+        warm: samples of one whole cycle that is run once before, so that the start is forgotten; 0 for none.
+    """
+    force: FloatArray = series_of(model)(p, start, u, v, a, current, dt, warm)
+    return force

@@ -1,0 +1,203 @@
+"""A test ready for fitting: whole cycles of motion, force and current on one time base."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from copy import copy
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from rig.dampers.arrays import BoolArray, ComplexArray, FloatArray
+from rig.identification.words import Saying
+
+PIECE = 32768  # samples that are looked at together: what is made of them stays in the processor's cache
+ARRAYS = (
+    "u_m", "v_m_s", "a_m_s2", "force_N", "current_A", "usable", "commanded_A", "unseen_v_m_s", "unseen_a_m_s2",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class MotionError:
+    """Standard errors of a motion that was found as a Fourier series.
+
+    Attributes:
+        rates_rad_s: angular frequencies of its harmonics (rad/s), shape (K,).
+        errors_m: standard error (m) of the cosine and of the sine of each, shape (K,).
+        mean_error_m: standard error of the mean (m).
+        together_m: errors that several harmonics have in common, one standard deviation of each in a row (q, K), m:
+            the displacement Re(sum over k of together_m[:, k] exp(i rate_k t)), t from the first sample. None: none.
+    """
+
+    rates_rad_s: FloatArray
+    errors_m: FloatArray
+    mean_error_m: float
+    together_m: ComplexArray | None = None
+
+    @property
+    def common_m(self) -> ComplexArray:
+        """`together_m`, (0, K) where there is none."""
+        return np.zeros((0, self.errors_m.size), np.complex128) if self.together_m is None else self.together_m
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """Whole cycles of one test, motion about mid-stroke; all arrays have shape (n,).
+
+    Attributes:
+        id: the test point's id.
+        file: where it was recorded; empty for synthetic data.
+        u_m: extension about mid-stroke (m).
+        v_m_s: velocity (m/s).
+        a_m_s2: acceleration (m/s^2).
+        force_N: measured force (N), not filtered.
+        current_A: measured coil current (A); the commanded one where none was measured.
+        dt_s: sampling interval (s).
+        waveform: name of the waveform.
+        amplitude_m: nominal amplitude (m).
+        frequency_Hz: nominal frequency (Hz).
+        nominal_current_A: commanded current (A).
+        samples_per_cycle: samples in the first whole cycle; it also warms up models with internal states.
+        usable: which samples carry a measured force, shape (n,); None when all do.
+        commanded_A: commanded current (A) where it changes and the coil current was not measured; None otherwise.
+        commanded_before_A: the command at the same interval before the first sample, shape (k,); None when unknown.
+        skew_std_s: standard uncertainty of the force-to-displacement skew left after correction (s).
+        unseen_v_m_s: velocity (m/s) that sharp reversals may have beyond what the samples resolve; None when none.
+        unseen_a_m_s2: acceleration (m/s^2) that goes with it.
+        motion_error: how well the motion is known; None where it is exact, or where that is unknown.
+        force_zero_std_N: standard uncertainty of the force sensor's zero, the same error in all tests (N).
+        force_step_N: quantisation step of the force (N); 0 where there is none.
+        noise_N: standard deviation of the force from cycle to cycle (N); nan when it cannot be told.
+        warnings: what the preparation found.
+
+    Raises:
+        ValueError: an array has another shape than `u_m` or holds what is no number, or `dt_s` is not positive.
+    """
+
+    id: str
+    u_m: FloatArray
+    v_m_s: FloatArray
+    a_m_s2: FloatArray
+    force_N: FloatArray
+    current_A: FloatArray
+    dt_s: float
+    file: str = ""
+    waveform: str = "sine"
+    amplitude_m: float = float("nan")
+    frequency_Hz: float = float("nan")
+    nominal_current_A: float = float("nan")
+    samples_per_cycle: int = 0
+    usable: BoolArray | None = None
+    commanded_A: FloatArray | None = None
+    commanded_before_A: FloatArray | None = None
+    skew_std_s: float = 0.0
+    unseen_v_m_s: FloatArray | None = None
+    unseen_a_m_s2: FloatArray | None = None
+    motion_error: MotionError | None = None
+    force_zero_std_N: float = 0.0
+    force_step_N: float = 0.0
+    noise_N: float = float("nan")
+    warnings: tuple[Saying, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        n = self.u_m.shape[0]
+        for name in ("v_m_s", "a_m_s2", "force_N", "current_A"):
+            shape = getattr(self, name).shape
+            if shape != (n,):
+                raise ValueError(f"{self.id}: {name} has shape {shape}, expected ({n},) as u_m")
+        if self.usable is not None and self.usable.shape != (n,):
+            raise ValueError(f"{self.id}: usable has shape {self.usable.shape}, expected ({n},) as u_m")
+        if not (math.isfinite(self.dt_s) and self.dt_s > 0.0):
+            raise ValueError(f"{self.id}: dt_s = {self.dt_s:g}, expected a positive time in seconds")
+        for name in ("u_m", "v_m_s", "a_m_s2", "force_N", "current_A"):
+            values = getattr(self, name)
+            broken = np.flatnonzero(~np.isfinite(values))
+            if broken.size:
+                raise ValueError(
+                    f"{self.id}: {name}[{broken[0]}] = {values[broken[0]]:g} ({broken.size} such samples), expected "
+                    "numbers; where the force is unknown give 0, and False in `usable`"
+                )
+
+    @property
+    def scored(self) -> BoolArray:
+        """The samples that carry a measured force, shape (n,)."""
+        return np.ones(self.u_m.size, dtype=bool) if self.usable is None else self.usable
+
+    @property
+    def peak_force_N(self) -> float:
+        """Greatest deviation of the measured force from its mean (N), the reference of the relative error."""
+        force = self.force_N if self.usable is None else self.force_N[self.usable]
+        mean_N = float(np.mean(force))
+        return max(float(np.max(force)) - mean_N, mean_N - float(np.min(force)))
+
+    def rows(self, part: slice) -> Measurement:
+        """Some of the samples, next to each other, without a copy of them."""
+        piece = copy(self)
+        piece.__dict__.update({name: values[part] for name in ARRAYS if (values := getattr(self, name)) is not None})
+        return piece
+
+    def moved(self, u_m: FloatArray, v_m_s: FloatArray, a_m_s2: FloatArray) -> Measurement:
+        """The same with another motion, shape (n,) each."""
+        other = copy(self)
+        other.__dict__.update(u_m=u_m, v_m_s=v_m_s, a_m_s2=a_m_s2)
+        return other
+
+    def pieces(self) -> Iterator[slice]:
+        """Stretches of at most `PIECE` samples, one after the other."""
+        edges = np.linspace(0, self.u_m.size, max(1, math.ceil(self.u_m.size / PIECE)) + 1).astype(int).tolist()
+        for start, stop in pairwise(edges):
+            yield slice(start, stop)
+
+
+def first_cycle(test: Measurement) -> Measurement:
+    """The first whole cycle of a measurement; the measurement itself when it has no more."""
+    stop = test.samples_per_cycle
+    if not 1 < stop < test.u_m.size:
+        return test
+    return replace(
+        test,
+        u_m=test.u_m[:stop],
+        v_m_s=test.v_m_s[:stop],
+        a_m_s2=test.a_m_s2[:stop],
+        force_N=test.force_N[:stop],
+        current_A=test.current_A[:stop],
+        usable=None if test.usable is None else test.usable[:stop],
+        commanded_A=None if test.commanded_A is None else test.commanded_A[:stop],
+    )
+
+
+def spaced(test: Measurement, most: int) -> Measurement:
+    """Every so-many-th sample of a measurement, so that a cycle has at most about `most`."""
+    every = max(1, test.samples_per_cycle // most)
+    if every == 1:
+        return test
+    part = test.rows(slice(0, test.u_m.size, every))
+    return replace(part, dt_s=test.dt_s * every, samples_per_cycle=test.samples_per_cycle // every)
+
+
+def samples_a_cycle(u_m: FloatArray) -> float:
+    """Mean distance of the crossings of the mean position in one direction, in samples, not rounded.
+
+    The direction that has more of them counts: whole cycles cut at their upward crossings have none at their ends. The
+    length where neither has two, as in a single cycle.
+    """
+    exact = _crossings(u_m)
+    return float(u_m.size) if exact.size < 2 else float((exact[-1] - exact[0]) / (exact.size - 1))
+
+
+def cycle_times_s(test: Measurement) -> FloatArray:
+    """How long each whole cycle of a test lasts (s), from the crossings that `samples_a_cycle` counts, shape (k,)."""
+    return np.asarray(np.diff(_crossings(test.u_m)) * test.dt_s)
+
+
+def _crossings(u_m: FloatArray) -> FloatArray:
+    """Where (in samples, not rounded) the mean is crossed upwards, or downwards where that is more often."""
+    mean_m = float(np.mean(u_m))
+    above = u_m > mean_m
+    upwards = np.flatnonzero(~above[:-1] & above[1:])
+    downwards = np.flatnonzero(above[:-1] & ~above[1:])
+    before = upwards if upwards.size >= downwards.size else downwards
+    low, high = u_m[before] - mean_m, u_m[before + 1] - mean_m
+    return np.asarray(before + low / (low - high))

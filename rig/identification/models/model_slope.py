@@ -1,0 +1,145 @@
+"""How the modelled force changes with each parameter, and with small errors of the motion's time, place and scale."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.arrays import FloatArray
+from rig.dampers.model import DamperModel
+from rig.identification.models.coil import with_lag
+from rig.identification.models.measurement import Measurement
+
+RELATIVE_STEP = 1e-4
+TIME_STEP_S = 2e-6
+SCALE_STEP = 1e-5
+EXTENSION_STEP_M, SPEED_STEP_M_S, ACCELERATION_STEP_M_S2 = 1e-9, 1e-7, 1e-4
+
+
+def modelled_force(model: DamperModel, values: Mapping[str, float], test: Measurement) -> FloatArray:
+    """Force (N), shape (n,), that the model predicts for a measurement; eta, if missing, does not matter.
+
+    Models with internal states run through the first cycle once before, so that they have forgotten their start.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    complete = dict(values)
+    if "eta" in model.names:
+        complete.setdefault("eta", model.parameter("eta").start)
+    if model.states == 0:
+        whole: FloatArray = np.empty(test.u_m.size)
+        for rows in test.pieces():
+            motion = (test.u_m[rows], test.v_m_s[rows], test.a_m_s2[rows], test.current_A[rows])
+            whole[rows] = model.force(complete, *motion, test.dt_s)
+        return whole
+    from rig.dampers.kernel import force_series
+
+    state, motion = model.initial_state(float(test.u_m[0])), (test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
+    force: FloatArray = force_series(model, model.vector(complete), state, *motion, test.dt_s, test.samples_per_cycle)
+    return force
+
+
+def parameter_slopes(
+    model: DamperModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
+) -> FloatArray:
+    """Derivatives of the force with respect to `names`, shape (n, len(names)), in N per unit of each parameter.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    if isinstance(model, AlgebraicModel):
+        return _algebraic_slopes(model, values, names, test)
+    columns = []
+    for name in names:
+        if name == "eta":
+            columns.append(_lag_column(model, values, test))
+            continue
+        step = RELATIVE_STEP * max(abs(values[name]), 1e-3 * abs(model.parameter(name).start), 1e-9)
+        above = modelled_force(model, {**values, name: values[name] + step}, test)
+        below = modelled_force(model, {**values, name: values[name] - step}, test)
+        columns.append((above - below) / (2.0 * step))
+    return np.array(columns).T
+
+
+def _algebraic_slopes(
+    model: AlgebraicModel, values: Mapping[str, float], names: Sequence[str], test: Measurement
+) -> FloatArray:
+    fixed = model.fixed_columns(test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
+    columns = dict(zip(model.fixed_names, fixed.T, strict=True))
+    yielding = model.yield_shape(values, test.u_m, test.v_m_s)
+    columns |= dict(zip(model.yield_names, (yielding, yielding * test.current_A), strict=True))
+    if model.shape_names:
+        at_zero, per_ampere = (values[name] for name in model.yield_names)
+        rate = (at_zero + per_ampere * test.current_A) * (1.0 - yielding**2)
+        slopes = model.argument_slopes(values, test.u_m, test.v_m_s)
+        columns |= {name: rate * slope for name, slope in zip(model.shape_names, slopes, strict=True)}
+    if "eta" in names:
+        columns["eta"] = _lag_column(model, values, test)
+    return np.array([columns[name] for name in names]).T
+
+
+def _lag_column(model: DamperModel, values: Mapping[str, float], test: Measurement) -> FloatArray:
+    """Change of the force with eta (N s), through the coil current; 0 where that was measured."""
+    if test.commanded_A is None:
+        return np.zeros_like(test.u_m)
+    step = RELATIVE_STEP * values["eta"]
+    above, below = (modelled_force(model, values, with_lag(test, values["eta"] + signed)) for signed in (step, -step))
+    return (above - below) / (2.0 * step)
+
+
+def time_slope(model: DamperModel, values: Mapping[str, float], test: Measurement) -> FloatArray:
+    """Change of the modelled force with a shift of time, dF/dt (N/s), shape (n,)."""
+    jerk = np.gradient(test.a_m_s2, test.dt_s)
+    return _motion_slope(model, values, test, (test.v_m_s, test.a_m_s2, jerk), TIME_STEP_S)
+
+
+def scale_slope(model: DamperModel, values: Mapping[str, float], test: Measurement) -> FloatArray:
+    """Change of the modelled force with the displacement's scale (N per 1), shape (n,)."""
+    return _motion_slope(model, values, test, (test.u_m, test.v_m_s, test.a_m_s2), SCALE_STEP)
+
+
+def unseen_force(model: DamperModel, values: Mapping[str, float], test: Measurement) -> FloatArray:
+    """Change of the modelled force (N) with the motion that the samples did not resolve, shape (n,); 0 without any."""
+    if test.unseen_v_m_s is None or test.unseen_a_m_s2 is None:
+        return np.zeros_like(test.u_m)
+    direction = (np.zeros_like(test.u_m), test.unseen_v_m_s, test.unseen_a_m_s2)
+    return _motion_slope(model, values, test, direction, 1.0)
+
+
+def _motion_slope(
+    model: DamperModel,
+    values: Mapping[str, float],
+    test: Measurement,
+    direction: tuple[FloatArray, FloatArray, FloatArray],
+    step: float,
+) -> FloatArray:
+    forces = []
+    for signed in (step, -step):
+        motion = (test.u_m + signed * direction[0], test.v_m_s + signed * direction[1])
+        forces.append(modelled_force(model, values, test.moved(*motion, test.a_m_s2 + signed * direction[2])))
+    return (forces[0] - forces[1]) / (2.0 * step)
+
+
+def motion_slopes(
+    model: DamperModel, values: Mapping[str, float], test: Measurement
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Change of an algebraic model's force with extension (N/m), speed (N s/m), acceleration (kg), (n,) each."""
+    one, none = np.ones_like(test.u_m), np.zeros_like(test.u_m)
+    return (
+        _motion_slope(model, values, test, (one, none, none), EXTENSION_STEP_M),
+        _motion_slope(model, values, test, (none, one, none), SPEED_STEP_M_S),
+        _motion_slope(model, values, test, (none, none, one), ACCELERATION_STEP_M_S2),
+    )
+
+
+def force_change(
+    model: DamperModel,
+    values: Mapping[str, float],
+    test: Measurement,
+    direction: tuple[FloatArray, FloatArray, FloatArray],
+) -> FloatArray:
+    """Change of the modelled force (N) with a small change of extension (m), speed (m/s) and acceleration, (n,)."""
+    return _motion_slope(model, values, test, direction, 1.0)

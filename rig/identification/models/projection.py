@@ -1,0 +1,160 @@
+"""The weighted normal equations of an algebraic model, with everything that does not depend on its shape summed once.
+
+For shape parameters theta the force is linear in c: F = X c_fixed + sum_j (c_j0 + c_j1 I + ...) y_j(theta). Solving for
+c inside leaves a function of theta alone (variable projection, Golub and Pereyra 1973).
+Only sums over samples are kept, so any number of samples is streamed in pieces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rig.dampers.arrays import BoolArray, FloatArray
+from rig.dampers.separation import Separation
+from rig.identification.models.inner_least_squares import Inner, Reduction
+from rig.identification.models.measurement import Measurement
+
+Weight = Literal["v", "1"]
+
+PIECE = 32768
+ALL = slice(None)
+KEEP_BELOW = 2_000_000  # samples up to which the regressors stay in memory
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """Which samples count, and how much.
+
+    Attributes:
+        weight: "v" weighs each sample by its speed (equation 12), "1" does not.
+        guard_s: time (s) around u = 0 whose samples do not count: the sensor's filter and the clocks do not let one say
+            on which side of the tanh models' jump they lie.
+        reversal_guard_s: time (s) around v = 0 whose samples do not count, for models that jump there.
+        extra: further weights, one array (n,) a measurement (robust losses).
+    """
+
+    weight: Weight = "1"
+    guard_s: float = 0.0
+    reversal_guard_s: float = 0.0
+    extra: tuple[FloatArray, ...] | None = None
+
+    def of(self, test: Measurement, index: int, rows: slice = ALL) -> FloatArray:
+        """Weight of each sample of measurement number `index`, or of some of its rows, shape (n,), not negative."""
+        speed = np.abs(test.v_m_s[rows])
+        weights = speed.copy() if self.weight == "v" else np.ones_like(speed)
+        if self.guard_s > 0.0:
+            weights[np.abs(test.u_m[rows]) < self.guard_s * speed] = 0.0
+        if self.reversal_guard_s > 0.0:
+            weights[speed < self.reversal_guard_s * np.abs(test.a_m_s2[rows])] = 0.0
+        if test.usable is not None:
+            weights[~test.usable[rows]] = 0.0
+        return weights if self.extra is None else weights * self.extra[index][rows]
+
+    def counting(self, test: Measurement, index: int) -> BoolArray:
+        """Which samples of measurement number `index` count, shape (n,)."""
+        counts = np.empty(test.u_m.size, dtype=bool)
+        for rows in test.pieces():
+            counts[rows] = self.of(test, index, rows) > 0.0
+        return counts
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Weighted samples: regressors X w (n, k), force F w, and the rows of the measurement they come from."""
+
+    fixed: FloatArray
+    force: FloatArray
+    weight: FloatArray
+    source: Measurement
+    rows: slice
+
+    @property
+    def current_A(self) -> FloatArray:
+        """Coil current (A) of the samples."""
+        return self.source.current_A[self.rows]
+
+
+class Projection:
+    """Equation (12) as a function of the shape parameters alone; the linear ones are solved for.
+
+    Attributes:
+        form: the model, split.
+        evaluations: how many passes over the samples were made, one counting as one evaluation of equation (12).
+        samples: number of samples that count.
+    """
+
+    def __init__(
+        self,
+        form: Separation,
+        measurements: Sequence[Measurement],
+        weighting: Weighting,
+        *,
+        every: int = 1,
+        without: frozenset[str] = frozenset(),
+    ) -> None:
+        self.form = form
+        self._measurements = tuple(measurements)
+        self._weighting = weighting
+        self._every = every
+        self.evaluations = 0
+        self.samples = 0
+        self._kept: list[Piece] | None = None
+        if sum(test.u_m.size for test in measurements) // every <= KEEP_BELOW:
+            self._kept = list(self._stream())
+        width = len(form.fixed_names)
+        normal, right, power = np.zeros((width, width)), np.zeros(width), 0.0
+        for piece in self.pieces():
+            normal += piece.fixed.T @ piece.fixed
+            right += piece.fixed.T @ piece.force
+            power += float(piece.force @ piece.force)
+            self.samples += int(np.count_nonzero(piece.weight))
+        names = (*form.fixed_names, *form.yield_names)
+        self._reduction = Reduction(normal, right, power, np.array([name not in without for name in names]))
+        self._bends = [slice(sum(form.powers[:k]), sum(form.powers[: k + 1])) for k in form.bends]
+
+    def pieces(self) -> Iterator[Piece]:
+        """All weighted samples, piece by piece."""
+        return iter(self._kept) if self._kept is not None else self._stream()
+
+    def _stream(self) -> Iterator[Piece]:
+        for index, test in enumerate(self._measurements):
+            length = PIECE * self._every if self.form.pointwise else test.u_m.size
+            for start in range(0, test.u_m.size, length):
+                rows = slice(start, min(start + length, test.u_m.size), self._every)
+                u, v, a, current = test.u_m[rows], test.v_m_s[rows], test.a_m_s2[rows], test.current_A[rows]
+                weight = self._weighting.of(test, index, rows)
+                fixed = self.form.fixed_columns(u, v, a, current) * weight[:, None]
+                yield Piece(fixed, test.force_N[rows] * weight, weight, test, rows)
+
+    def objective(self, shape: FloatArray) -> float:
+        """The least objective at this shape; shape (s,) in the order of the model's `shape_names`."""
+        return self.solve(shape, slope=False).objective
+
+    def solve(self, shape: FloatArray, *, slope: bool = True) -> Inner:
+        """Linear values, objective and, with `slope`, its projected slope at this shape, in one pass."""
+        self.evaluations += 1
+        size = sum(self.form.powers) + (sum(self.form.powers[k] for k in self.form.bends) if slope else 0)
+        cross = np.zeros((size, len(self.form.fixed_names)))
+        right, own = np.zeros(size), np.zeros((size, size))
+        for piece in self.pieces():
+            block = self._block(piece, shape, slope=slope)
+            cross += block.T @ piece.fixed
+            own += block.T @ block
+            right += block.T @ piece.force
+        return self._reduction.solve(cross, right, own, self._bends if slope else ())
+
+    def _block(self, piece: Piece, shape: FloatArray, *, slope: bool) -> FloatArray:
+        """Columns of the yield shapes, then of their slopes, each times the powers of the current."""
+        powers = self.form.powers
+        counts = (*powers, *(powers[k] for k in self.form.bends)) if slope else powers
+        parts = []
+        for column, count in zip(self.form.yielding(piece.source, piece.rows, shape, slope=slope), counts, strict=True):
+            part = column * piece.weight
+            for _ in range(count):
+                parts.append(part)
+                part = part * piece.current_A
+        return np.column_stack(parts)

@@ -1,0 +1,272 @@
+"""Separable fits: global over the few shape parameters of a model, linear in the rest.
+
+Method (no start needed): a grid over the shape on thinned data or one cycle of each test, refined from the best few
+there, then finished on all samples. The grid is what makes it global: from a single start one fit of a tanh model in
+six stops in a false minimum, where the tanh has saturated to sgn(u). What a tanh model's fit returns as the objective
+is summed from the residuals themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from rig.dampers.algebraic import AlgebraicModel, AlgebraicSeparation, TanhModel
+from rig.dampers.arrays import FloatArray
+from rig.dampers.model import DamperModel
+from rig.dampers.separation import MotionScale, Separation
+from rig.errors import IdentificationFailed
+from rig.identification.models.inner_least_squares import Inner
+from rig.identification.models.measurement import Measurement, first_cycle
+from rig.identification.models.projection import Projection, Weighting
+from rig.identification.models.tanh_projection import TanhProjection
+from rig.optimisers.least_squares import Descent, Squares, descend
+
+THINNED_SAMPLES = 2500
+STARTS = 4  # of a tanh model's grid, refined on thinned data
+LOOP_STARTS = 3  # of a loop's grid, refined on one cycle of each test
+TOLERANCE = 1e-9  # share of the objective that a step must promise
+ROUGH = 1e-4  # the same on thinned data, whose minimum is further than that from the one sought
+LOOP_ROUGH, LOOP_FINE = 1e-3, 1e-8  # the same for loops: among starts, at last
+LONGEST_LOGARITHM = 1.5  # step of a shape parameter that is searched by its logarithm
+RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not the best on all data either,
+FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
+AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
+AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+
+
+class GivenUp(IdentificationFailed):
+    """A model was not fitted to the end, because another one describes the tests far better already."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A fitted model.
+
+    Attributes:
+        values: parameter name to SI value, eta left out.
+        objective: equation (12) at the solution, over the samples that count.
+        evaluations: passes over all samples; those over thinned data count by their share.
+        at_bound: names of parameters that would be negative and are held at 0.
+        at_limit: names of parameters at which the search ended at a limit, and that limit in the parameter's unit.
+        extra: square roots of the weights that a robust loss ended with, one array (n,) a test; None without.
+    """
+
+    values: dict[str, float]
+    objective: float
+    evaluations: int
+    at_bound: tuple[str, ...] = ()
+    at_limit: Mapping[str, float] = field(default_factory=dict)
+    extra: tuple[FloatArray, ...] | None = None
+
+
+def motion_scale(measurements: Sequence[Measurement]) -> MotionScale:
+    """What the motion of these tests is like."""
+    return MotionScale(
+        smallest_amplitude_m=min(float(np.ptp(test.u_m)) / 2.0 for test in measurements),
+        top_speed_m_s=max(float(np.max(np.abs(test.v_m_s))) for test in measurements),
+        mean_current_A=float(np.mean([np.mean(test.current_A) for test in measurements])),
+        low_current_A=min(float(np.min(test.current_A)) for test in measurements),
+        high_current_A=max(float(np.max(test.current_A)) for test in measurements),
+        interval_s=min(test.dt_s for test in measurements),
+    )
+
+
+def solve_separable(
+    measurements: Sequence[Measurement],
+    model: AlgebraicModel,
+    weighting: Weighting | None = None,
+    *,
+    held: frozenset[str] = frozenset(),
+    non_negative: frozenset[str] = frozenset({"m"}),
+    start: FloatArray | None = None,
+) -> Solution:
+    """Fit an algebraic model.
+
+    Args:
+        measurements: the tests.
+        model: an algebraic damper model.
+        weighting: which samples count, and how much; all alike by default.
+        held: linear parameters left out, held at zero.
+        non_negative: parameters that must not be negative; one that would be is held at zero.
+        start: shape parameters to start from instead of the grid, shape (s,).
+
+    Returns:
+        The best solution found; `values` in SI by name.
+    """
+    weighting = weighting or Weighting()
+    if not isinstance(model, TanhModel):
+        return _without_shape(measurements, model, weighting, held, non_negative)
+    full, cost = TanhProjection(model, measurements, weighting, without=held), 0.0
+    starts = [] if start is None else [start]
+    if not starts:
+        every = max(1, sum(test.u_m.size for test in measurements) // THINNED_SAMPLES)
+        thin = TanhProjection(model, measurements, weighting, every=every, without=held)
+        top_m_s = max(float(max(np.max(test.v_m_s), -np.min(test.v_m_s))) for test in measurements)
+        starts = _starts(thin, model.start_grid(top_m_s))
+        cost = thin.evaluations / every
+    refined = [refine(full, shape) for shape in starts]
+    shape, inner = min(refined, key=lambda minimum: minimum[1].objective)
+    bound = _negative(full.form, inner, non_negative)
+    if bound:
+        rest = full.without(held | frozenset(bound))
+        shape, inner = refine(rest, shape)
+        cost += rest.evaluations
+    objective = full.plain(shape, inner.linear)
+    limits = limits_met(full.form, shape)
+    evaluations = full.evaluations + int(np.ceil(cost))
+    return Solution(full.form.values(inner.linear, shape), objective, evaluations, bound, limits)
+
+
+def _without_shape(
+    measurements: Sequence[Measurement],
+    model: AlgebraicModel,
+    weighting: Weighting,
+    held: frozenset[str],
+    non_negative: frozenset[str],
+) -> Solution:
+    """A model without shape parameters is one linear least squares."""
+    form, nothing = AlgebraicSeparation(model), np.zeros(0)
+    whole = Projection(form, measurements, weighting, without=held)
+    inner = whole.solve(nothing, slope=False)
+    bound = _negative(form, inner, non_negative)
+    if bound:
+        whole = Projection(form, measurements, weighting, without=held | frozenset(bound))
+        inner = whole.solve(nothing, slope=False)
+    return Solution(form.values(inner.linear, nothing), inner.objective, 1 + bool(bound), bound)
+
+
+def solve_loop(
+    measurements: Sequence[Measurement],
+    model: DamperModel,
+    form: Separation,
+    weighting: Weighting,
+    held: frozenset[str],
+    near: Mapping[str, float] | None = None,
+) -> Solution:
+    """Fit a model with internal states that splits: given its loop's shape, the force is linear in the rest.
+
+    Args:
+        measurements: the tests.
+        model: the damper model.
+        form: how it splits.
+        weighting: which samples count, and how much.
+        held: linear parameters left out, held at zero.
+        near: values to start from instead of the form's starts.
+    """
+    without = form.held_here(held)
+    single = [first_cycle(test) for test in measurements]
+    short = Projection(form, single, weighting, without=without)
+    if near is None:
+        order = np.argsort([short.objective(shape) for shape in form.starts])[:LOOP_STARTS]
+        starts = [form.starts[k] for k in order]
+    else:
+        starts = [form.shape_of(near)]
+    refined = [refine(short, shape, LOOP_ROUGH) for shape in starts]
+    start = min(refined, key=lambda minimum: minimum[1].objective)[0]
+    full = Projection(form, measurements, weighting, without=without)
+    shape, inner = refine(full, start, LOOP_FINE)
+    share = sum(test.u_m.size for test in single) / sum(test.u_m.size for test in measurements)
+    evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
+    values = form.values(inner.linear, shape)
+    return Solution(values, inner.objective, evaluations, at_limit=limits_met(form, shape))
+
+
+def limits_met(form: Separation, shape: FloatArray) -> dict[str, float]:
+    """The shape parameters that lie at a limit of their search, by the model's names, with that limit.
+
+    Args:
+        form: the model, split.
+        shape: where the search ended, shape (s,).
+    """
+    met = {}
+    for name, value, ends in zip(form.shape_names, shape.tolist(), form.limits.tolist(), strict=True):
+        for end in ends:
+            if math.isfinite(end) and abs(value - end) <= AT_LIMIT * abs(end):
+                met[name] = end
+    return form.at_limit(met)
+
+
+def _negative(form: Separation, inner: Inner, non_negative: frozenset[str]) -> tuple[str, ...]:
+    """Names of the linear values that are negative and must not be."""
+    pairs = zip((*form.fixed_names, *form.yield_names), inner.linear, strict=True)
+    return tuple(name for name, value in pairs if name in non_negative and value < 0.0)
+
+
+def _starts(thin: TanhProjection, grid: FloatArray) -> list[FloatArray]:
+    """The best minimum of the thinned data, and the next one where those data do not rule it out."""
+    refined = [refine(thin, shape, ROUGH) for shape in _best_of_grid(thin, grid)]
+    (best, inner), *others = sorted(refined, key=lambda minimum: minimum[1].objective)
+    possible = RULED_OUT * inner.objective + FEW_DECIDE * thin.power
+    for shape, rival in others:
+        if rival.objective <= possible and not np.allclose(shape, best, rtol=0.1, atol=1e-3):
+            return [best, shape]
+    return [best]
+
+
+def _best_of_grid(thin: TanhProjection, grid: FloatArray) -> list[FloatArray]:
+    """The best local minima of a grid (b, w, 2) over steepness and loop width."""
+    values = thin.objectives(grid.reshape(-1, 2)).reshape(grid.shape[:2])
+    padded = np.pad(values, 1, constant_values=np.inf)
+    neighbours = np.min(
+        [padded[1 + i : padded.shape[0] - 1 + i, 1 + j : padded.shape[1] - 1 + j] for i, j in AROUND], axis=0
+    )
+    minima = np.argwhere(values <= neighbours)
+    order = np.argsort(values[tuple(minima.T)])[:STARTS]
+    return [grid[tuple(minima[k])] for k in order]
+
+
+class Projected(Protocol):
+    """An objective as a function of the shape alone, the linear parameters solved for."""
+
+    @property
+    def form(self) -> Separation:
+        """The model, split."""
+
+    def solve(self, shape: FloatArray, *, slope: bool = True) -> Inner:
+        """The inner solution at a shape (s,), with its projected slope."""
+
+
+class _ShapeSquares(Squares):
+    """The projected sum of squares: one pass gives value and slopes; positive shapes move by their logarithms."""
+
+    def __init__(self, projection: Projected) -> None:
+        self._projection = projection
+        self.logarithmic, self._limits = np.array(projection.form.logarithmic, dtype=bool), projection.form.limits
+        self._last: Inner | None = None
+        self.taken: Inner | None = None
+
+    def value(self, theta: FloatArray) -> float:
+        """See `Squares.value`."""
+        self._last = self._projection.solve(theta)
+        return self._last.objective
+
+    def slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Squares.slopes`."""
+        self.taken = inner = self._last or self._projection.solve(theta)
+        chain = np.where(self.logarithmic, theta, 1.0)
+        return inner.curvature * (chain[:, None] * chain), inner.gradient * chain
+
+    def moved(self, theta: FloatArray, step: FloatArray) -> FloatArray:
+        """See `Squares.moved`."""
+        trial = theta + step
+        trial[self.logarithmic] = theta[self.logarithmic] * np.exp(step[self.logarithmic])
+        return np.asarray(np.minimum(np.maximum(trial, self._limits[:, 0]), self._limits[:, 1]))
+
+
+def refine(projection: Projected, start: FloatArray, tolerance: float = TOLERANCE) -> tuple[FloatArray, Inner]:
+    """Descend on the projected objective; the shape (s,) it ends at, and the inner solution there.
+
+    Args:
+        projection: the objective as a function of the shape.
+        start: shape parameters, shape (s,).
+        tolerance: it ends when a step promises less than this share of the objective.
+    """
+    squares = _ShapeSquares(projection)
+    longest = np.where(squares.logarithmic, LONGEST_LOGARITHM, np.inf)
+    shape, _ = descend(squares, start, Descent(tolerance, longest=longest))
+    return shape, squares.taken or projection.solve(shape)

@@ -1,0 +1,249 @@
+"""One model fitted to measurements by a named method: values and their cost, nothing judged yet.
+
+Huber's loss (1964): rho(r) = r^2 / 2 up to a limit k, k |r| - k^2 / 2 beyond; k is `HUBER` standard deviations, which
+each test's median absolute residual gives. Solved by reweighting: samples beyond k have weight k / |r|. Outliers count
+less in the fit, and not at all when it is judged whether the model fits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.dampers import MODELS
+from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.arrays import FloatArray
+from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.models.problem import FixedParameters, Problem
+from rig.identification.models.projection import Weighting
+from rig.identification.models.separable import Solution, motion_scale, solve_loop, solve_separable
+from rig.identification.models.undetermined import Undetermined
+
+if TYPE_CHECKING:  # it loads logging and threads, which a fit does not need
+    from concurrent.futures import Executor
+
+SEPARABLE = "separable"
+SQUARES = "squares"
+LOSSES = (SQUARES, "huber")
+THREE_STEPS = "zhu_three_step"
+GUARD_S = 1e-3
+ROBUST_ROUNDS = 8
+
+
+@dataclass(frozen=True)
+class Method:
+    """How to fit.
+
+    Attributes:
+        name: "separable", one of the papers' algorithms, or "zhu_three_step".
+        weight: "1", "v", or None for the method's own (the papers' algorithms: v; the others: 1).
+        loss: "squares", or "huber" (separable fits of models without internal states only).
+        budget: evaluations of equation (12) for the papers' algorithms.
+        population: candidates a generation.
+        seed: of every random draw.
+        callback: called with the progress after each generation.
+        executor: evaluates parts of populations.
+        chunks: parts a population is cut into for the executor; None: one for each processor of this machine.
+
+    Raises:
+        IdentificationFailed: an unknown weight or loss.
+    """
+
+    name: str = SEPARABLE
+    weight: str | None = None
+    loss: str = SQUARES
+    budget: int = 16_000
+    population: int = 50
+    seed: int = 0
+    callback: Callable[[Any], bool | None] | None = None
+    executor: Executor | None = None
+    chunks: int | None = None
+
+    def __post_init__(self) -> None:
+        for setting, value, known in (("weight", self.weight, (None, "1", "v")), ("loss", self.loss, LOSSES)):
+            if value not in known:
+                raise IdentificationFailed(f"method: {setting} = {value!r}; known: {', '.join(map(repr, known))}")
+
+    def weighting(self, model: DamperModel) -> Weighting:
+        """Which samples count for a model, and how much; those at its jumps do not."""
+        weight = self.weight or ("1" if self.name in {SEPARABLE, THREE_STEPS} else "v")
+        guard_s = GUARD_S if self.name == SEPARABLE else 0.0
+        return Weighting(
+            "v" if weight == "v" else "1",
+            guard_s if model.jumps_at == "mid-stroke" else 0.0,
+            guard_s if model.jumps_at == "reversal" else 0.0,
+        )
+
+
+def known_methods() -> tuple[str, ...]:
+    """Names of all methods."""
+    from rig.optimisers import METHODS
+
+    return (SEPARABLE, *METHODS, THREE_STEPS)
+
+
+def solve(
+    model: DamperModel,
+    measurements: Sequence[Measurement],
+    method: Method,
+    findings: Undetermined,
+    start: Mapping[str, float] | None = None,
+    rival_N: float = math.inf,
+) -> Solution:
+    """Fit one model.
+
+    Args:
+        model: the damper model.
+        measurements: the tests.
+        method: how.
+        findings: parameters the tests cannot determine are held, at zero or where the findings fix them.
+        start: values of a fit to nearly the same tests; `separable` then needs no global search.
+        rival_N: root mean square error of another model on the same tests (N).
+
+    Raises:
+        IdentificationFailed: the method is unknown, has not this loss for this model, or found nothing.
+        GivenUp: the rival is so much better that the model was not fitted to the end.
+    """
+    if method.loss != SQUARES and not (method.name == SEPARABLE and isinstance(model, AlgebraicModel)):
+        having = ", ".join(name for name, other in MODELS.items() if other.states == 0)
+        raise IdentificationFailed(
+            f"{model.name} by {method.name} has no loss {method.loss!r}, only {SQUARES!r}; separable fits of "
+            f"models without internal states ({having}) have it"
+        )
+    if method.name == SEPARABLE:
+        if isinstance(model, AlgebraicModel):
+            return _separable(model, measurements, method, frozenset(findings.held), start)
+        return _with_states(model, measurements, method, frozenset(findings.held), start, rival_N)
+    if method.name == THREE_STEPS:
+        from rig.identification.models.three_steps import solve_three_steps
+
+        return solve_three_steps(model, measurements, method.weighting(model), frozenset(findings.held))
+    if method.name not in known_methods():
+        raise IdentificationFailed(f"unknown method {method.name!r}; known: {', '.join(known_methods())}")
+    return _search(model, measurements, method, findings)
+
+
+def _separable(
+    model: AlgebraicModel,
+    measurements: Sequence[Measurement],
+    method: Method,
+    held: frozenset[str],
+    near: Mapping[str, float] | None,
+) -> Solution:
+    weighting = method.weighting(model)
+    shape = None if near is None else np.array([near[name] for name in model.shape_names])
+    solution = solve_separable(measurements, model, weighting, held=held, start=shape)
+    if method.loss == SQUARES:
+        return solution
+    evaluations = solution.evaluations
+    for _ in range(ROBUST_ROUNDS):
+        weighting = replace(weighting, extra=huber_weights(model, solution.values, measurements))
+        start = np.array([solution.values[name] for name in model.shape_names])
+        previous, solution = solution, solve_separable(measurements, model, weighting, held=held, start=start)
+        evaluations += solution.evaluations
+        moved = max(
+            abs(solution.values[name] - previous.values[name]) / (abs(previous.values[name]) + 1e-9)
+            for name in solution.values
+        )
+        if moved < 1e-6:
+            break
+    return replace(solution, evaluations=evaluations, extra=weighting.extra)
+
+
+def _with_states(
+    model: DamperModel,
+    measurements: Sequence[Measurement],
+    method: Method,
+    held: frozenset[str],
+    near: Mapping[str, float] | None,
+    rival_N: float,
+) -> Solution:
+    """The models with internal states: those that split, and those that do not."""
+    form = model.separation(motion_scale(measurements))
+    if form is not None:
+        return solve_loop(measurements, model, form, method.weighting(model), held, near)
+    from rig.identification.models.state_search import solve_states
+
+    return solve_states(measurements, model, method.weighting(model), held, near, rival_N)
+
+
+def _search(
+    model: DamperModel, measurements: Sequence[Measurement], method: Method, findings: Undetermined
+) -> Solution:
+    """One of the papers' algorithms on equation (12), within the bounds of the parameters that are not held.
+
+    Raises:
+        IdentificationFailed: no candidate gave a finite force.
+    """
+    from rig.optimisers import minimise
+
+    problem = Problem(measurements, model, method.weighting(model).weight)
+    held = dict.fromkeys(findings.held, 0.0) | {name: model.parameter(name).start for name in findings.fixed}
+    objective = FixedParameters(problem, held)
+    result = minimise(
+        objective,
+        method=method.name,
+        start=objective.start,
+        bounds=objective.bounds,
+        population=method.population,
+        budget=method.budget,
+        seed=method.seed,
+        callback=method.callback,
+        executor=method.executor,
+        chunks=method.chunks,
+    )
+    if not np.isfinite(result.value):
+        raise IdentificationFailed(
+            f"{method.name} found no candidate with a finite force within {method.budget} evaluations"
+        )
+    return Solution(problem.values(objective.whole(result.best[None, :])[0]), float(result.value), result.evaluations)
+
+
+HUBER = 1.345  # standard deviations beyond which the loss grows linearly; 95 % efficient on normal noise
+OUTLIER = 4.0  # standard deviations beyond which a sample is no noise
+MEDIAN_OF_NORMAL = 0.6744897501960817  # median absolute value of standard normal noise
+
+
+def huber_weights(
+    model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]
+) -> tuple[FloatArray, ...]:
+    """Square roots of Huber's weights, one array (n,) a test; 1 within the limit.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    weights = []
+    for test in measurements:
+        error, deviation = _error_and_deviation_N(model, values, test)
+        weights.append(np.sqrt(np.minimum(1.0, HUBER * deviation / np.maximum(error, 1e-300))))
+    return tuple(weights)
+
+
+def without_outliers(
+    model: DamperModel, values: Mapping[str, float], measurements: Sequence[Measurement]
+) -> list[Measurement]:
+    """The tests with their outliers marked as samples that carry no measured force.
+
+    Raises:
+        KeyError: a parameter is missing.
+    """
+    kept = []
+    for test in measurements:
+        error, deviation = _error_and_deviation_N(model, values, test)
+        kept.append(replace(test, usable=test.scored & (error <= OUTLIER * deviation)))
+    return kept
+
+
+def _error_and_deviation_N(
+    model: DamperModel, values: Mapping[str, float], test: Measurement
+) -> tuple[FloatArray, float]:
+    """Absolute residual (n,), and its standard deviation but for outliers."""
+    error: FloatArray = np.abs(test.force_N - modelled_force(model, values, test))
+    return error, float(np.median(error[test.scored])) / MEDIAN_OF_NORMAL

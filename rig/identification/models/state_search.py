@@ -1,0 +1,182 @@
+"""Fit of the models with internal states that do not split: all parameters at once, sensitivities by differences.
+
+Started from what the model proposes, which may be the solution of a simpler model that it contains as a limit. Starts
+compete on one cycle of each test; the best is finished on all samples where it comes near the noise.
+
+The search is bounded by evaluations, on one cycle of each test of at most `SEARCHED` samples, and no state may be
+faster than the integration can follow; so its work is bounded whatever the data are, and the same on any machine.
+Beside a rival that fits twice as well it is given up after the starts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rig.dampers import model as damper_model
+from rig.dampers.algebraic import AlgebraicModel
+from rig.dampers.arrays import FloatArray
+from rig.dampers.kernel import force_series
+from rig.dampers.model import DamperModel
+from rig.dampers.separation import Search, Unknowns
+from rig.identification.models.measurement import Measurement, first_cycle, spaced
+from rig.identification.models.projection import Weighting
+from rig.identification.models.separable import GivenUp, Solution, motion_scale, solve_loop, solve_separable
+from rig.identification.words import say
+from rig.optimisers.least_squares import Descent, Squares, descend
+
+DIFFERENCE = 1e-4
+ITERATIONS, FIRST_ITERATIONS, LAST_ITERATIONS = 40, 15, 15
+TOLERANCE, ROUGH = 1e-7, 1e-5  # share of the objective that a step must promise: on all samples, while searching
+MOST_EVALUATIONS = 700  # of the search, on its few samples
+SEARCHED = 125  # samples of a cycle that the search sees
+HOPELESS = 2.0  # times a rival's root mean square error, after the starts
+LONGEST_LOGARITHM = 1.0
+DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
+FLOOR = 1e-12  # of the largest curvature, below which an unknown counts as without effect
+
+
+class StateSquares(Squares):
+    """The weighted sum of squares over some tests; `noise_power` is what the tests' scatter leaves."""
+
+    def __init__(
+        self, search: Search, unknowns: Unknowns, measurements: Sequence[Measurement], weighting: Weighting
+    ) -> None:
+        self._search, self._unknowns = search, unknowns
+        self._data = [(test, weighting.of(test, index)) for index, test in enumerate(measurements)]
+        self._scale = motion_scale(measurements)
+        noise_N = [0.0 if np.isnan(test.noise_N) else test.noise_N for test in measurements]
+        self.noise_power = sum(n**2 * float(w @ w) for n, (_, w) in zip(noise_N, self._data, strict=True)) or np.inf
+        self.evaluations = 0
+        self.budget = MOST_EVALUATIONS
+        self.counting = sum(int(np.count_nonzero(w)) for _, w in self._data)
+
+    def value(self, theta: FloatArray) -> float:
+        """See `Squares.value`."""
+        self.evaluations += 1
+        vector, total = self._unknowns.vector(theta), 0.0
+        for test, weight in self._data:
+            residual = (test.force_N - self._force(vector, test)) * weight
+            total += float(residual @ residual)
+        return total if np.isfinite(total) else np.inf
+
+    def slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Squares.slopes`; by forward differences."""
+        size = theta.size
+        self.evaluations += size + 1
+        curvature, gradient = np.zeros((size, size)), np.zeros(size)
+        vectors = [self._unknowns.vector(theta + DIFFERENCE * row) for row in np.eye(size)]
+        centre = self._unknowns.vector(theta)
+        for test, weight in self._data:
+            force = self._force(centre, test)
+            moved = [(self._force(vector, test) - force) * (weight / DIFFERENCE) for vector in vectors]
+            jacobian = np.column_stack(moved)
+            curvature += jacobian.T @ jacobian
+            gradient += jacobian.T @ ((test.force_N - force) * weight)
+        return curvature, gradient
+
+    def admissible(self, theta: FloatArray) -> bool:
+        """See `Squares.admissible`."""
+        names = self._unknowns.model.names
+        values: dict[str, float] = dict(zip(names, self._unknowns.vector(theta).tolist(), strict=True))
+        return self._search.admissible(values, self._scale)
+
+    @property
+    def spent(self) -> bool:
+        """See `Squares.spent`."""
+        return self.evaluations >= self.budget
+
+    def _force(self, vector: FloatArray, test: Measurement) -> FloatArray:
+        model, motion = self._unknowns.model, (test.u_m, test.v_m_s, test.a_m_s2, test.current_A)
+        state = model.initial_state(float(test.u_m[0]))
+        return force_series(model, vector, state, *motion, test.dt_s, test.samples_per_cycle)
+
+    def minimise(
+        self, theta: FloatArray, iterations: int, tolerance: float = TOLERANCE, budget: int = MOST_EVALUATIONS
+    ) -> tuple[FloatArray, float]:
+        """Descend from `theta`; the best unknowns and their objective.
+
+        Args:
+            theta: where to start, shape (k,).
+            iterations: at most so many.
+            tolerance: it ends when a step promises less than this share of the objective,
+            budget: or when so many evaluations were made, those before included.
+        """
+        self.budget = budget
+        longest = np.where(self._unknowns.logarithmic, LONGEST_LOGARITHM, np.inf)
+        return descend(self, theta, Descent(tolerance, iterations=iterations, floor=FLOOR, longest=longest))
+
+
+def solve_states(
+    measurements: Sequence[Measurement],
+    model: DamperModel,
+    weighting: Weighting,
+    held: frozenset[str],
+    start: Mapping[str, float] | None = None,
+    rival_N: float = math.inf,
+) -> Solution:
+    """Fit a model with internal states that does not split.
+
+    Args:
+        measurements: the tests.
+        model: the damper model.
+        weighting: which samples count, and how much.
+        held: parameters left out, held at zero.
+        start: values to start from instead of those the model proposes.
+        rival_N: root mean square error of another model on the same tests (N).
+
+    Raises:
+        GivenUp: the rival is so much better that nothing more is tried.
+    """
+    search = model.search()
+    single = [first_cycle(test) for test in measurements]
+    if start is None:
+        starts = search.starts(_simpler_values(search, single, weighting, held), motion_scale(measurements))
+    else:
+        starts = [search.named(start)]
+    unknowns = search.unknowns(starts[0], held)
+    short = StateSquares(search, unknowns, [spaced(test, SEARCHED) for test in single], weighting)
+    full = StateSquares(search, unknowns, measurements, weighting)
+    families = [starts[k : k + search.family] for k in range(0, len(starts), search.family)]
+    thetas = [min((unknowns.theta(values) for values in family), key=short.value) for family in families]
+    share = short.counting / max(1, full.counting)
+    part = MOST_EVALUATIONS // (2 * len(thetas))
+    tried = [short.minimise(theta, FIRST_ITERATIONS, ROUGH, short.evaluations + part) for theta in thetas]
+    best = min(tried, key=lambda minimum: minimum[1])
+    reached_N = math.sqrt(best[1] / max(1, short.counting))
+    if reached_N > HOPELESS * rival_N:
+        raise GivenUp(
+            say(
+                "given-up", model=model.name, evaluations=short.evaluations, reached_N=reached_N,
+                times=reached_N / rival_N, rival_N=rival_N,
+            )
+        )  # fmt: skip
+    theta, left = short.minimise(best[0], ITERATIONS, ROUGH)
+    finish = LAST_ITERATIONS if start is None and left <= DESCRIBED * short.noise_power else 0
+    theta, objective = full.minimise(theta, finish) if finish else (theta, full.value(theta))
+    values = dict(zip(model.names, unknowns.vector(theta).tolist(), strict=True))
+    evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
+    known = {name: value for name, value in values.items() if name != "eta"}
+    return Solution(known, objective, evaluations, at_limit=search.at_limit(unknowns, theta))
+
+
+def _simpler_values(
+    search: Search, single: Sequence[Measurement], weighting: Weighting, held: frozenset[str]
+) -> dict[str, float]:
+    """The fitted values of the simpler model that gives the starts; none without one.
+
+    Raises:
+        TypeError: the simpler model does not split.
+    """
+    if not search.simpler:
+        return {}
+    simpler = damper_model(search.simpler)
+    without = frozenset(search.simpler_names[name] for name in held if name in search.simpler_names)
+    if isinstance(simpler, AlgebraicModel):
+        return solve_separable(single, simpler, weighting, held=without).values
+    form = simpler.separation(motion_scale(single))
+    if form is None:
+        raise TypeError(f"{simpler.name}, from which {search.model.name} is started, does not split")
+    return solve_loop(single, simpler, form, weighting, without).values

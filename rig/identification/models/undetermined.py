@@ -1,0 +1,145 @@
+"""What a set of tests cannot determine, whatever their noise: decided from the tests, before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rig.dampers.model import DamperModel
+from rig.identification.models.coil import needs_lag
+from rig.identification.models.measurement import Measurement, cycle_times_s
+from rig.identification.words import Saying, say
+
+SAME_CURRENT_A = 0.03
+SAME_FREQUENCY = 0.02  # relative difference of the longest and the shortest cycle up to which there is one frequency
+ALMOST_SINE = 0.1  # the same at one frequency, where only harmonics tell them apart (a rounded triangle: 0.8)
+PROPORTIONAL = 1e-4  # share of the acceleration that displacement does not explain, below which m and K are one
+ONE_SPEED = 2e-3  # share of the velocity that its sign does not explain, below which C and Fy are one
+
+
+@dataclass
+class Undetermined:
+    """What the tests cannot determine.
+
+    Attributes:
+        held: parameters left out of the fit, held at zero.
+        fixed: parameters left out of the fit, held at their start, each with those whose values are for this choice.
+        reasons: for every parameter that cannot be identified, why, and what test would help.
+    """
+
+    held: set[str] = field(default_factory=set)
+    fixed: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    reasons: dict[str, Saying] = field(default_factory=dict)
+
+    def free(self, names: Iterable[str]) -> list[str]:
+        """Those of `names` that a fit determines: neither held nor fixed."""
+        return [name for name in names if name not in self.held and name not in self.fixed]
+
+
+def examine(model: DamperModel, measurements: Sequence[Measurement]) -> Undetermined:
+    """What the set of tests leaves undetermined, whatever their noise."""
+    untold = Undetermined()
+    if not needs_lag(measurements) and "eta" in model.names:
+        untold.reasons["eta"] = say("no-current-step", name="eta")
+    _scale(model, untold)
+    _current(model, measurements, untold)
+    _inertia(model, measurements, untold)
+    _speed(model, measurements, untold)
+    for name in untold.held:
+        untold.reasons[name] = say("held", name=name, reason=untold.reasons[name])
+    return untold
+
+
+def _scale(model: DamperModel, untold: Undetermined) -> None:
+    """A parameter that only scales others: they are known for one choice of it only."""
+    for by, scaled in model.redundant.items():
+        untold.fixed[by] = scaled
+        for name in (by, *scaled):
+            value = model.parameter(by).start
+            untold.reasons[name] = say("redundant", name=name, by=by, scaled=", ".join(scaled), value=value)
+
+
+def _current(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:
+    low = min(float(np.min(test.current_A)) for test in measurements)
+    high = max(float(np.max(test.current_A)) for test in measurements)
+    levels = _levels([float(np.mean(test.current_A)) for test in measurements])
+    for parameter in model.parameters:
+        needed = parameter.power + 1
+        if parameter.power > 1 and levels < needed:
+            untold.held.add(parameter.name)
+            untold.reasons[parameter.name] = say("few-currents", name=parameter.name, needed=needed, levels=levels)
+    if high - low > SAME_CURRENT_A:
+        return
+    mean_A = 0.5 * (low + high)
+    for parameter in model.parameters:
+        name, base = parameter.name, parameter.at_zero
+        if parameter.power != 1:
+            continue
+        untold.held.add(name)
+        if abs(mean_A) <= SAME_CURRENT_A:
+            untold.reasons[name] = say("no-current", name=name)
+            continue
+        untold.reasons[name] = say("one-current", name=name, base=base, mean_A=mean_A)
+        untold.reasons[base] = say("sum-at-one-current", name=name, base=base, mean_A=mean_A)
+
+
+def _levels(currents_A: Sequence[float]) -> int:
+    """How many of the currents differ."""
+    ordered = np.sort(currents_A)
+    return 1 + int(np.count_nonzero(np.diff(ordered) > SAME_CURRENT_A))
+
+
+def _inertia(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:
+    stiffness = model.of_term("stiffness")
+    if not model.of_term("inertia") or not stiffness:
+        return
+    one = _one_frequency(measurements)
+    proportional = _unlike(measurements) <= (ALMOST_SINE if one else PROPORTIONAL)
+    if not proportional and not one:
+        return
+    if not proportional:
+        untold.reasons["m"] = say("harmonics-only", name="m", stiffness=stiffness[0])
+        return
+    untold.reasons["m"] = say("one-frequency", name="m", stiffness=stiffness[0])
+    untold.held.add("m")
+    untold.reasons[stiffness[0]] = say("difference-at-one-frequency", name=stiffness[0], stiffness=stiffness[0])
+
+
+def _one_frequency(measurements: Sequence[Measurement]) -> bool:
+    """Whether all cycles last as long.
+
+    A second harmonic of the motion, or the corners of a triangle, would tell inertia and stiffness apart in a perfect
+    recording; their acceleration is known far too badly for that. A test of which a single cycle is left shows no two
+    crossings; its cycle lasts as long as it does.
+    """
+    lasting = [
+        np.quantile(times_s if times_s.size else [test.samples_per_cycle * test.dt_s], (0.05, 0.95))
+        for test, times_s in ((test, cycle_times_s(test)) for test in measurements)
+        if times_s.size or test.samples_per_cycle > 0
+    ]
+    if not lasting:
+        return False
+    return bool(max(high for _, high in lasting) <= (1.0 + SAME_FREQUENCY) * min(low for low, _ in lasting))
+
+
+def _unlike(measurements: Sequence[Measurement]) -> float:
+    """Share of the acceleration that displacement does not explain; 1 where either is missing."""
+    cross = sum(float(test.a_m_s2 @ test.u_m) for test in measurements)
+    power_a = sum(float(test.a_m_s2 @ test.a_m_s2) for test in measurements)
+    power_u = sum(float(test.u_m @ test.u_m) for test in measurements)
+    return 1.0 - cross * cross / (power_a * power_u) if power_a > 0.0 and power_u > 0.0 else 1.0
+
+
+def _speed(model: DamperModel, measurements: Sequence[Measurement], untold: Undetermined) -> None:
+    viscous, yielding = model.of_term("viscous"), model.of_term("yield")
+    if not viscous or not yielding or model.speeds_tell_yield:
+        return
+    speed = sum(float(np.sum(np.abs(test.v_m_s))) for test in measurements)
+    power = sum(float(test.v_m_s @ test.v_m_s) for test in measurements)
+    count = sum(test.v_m_s.size for test in measurements)
+    if power <= 0.0 or 1.0 - speed * speed / (power * count) > ONE_SPEED:
+        return
+    for name in (*viscous, *yielding):
+        untold.reasons.setdefault(name, say("one-speed", name=name))

@@ -1,0 +1,156 @@
+"""Do these tests belong together: signs, one damper in one condition, held-out tests that the fit has not seen."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rig.dampers.arrays import FloatArray
+from rig.errors import IdentificationFailed
+from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.words import Saying, say, some
+from rig.recording.run import RecordedPoint
+
+REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
+PHASES = 64
+SAME_MOTION = 0.02  # relative difference of amplitude and frequency within which two tests are the same
+SAME_CURRENT_A = 0.03
+DIFFERENT_OF_PEAK = 0.1  # of two tests alike: more is more than a real damper changes from cycle to cycle
+DIFFERENT_OF_NOISE = 2.0
+APART_OF_TOGETHER = 0.5  # error of fits apart over that of one fit, below which the runs hold different dampers
+
+
+def refuse_seen(fitted: Sequence[RecordedPoint | Measurement], held_out: Sequence[RecordedPoint | Measurement]) -> None:
+    """Refuse held-out tests that are fitted too.
+
+    Raises:
+        IdentificationFailed: a recording is on both sides; the message names them.
+    """
+    seen = {_fingerprint(test) for test in fitted}
+    twice = [test.id for test in held_out if _fingerprint(test) in seen]
+    if twice:
+        raise IdentificationFailed(
+            f"{len(twice)} held-out test(s) are fitted too ({some(twice)}): errors on them say nothing about tests "
+            "the fit has not seen; hold out another run, or part of this one by a filter such as frequency_Hz=2"
+        )
+
+
+def refuse_twice(fitted: Sequence[RecordedPoint | Measurement]) -> None:
+    """Refuse recordings that are given twice: noise that comes twice would count as half of it.
+
+    Raises:
+        IdentificationFailed: two tests hold the same recorded force; the message names them.
+    """
+    first: dict[bytes, str] = {}
+    twice = []
+    for test in fitted:
+        mark = _fingerprint(test)
+        if mark in first:
+            twice.append(f"{first[mark]} and {test.id}")
+        first.setdefault(mark, test.id)
+    if twice:
+        raise IdentificationFailed(
+            f"{len(twice)} recording(s) are given twice ({some(twice)} hold the same force, sample by sample): a "
+            "second copy would narrow every interval and tell nothing new; give each run once"
+        )
+
+
+def _fingerprint(test: RecordedPoint | Measurement) -> bytes:
+    force = test.force_N if isinstance(test, Measurement) else test.force_samples.force_N
+    return hashlib.sha256(np.ascontiguousarray(force).data).digest()
+
+
+def refuse_reversed_signs(measurements: Sequence[Measurement]) -> None:
+    """Refuse tests whose measured force drives the motion instead of resisting it.
+
+    Raises:
+        IdentificationFailed: most of the tests put energy in.
+    """
+    reversed_ids = []
+    for test in measurements:
+        scored = test.scored
+        mean_N, done, size = float(np.mean(test.force_N, where=scored)), 0.0, 0.0
+        for rows in test.pieces():
+            work = np.where(scored[rows], (test.force_N[rows] - mean_N) * test.v_m_s[rows], 0.0)
+            done += float(np.sum(work))
+            size += float(np.sum(np.abs(work)))
+        if done < REVERSED * size:
+            reversed_ids.append(test.id)
+    if 2 * len(reversed_ids) > len(measurements):
+        raise IdentificationFailed(
+            f"{some(reversed_ids)}: the measured force drives the motion instead of resisting it: the sign of "
+            "force or displacement is reversed, or their columns are exchanged (displacement is extension, and a "
+            "positive force resists extension)"
+        )
+
+
+def contradictions(measurements: Sequence[Measurement]) -> list[Saying]:
+    """A warning when tests of the same motion and current measured different forces."""
+    loops = [_loop(test) for test in measurements]
+    differing = []
+    for one, other in itertools.combinations(range(len(measurements)), 2):
+        first, second = measurements[one], measurements[other]
+        if not _alike(first, second):
+            continue
+        difference = float(np.sqrt(np.mean((loops[one] - loops[other]) ** 2)))
+        noise = max((x for x in (first.noise_N, second.noise_N) if not np.isnan(x)), default=0.0)
+        peak = max(first.peak_force_N, second.peak_force_N)
+        if difference > max(DIFFERENT_OF_PEAK * peak, DIFFERENT_OF_NOISE * noise):
+            differing.append(f"{_name(first)} and {_name(second)} by {100.0 * difference / peak:.0f} % of peak")
+    return [say("contradiction", pairs=some(differing))] if differing else []
+
+
+def runs_apart(
+    measurements: Sequence[Measurement], together_N: float, error_of: Callable[[list[Measurement]], float]
+) -> list[Saying]:
+    """A warning when the runs, each fitted apart, are described much better than all of them by one fit.
+
+    Args:
+        measurements: the tests of all runs.
+        together_N: root mean square error of one fit to all (N).
+        error_of: the same of a fit to some of them (N).
+    """
+    runs: dict[Path, list[Measurement]] = {}
+    for test in measurements:
+        runs.setdefault(Path(test.file).parent, []).append(test)
+    if len(runs) < 2:
+        return []
+    samples = {run: sum(int(np.count_nonzero(test.scored)) for test in tests) for run, tests in runs.items()}
+    total = sum(samples[run] * error_of(tests) ** 2 for run, tests in runs.items())
+    apart_N = float(np.sqrt(total / sum(samples.values())))
+    if apart_N > APART_OF_TOGETHER * together_N:
+        return []
+    return [say("runs-apart", count=len(runs), apart_N=apart_N, together_N=together_N)]
+
+
+def _alike(first: Measurement, second: Measurement) -> bool:
+    if abs(float(np.mean(first.current_A)) - float(np.mean(second.current_A))) > SAME_CURRENT_A:
+        return False
+    if max(float(np.ptp(test.current_A)) for test in (first, second)) > SAME_CURRENT_A:
+        return False
+    sizes = [(float(np.ptp(test.u_m)), samples_a_cycle(test.u_m) * test.dt_s) for test in (first, second)]
+    same = all(abs(a - b) <= SAME_MOTION * max(a, b) for a, b in zip(*sizes, strict=True))
+    return same and first.waveform == second.waveform
+
+
+def _loop(test: Measurement) -> FloatArray:
+    """Mean force (N) at `PHASES` equal steps of the cycle, shape (PHASES,)."""
+    about_mean = test.u_m - float(np.mean(test.u_m))
+    rising = np.flatnonzero((about_mean[:-1] < 0.0) & (about_mean[1:] >= 0.0))
+    start = float(rising[0]) if rising.size else 0.0
+    phase = ((np.arange(test.u_m.size) - start) / samples_a_cycle(test.u_m)) % 1.0
+    scored = test.scored
+    bins = (phase[scored] * PHASES).astype(np.int64) % PHASES
+    count = np.bincount(bins, minlength=PHASES)
+    total = np.bincount(bins, weights=test.force_N[scored], minlength=PHASES)
+    there = count > 0
+    mean = total[there] / count[there]
+    return np.interp(np.arange(PHASES), np.flatnonzero(there), mean, period=PHASES)
+
+
+def _name(test: Measurement) -> str:
+    return f"{test.id} of {Path(test.file).parent.parent.name}" if test.file else test.id

@@ -1,0 +1,350 @@
+"""From a recorded point to a measurement: kept cycles, motion without noise, force as it was measured.
+
+The motion comes from a harmonic fit over the kept cycles, evaluated at the force's own sample times, so the force is
+neither interpolated nor filtered and its noise stays white. The position is referred to mid-stroke: the specimen's,
+where the point knows it, else the measured mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from protocols.quality import Quality
+from rig.dampers.arrays import BoolArray, FloatArray
+from rig.errors import IdentificationFailed, RigError
+from rig.identification.models.coil import LEAST_STEP_A
+from rig.identification.models.measurement import Measurement, MotionError
+from rig.identification.points.faint_orders import FAINT_ORDERS, expected
+from rig.identification.words import Saying, say, some
+from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
+from rig.recording.differentiation import Motion, harmonic, savitzky_golay, with_orders
+from rig.recording.loop_shape import noise_of
+from rig.recording.run import RecordedPoint
+from rig.recording.skew_pooling import PointSkew, pooled_skews
+from rig.recording.spectral_lines import coefficient_errors, quantisation_step
+
+BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER | Quality.SPIKE
+FEWEST_SAMPLES = 50
+STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its mean is better than its samples
+LARGEST_MISSING_SHARE = 0.2
+MEDIAN_OF_NORMAL = 0.6744897501960817  # median of |x| of a standard normal x
+LOW_ORDERS = 7  # of the motion's series that are always in it
+MOST_FOR_FAINT = 40_000  # samples of a test, whose noise more of them average so far that the orders stand out
+HIGHEST_OF_RATE = 0.4  # frequency of the highest, as a share of the displacement's sampling rate
+SATURATED_OF_NEXT = 4.0  # samples at the extreme value over those one step from it: a smooth top has at most 2.5 times
+SATURATED_RUN = 5  # equal extreme values in a row that mean that the force stood at the end of its range
+
+
+Skews = Mapping[tuple[Path | None, str], PointSkew]
+"""What each campaign as a whole knows of its points' skew, by folder and point."""
+
+
+def campaign_skews(points: Iterable[RecordedPoint]) -> Skews:
+    """The skew of every point by all points of its campaign.
+
+    Args:
+        points: everything that was recorded, whatever it is for: what is fitted and what is held out lie on one time
+            base only when neither is aligned by itself.
+    """
+    runs: dict[Path | None, dict[str, RecordedPoint]] = {}
+    for point in points:
+        if point.verdict != "invalid":
+            runs.setdefault(_folder(point), {})[point.id] = point
+    return {
+        (folder, name): skew
+        for folder, group in runs.items()
+        for name, skew in pooled_skews(list(group.values())).items()
+    }
+
+
+def _folder(point: RecordedPoint) -> Path | None:
+    return None if point.path is None else point.path.resolve().parent
+
+
+def prepare_all(points: Iterable[RecordedPoint], skews: Skews | None = None) -> tuple[list[Measurement], list[Saying]]:
+    """Measurements of all points that can be used, and one warning for each that cannot.
+
+    Args:
+        points: the points to prepare.
+        skews: of `campaign_skews`, of the whole campaigns that the points belong to; None: the points are all there is.
+
+    Raises:
+        IdentificationFailed: no point can be used; the message says why for each.
+    """
+    measurements: list[Measurement] = []
+    refusals: list[Saying] = []
+    given = list(points)
+    known = campaign_skews(given) if skews is None else skews
+    for point in given:
+        try:
+            measurements.append(prepare(point, known.get((_folder(point), point.id))))
+        except RigError as error:
+            refusals.append(say("left-out", test=point.id, reason=str(error)))
+    if not measurements:
+        reasons = some(refusals, "; ") if refusals else "the run holds no point"
+        raise IdentificationFailed(f"nothing to identify from: {reasons}")
+    return measurements, refusals
+
+
+def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
+    """A recorded point as a measurement.
+
+    The inertia of the fixture between load cell and damper is taken off the force.
+
+    Args:
+        point: the point.
+        skew: what the campaign as a whole knows of the sensors' delays; None: what the point's file says.
+
+    Raises:
+        IdentificationFailed: the verdict is invalid, or too little of the point can be used.
+        NoCycles: too few whole cycles.
+        NotDifferentiable: gaps too long for a velocity.
+    """
+    if point.verdict == "invalid":
+        raise IdentificationFailed(f"its recording is invalid ({'; '.join(point.reasons)})")
+    cycles, warnings = _usable_cycles(point)
+    inside = (point.time_s >= cycles.start_s[0]) & (point.time_s < cycles.start_s[-1])
+    time_s, displacement_m = point.time_s[inside], point.displacement_m[inside]
+    if np.count_nonzero(np.isfinite(displacement_m)) < FEWEST_SAMPLES:
+        raise IdentificationFailed(
+            f"{np.count_nonzero(np.isfinite(displacement_m))} displacement samples in the kept cycles; at least "
+            f"{FEWEST_SAMPLES} are needed"
+        )
+    shift_s = 0.0 if skew is None else skew.shift_s
+    grid_s, force_N, usable = _force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
+    warned: list[Saying] = []
+    current_A, commanded = _current(point, grid_s, warned)
+    measured_N, frequency_Hz = np.where(usable, force_N, np.nan), float(np.mean(cycles.frequency_Hz))
+    motion, motion_error = _motion(time_s, displacement_m, frequency_Hz, grid_s, measured_N)
+    if motion.harmonics is None:
+        warnings.append(say("no-repeat" if len(cycles) > 1 else "one-cycle-no-series"))
+    mean_m = motion.harmonics.mean_m if motion.harmonics is not None else cycles.mean_m
+    reference_m = mean_m if point.mid_stroke_m is None else point.mid_stroke_m
+    step_N = quantisation_step(force_N[usable])
+    usable, saturated = _without_saturation(force_N, usable, len(cycles), step_N)
+    warnings += saturated
+    dt_s = float(grid_s[-1] - grid_s[0]) / (grid_s.size - 1)
+    per_cycle = round(float(np.mean(np.diff(cycles.start_s))) / dt_s)
+    unseen = None if motion.harmonics is None else motion.harmonics.unseen_at(grid_s)
+    return Measurement(
+        id=point.id,
+        file="" if point.path is None else str(point.path),
+        u_m=motion.u_m - reference_m,
+        v_m_s=motion.v_m_s,
+        a_m_s2=motion.a_m_s2,
+        force_N=force_N - float(point.test.get("moving_mass_kg", 0.0)) * motion.a_m_s2,
+        current_A=current_A,
+        dt_s=dt_s,
+        waveform=point.waveform,
+        amplitude_m=point.amplitude_m,
+        frequency_Hz=point.frequency_Hz,
+        nominal_current_A=point.current_A,
+        samples_per_cycle=per_cycle,
+        usable=None if bool(np.all(usable)) else usable,
+        skew_std_s=point.skew_std_s if skew is None else skew.std_s,
+        unseen_v_m_s=None if unseen is None else unseen[0],
+        unseen_a_m_s2=None if unseen is None else unseen[1],
+        motion_error=motion_error,
+        force_zero_std_N=_stated(point, "force_zero_std_N"),
+        force_step_N=step_N,
+        commanded_A=None if commanded is None else commanded[1],
+        commanded_before_A=None if commanded is None else commanded[0],
+        noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles, step_N)
+        if commanded is None
+        else noise_of(force_N[usable]),
+        warnings=(*warnings, *warned),
+    )
+
+
+def _usable_cycles(point: RecordedPoint) -> tuple[Cycles, list[Saying]]:
+    """The kept cycles; a point with fewer than three full cycles gives what it has, with a warning."""
+    whole = find_cycles(point.time_s, point.displacement_m)
+    try:
+        return kept_cycles(whole), []
+    except NoCycles:
+        full = full_cycles(whole)
+        return full, [say("few-cycles", cycles=len(full))]
+
+
+def _force_on_grid(
+    point: RecordedPoint, shift_s: float, start_s: float, stop_s: float
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Times (s), force (N) and which are measured, on the force's own samples; lost ones become empty places.
+
+    Raises:
+        IdentificationFailed: too few samples, or too many of them missing.
+    """
+    samples = point.force_samples
+    flagged = (samples.flags & int(BAD)) != 0
+    times_s = samples.time_s + shift_s
+    inside = (times_s >= start_s) & (times_s < stop_s) & np.isfinite(times_s)
+    time_s, force_N = times_s[inside], samples.force_N[inside]
+    good = np.isfinite(force_N) & ~flagged[inside]
+    if np.count_nonzero(good) < FEWEST_SAMPLES:
+        raise IdentificationFailed(
+            f"{np.count_nonzero(good)} usable force samples in the kept cycles; at least {FEWEST_SAMPLES} are needed"
+        )
+    spacing = float(np.median(np.diff(time_s)))
+    places = np.concatenate(([0], np.cumsum(np.maximum(1, np.rint(np.diff(time_s) / spacing).astype(np.int64)))))
+    count = int(places[-1]) + 1
+    _enough(int(good.sum()), count, "missing or flagged")
+    grid_s = np.interp(np.arange(count), places, time_s)
+    force = np.zeros(count)
+    usable = np.zeros(count, dtype=bool)
+    force[places[good]] = force_N[good]
+    usable[places[good]] = True
+    return grid_s, force, usable
+
+
+def _motion(
+    time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float, wanted_s: FloatArray, force_N: FloatArray
+) -> tuple[Motion, MotionError | None]:
+    """Motion at the wanted times and its errors: harmonic where it repeats, else a local polynomial.
+
+    The lowest orders are in the series whether they stand out of the noise or not: one that is left out biases the
+    parameters by an unknown amount, and one that is in adds an error that is known. For those above see `faint_orders`.
+
+    Args:
+        time_s: times of the displacement (n,), s.
+        displacement_m: (n,), m; NaN where it was not measured.
+        frequency_Hz: of the cycles.
+        wanted_s: times of the force (k,), s.
+        force_N: force (k,), N; NaN where it was not measured.
+    """
+    fit = harmonic(time_s, displacement_m, frequency_Hz)
+    whole = np.isfinite(displacement_m)
+    spacing = float(np.median(np.diff(time_s)))
+    if fit.repeats:
+        reach = min((int(whole.sum()) - 4) // 4, int(HIGHEST_OF_RATE / (spacing * frequency_Hz)))
+        certain = np.union1d(fit.orders, np.arange(1, min(LOW_ORDERS, reach) + 1))
+        faint = FAINT_ORDERS if max(time_s.size, wanted_s.size) <= MOST_FOR_FAINT else LOW_ORDERS
+        orders = np.union1d(certain, np.arange(1, min(faint, reach) + 1))
+        series = with_orders(fit, time_s[whole], displacement_m[whole], orders)
+        left_m = displacement_m[whole] - series.at(time_s[whole])[0]
+        step_m = quantisation_step(displacement_m[whole])
+        errors_m = coefficient_errors(time_s[whole], left_m, series.omega_rad_s, orders, step_m)
+        series, error = expected(series, errors_m, np.isin(orders, certain), wanted_s, force_N)
+        return Motion(wanted_s, *series.at(wanted_s), "harmonic", fit), error
+    even_s = np.arange(time_s[0], time_s[-1] + spacing / 2.0, spacing)
+    local = savitzky_golay(even_s, np.interp(even_s, time_s[whole], displacement_m[whole]), 0.1 / frequency_Hz)
+    at = [np.interp(wanted_s, even_s, values) for values in (local.u_m, local.v_m_s, local.a_m_s2)]
+    return Motion(wanted_s, at[0], at[1], at[2], "savitzky_golay", None), None
+
+
+def _stated(point: RecordedPoint, name: str) -> float:
+    """A number among a point's recorded qualities; 0 where it was not recorded."""
+    value = point.quality.get(name)
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
+
+
+def _current(
+    point: RecordedPoint, wanted_s: FloatArray, warnings: list[Saying]
+) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None]:
+    """Coil current (A) at the wanted times, and the changing command (before, during) where none was measured.
+
+    A steady current is its mean. Without a measurement it is the commanded one, whose lag the fit then has to find if
+    it changes.
+    """
+    measured = np.isfinite(point.current_measured_A)
+    inside = measured & (point.time_s >= wanted_s[0]) & (point.time_s <= wanted_s[-1])
+    if np.any(inside):
+        if float(np.std(point.current_measured_A[inside])) < STEADY_CURRENT_A:
+            return np.full(wanted_s.size, float(np.mean(point.current_measured_A[inside]))), None
+        return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured]), None
+    before_A, during_A = _command(point, wanted_s)
+    if during_A.size and float(np.ptp(np.concatenate((before_A, during_A)))) >= LEAST_STEP_A:
+        warnings.append(say("command-steps"))
+        return during_A, (before_A, during_A)
+    current_A = float(during_A[0]) if during_A.size else point.current_A
+    warnings.append(say("command-steady", current_A=current_A))
+    return np.full(wanted_s.size, current_A), None
+
+
+def _command(point: RecordedPoint, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The recorded command (A), held from sample to sample: before the wanted times at their interval, and at them."""
+    commanded_A = point.channel("commanded_current")
+    known = np.isfinite(commanded_A)
+    if not np.any(known):
+        return np.zeros(0), np.zeros(0)
+    interval_s = float(wanted_s[-1] - wanted_s[0]) / (wanted_s.size - 1)
+    earlier = int(max(0.0, (wanted_s[0] - point.time_s[known][0]) / interval_s))
+    at_s = np.concatenate((wanted_s[0] - interval_s * np.arange(earlier, 0, -1), wanted_s))
+    held = np.searchsorted(point.time_s[known], at_s + 0.01 * interval_s, side="right") - 1
+    values = commanded_A[known][np.maximum(held, 0)]
+    return values[:earlier], values[earlier:]
+
+
+def _enough(good: int, count: int, what: str) -> None:
+    """Refuse a test of which too many force samples say nothing.
+
+    Raises:
+        IdentificationFailed: the message says what share they are and what may be.
+    """
+    if good < (1.0 - LARGEST_MISSING_SHARE) * count:
+        raise IdentificationFailed(
+            f"{100.0 * (1.0 - good / count):.0f} % of the force samples in the kept cycles are {what}; at most "
+            f"{100 * LARGEST_MISSING_SHARE:.0f} % may be"
+        )
+
+
+def _without_saturation(
+    force_N: FloatArray, usable: BoolArray, cycles: int, step_N: float
+) -> tuple[BoolArray, list[Saying]]:
+    """Which samples remain where the force stands still at an extreme value in half of the cycles, and a warning.
+
+    What is cut off is a stretch of time, from shortly before the first to shortly after the last sample at the limit:
+    to cut by the force itself would keep those whose noise was lucky.
+
+    Raises:
+        IdentificationFailed: the force is saturated in too much of the test.
+    """
+    kept, warnings = usable.copy(), []
+    for word, extreme in (("greatest", np.max(force_N[usable])), ("least", np.min(force_N[usable]))):
+        same = np.concatenate(([0], ((force_N == extreme) & usable).astype(np.int8), [0]))
+        edges = np.flatnonzero(np.diff(same))
+        starts, stops = edges[::2], edges[1::2]
+        standing = int(np.count_nonzero(stops - starts >= SATURATED_RUN))
+        if standing < 2 or 2 * standing < cycles:
+            continue
+        beside = np.abs(np.abs(force_N[usable] - extreme) - step_N) < 0.5 * step_N
+        if np.count_nonzero(same) < SATURATED_OF_NEXT * np.count_nonzero(beside):
+            continue
+        for start, stop in zip(starts, stops, strict=True):
+            margin = SATURATED_RUN + (stop - start) // 5 if stop - start >= SATURATED_RUN else 0
+            kept[max(0, start - margin) : stop + margin] = False
+        warnings.append(say("saturated-force", end=word, extreme_N=extreme, times=standing))
+    if warnings:
+        _enough(int(np.count_nonzero(kept)), kept.size, "at the end of the force's range, or missing")
+    return kept, warnings
+
+
+def cycle_scatter_N(
+    force_N: FloatArray, usable: BoolArray, time_s: FloatArray, cycles: Cycles, step_N: float = 0.0
+) -> float:
+    """Standard deviation (N) of the force at equal phase of successive cycles; nan with fewer than two cycles.
+
+    Each sample is compared with the next cycle's force, interpolated at the same phase. The median of the differences
+    is taken, so that the corners of the loop, where interpolation errs, do not count. A median of quantised values is
+    itself a whole number of steps, so each value first gets a random part of a step (the same in every call), whose
+    variance is taken off again.
+    """
+    if len(cycles) < 2:
+        return math.nan
+    force_N = force_N + step_N * (np.random.default_rng(0).random(force_N.size) - 0.5)
+    phase = np.interp(time_s, cycles.start_s, np.arange(cycles.start_s.size))
+    position = np.interp(phase + 1.0, phase, np.arange(phase.size, dtype=float))
+    inside = usable & (phase + 1.0 <= phase[-1])
+    low = np.minimum(position.astype(np.int64), phase.size - 2)
+    inside &= usable[low] & usable[low + 1]
+    share = (position - low)[inside]
+    later = force_N[low[inside]] * (1.0 - share) + force_N[low[inside] + 1] * share
+    spread = np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
+    differences = (force_N[inside] - later) / spread
+    if differences.size == 0:
+        return math.nan
+    scatter_N = float(np.median(np.abs(differences - np.median(differences)))) / MEDIAN_OF_NORMAL
+    return math.sqrt(max(0.0, scatter_N**2 - step_N**2 / 12.0))

@@ -1,0 +1,132 @@
+"""From recorded runs to a written fit: which points are taken, what their calibrations leave uncertain, `fit.json`."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from rig.dampers import Hysteresis
+from rig.errors import IdentificationFailed
+from rig.identification.fitting import identify
+from rig.identification.models.solving import Method
+from rig.identification.next_test import bench_of
+from rig.identification.per_current import AFFINE
+from rig.identification.uncertainty.covariance import DeclaredErrors
+from rig.identification.uncertainty.fit import Fit
+from rig.identification.words import say, some
+from rig.recording.calibration_check import doubts
+from rig.recording.run import RecordedPoint, Run
+
+
+def identify_run(
+    paths: Sequence[Path | str],
+    *,
+    model: str = "asymmetric",
+    method: str | Method = "separable",
+    holdout: str | None = None,
+    hysteresis: Hysteresis = "kwok",
+    suspect: bool = False,
+    profile: bool | Sequence[str] = False,
+    current: str = AFFINE,
+    series_spring: bool = False,
+    on_progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """Fit recorded runs and write `fit.json` into the first of them, or beside the file it is.
+
+    Args:
+        paths: campaign directories, folders in which exactly one campaign lies, or point files.
+        model: as in `identify`.
+        method: as in `identify`.
+        holdout: a filter on the points, or the path of another run.
+        hysteresis: as in `identify`.
+        suspect: take suspect points too, not only valid ones.
+        profile: as in `identify`.
+        current: as in `identify`.
+        series_spring: as in `identify`.
+        on_progress: as in `identify`.
+
+    Raises:
+        IdentificationFailed: nothing can be identified.
+        FileProblem: a path is no run.
+    """
+    runs = [Run.open(path) for path in paths]
+    points = [point for run in runs for point in (run.usable if suspect else run.valid)]
+    taken = {"valid", "suspect"} if suspect else {"valid"}
+    others = [point for run in runs for point in run.points if point.verdict not in taken]
+    left_out = [
+        say("left-out", test=point.id, reason=f"{point.verdict} ({'; '.join(point.reasons)})") for point in others
+    ]
+    if not points:
+        hint = "; `--suspect` takes suspect points too" if any(point.verdict == "suspect" for point in others) else ""
+        raise IdentificationFailed(f"no point is valid: {some(left_out, '; ')}{hint}")
+    other = Run.open(holdout) if holdout is not None and Path(holdout).exists() else holdout
+    tested = [*runs, other] if isinstance(other, Run) else runs
+    specimens = {str(run.campaign.get("specimen")) for run in tested if run.campaign.get("specimen") is not None}
+    if len(specimens) > 1:
+        raise IdentificationFailed(
+            f"these runs tested different specimens ({', '.join(sorted(specimens))}); one fit describes one damper: "
+            "identify them apart"
+        )
+    declared = declared_errors(points)
+    fit = identify(
+        points,
+        model=model,
+        method=method,
+        holdout=other,
+        hysteresis=hysteresis,
+        declared=declared,
+        profile=profile,
+        current=current,
+        series_spring=series_spring,
+        allowance=bench_of(runs[0].path),
+        campaign=[point for run in tested for point in run.usable],
+        on_progress=on_progress,
+    )
+    doubted = [f"calibration in doubt, and in no interval: {line}" for line in doubts(points)]
+    fit = replace(fit, warnings=(*doubted, *left_out, *fit.warnings))
+    written, kept = write_fit(fit, runs[0].path)
+    return replace(fit, path=written, kept=kept)
+
+
+def declared_errors(points: Sequence[RecordedPoint]) -> DeclaredErrors:
+    """What the calibrations in the recorded points leave uncertain; the largest where they differ."""
+
+    def largest(name: str) -> float:
+        return max((float(point.test.get(f"{name}_uncertainty_percent", 0.0)) for point in points), default=0.0) / 100.0
+
+    return DeclaredErrors(force_gain=largest("force"), displacement_gain=largest("displacement"))
+
+
+def write_fit(fit: Fit, folder: Path) -> tuple[Path, Path | None]:
+    """Write `fit.json` into a campaign directory, whole or not at all.
+
+    Returns:
+        Its path, and where an older `fit.json` was kept: `fit-<UTC of its writing>.json`.
+    """
+    target = folder / "fit.json"
+    kept = _kept(target)
+    temporary = folder / "fit.json.tmp"
+    temporary.write_text(json.dumps(fit.to_json(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    temporary.replace(target)
+    return target, kept
+
+
+def _kept(target: Path) -> Path | None:
+    """Give an older fit a name of its own, by the time it was written; None where there is none."""
+    if not target.is_file():
+        return None
+    written = datetime.fromtimestamp(target.stat().st_mtime, UTC).strftime("%Y%m%dT%H%M%SZ")
+    for number in itertools.count(1):
+        name = target.with_name(f"fit-{written}{'' if number == 1 else f'-{number}'}.json")
+        try:
+            name.hardlink_to(target)
+        except FileExistsError:
+            continue
+        except OSError:  # a file system without hard links
+            name.write_bytes(target.read_bytes())
+        return name
+    return None

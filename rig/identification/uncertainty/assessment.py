@@ -1,0 +1,258 @@
+"""From a solution to a fit: errors, intervals, what cannot be found, and everything a reader should be warned of."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.separable import Solution
+from rig.identification.models.solving import SEPARABLE, SQUARES, Method, without_outliers
+from rig.identification.selection import Candidate
+from rig.identification.uncertainty.alternative_shapes import degenerate, explain
+from rig.identification.uncertainty.covariance import DeclaredErrors, Information, information, quantile
+from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore
+from rig.identification.uncertainty.leftover import leftovers
+from rig.identification.uncertainty.profile import Profile, profiles
+from rig.identification.uncertainty.residuals import WORTH_WARNING, correlated
+from rig.identification.uncertainty.scoring import describes, energy_warnings, passivity, score, together
+from rig.identification.words import Saying, say, some
+
+NONLINEAR = "nonlinear"  # all nonlinear parameters, where parameters are named
+LARGE_SHARE = 0.1  # of the force's root mean square: a parameter of unknown sign that may make up more is not known
+UNFINISHED = 1.0  # standard errors from the least-squares solution beyond which a search has not reached it
+NOTES = (
+    "low, high: 95 % interval of each parameter by itself; simultaneous_low, simultaneous_high: 95 % for all "
+    "identifiable parameters together (Bonferroni)",
+    "covariance: sandwich of weighted least squares with each test's own residual variance, widened by the residual's "
+    "correlation in time, by misfit that repeats every cycle, by the stated uncertainty of skew, of the force's zero "
+    "and of the calibrations, and by the errors of the motion's Fourier series",
+)
+
+
+def judged(
+    best: Candidate,
+    fitted: Sequence[Measurement],
+    held_out: Sequence[Measurement],
+    ranking: tuple[ModelScore, ...],
+    method: Method,
+    warnings: Sequence[str],
+    declared: DeclaredErrors | None,
+    profiled: bool | Sequence[str],
+    started: float,
+) -> Fit:
+    """Judge the chosen candidate.
+
+    Args:
+        best: the model and its solution.
+        fitted: the tests it was fitted to.
+        held_out: tests to score it on.
+        ranking: the models compared, best first.
+        method: how it was fitted.
+        warnings: what was found before.
+        declared: errors the data do not show.
+        profiled: parameters whose profile likelihood is wanted; True or "nonlinear" among them: the nonlinear ones.
+        started: `time.perf_counter()` at the start (s).
+
+    Raises:
+        IdentificationFailed: a profile is wanted of a parameter that was not fitted, or of a fit that is not the
+            least-squares solution.
+
+    Returns:
+        Errors, intervals, what cannot be found and why, what the residual and the energy say, warnings.
+    """
+    model, values = best.model, best.solution.values
+    weighting, (looked_at, foretold) = method.weighting(model), (fitted, held_out)
+    if method.loss != SQUARES:
+        looked_at, foretold = (without_outliers(model, values, tests) for tests in (fitted, held_out))
+    free = best.findings.free(name for name in model.names if name in values)
+    left = leftovers(model, values, free, looked_at, weighting)
+    fits = describes(model, values, looked_at, weighting, left)
+    foretells = describes(model, values, foretold, weighting)
+    robust = replace(weighting, extra=best.solution.extra)
+    known = information(model, values, free, fitted, robust, declared, left)
+    del left  # as large as the tests themselves
+    reasons = {
+        **_too_wide(known, values),
+        **_at_limits(model, best.solution),
+        **explain(model, known, values, looked_at, weighting),
+        **best.findings.reasons,
+    }
+    warnings = [*warnings, *_of_tests((*fitted, *held_out))]
+    warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
+    if fits is not False and foretells is False:
+        warnings.append(say("misses-held-out"))
+    warnings += (
+        degenerate(model, values, fitted) + _unfinished(known, method, best.solution) + _correlated(known, fitted)
+    )
+    error, passive = score(model, values, fitted), passivity(model, values, fitted)
+    warnings += energy_warnings(error, passive)
+    return Fit(
+        model=model.name,
+        hysteresis=getattr(model, "hysteresis", "kwok"),
+        method=method.name,
+        weight=weighting.weight,
+        loss=method.loss,
+        parameters=_estimates(model, values, known, reasons, best.solution),
+        error=error,
+        holdout=score(model, values, held_out) if held_out else None,
+        selection=ranking,
+        adequate=together((fits, foretells)),
+        warnings=tuple(warnings),
+        evaluations=best.solution.evaluations,
+        wall_s=time.perf_counter() - started,
+        objective=best.solution.objective,
+        condition=known.condition,
+        correlation=_correlation(known),
+        notes=NOTES,
+        residuals=known.residuals,
+        passivity=passive,
+        equation=model.equation,
+        profiles=_profiles(best, known, fitted, method, profiled),
+    )
+
+
+def _profiles(
+    best: Candidate, known: Information, fitted: Sequence[Measurement], method: Method, wanted: bool | Sequence[str]
+) -> dict[str, Profile]:
+    if wanted is False or not (wanted is True or len(wanted)):
+        return {}
+    if method.loss != SQUARES:
+        raise IdentificationFailed(f"no profile likelihood with loss {method.loss!r}: it needs least squares")
+    if unfinished := _unfinished(known, method, best.solution):
+        raise IdentificationFailed(f"no profile likelihood: {unfinished[0]}")
+    asked = [NONLINEAR] if wanted is True else list(wanted)
+    for_a_choice = {name: fixed for fixed, scaled in best.findings.fixed.items() for name in scaled}
+    for name in asked:
+        if name in for_a_choice:
+            raise IdentificationFailed(f"no profile of {name!r}: it is known only for the {for_a_choice[name]} chosen")
+    nonlinear = [name for name in known.names if not best.model.parameter(name).linear and name not in for_a_choice]
+    names = list(
+        dict.fromkeys(
+            name for wanted_name in asked for name in (nonlinear if wanted_name == NONLINEAR else [wanted_name])
+        )
+    )
+    weighting, solution = method.weighting(best.model), best.solution
+    return profiles(best.model, solution.values, known, fitted, weighting, names, solution.at_bound)
+
+
+def _of_tests(tests: Sequence[Measurement]) -> list[str]:
+    """What the preparation found, the same finding of several tests together."""
+    named: dict[str, list[str]] = {}
+    for test in tests:
+        for saying in test.warnings:
+            named.setdefault(saying, []).append(test.id)
+    return [f"{some(ids)}: {saying}" for saying, ids in named.items()]
+
+
+def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[Saying]:
+    warnings = []
+    if fits is False:
+        warnings.append(say("model-error"))
+    if fits is None:
+        warnings.append(say("no-two-cycles"))
+    if weight == "v":
+        warnings.append(say("weight-v"))
+    return warnings
+
+
+def _unresolved(fitted: Sequence[Measurement]) -> list[Saying]:
+    """A warning when all tests reverse more sharply than the displacement's samples resolve."""
+    sharp = [test.unseen_v_m_s for test in fitted if test.unseen_v_m_s is not None]
+    if len(sharp) < len(fitted):
+        return []
+    worst_mm_s = 1e3 * max(float(np.max(np.abs(unseen))) for unseen in sharp)
+    return [say("sharp-reversals", worst_mm_s=worst_mm_s)]
+
+
+def _unfinished(known: Information, method: Method, solution: Solution) -> list[Saying]:
+    """A warning when a search stopped before the least-squares solution, which is what the intervals are about."""
+    if method.name == SEPARABLE or method.loss != SQUARES or solution.at_bound:
+        return []
+    told = [k for k, name in enumerate(known.names) if name not in known.partners]
+    away = [abs(float(known.step[k])) / known.standard_error(known.names[k]) for k in told]
+    far = [known.names[k] for k, errors in zip(told, away, strict=True) if errors > UNFINISHED]
+    if not far:
+        return []
+    return [say("unfinished", method=method.name, names=", ".join(far), errors=UNFINISHED)]
+
+
+def _correlated(known: Information, fitted: Sequence[Measurement]) -> list[Saying]:
+    """A warning when residuals are not white and the intervals had to be widened noticeably for it."""
+    indices = correlated(known.residuals)
+    widening = math.sqrt(sum(residual.widening for residual in known.residuals) / len(known.residuals))
+    if not indices or widening < WORTH_WARNING:
+        return []
+    worst = max(indices, key=lambda k: known.residuals[k].repeating_N)
+    repeats = known.residuals[worst].repeating_N
+    where = f" (worst: {repeats:.3g} N repeating every cycle in {fitted[worst].id})" if repeats > 0.0 else ""
+    count = len(indices)
+    return [say("systematic-residuals", count=count, tests=len(fitted), worst=where, widening=widening)]
+
+
+def _at_limits(model: DamperModel, solution: Solution) -> dict[str, Saying]:
+    """Why parameters at a limit are not identified: those held at 0, and those whose search ended at its limit."""
+    reasons = {name: say("would-be-negative", name=name) for name in solution.at_bound}
+    reasons |= {
+        name: say("at-limit", name=name, limit=limit)
+        for name, limit in solution.at_limit.items()
+        if name in model.names
+    }
+    return reasons
+
+
+def _too_wide(known: Information, values: Mapping[str, float]) -> dict[str, Saying]:
+    """Why parameters are not identified whose intervals exceed their values and stand for a large part of the force."""
+    reasons, factor = {}, quantile(1, known.freedom)
+    for name, share in zip(known.names, known.share.tolist(), strict=True):
+        half = factor * known.standard_error(name)
+        if math.isfinite(half) and half > abs(values[name]) and factor * share > LARGE_SHARE:
+            percent = 100.0 * factor * share
+            reasons[name] = say("too-wide", name=name, value=values[name], half=half, percent=percent)
+    return reasons
+
+
+def _estimates(
+    model: DamperModel,
+    values: dict[str, float],
+    known: Information,
+    reasons: dict[str, Saying],
+    solution: Solution,
+) -> dict[str, Estimate]:
+    """Every parameter of the model with its intervals, or the reason why it has none."""
+    identifiable = [name for name in known.names if name not in reasons]
+    one, together = quantile(1, known.freedom), quantile(len(identifiable), known.freedom)
+    estimates = {}
+    for name in model.names:
+        unit = model.parameter(name).unit
+        if name in reasons or name not in known.names:
+            entry = Estimate(values.get(name), unit, identifiable=False, reason=reasons.get(name, ""))
+            if name in solution.at_bound and name in known.names and math.isfinite(known.standard_error(name)):
+                error = known.standard_error(name)
+                entry = replace(entry, high=one * error, simultaneous_high=together * error, standard_error=error)
+            estimates[name] = entry
+            continue
+        value, error, parameter = values[name], known.standard_error(name), model.parameter(name)
+        lowest, highest = min(parameter.low, value), max(parameter.high, value)
+        estimates[name] = Estimate(
+            value=value,
+            unit=unit,
+            low=max(lowest, value - one * error),
+            high=min(highest, value + one * error),
+            simultaneous_low=max(lowest, value - together * error),
+            simultaneous_high=min(highest, value + together * error),
+            standard_error=error,
+            variance_inflation=1.0 / float(known.alone[known.names.index(name)]),
+        )
+    return estimates
+
+
+def _correlation(known: Information) -> dict[str, dict[str, float]]:
+    rows = known.correlation.tolist()
+    return {name: dict(zip(known.names, row, strict=True)) for name, row in zip(known.names, rows, strict=True)}

@@ -1,0 +1,359 @@
+"""A fit as a value: what was found, how sure it is, how well it predicts, and what could not be found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from rig.identification.models.relation import Relation
+from rig.identification.uncertainty.residuals import Residual
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pandas as pd
+
+    from rig.identification.uncertainty.profile import Profile
+
+
+INTERVAL = "95 % interval (each parameter by itself)"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter.
+
+    Attributes:
+        value: estimate in `unit`; None where nothing can be said.
+        unit: SI unit.
+        low: lower end of the 95 % interval of this parameter by itself, the one that is shown; None when not
+            identifiable.
+        high: upper end; a parameter held at its lower limit has this end alone.
+        simultaneous_low: lower end of the interval that holds for all identifiable parameters together with 95 %.
+        simultaneous_high: upper end.
+        standard_error: standard error in `unit`.
+        identifiable: whether these tests determine it.
+        reason: why not; empty when they do.
+        variance_inflation: by how much the other parameters widen its variance (1: not at all).
+    """
+
+    value: float | None
+    unit: str
+    low: float | None = None
+    high: float | None = None
+    simultaneous_low: float | None = None
+    simultaneous_high: float | None = None
+    standard_error: float | None = None
+    identifiable: bool = True
+    reason: str = ""
+    variance_inflation: float | None = None
+
+
+@dataclass(frozen=True)
+class TestError:
+    """How well the model gives one test's force back.
+
+    Attributes:
+        id: the test's id.
+        file: its file.
+        rmse_N: root mean square error (N).
+        mae_N: mean absolute error (N).
+        nrmse_percent_of_peak: 100 rmse / max|F - mean F|.
+        noise_N: scatter of the force from cycle to cycle (N); None when unknown.
+        samples: number of samples.
+        energy_J: energy dissipated in a mean cycle, measured (J); NaN where a stretch of every cycle has no force.
+        modelled_energy_J: the same by the model (J).
+    """
+
+    __test__ = False  # pytest takes classes called Test for its own
+
+    id: str
+    file: str
+    rmse_N: float
+    mae_N: float
+    nrmse_percent_of_peak: float
+    noise_N: float | None
+    samples: int
+    energy_J: float
+    modelled_energy_J: float
+
+
+@dataclass(frozen=True)
+class ErrorSummary:
+    """Errors over some tests: all samples together, and each test.
+
+    Attributes:
+        rmse_N: root mean square error over all samples (N).
+        mae_N: mean absolute error over all samples (N).
+        sd_N: standard deviation of the error (N).
+        r_squared: share of the force's variance that the model explains.
+        nrmse_percent_of_peak: mean over tests of their relative errors.
+        per_test: one entry a test.
+    """
+
+    rmse_N: float
+    mae_N: float
+    sd_N: float
+    r_squared: float
+    nrmse_percent_of_peak: float
+    per_test: tuple[TestError, ...]
+
+
+@dataclass(frozen=True)
+class ModelScore:
+    """One model in the comparison: held-out error (None without held-out tests) and Bayesian information criterion.
+
+    A model that was not fitted to the end has its reason, and neither of them.
+    """
+
+    model: str
+    holdout_nrmse_percent_of_peak: float | None
+    bic: float
+    rmse_N: float
+    parameters: int
+    method: str
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Passivity:
+    """Where the fitted model takes energy out, over the tested speeds (both ways) and currents.
+
+    Attributes:
+        share: share of the envelope with F v >= 0, gas force and springs left out.
+        worst: what happens elsewhere, in words; empty when `share` is 1.
+    """
+
+    share: float
+    worst: str
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """A test worth running next.
+
+    Attributes:
+        parameter: whose interval it shrinks most.
+        text: which test, and what it is expected to do.
+        toml: lines to append to a matrix file.
+        standard_error: of the parameter now, in its unit; None where it is not known.
+        expected_error: the same after that test; None where there is none to compare with.
+    """
+
+    parameter: str
+    text: str
+    toml: str
+    standard_error: float | None
+    expected_error: float | None
+
+
+@dataclass(frozen=True)
+class CurrentRelations:
+    """How the parameters of fits at single currents depend on the current.
+
+    Attributes:
+        dependence: "per-current-affine", "per-current-polynomial" or "per-current-lagrange".
+        currents_A: the fitted currents, rising.
+        relations: parameter name to its relation.
+        ranges: parameter name to the lowest and highest fitted value (SI).
+    """
+
+    dependence: str
+    currents_A: tuple[float, ...]
+    relations: Mapping[str, Relation]
+    ranges: Mapping[str, tuple[float, float]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Key `current` of `rig identify --json`."""
+        relations = {
+            name: {
+                "coefficients": list(relation.coefficients),
+                "rms": relation.rms,
+                "rms_left_out": _number(relation.rms_left_out),
+            }
+            for name, relation in self.relations.items()
+        }
+        return {"dependence": self.dependence, "currents_A": list(self.currents_A), "relations": relations}
+
+
+@dataclass(frozen=True)
+class SeriesSpring:
+    """A spring in series with the damper, and its 95 % interval (N/m); all None where none is seen."""
+
+    stiffness_N_m: float | None
+    low: float | None
+    high: float | None
+
+    def widened(self, variance: float, relative: float) -> SeriesSpring:
+        """The same where the residual's correlation and misfit multiply the variance of its compliance.
+
+        Args:
+            variance: that factor.
+            relative: half width (1), as a share of the compliance, that is added to it in squares.
+        """
+        if self.stiffness_N_m is None or self.low is None or self.high is None:
+            return self
+        compliance = 1.0 / self.stiffness_N_m
+        half = math.hypot(0.5 * math.sqrt(variance) * (1.0 / self.low - 1.0 / self.high), relative * compliance)
+        high = 1.0 / (compliance - half) if half < compliance else math.inf
+        return SeriesSpring(self.stiffness_N_m, 1.0 / (compliance + half), high)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model fitted to a run.
+
+    Attributes:
+        model: name in `rig.dampers.MODELS`.
+        hysteresis: form of the tanh argument.
+        method: how it was fitted.
+        weight: "1" or "v" (equation 12).
+        parameters: name to estimate, in the model's order.
+        error: on the tests it was fitted to.
+        holdout: on the tests it has not seen; None without any.
+        selection: the models compared, best first.
+        adequate: whether the model describes the data down to their noise; None where no test has two cycles to tell.
+        warnings: everything the reader should know before using the numbers.
+        evaluations: evaluations of equation (12) that the solution took; comparing and judging are not counted.
+        wall_s: wall time (s).
+        objective: equation (12) at the solution, with the fit's weight and those of its loss.
+        condition: condition number of the scaled normal matrix.
+        correlation: parameter names to names to correlation.
+        notes: how the intervals were made.
+        residuals: what each fitted test's residual consists of, in the order of `error.per_test`.
+        passivity: where the fitted model takes energy out; None when it was not looked at.
+        profiles: profile likelihoods that were asked for, by parameter.
+        next_tests: tests worth running next.
+        series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
+        current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
+        loss: "squares" or "huber".
+        equation: the model's, as it was fitted, with its source.
+        path: where it was written; None when it was not.
+        kept: where an older fit at that place is now; None when there was none.
+    """
+
+    model: str
+    hysteresis: str
+    method: str
+    weight: str
+    parameters: Mapping[str, Estimate]
+    error: ErrorSummary
+    holdout: ErrorSummary | None
+    selection: tuple[ModelScore, ...]
+    adequate: bool | None
+    warnings: tuple[str, ...]
+    evaluations: int
+    wall_s: float
+    objective: float
+    condition: float
+    correlation: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    residuals: tuple[Residual, ...] = ()
+    passivity: Passivity | None = None
+    profiles: Mapping[str, Profile] = field(default_factory=dict)
+    next_tests: tuple[NextTest, ...] = ()
+    series: SeriesSpring | None = None
+    current: CurrentRelations | None = None
+    loss: str = "squares"
+    equation: str = ""
+    path: Path | None = None
+    kept: Path | None = None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameter name to value (SI), those without a value left out."""
+        return {name: estimate.value for name, estimate in self.parameters.items() if estimate.value is not None}
+
+    @property
+    def identifiable(self) -> tuple[str, ...]:
+        """Names of the parameters that these tests determine."""
+        return tuple(name for name, estimate in self.parameters.items() if estimate.identifiable)
+
+    def to_json(self) -> dict[str, Any]:
+        """The keys of `rig identify --json`: plain types, no NaN or infinity (null instead)."""
+        error = _summary(self.error)
+        for entry, residual in zip(error["per_test"], self.residuals, strict=False):
+            entry["residual"] = _plain(residual)
+        error["holdout"] = None if self.holdout is None else _summary(self.holdout)
+        scores = [
+            {
+                "model": score.model,
+                "holdout_nrmse_percent_of_peak": _number(score.holdout_nrmse_percent_of_peak),
+                "bic": _number(score.bic),
+                "rmse_N": _number(score.rmse_N),
+                "parameters": score.parameters,
+                "method": score.method,
+                "reason": score.reason,
+            }
+            for score in self.selection
+        ]
+        return {
+            "model": self.model,
+            "equation": self.equation,
+            "interval": INTERVAL,
+            "method": self.method,
+            "hysteresis": self.hysteresis,
+            "weight": self.weight,
+            "loss": self.loss,
+            "parameters": {name: _estimate(estimate) for name, estimate in self.parameters.items()},
+            "error": error,
+            "selection": scores,
+            "adequate": self.adequate,
+            "warnings": list(self.warnings),
+            "evaluations": self.evaluations,
+            "wall_s": self.wall_s,
+            "objective": _number(self.objective),
+            "condition": _number(self.condition),
+            "correlation": {name: {k: _number(v) for k, v in row.items()} for name, row in self.correlation.items()},
+            "passivity": None if self.passivity is None else _plain(self.passivity),
+            "profiles": {name: vars(profile) for name, profile in self.profiles.items()},
+            "next_tests": [_plain(proposal) for proposal in self.next_tests],
+            "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
+            "series_spring": None if self.series is None else _plain(self.series),
+            "notes": list(self.notes),
+        }
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The estimates as a table, one row a parameter: value, unit, intervals, standard error, reason."""
+        import pandas as pd
+
+        rows = [vars(estimate) for estimate in self.parameters.values()]
+        return pd.DataFrame(rows, index=pd.Index(self.parameters, name="parameter"))
+
+    def tests_to_pandas(self) -> pd.DataFrame:
+        """Errors and energies as a table, one row a test (N, J); `held_out` says which the fit has not seen."""
+        import pandas as pd
+
+        held_out = () if self.holdout is None else self.holdout.per_test
+        rows = [vars(error) | {"held_out": False} for error in self.error.per_test]
+        rows += [vars(test) | {"held_out": True} for test in held_out]
+        return pd.DataFrame(rows).set_index("id")
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _plain(record: object) -> dict[str, Any]:
+    """The fields of a dataclass, what is not finite as null."""
+    return {key: _number(value) if isinstance(value, float) else value for key, value in vars(record).items()}
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    entry = _plain(estimate)
+    if not entry["reason"]:
+        del entry["reason"]
+    return entry
+
+
+def _summary(summary: ErrorSummary) -> dict[str, Any]:
+    return {
+        "rmse_N": _number(summary.rmse_N),
+        "mae_N": _number(summary.mae_N),
+        "sd_N": _number(summary.sd_N),
+        "r_squared": _number(summary.r_squared),
+        "nrmse_percent_of_peak": _number(summary.nrmse_percent_of_peak),
+        "per_test": [_plain(error) for error in summary.per_test],
+    }

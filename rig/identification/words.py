@@ -1,0 +1,180 @@
+"""Words: every sentence with which identification tells people what it did not find, or doubts.
+
+A `Saying` carries its slug and numbers; code decides by those. Its text is made here and nowhere else, so that it can
+be changed without changing what is done. Errors of wrong use (an unknown name, an option that does not fit) stand where
+they are raised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+
+class Saying(str):
+    """A sentence for people: plain text that knows what it says.
+
+    Attributes:
+        slug: key of `SENTENCES`.
+        numbers: what the sentence was made from, by name.
+    """
+
+    __slots__ = ("numbers", "slug")
+    slug: str
+    numbers: Mapping[str, object]
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _said, (self.slug, dict(self.numbers))
+
+
+def say(slug: str, **numbers: object) -> Saying:
+    """The sentence of a slug, from its numbers.
+
+    Raises:
+        KeyError: no such slug, or one of its numbers is missing.
+    """
+    return _said(slug, numbers)
+
+
+def _said(slug: str, numbers: Mapping[str, object]) -> Saying:
+    saying = Saying(SENTENCES[slug].format(**numbers))
+    saying.slug, saying.numbers = slug, numbers
+    return saying
+
+
+def some(texts: Sequence[str], separator: str = ", ") -> str:
+    """The first three of a list, and how many more there are."""
+    return separator.join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")
+
+
+PARAMETERS = {
+    "no-current-step": "eta not identifiable: every test held its current constant; add a current step",
+    "redundant": (
+        "{name} not identifiable on its own: {by} only scales {scaled}; the values given are for {by} = {value:g} "
+        "(normalized_bouc_wen has no such freedom)"
+    ),
+    "few-currents": "{name} not identifiable: it needs tests at {needed} different currents, and there are {levels}",
+    "no-current": "{name} not identifiable: every test ran without current; add tests at another current",
+    "one-current": "{name} not separable from {base}: every test ran at {mean_A:.2f} A; add tests at another current",
+    "sum-at-one-current": (
+        "only {base} + {name} I is known, at I = {mean_A:.2f} A, where every test ran; the value given is that sum"
+    ),
+    "one-frequency": (
+        "m is not separately identifiable from {stiffness}: every test ran at one frequency, where inertia and "
+        "stiffness are proportional; add another frequency"
+    ),
+    "harmonics-only": (
+        "m is not separately identifiable from {stiffness}: every test ran at one frequency, where inertia and "
+        "stiffness are proportional; add another frequency (only harmonics separate them here; m stays in the fit, so "
+        "that {stiffness} is right)"
+    ),
+    "difference-at-one-frequency": (
+        "only {stiffness} - m (2 pi f)^2 is known: every test ran at one frequency; the value given is that "
+        "difference; add another frequency"
+    ),
+    "one-speed": (
+        "{name} not identifiable: every test ran at one speed, where viscous and yield force are one; add another "
+        "speed or a sine"
+    ),
+    "held": "{reason}; taken as 0 here",
+    "no-effect": "{name} not identifiable: it has no effect on the force in these tests",
+    "inseparable": "{name} not separable from {partners} in these tests",
+    "degenerate-yield": (
+        "{name} not identifiable: the hysteresis is degenerate, {offset} outweighs every speed, so that the tanh "
+        "follows sgn(u) and the yield force dissipates nothing; only its height is known"
+    ),
+    "straight-tanh": (
+        "{name} not identifiable: the tanh is a straight line here (at most {largest:.2g}), so that yield and viscous "
+        "force are one; add faster tests"
+    ),
+    "bent-or-steep": (
+        "{name} not identifiable: at these speeds a steep tanh and a bent one, with other yield and viscous forces, "
+        "fit alike; add other speeds or a sine"
+    ),
+    "saturated-tanh": (
+        "{name} not identifiable: the tanh is saturated at nearly all samples, towards or away from mid-stroke, so it "
+        "hardly changes the force; the yield force is only a sign function there"
+    ),
+    "would-be-negative": (
+        "{name} is not identifiable: it would be negative, and is held at its limit, 0; with 95 % it is below the "
+        "upper end of its interval"
+    ),
+    "at-limit": (
+        "{name} is not identifiable: its search ended at its limit, {limit:.6g}; a value beyond it would fit as well "
+        "or better"
+    ),
+    "too-wide": (
+        "{name} is not identifiable: {value:.3g} +- {half:.3g} (95 %) is wider than its value, and stands for "
+        "{percent:.0f} % of the force, for which other parameters make up"
+    ),
+}
+"""Why a parameter is not identified."""
+
+WARNINGS = {
+    "few-cycles": "only {cycles} full cycle(s); none could be dropped, so the ends may hold transients",
+    "no-repeat": (
+        "the motion does not repeat from cycle to cycle; a local polynomial gives the velocity, and its errors are in "
+        "no interval"
+    ),
+    "one-cycle-no-series": (
+        "no series describes the motion of the single cycle that is left without the first and the last; a local "
+        "polynomial gives the velocity, and its errors are in no interval"
+    ),
+    "command-steps": "no current was measured; eta is found with the commanded one",
+    "command-steady": "no current was measured; the commanded {current_A:g} A is used",
+    "saturated-force": (
+        "the force stands still at its {end} value, {extreme_N:.1f} N, {times} times; it is probably saturated, and "
+        "the fit does without these samples: the greatest forces are not in it"
+    ),
+    "left-out": "{test} left out: {reason}",
+    "contradiction": (
+        "tests of the same motion and current measured different forces ({pairs}): two specimens, two temperatures, or "
+        "a rig that changed between them; one fit describes one damper in one condition"
+    ),
+    "runs-apart": (
+        "the {count} runs are described to {apart_N:.3g} N when each is fitted apart, and only to {together_N:.3g} N "
+        "by one fit: they are probably not the same damper, or not in the same condition; identify them apart"
+    ),
+    "degenerate-hysteresis": (
+        "degenerate hysteresis: {offset} = {value:.3g} outweighs beta v at every tested speed, so that the yield force "
+        "follows the side of mid-stroke, sgn(u), and not the motion, and dissipates nothing; check the mid-stroke, or "
+        "fit another model"
+    ),
+    "not-passive": (
+        "the fitted model is not passive: at {percent:.0f} % of the tested speeds and currents its force, gas force "
+        "left out, drives the rod instead of damping it ({worst}); a simulation with it can gain energy"
+    ),
+    "energy-unknown": "energy per cycle is unknown where a stretch of every cycle has no force samples: {tests}",
+    "energy-differs": "energy per cycle differs by more than {percent:g} % between model and measurement: {tests}",
+    "misses-held-out": (
+        "the model describes the tests it was fitted to, but misses the held-out ones by more than their own scatter: "
+        "outside of what it was fitted to it does not hold"
+    ),
+    "model-error": (
+        "Model error exceeds the repeatability (scatter) of the tests: the values are a best fit of the closest model, "
+        "the intervals do not include model error"
+    ),
+    "no-two-cycles": (
+        "no test has two whole cycles left without its first and last, which are not fitted, so whether the model fits "
+        "to the noise is unknown; run more cycles"
+    ),
+    "weight-v": "weight v (equation 12) mutes the reversals; compare with weight 1",
+    "sharp-reversals": (
+        "every test reverses more sharply than its displacement samples resolve (velocity there uncertain by up to "
+        "{worst_mm_s:.1f} mm/s); the intervals allow for it; add sines to narrow them"
+    ),
+    "unfinished": (
+        "{method} stopped before the least-squares solution: {names} lie more than {errors:g} standard errors from it, "
+        "and the intervals, which are those of the solution, do not hold; give it more budget, or use separable"
+    ),
+    "systematic-residuals": (
+        "{count} of {tests} residuals are systematic{worst}; the intervals are widened for it by {widening:.1f}"
+    ),
+    "relations-beyond": ("held out beyond the fitted currents, where the relations foretell nothing: {tests}"),
+    "given-up": (
+        "{model}: given up after {evaluations} evaluations on one cycle of each test: its error, {reached_N:.3g} N, is "
+        "{times:.1f} times that of the best model before it, {rival_N:.3g} N"
+    ),
+}
+"""What the reader of a fit should know before using its numbers."""
+
+SENTENCES = {**PARAMETERS, **WARNINGS}

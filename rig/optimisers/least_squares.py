@@ -1,0 +1,117 @@
+"""Nonlinear least squares by damped Gauss-Newton steps (Levenberg 1944, Marquardt 1963): the descent of every fit."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.optimisers.arrays import FloatArray
+
+
+class Squares(ABC):
+    """A sum of squares of residuals r = measured - modelled, as a function of unknowns theta (p,).
+
+    Bounds, logarithms and what is not admissible are its own matter: it moves its unknowns itself.
+    """
+
+    @abstractmethod
+    def value(self, theta: FloatArray) -> float:
+        """The sum of squares; infinite where the model is not finite."""
+
+    @abstractmethod
+    def slopes(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """J'J (p, p) and J'r (p,), J the slope of the model; asked for where `value` was asked for last and taken."""
+
+    def moved(self, theta: FloatArray, step: FloatArray) -> FloatArray:
+        """Theta after a step (p,), inside its bounds."""
+        return theta + step
+
+    def admissible(self, theta: FloatArray) -> bool:
+        """Whether a step may lead to theta; where a search starts is not asked."""
+        del theta
+        return True
+
+    @property
+    def spent(self) -> bool:
+        """Whether no further evaluation is allowed."""
+        return False
+
+
+@dataclass(frozen=True)
+class Descent:
+    """How a descent is damped, and when it ends.
+
+    Attributes:
+        tolerance: it ends when a step promises less than this share of the sum of squares,
+        absolute: or less than this besides.
+        iterations: at most so many steps are tried.
+        damping: at the start, relative to the curvature of each unknown.
+        less: factor on the damping after a step that led down.
+        more: the same after one that did not.
+        least_damping: that it has after such a step.
+        most_damping: beyond it the descent ends.
+        floor: least curvature of an unknown that the damping is relative to, as a share of the largest.
+        longest: longest step of each unknown (p,); None for any length.
+    """
+
+    tolerance: float
+    absolute: float = 0.0
+    iterations: int = 60
+    damping: float = 1e-3
+    less: float = 0.2
+    more: float = 6.0
+    least_damping: float = 0.0
+    most_damping: float = 1e8
+    floor: float = 0.0
+    longest: FloatArray | None = None
+
+
+def descend(squares: Squares, start: FloatArray, descent: Descent) -> tuple[FloatArray, float]:
+    """Go down from a start.
+
+    Args:
+        squares: what is made small.
+        start: where to begin, shape (p,).
+        descent: how.
+
+    Returns:
+        The best unknowns (p,) and their sum of squares; infinite where the start is not admissible.
+    """
+    theta, value, damping = start, squares.value(start), descent.damping
+    if not math.isfinite(value):
+        return theta, value
+    curvature, gradient = squares.slopes(theta)
+    for _ in range(descent.iterations):
+        if squares.spent:
+            break
+        step = damped_step(curvature, gradient, damping, descent.floor)
+        if descent.longest is not None:
+            step = np.minimum(np.maximum(step, -descent.longest), descent.longest)
+        promised = float(step @ gradient)
+        if not np.isfinite(step).all() or promised <= descent.tolerance * value + descent.absolute:
+            break
+        trial = squares.moved(theta, step)
+        reached = squares.value(trial) if squares.admissible(trial) else math.inf
+        if reached < value:
+            theta, value, damping = trial, reached, damping * descent.less
+            curvature, gradient = squares.slopes(theta)
+        else:
+            damping = max(damping * descent.more, descent.least_damping)
+            if damping > descent.most_damping:
+                break
+    return theta, value
+
+
+def damped_step(curvature: FloatArray, gradient: FloatArray, damping: float, floor: float = 0.0) -> FloatArray:
+    """The step (p,) of a damped normal equation, each unknown scaled by the root of its own curvature."""
+    own = curvature.diagonal()
+    size = np.sqrt(np.maximum(own, max(1e-300, floor * float(np.max(own, initial=0.0)))))
+    scaled = curvature / (size[:, None] * size)
+    scaled.flat[:: size.size + 1] += damping
+    try:
+        return np.asarray(np.linalg.solve(scaled, gradient / size) / size)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(scaled, gradient / size, rcond=None)[0] / size)
