@@ -16,7 +16,7 @@ from watched_campaign import Ending
 
 from protocols.actuator import State
 from rig.errors import FileProblem
-from rig.recording.recovery import recover
+from rig.recording.conversion.recovery import recover
 
 COIL_LAG_S = 0.250
 NO_CURRENT_A = 0.05

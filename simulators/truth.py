@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from protocols.actuator import State
 from rig.clock import monotonic_ns
-from rig.recording.durable import room_for_truth
+from rig.recording.atomic_write import room_for_truth
 from simulators.actuator import MODE_STATES
 from simulators.plant import step
 from simulators.plant.plant import Plant
@@ -161,7 +161,8 @@ def convert(path: Path, rows_path: Path, events_path: Path, rate_Hz: float, abou
     Raises:
         OSError: a piece cannot be read or the file not be written.
     """
-    from rig.recording.layout import AlignedChannel, Event, PointFile, write_file
+    from rig.recording.hdf5.hdf5_image import write_file
+    from rig.recording.layout import AlignedChannel, Event, PointFile
 
     raw = rows_path.read_bytes()
     rows = np.frombuffer(raw[: len(raw) // ROW.itemsize * ROW.itemsize], ROW)

@@ -11,7 +11,7 @@ from typing import Any
 from rig.campaign.cause import Cause
 from rig.campaign.signature import Signature
 from rig.errors import FileProblem
-from rig.recording.durable import write_text_durably
+from rig.recording.atomic_write import write_text_durably
 from rig.text_file import read_json
 
 LASTING = {"actuator": ("vendor", "model", "serial_number", "firmware"), "ecu": ("serial_number", "firmware", "layout")}

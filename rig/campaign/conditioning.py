@@ -82,8 +82,9 @@ def learned_note(state: State, event: ev.ProgramEnded) -> act.Note:
     if found.cannot:
         return act.Note("warning", f"machine cannot: {found.cannot}")
     if found.settled:
-        return act.Note("info", f"{text}within tolerance")
-    return act.Note("info", f"{text}correction {found.steps}: command {1e3 * found.command_m:.4g} mm")
+        return act.Note("info", f"{text}within tolerance", code="amplitude")
+    text += f"correction {found.steps}: command {1e3 * found.command_m:.4g} mm"
+    return act.Note("info", text, code="amplitude")
 
 
 def read_temperature(state: State) -> Step:
@@ -117,7 +118,7 @@ def warm(state: State, now_degC: float, onwards: Onwards) -> Step:
     )
     state, actions = onwards(state)
     wait = Wait(state.point.id, str(Phase.WARMING), now_degC, low_degC, motion_s)
-    return state, (act.Note("info", wait.text, wait), *actions)
+    return state, (act.Note("info", wait.text, wait, "temperature"), *actions)
 
 
 def cool(state: State, now_degC: float, highest_degC: float) -> Step:
@@ -130,7 +131,8 @@ def cool(state: State, now_degC: float, highest_degC: float) -> Step:
         return give_up(state, Cause("temperature-window", text))
     wait = Wait(point.id, str(Phase.COOLING), now_degC, highest_degC, forecast_s)
     limit_s = COOLING_PATIENCE * forecast_s + COOLING_EXTRA_S
-    actions = (act.Note("info", wait.text, wait), act.SetCurrent(0.0), act.AwaitTemperature(highest_degC))
+    note = act.Note("info", wait.text, wait, "temperature")
+    actions = (note, act.SetCurrent(0.0), act.AwaitTemperature(highest_degC))
     return stopping.enter(state, Phase.COOLING, *actions, device_s=limit_s)
 
 

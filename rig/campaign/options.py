@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
 from rig.matrix.plan import Plan
-from rig.recording.verdict import blamed
+from rig.recording.quality.verdict import blamed
 
 
 @dataclass(frozen=True)

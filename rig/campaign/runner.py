@@ -36,8 +36,8 @@ from rig.campaign.signals import Signals
 from rig.campaign.state import Latch, Phase, RigState, State, start_state
 from rig.campaign.zero_return import ZeroReturn
 from rig.clock import WallClockWatch, monotonic_ns
-from rig.recording.finaliser import Finaliser
-from rig.recording.ring_reader import RingReader
+from rig.recording.conversion.finaliser import Finaliser
+from rig.recording.journal.ring_reader import RingReader
 from rig.station.client import StationLost
 
 TURN_S = 0.002

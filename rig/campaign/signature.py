@@ -11,12 +11,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.campaign.cause import Cause
 from rig.matrix.model import Specimen
-
-FloatArray = NDArray[np.float64]
+from rig.signals.arrays import FloatArray
 
 FEWEST_SAMPLES = 5
 STEPS_A_CYCLE = 400

@@ -17,7 +17,7 @@ from rig.campaign.options import CampaignOptions
 from rig.clock import monotonic_ns
 from rig.errors import EXIT_USAGE, Refused, RigError
 from rig.matrix.model import Specimen
-from rig.recording.durable import room_for_truth
+from rig.recording.atomic_write import room_for_truth
 
 START_TIMEOUT_S = 180.0
 """The first start on a machine compiles the simulated rig's loop: 45 s were seen on two busy cores."""

@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 from rig.campaign.ledger import Ledger
 from rig.campaign.options import CampaignFinding, PointResult
 from rig.errors import FileProblem
-from rig.recording.reason import suspect
-from rig.recording.reference_judgement import ZERO_RETURN
-from rig.recording.rejudging import finished, write_verdict
-from rig.recording.run import RecordedPoint
-from rig.recording.verdict import Verdict
+from rig.recording.conversion.delay_correction import finished, write_verdict
+from rig.recording.quality.instrument_checks import ZERO_RETURN
+from rig.recording.quality.verdict import suspect
+from rig.recording.recorded_point import RecordedPoint
 
 
 def doubt_points(
@@ -34,7 +33,7 @@ def doubt_points(
     ]
     for file in files if reasons else ():
         try:
-            judged = Verdict.stored(RecordedPoint.open(file, whole=False).quality).replaced({ZERO_RETURN}, reasons)
+            judged = RecordedPoint.open(file, whole=False).quality.verdict.replaced({ZERO_RETURN}, reasons)
             write_verdict(file, judged, "load cell and LVDT at rest after the session's motion")
             told = finished(RecordedPoint.open(file, whole=False))
         except (FileProblem, OSError) as error:

@@ -17,9 +17,9 @@ import numpy as np
 
 from rig.characteristics.loop import Measured, over_cycles
 from rig.errors import IdentificationFailed
-from rig.recording.cycles import find_cycles, full_cycles
-from rig.recording.layout import FloatArray
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.arrays import FloatArray
+from rig.signals.cycles import find_cycles, full_cycles
 
 MIDDLE = 0.5
 """Share of the amplitude about the mean position in which the force is taken: away from the reversals."""

@@ -15,10 +15,9 @@ from rig.identification.energy import cycle_energies_J
 from rig.identification.measurement import Measurement
 from rig.identification.preparation import prepare
 from rig.identification.residuals import samples_a_cycle
-from rig.recording.loop_shape import noise_of
-from rig.recording.run import RecordedPoint
-
-FloatArray = NDArray[np.float64]
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.arrays import FloatArray
+from rig.signals.loop_shape import noise_of
 
 NEAR_PEAK = 0.97
 """Samples whose speed is at least this share of the greatest one count as "at peak velocity"."""

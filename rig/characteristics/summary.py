@@ -13,8 +13,8 @@ from rig.errors import RigError
 from rig.identification.current_lag import CurrentLag, lag_of
 from rig.identification.measurement import Measurement
 from rig.identification.preparation import prepare
+from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.run import Run
-from rig.recording.skew_pooling import pooled_skews
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rig.errors import IdentificationFailed
 from rig.identification.measurement import Measurement
 from rig.identification.residuals import samples_a_cycle
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import IdentificationFailed, RigError
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
 
 FloatArray = NDArray[np.float64]
 

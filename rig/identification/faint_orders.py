@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.identification.measurement import MotionError
-from rig.recording.differentiation import HarmonicFit, with_orders
+from rig.signals.derivatives import HarmonicFit, with_orders
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

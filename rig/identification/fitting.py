@@ -37,8 +37,9 @@ from rig.identification.selection import Candidate, compare
 from rig.identification.separable import GivenUp
 from rig.identification.solving import PARTLY_SEPARABLE, Method, solve
 from rig.identification.uncertainty import DeclaredErrors, quantile
-from rig.recording.calibration_check import doubts
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.quality.cross_checks import doubts
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 ALL = "all"
 
@@ -280,7 +281,7 @@ def _split(
     kept_out: list[RecordedPoint] = []
     held_out: list[Measurement] = []
     if isinstance(holdout, str):
-        from rig.recording.selection import Selection
+        from rig.recording.run import Selection
 
         wanted = Selection.parse(holdout)
         kept_out = [point for point in points if wanted.holds(point)]

@@ -23,7 +23,7 @@ from rig.identification.measurement import Measurement
 from rig.identification.shortening import first_cycle
 from rig.identification.solving import SQUARES, Method, solve
 from rig.identification.uncertainty import quantile
-from rig.recording.differentiation import harmonic
+from rig.signals.derivatives import harmonic
 
 FloatArray = NDArray[np.float64]
 

@@ -11,16 +11,15 @@ import rig.dampers
 from rig.characteristics import characterise
 from rig.dampers import DamperModel
 from rig.errors import FileProblem, RigError
-from rig.recording.durable import write_text_durably
+from rig.recording.atomic_write import write_text_durably
+from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.run import Run
-from rig.recording.skew_pooling import pooled_skews
 from rig.report import fit as fit_part
-from rig.report import loops, measurement, section, standard
+from rig.report import loops, section, standard
 from rig.report.budget import budget
-from rig.report.conditions import conditions
-from rig.report.fragment import box, text
-from rig.report.instruments import doubts_of, instruments
-from rig.report.style import STYLE_SHEET
+from rig.report.fragment import box, page, text
+from rig.report.instruments import calibrations, doubts_of, instruments
+from rig.report.point_tables import achieved_table, conditions, points_table, time_base
 from rig.report.view import PointView, view_of
 from rig.text_file import read_json
 
@@ -51,23 +50,14 @@ def write_report(run_dir: Path) -> Path:
     if fit is not None:
         parts.append(fit_part.quality(fit))
     parts += [
-        standard.standard_tests(found), section.points_table(views), standard.achieved_table(run.points),
-        conditions(run), instruments(run), measurement.time_base(run), budget(views, found.loops),
-        measurement.calibrations(run), section.provenance(run, fit),
+        standard.standard_tests(found), points_table(views), achieved_table(run.points),
+        conditions(run), instruments(run), time_base(run), budget(views, found.loops),
+        calibrations(run), section.provenance(run, fit),
     ]
     write_text_durably(run.path / "characteristics.json", json.dumps(found.to_json(), indent=1, allow_nan=False) + "\n")
     path = run.path / "report.html"
     write_text_durably(path, page(f"Damper test report {run.path.name}", "".join(parts)))
     return path
-
-
-def page(title: str, body: str) -> str:
-    """A complete HTML document."""
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{text(title)}</title><style>{STYLE_SHEET}</style></head><body><main>{body}</main></body></html>\n"
-    )
 
 
 def read_fit(folder: Path) -> dict[str, Any] | None:

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 import rig.dampers
-from rig.report.chart import Chart, FloatArray, Trace
-from rig.report.fragment import NOTHING, chip, number, table, text
+from rig.report.chart import Chart, Trace
+from rig.report.fragment import NOTHING, card, charts, chip, details, heading, key, lead, number, table, text
+from rig.report.style import FITTED, MEASURED, RESIDUAL
+from rig.signals.arrays import FloatArray
 
 JsonObject = Mapping[str, Any]
 
@@ -36,14 +38,14 @@ def parameters(fit: JsonObject) -> str:
         else:
             why = entry.get("reason") or "the data do not determine it"
             unknown.append(("no", [text(name), value, unit, text(meanings.get(name, "")), text(why)]))
-    parts = ["<h2>Fitted parameters</h2>"]
+    parts = [heading("Fitted parameters")]
     head = ["Parameter", "Value", "95 % interval", "\N{PLUS-MINUS SIGN} %", "Unit", "Meaning"]
     parts.append(table(head, known, (1, 2, 3)))
     if unknown:
-        parts.append("<h3>Not identifiable from these data</h3>")
+        parts.append(heading("Not identifiable from these data", level=3))
         parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Why"], unknown, (1,)))
     parts += [_next_tests(fit), _profiles(fit), _selection(fit)]
-    parts += [f'<p class="lead">{text(note)}</p>' for note in fit.get("notes") or ()]
+    parts += [lead(text(note)) for note in fit.get("notes") or ()]
     return "".join(parts)
 
 
@@ -70,8 +72,7 @@ def quality(fit: JsonObject) -> str:
             f"<p>{chip(words, kind)} The fitted model takes energy out at {number(share, 3)} % of the tested speeds "
             f"and currents{': at worst it puts in ' + text(found['worst']) if found.get('worst') else ''}.</p>"
         )
-    heading = f'<h2>Quality of the fit</h2><p class="lead">{note}</p>'
-    return heading + passive + table(head, rows, range(1, 9)) + _correlation(fit)
+    return heading("Quality of the fit", note) + passive + table(head, rows, range(1, 9)) + _correlation(fit)
 
 
 def _test_row(each: JsonObject, remark: str) -> list[str]:
@@ -103,8 +104,8 @@ def _next_tests(fit: JsonObject) -> str:
         return ""
     proposals = "".join(f"<p>{text(each['text'])}</p><pre>{text(each['toml'].strip())}</pre>" for each in found)
     return (
-        f'<h3>What to test next</h3><div class="card">{proposals}<p class="lead">Lines for the matrix file. Expected '
-        "from the fitted model and the noise of these tests.</p></div>"
+        heading("What to test next", level=3) + f'<div class="card">{proposals}'
+        + lead("Lines for the matrix file. Expected from the fitted model and the noise of these tests.") + "</div>"
     )
 
 
@@ -125,14 +126,14 @@ def _profiles(fit: JsonObject) -> str:
         ends = " \N{HORIZONTAL ELLIPSIS} ".join(
             "open" if each is None else number(each, 5) for each in (found["low"], found["high"])
         )
-        cards.append(f'<div class="card"><header><b>{text(name)}</b><span>{ends}</span></header>{chart.svg()}</div>')
+        cards.append(card(f"<b>{text(name)}</b><span>{ends}</span>", chart.svg()))
     if not cards:
         return ""
-    key = (
-        '<i style="border-color:#0072B2"></i>profile likelihood<i class="dash" style="border-color:#D55E00"></i>linear '
-        'interval\'s parabola<i style="border-color:#55606e"></i>95 %'
+    keys = (
+        key("profile likelihood", MEASURED) + key("linear interval's parabola", FITTED, dashed=True)
+        + key("95 %", RESIDUAL)
     )
-    return f'<h3>Profile likelihoods</h3><p class="key">{key}</p><div class="charts">{"".join(cards)}</div>'
+    return heading("Profile likelihoods", level=3) + f'<p class="key">{keys}</p>' + charts(cards)
 
 
 def _ends(values: FloatArray) -> FloatArray:
@@ -154,7 +155,7 @@ def _correlation(fit: JsonObject) -> str:
     cells = [("", [text(a), *(_heat(rows[a].get(b)) for b in names)]) for a in names]
     matrix = table(["", *(text(name) for name in names)], cells, range(1, len(names) + 1))
     condition = f"Condition number of the scaled normal equations: {number(fit.get('condition'), 3)}."
-    return f"<p>{said} {condition}</p><details><summary>Correlation of the parameters</summary>{matrix}</details>"
+    return f"<p>{said} {condition}</p>" + details("Correlation of the parameters", matrix)
 
 
 def _heat(value: object) -> str:

@@ -1,16 +1,24 @@
-"""The report's statement on the bench's own instruments: what was compared with what, and what nobody could compare."""
+"""The bench's own instruments: what was compared with what, what nobody could compare, and their calibrations."""
 
 from __future__ import annotations
 
 import math
 
 from rig.campaign.zero_return import read_zero_checks
-from rig.recording.calibration_check import checked, doubts, instruments_of
-from rig.recording.cross_check import AGREES, DISAGREES, UNCHECKED, CrossCheck, cross_checks
-from rig.recording.estimate import Estimate
-from rig.recording.reading import channel_attributes
+from rig.recording.hdf5.reading import channel_attributes
+from rig.recording.quality.cross_checks import (
+    AGREES,
+    DISAGREES,
+    UNCHECKED,
+    CrossCheck,
+    checked,
+    cross_checks,
+    doubts,
+    instruments_of,
+)
 from rig.recording.run import Run
-from rig.report.fragment import NOTHING, box, chip, signed, table, text
+from rig.report.fragment import NOTHING, box, chip, heading, number, signed, table, text
+from rig.signals.estimate import Estimate
 
 MOST_AUXILIARIES = 7
 REST = {"load cell": "force input", "LVDT": "position input"}
@@ -27,14 +35,13 @@ def instruments(run: Run) -> str:
         "calibration. What is allowed stands in the bench file's <code>[checks]</code>."
     )
     head = ["Instrument", "Property", "Compared with", "Found", "Allowed", "Result"]
-    heading = f'<h2>What this bench can cross-check</h2><p class="lead">{note}</p>'
-    return heading + table(head, rows, (3,))
+    return heading("What this bench can cross-check", note) + table(head, rows, (3,))
 
 
 def checks_of(run: Run) -> tuple[CrossCheck, ...]:
     """What the largest group of the run's points that one bench measured says of its instruments."""
     group = max(instruments_of(run.points).values(), key=len, default=[])
-    if not group or not any("tolerance_force_gain" in point.quality for point in group):
+    if all(point.quality.tolerances is None for point in group):
         return ()
     first = group[0]
     names = [] if first.path is None else [
@@ -81,3 +88,29 @@ def _row(check: CrossCheck) -> tuple[str, list[str]]:
         text(check.instrument), text(check.what), text(check.against), found, text(check.allowed) or NOTHING,
         chip(check.state, kind),
     ])
+
+
+def calibrations(run: Run) -> str:
+    """Sensors with their calibration, as recorded in the run's files."""
+    point = next((point for point in run.points if point.path is not None and not point.imported), None)
+    if point is None or point.path is None:
+        return ""
+    head = ["Channel", "Sensor", "Serial number", "SI per wire unit", "Certificate", "Due", "Uncertainty %", "Delay ms"]
+    rows, overdue = [], []
+    for name in ("force", "displacement", *(f"auxiliary_{n}" for n in range(1, 8))):
+        attributes = channel_attributes(point.path, name)
+        if "serial_number" not in attributes:
+            continue
+        late = bool(attributes.get("overdue", 0))
+        if late:
+            overdue.append(f"{name} ({attributes['serial_number']}, due {attributes.get('due', '')})")
+        rows.append(("no" if late else "", [
+            text(name), text(attributes.get("sensor", "")), text(attributes["serial_number"]),
+            number(attributes.get("sensitivity"), 6),
+            text(attributes.get("certificate", NOTHING)),
+            text(attributes.get("due", NOTHING)) + (" overdue" if late else ""),
+            number(attributes.get("uncertainty_percent"), 3),
+            number(1e3 * attributes["delay_s"] if "delay_s" in attributes else None, 4),
+        ]))
+    warning = box("warn", f"Calibration overdue: {text('; '.join(overdue))}.") if overdue else ""
+    return heading("Calibration") + warning + table(head, rows, (3, 6, 7)) if rows else ""

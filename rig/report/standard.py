@@ -10,13 +10,11 @@ import numpy as np
 from rig.characteristics import Characteristics
 from rig.characteristics.loop import LoopCharacteristics, Measured
 from rig.identification.current_lag import CurrentLag
-from rig.recording.run import RecordedPoint
 from rig.report.chart import Chart, Trace
-from rig.report.fragment import NOTHING, number, table, text
-from rig.report.style import SEQUENCE
+from rig.report.fragment import NOTHING, PLUS_MINUS, card, charts, heading, key, lead, number, table, text
+from rig.report.style import current_colour
 
 PEAK_SPEED = "Peak velocity m/s"
-PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
 
 
 def standard_tests(found: Characteristics) -> str:
@@ -30,53 +28,24 @@ def standard_tests(found: Characteristics) -> str:
         "uncertainty of calibrations comes on top. Forces are mean forces at peak velocity, in extension (rebound) and "
         "compression (jounce)."
     )
-    left_out = f'<p class="lead">Not measured: {text("; ".join(found.left_out))}.</p>' if found.left_out else ""
-    return f'<h2>Standard damper tests</h2><p class="lead">{note}</p>{body}{left_out}'
-
-
-def achieved_table(points: Sequence[RecordedPoint]) -> str:
-    """What the machine was told and what it did, for every point that moved."""
-    head = ["Point", "A wanted mm", "A commanded mm", "A measured mm", "Off %", "Mean mm", "f Hz",
-            "Phase \N{DEGREE SIGN}", "Distortion %", "I measured A", "I scatter mA"]
-    rows = []
-    for point in points:
-        quality = point.quality
-        measured_m = quality.get("measured_amplitude_m")
-        if measured_m is None or point.amplitude_m == 0.0:
-            continue
-        off = 100.0 * (float(measured_m) / point.amplitude_m - 1.0)
-        rows.append(("", [
-            text(point.id), number(1e3 * point.amplitude_m), _scaled(point.test.get("commanded_amplitude_m"), 1e3),
-            f"{_scaled(measured_m, 1e3)} {PLUS_MINUS} {_scaled(quality.get('measured_amplitude_std_m'), 1e3, 2)}",
-            number(off, 2), _scaled(quality.get("measured_mean_m"), 1e3, 3),
-            number(quality.get("measured_frequency_Hz")), number(quality.get("phase_deg"), 3),
-            _scaled(quality.get("harmonic_distortion"), 100.0, 2), number(quality.get("measured_current_A")),
-            _scaled(quality.get("measured_current_std_A"), 1e3, 2),
-        ]))
-    if not rows:
-        return ""
-    note = (
-        f"Means over the full cycles, {PLUS_MINUS} scatter from cycle to cycle. Phase: of measured displacement to the "
-        "controller's set-point. Distortion: harmonics 2 to 9 beyond the ideal waveform's. Values of each cycle are in "
-        "the point's file."
-    )
-    return f'<h2>Achieved motion and current</h2><p class="lead">{note}</p>' + table(head, rows, tuple(range(1, 11)))
+    left_out = lead(f"Not measured: {text('; '.join(found.left_out))}.") if found.left_out else ""
+    return heading("Standard damper tests", note) + body + left_out
 
 
 def _plots(loops: Sequence[LoopCharacteristics]) -> str:
-    cards = [_card("Peak-velocity plot (PVP)", _chart(loops, "Force N", lambda loop: (loop.rebound_N, loop.jounce_N)))]
-    cards.append(_card("Energy per cycle", _chart(loops, "Energy J", lambda loop: (loop.energy_J,))))
-    cards.append(_card(
+    forces = _chart(loops, "Force N", lambda loop: (loop.rebound_N, loop.jounce_N))
+    cards = [_titled("Peak-velocity plot (PVP)", forces)]
+    cards.append(_titled("Energy per cycle", _chart(loops, "Energy J", lambda loop: (loop.energy_J,))))
+    cards.append(_titled(
         "Equivalent viscous damping", _chart(loops, "Damping N s/m", lambda loop: (loop.equivalent_damping_N_s_m,)),
     ))
     if len(loops) < 2:
         return ""
     currents = sorted({loop.current_A for loop in loops})
-    key = "".join(
-        f'<i style="border-color:{_colour(index, len(currents))}"></i>{number(current)} A'
-        for index, current in enumerate(currents)
+    keys = "".join(
+        key(f"{number(current)} A", current_colour(index, len(currents))) for index, current in enumerate(currents)
     )
-    return f'<p class="key">One line a current.{key}</p><div class="charts">{"".join(cards)}</div>'
+    return f'<p class="key">One line a current.{keys}</p>' + charts(cards)
 
 
 def _chart(
@@ -85,23 +54,22 @@ def _chart(
     """One line for each current, waveform and amplitude, over peak velocity; a single loop is drawn as a short dash."""
     currents = sorted({loop.current_A for loop in loops})
     traces = []
-    for key in dict.fromkeys((loop.current_A, loop.waveform) for loop in loops):
+    for line in dict.fromkeys((loop.current_A, loop.waveform) for loop in loops):
         alike = sorted(
-            (loop for loop in loops if (loop.current_A, loop.waveform) == key), key=lambda loop: loop.peak_speed_m_s,
+            (loop for loop in loops if (loop.current_A, loop.waveform) == line), key=lambda loop: loop.peak_speed_m_s,
         )
         speeds = np.array([loop.peak_speed_m_s for loop in alike])
         for column in zip(*(values(loop) for loop in alike), strict=True):
             height = np.array([each.value for each in column])
             if len(alike) == 1:
                 speeds, height = speeds[0] * np.array([0.985, 1.015]), np.repeat(height, 2)
-            traces.append(Trace(
-                speeds, height, "m", f"{key[0]:g} A, {key[1]}", _colour(currents.index(key[0]), len(currents)),
-            ))
+            colour = current_colour(currents.index(line[0]), len(currents))
+            traces.append(Trace(speeds, height, "m", f"{line[0]:g} A, {line[1]}", colour))
     return Chart(PEAK_SPEED, label, traces, 400, 270, title=f"{label} over peak velocity")
 
 
-def _card(title: str, chart: Chart) -> str:
-    return f'<div class="card"><header><b>{text(title)}</b></header>{chart.svg()}</div>'
+def _titled(title: str, chart: Chart) -> str:
+    return card(f"<b>{text(title)}</b>", chart.svg())
 
 
 def _loops_table(loops: Sequence[LoopCharacteristics]) -> str:
@@ -118,7 +86,7 @@ def _loops_table(loops: Sequence[LoopCharacteristics]) -> str:
         for loop in sorted(loops, key=lambda each: (each.current_A, each.peak_speed_m_s))
     ]
     note = "Loops at 0 A are the damper's zero-current signature. Force scatter: from cycle to cycle at equal phase."
-    return table(head, rows, tuple(range(2, 11))) + f'<p class="lead">{note}</p>'
+    return table(head, rows, tuple(range(2, 11))) + lead(note)
 
 
 def _ranges(found: Characteristics) -> str:
@@ -133,7 +101,7 @@ def _ranges(found: Characteristics) -> str:
         for each in found.dynamic_range
     ]
     note = "Force at peak velocity over that of the same motion at 0 A, the static force taken off both."
-    return f'<h3>Dynamic range</h3><p class="lead">{note}</p>' + table(head, rows, (1, 2, 3, 4, 5))
+    return heading("Dynamic range", note, 3) + table(head, rows, (1, 2, 3, 4, 5))
 
 
 def _special(found: Characteristics) -> str:
@@ -152,7 +120,7 @@ def _special(found: Characteristics) -> str:
     if not rows:
         return ""
     head = ["Point", "Quantity", "Value", "Unit", "How"]
-    return "<h3>Gas force, friction, coil lag</h3>" + table(head, rows, (2,))
+    return heading("Gas force, friction, coil lag", level=3) + table(head, rows, (2,))
 
 
 def _lag_rows(lag: CurrentLag) -> list[tuple[str, list[str]]]:
@@ -166,11 +134,3 @@ def _lag_rows(lag: CurrentLag) -> list[tuple[str, list[str]]]:
 def _measured(value: Measured, digits: int = 4) -> str:
     spread = f" {PLUS_MINUS} {number(value.std, 2)}" if math.isfinite(value.std) else ""
     return f"{number(value.value, digits)}{spread}"
-
-
-def _scaled(value: object, factor: float, digits: int = 4) -> str:
-    return number(factor * value, digits) if isinstance(value, (int, float)) else NOTHING
-
-
-def _colour(index: int, count: int) -> str:
-    return SEQUENCE[round(index * (len(SEQUENCE) - 1) / max(count - 1, 1))]

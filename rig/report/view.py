@@ -14,9 +14,10 @@ from rig.identification.coil import with_lag
 from rig.identification.measurement import Measurement
 from rig.identification.model_slope import modelled_force
 from rig.identification.preparation import prepare
-from rig.recording.run import RecordedPoint
-from rig.recording.skew_pooling import PointSkew
-from rig.report.chart import FloatArray, thinned
+from rig.recording.quality.campaign_delay import PointSkew
+from rig.recording.recorded_point import RecordedPoint
+from rig.report.chart import thinned
+from rig.signals.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from watched_campaign import FINISH_S, RIG, Campaign, Ending, assert_completed, 
 
 from protocols.actuator import Command, State
 from rig.clock import monotonic_ns
-from rig.recording.campaign_log import read_log
+from rig.recording.journal.campaign_log import read_log
 
 if TYPE_CHECKING:
     from conftest import InMotion, Run, Start

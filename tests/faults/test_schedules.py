@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from rig.fault_matrix import MATRIX, STOPS
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
 from rig.station.fault_table import TABLE
 
 if TYPE_CHECKING:

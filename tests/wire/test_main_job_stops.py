@@ -16,8 +16,8 @@ import pytest
 from true_states import Truth
 
 from protocols.actuator import State
-from rig.recording.campaign_log import read_log
-from rig.recording.run import RecordedPoint
+from rig.recording.journal.campaign_log import read_log
+from rig.recording.recorded_point import RecordedPoint
 
 if TYPE_CHECKING:
     from conftest import Campaign

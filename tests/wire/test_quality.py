@@ -89,7 +89,7 @@ def test_it_took_at_most_three_corrections_and_no_motion_twice(quality: Ended) -
     assert [line["point"] for line in quality.story if line["event"] == "dropped"] == ["p001"]
     (apart,) = quality.run.apart
     assert (apart.id, apart.verdict) == ("p001-out-of-tolerance1", "invalid"), "the original is kept, and is not used"
-    assert apart.quality["measured_amplitude_m"] < 0.95 * apart.amplitude_m
+    assert apart.quality.motion.amplitude_m < 0.95 * apart.amplitude_m
     assert any(reason.startswith("out-of-tolerance: p001: ") for reason in apart.reasons)
 
 
@@ -134,7 +134,7 @@ def test_the_report_and_its_numbers_hold_the_standard_tests(quality: Ended) -> N
         assert rows
         assert loop["energy_J"]["value"] > 0.0
     page = (quality.run.path / "report.html").read_text(encoding="utf-8")
-    for words in ("Standard damper tests", "Peak-velocity plot", "Achieved motion and current", "Coil lag eta"):
+    for words in ("Standard damper tests", "Peak-velocity plot", "MeasuredMotion motion and current", "Coil lag eta"):
         assert words in page
 
 

@@ -15,7 +15,8 @@ from rig.characteristics.loop import characterise_loop
 from rig.characteristics.summary import Characteristics, characterise, dynamic_range
 from rig.identification.energy import cycle_energy_J
 from rig.identification.preparation import prepare
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 RATE_HZ, AMPLITUDE_M = 500.0, 0.02
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.recording.achieved import achieved_motion, fundamental_phase
+from rig.signals.motion import fundamental_phase, measured_motion
 
 RATE_HZ = 250.0
 
@@ -28,7 +28,7 @@ def ramped(amplitude_m: float, frequency_Hz: float, shape: str, cycles: int = 8)
 @pytest.mark.parametrize(("amplitude_m", "frequency_Hz"), [(0.05, 2.0), (0.01, 0.5), (0.005, 8.0)])
 def test_amplitude_is_known_to_a_tenth_of_a_percent(shape: str, amplitude_m: float, frequency_Hz: float) -> None:
     time_s, displacement_m = ramped(amplitude_m, frequency_Hz, shape)
-    motion = achieved_motion(time_s, displacement_m + 0.002, shape)
+    motion = measured_motion(time_s, displacement_m + 0.002, shape)
     assert motion is not None
     assert motion.amplitude_m == pytest.approx(amplitude_m, rel=1e-3 + 6e-6 / amplitude_m)
     assert motion.mean_m == pytest.approx(0.002, abs=2e-3 * amplitude_m)
@@ -57,7 +57,7 @@ def test_the_amplitude_of_a_triangle_is_that_of_its_rounded_corners(
     peak_m = 0.5 * float(np.ptp(moved[0][steady]))
     time_s = np.arange(1.3e-3, fine_s[-1], 1.0 / rate_Hz)
     noise_m = 5e-6 * np.random.default_rng(3).standard_normal(len(time_s))
-    motion = achieved_motion(time_s, np.interp(time_s, fine_s, moved[0]) + noise_m, "triangle")
+    motion = measured_motion(time_s, np.interp(time_s, fine_s, moved[0]) + noise_m, "triangle")
     assert motion is not None
     assert motion.amplitude_m == pytest.approx(peak_m, rel=4e-3)
     assert motion.fundamental_amplitude_m == pytest.approx(0.02, rel=5e-3)
@@ -66,8 +66,8 @@ def test_the_amplitude_of_a_triangle_is_that_of_its_rounded_corners(
 
 def test_an_ideal_waveform_has_no_distortion_and_the_wrong_one_has() -> None:
     time_s, displacement_m = ramped(0.03, 1.0, "triangle")
-    as_triangle = achieved_motion(time_s, displacement_m, "triangle")
-    as_sine = achieved_motion(time_s, displacement_m, "sine")
+    as_triangle = measured_motion(time_s, displacement_m, "triangle")
+    as_sine = measured_motion(time_s, displacement_m, "sine")
     assert as_triangle is not None
     assert as_sine is not None
     assert np.median(as_triangle.waveform.distortion) < 0.002
@@ -78,7 +78,7 @@ def test_an_ideal_waveform_has_no_distortion_and_the_wrong_one_has() -> None:
 def test_a_third_harmonic_of_two_percent_is_two_percent_of_distortion() -> None:
     time_s = np.arange(0.0, 6.0, 1.0 / RATE_HZ)
     displacement_m = 0.02 * (np.sin(math.tau * time_s) + 0.02 * np.sin(3 * math.tau * time_s + 0.4))
-    motion = achieved_motion(time_s, displacement_m, "sine")
+    motion = measured_motion(time_s, displacement_m, "sine")
     assert motion is not None
     assert np.median(motion.waveform.distortion) == pytest.approx(0.02, rel=0.01)
 
@@ -86,7 +86,7 @@ def test_a_third_harmonic_of_two_percent_is_two_percent_of_distortion() -> None:
 def test_a_cycle_with_a_gap_says_nothing_and_the_others_do() -> None:
     time_s, displacement_m = ramped(0.03, 1.0, "sine")
     displacement_m[(time_s > 4.1) & (time_s < 4.3)] = np.nan
-    motion = achieved_motion(time_s, displacement_m, "sine")
+    motion = measured_motion(time_s, displacement_m, "sine")
     assert motion is not None
     unknown = ~np.isfinite(motion.waveform.amplitude_m)
     assert np.count_nonzero(unknown) == 1
@@ -94,7 +94,7 @@ def test_a_cycle_with_a_gap_says_nothing_and_the_others_do() -> None:
 
 
 def test_a_rod_at_rest_has_no_motion() -> None:
-    assert achieved_motion(np.arange(100) / RATE_HZ, np.zeros(100)) is None
+    assert measured_motion(np.arange(100) / RATE_HZ, np.zeros(100)) is None
 
 
 def test_the_phase_is_found_in_sparse_samples_and_refused_in_samples_on_one_phase() -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rig.recording.achieved import achieved_motion
-from rig.recording.cycles import NoCycles, find_cycles, full_cycles, kept_cycles
+from rig.signals.cycles import NoCycles, find_cycles, full_cycles, kept_cycles
+from rig.signals.motion import measured_motion
 
 
 def ramped_sine(
@@ -72,4 +72,4 @@ def test_a_motion_stopped_while_it_ramped_in_has_no_full_cycle() -> None:
     u = 0.01 * t * np.sin(2.0 * np.pi * t)
     with pytest.raises(NoCycles, match="full amplitude"):
         find_cycles(t, u)
-    assert achieved_motion(t, u) is None
+    assert measured_motion(t, u) is None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.recording.differentiation import NotDifferentiable, harmonic, is_white, savitzky_golay
+from rig.signals.derivatives import NotDifferentiable, harmonic, is_white, savitzky_golay
 
 NOISE_M = 5e-6
 

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from rig.errors import FileProblem
-from rig.recording.layout import AlignedChannel, PointFile, write_file
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, PointFile
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 TEST = {"id": "p001", "waveform": "sine", "amplitude_m": 0.05, "frequency_Hz": 1.0, "current_A": 0.5}
 

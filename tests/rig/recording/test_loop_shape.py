@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rig.recording.loop_shape import loop_shape, noise_of, resting_travel_m, standing
+from rig.signals.loop_shape import loop_shape, noise_of, resting_travel_m, standing
 
 RATE_Hz, FREQUENCY_Hz, CYCLES = 250.0, 1.0, 6
 TIME_S = np.arange(CYCLES * RATE_Hz / FREQUENCY_Hz + 1) / RATE_Hz

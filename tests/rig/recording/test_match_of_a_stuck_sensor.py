@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.recording.signal_match import match
+from rig.signals.delay_estimation.sample_match import match
 
 
 def test_a_sensor_that_is_stuck_but_for_a_few_samples_matches_nothing() -> None:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig.recording.estimate import Estimate
-from rig.recording.reason import Reason
-from rig.recording.reference_judgement import SLUGS, Agreement, Checked, judge
-from rig.recording.tolerances import Tolerances
+from rig.recording.quality.instrument_checks import SLUGS, Agreement, Checked, judge
+from rig.recording.quality.point_quality import Tolerances
+from rig.recording.quality.verdict import Reason
+from rig.signals.estimate import Estimate
 
 CHANGES = {"zero-drift", "crosstalk"}
 
@@ -162,8 +162,8 @@ def test_the_bench_file_says_what_is_allowed() -> None:
 
 def test_tolerances_survive_the_file() -> None:
     told = Tolerances(force_gain=0.03, force_zero_N=11.0, time_s=1e-3)
-    assert Tolerances.stored(told.attributes) == told
-    assert Tolerances.stored({}) == Tolerances()
+    assert Tolerances.read(told.attributes) == told
+    assert Tolerances.read({}) == Tolerances()
 
 
 def test_the_ecus_standing_offset_and_a_coil_colder_than_the_ecu_are_named() -> None:

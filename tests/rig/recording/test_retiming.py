@@ -11,12 +11,14 @@ from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
 from rig.recording.context import SensorContext
-from rig.recording.conversion import ReadBackDiffers, build
-from rig.recording.journal import JournalContent
-from rig.recording.layout import Event, write_file
-from rig.recording.reading import read_events
-from rig.recording.retiming import retime
-from rig.recording.run import RecordedPoint
+from rig.recording.conversion.conversion import build
+from rig.recording.conversion.delay_correction import retime
+from rig.recording.conversion.finishing import ReadBackDiffers
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.hdf5.reading import read_events
+from rig.recording.journal.journal_file import JournalContent
+from rig.recording.layout import Event
+from rig.recording.recorded_point import RecordedPoint
 
 LAG_S = 2e-3
 KEPT_POLLS = 3
@@ -42,7 +44,7 @@ def write_points(
         context.point["id"] = f"p{number:03}"
         noted = (Event(int(records["host_ns"][900]), "note", "halfway, über alles"),)
         content = JournalContent("", records[keep], noted, end={"stopped_by": None, "lost_records": 0})
-        file, _, _ = build(content, context)
+        file, _ = build(content, context)
         write_file(folder / f"p{number:03}.h5", file)
         rigs[f"p{number:03}"] = rig
     return rigs
@@ -146,16 +148,16 @@ def test_a_file_made_again_is_the_file_that_would_have_been_made_with_these_dela
     before = {point.id: point for point in opened(tmp_path)}
     for point in changed_points(tmp_path):
         old, rig = before[point.id], rigs[point.id]
-        late_s = float(point.quality["displacement_undeclared_delay_s"])
+        late_s = float(point.quality.displacement.undeclared_delay_s or 0.0)
         assert float(point.test["controller_clock_at_zero_s"]) == pytest.approx(
             float(old.test["controller_clock_at_zero_s"]) - late_s, abs=1e-5
         )
         wanted = rig.damping * point.velocity_m_s + rig.stiffness * point.displacement_m
         inside = (point.time_s > 1.0) & (point.time_s < 4.5)
         assert np.sqrt(np.nanmean((point.force_N - wanted)[inside] ** 2)) < 0.05 * np.ptp(wanted[inside]), point.id
-        assert set(point.quality) >= set(old.quality) - {"reasons", "blamed"}
+        assert set(point.quality.attributes) >= set(old.quality.attributes) - {"reasons", "blamed"}
         for name in ("force_noise_N", "force_scatter_N", "phase_deg", "measured_amplitude_m", "free_play_m"):
-            assert (name in point.quality) == (name in old.quality)
+            assert (name in point.quality.attributes) == (name in old.quality.attributes)
 
 
 def test_a_file_made_again_says_when_and_why_and_from_which_delays(tmp_path: Path) -> None:
@@ -165,8 +167,8 @@ def test_a_file_made_again_says_when_and_why_and_from_which_delays(tmp_path: Pat
         said = point.provenance
         assert said["rewritten"].startswith("20")
         assert "all points together" in said["rewritten_why"]
-        assert said["rewritten_from_force_delay_s"] == before[point.id].quality["force_undeclared_delay_s"]
-        assert said["rewritten_to_force_delay_s"] == point.quality["force_undeclared_delay_s"]
+        assert said["rewritten_from_force_delay_s"] == before[point.id].quality.force.undeclared_delay_s
+        assert said["rewritten_to_force_delay_s"] == point.quality.force.undeclared_delay_s
         assert said["journal_check"] == before[point.id].provenance["journal_check"]
     for point in opened(tmp_path):
         assert ("rewritten" in point.provenance) == (point.provenance != before[point.id].provenance)

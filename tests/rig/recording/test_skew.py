@@ -6,15 +6,15 @@ from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
 from protocols.actuator import ProgramPhase
-from rig.recording.alignment import align
-from rig.recording.clock_model import by_order
+from rig.recording.alignment.alignment import align
 from rig.recording.context import SensorContext
-from rig.recording.conversion import build
-from rig.recording.cycle_match import Cycles, cycle_series, match_cycles
-from rig.recording.journal import JournalContent
-from rig.recording.layout import FloatArray
-from rig.recording.signal_match import Match, match
-from rig.recording.skew import Seen, Skew, at_likely_compliance, weighed
+from rig.recording.conversion.conversion import build
+from rig.recording.journal.journal_file import JournalContent
+from rig.signals.arrays import FloatArray
+from rig.signals.clock_model import by_order
+from rig.signals.delay_estimation.cycle_match import CycleStretch, cycle_series, match_cycles
+from rig.signals.delay_estimation.delay_model import Seen, Skew, at_likely_compliance, weighed
+from rig.signals.delay_estimation.sample_match import Match, match
 
 
 def test_a_delay_nobody_declared_is_found_and_taken_out() -> None:
@@ -77,9 +77,9 @@ def jump_signal(time_s: np.ndarray) -> np.ndarray:
 
 
 def laid_over(
-    at_s: FloatArray, reference: FloatArray, time_s: FloatArray, values: FloatArray, cycles: Cycles | None = None,
+    at_s: FloatArray, reference: FloatArray, time_s: FloatArray, values: FloatArray, cycles: CycleStretch | None = None,
 ) -> Match | None:
-    cycles = Cycles(0.0, 6.0, 0.5) if cycles is None else cycles
+    cycles = CycleStretch(0.0, 6.0, 0.5) if cycles is None else cycles
     series = cycle_series(time_s, values, cycles)
     return None if series is None else match_cycles(at_s, reference, series, cycles, reach_s=0.03)
 
@@ -238,11 +238,13 @@ def test_a_skew_that_was_not_checked_says_so_and_covers_what_was_not_stated(
         "force": SensorContext("load_cell", 250.0, delay_s), "displacement": SensorContext("lvdt", 250.0, delay_s),
     }
     content = JournalContent("", with_controller_record(rig, 0.002), end={"stopped_by": None, "lost_records": 0})
-    blind, _, judged = build(content, rig.context(controller_delay_s=None, sensors=sensors))
+    blind, quality = build(content, rig.context(controller_delay_s=None, sensors=sensors))
+    judged = quality.verdict
     assert blind.quality["skew_checked"] is False
     assert abs(blind.quality["skew_s"] - 0.002) < 2.0 * blind.quality["skew_std_s"]
     assert judged.verdict == verdict, judged.reasons
-    seeing, _, judged = build(content, rig.context(controller_delay_s=0.0, sensors=sensors))
+    seeing, quality = build(content, rig.context(controller_delay_s=0.0, sensors=sensors))
+    judged = quality.verdict
     assert seeing.quality["skew_checked"] is True
     assert abs(seeing.quality["skew_s"] - 0.002) < 1.96 * seeing.quality["skew_std_s"] < 0.4e-3
     assert seeing.quality["skew_low_s"] < 0.002 < seeing.quality["skew_high_s"]

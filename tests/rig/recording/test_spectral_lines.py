@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from rig.recording.differentiation import harmonic
-from rig.recording.spectral_lines import coefficient_errors, quantisation_step
+from rig.signals.derivatives import harmonic
+from rig.signals.fourier import coefficient_errors, quantisation_step
 
 NOISE_M = 5e-6
 Change = Callable[[np.random.Generator, np.ndarray, np.ndarray, float], np.ndarray]

@@ -7,10 +7,10 @@ import pytest
 from synthetic_rig import SyntheticRig
 
 from drivers.ring import Channel
-from rig.recording.conversion import build
-from rig.recording.journal import JournalContent
-from rig.recording.tracking import loop_error_A, steps_error_A
-from rig.recording.verdict import Verdict
+from rig.recording.conversion.conversion import build
+from rig.recording.journal.journal_file import JournalContent
+from rig.recording.quality.verdict import Verdict
+from rig.signals.current_error import loop_error_A, steps_error_A
 
 TIME_S = np.arange(0.0, 10.0, 0.004)
 STARTS_S = np.arange(11.0)
@@ -106,7 +106,7 @@ def verdict_of(current_A: np.ndarray | None, **point: object) -> Verdict:
         frames = records["channel"] == Channel.COIL_CURRENT
         records["value"][frames] = current_A[: np.count_nonzero(frames)]
     context.point.update(point)
-    return build(JournalContent("", records, end={"stopped_by": None, "lost_records": 0}), context)[2]
+    return build(JournalContent("", records, end={"stopped_by": None, "lost_records": 0}), context)[1].verdict
 
 
 def slugs(verdict: Verdict) -> list[str]:
@@ -129,7 +129,7 @@ def test_a_window_without_a_temperature_is_said(lost: slice, expected: list[str]
     context.point.update(temperature_low_degC=15.0, temperature_high_degC=45.0)
     frames = np.flatnonzero(records["channel"] == Channel.COIL_TEMPERATURE)
     content = JournalContent("", np.delete(records, frames[lost]), end={"stopped_by": None, "lost_records": 0})
-    found = build(content, context)[2]
+    found = build(content, context)[1].verdict
     assert slugs(found) == expected
     assert found.verdict == ("suspect" if expected else "valid")
 
@@ -146,7 +146,8 @@ def test_a_current_step_point_is_judged_by_its_own_levels() -> None:
     def judged(offset_A: float) -> list[str]:
         shown_A = np.interp(at_s, time_s, current_A) + offset_A * ((at_s > 2 * HOLD_S) & (at_s < 3 * HOLD_S))
         records["value"][frames] = shown_A
-        return slugs(build(JournalContent("", records, end={"stopped_by": None, "lost_records": 0}), context)[2])
+        content = JournalContent("", records, end={"stopped_by": None, "lost_records": 0})
+        return slugs(build(content, context)[1].verdict)
 
     assert judged(0.0) == []
     assert judged(0.2) == ["current-tracking"]

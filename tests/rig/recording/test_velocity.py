@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rig.recording.interpolation import cubic_at, flags_at, linear_at, monotone_at
-from rig.recording.velocity import HALF_WIDTH, velocity_of
+from rig.signals.derivatives import HALF_WIDTH, velocity_of
+from rig.signals.interpolation import cubic_at, flags_at, linear_at, monotone_at
 
 TIME_S = np.arange(500) / 250.0
 

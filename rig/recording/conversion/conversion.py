@@ -1,0 +1,201 @@
+"""From a journal's content to all that a point's file holds: aligned, judged, laid out.
+
+How values got from the wire into SI and onto the common time base is written beside them, in words and numbers.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+
+import rig
+from rig.recording.alignment.alignment import Alignment, TimedChannel, align
+from rig.recording.context import PointContext, SensorContext
+from rig.recording.journal.journal_file import JournalContent
+from rig.recording.layout import (
+    RING_CHANNELS,
+    AlignedChannel,
+    Attribute,
+    Description,
+    Event,
+    PointFile,
+    RawChannel,
+    Records,
+)
+from rig.recording.quality.cross_checks import point_reasons
+from rig.recording.quality.judgement import judge
+from rig.recording.quality.point_quality import PointQuality
+from rig.recording.quality.quality_checks import examine, measured_quality, overview
+from rig.recording.quality.verdict import Reason
+from rig.signals.arrays import FloatArray
+from rig.signals.chunked_column import Column, Values, mapped
+from rig.signals.delay_estimation.delay_model import Skew
+from rig.signals.derivatives import MARGIN, METHOD, velocity_of
+from rig.signals.motion import measured_motion
+
+DESCRIPTIONS = {description.name: description for description in RING_CHANNELS.values()}
+RESAMPLED = "monotone cubic through the sensor's own samples, never beyond its two neighbours"
+METHODS = {
+    "velocity": METHOD, "displacement": "the sensor's own samples", "current": "straight line between status frames",
+    "coil_temperature": "straight line between status frames",
+}
+"""How each aligned channel was brought to the displacement's sample times; any other sensor's is `RESAMPLED`."""
+REGISTER = "value = float32 register, SI"
+COUNT = "value = number sent"
+FROM_WIRE: dict[str, str] = {
+    "coil_current": "value = 0.001 * int16 CoilStatus.Current",
+    "commanded_current": "value = 0.001 * int16 CoilCommand.CurrentSetpoint",
+    "coil_temperature": "value = 0.1 * int16 CoilTemperature.CoilTemperature",
+    "ecu_temperature": "value = 0.1 * int16 CoilTemperature.EcuTemperature",
+    "ecu_supply": "value = 0.01 * uint16 CoilTemperature.Supply",
+    **dict.fromkeys(("ecu_state", "ecu_faults", "state", "cycles_done", "fault_bits", "phase", "inputs"), COUNT),
+    **dict.fromkeys(("position", "velocity", "setpoint", "supply_pressure", "accumulator_pressure", "servo_error",
+                     "controller_force"), REGISTER),
+    "pulse": "value = uint16 register pulse_count",
+    "trip": "value = the station's code of the interlock",
+    "loop_late": "value = measured by the station",
+}
+"""Channel -> how its SI values were made of what was on the wire."""
+
+
+def build(
+    content: JournalContent, context: PointContext, records: Mapping[str, Records] | None = None, *,
+    recovered: bool = False, journal_check: str = "", delays: Skew | None = None,
+    instruments: Sequence[Reason] | None = None, rewritten: Mapping[str, Attribute] | None = None,
+) -> tuple[PointFile, PointQuality]:
+    """Align, judge and lay out one point: the one way to a point's file, the first time and any later one.
+
+    Args:
+        content: the journal.
+        context: its header.
+        records: its samples by channel; those in `content` when not given.
+        recovered: the campaign did not end by itself.
+        journal_check: of what the file was made.
+        delays: of the sensors, where all points of a campaign together know them; None: by what this point shows.
+        instruments: what all points of a campaign together say of the instruments; None: what this point says.
+        rewritten: what to say in `/entry/provenance` of a file that is made again.
+
+    Raises:
+        NothingRecorded: the journal holds no displacement or no force.
+    """
+    alignment = align(content.records if records is None else records, context, delays)
+    waveform = str(context.point.get("waveform", "sine"))
+    seen = overview(alignment, float(context.point["frequency_Hz"]))
+    standing = context.point.get("kind") == "current_step"
+    motion = None if standing else measured_motion(seen.time_s, seen.displacement_m, waveform)
+    findings, shape = examine(content, context, alignment, seen, motion)
+    quality = replace(
+        measured_quality(context, alignment, seen, motion, findings, shape), recovered=recovered,
+    )
+    test: dict[str, Attribute] = {
+        **context.point, "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
+        "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
+        "device_rate": context.device_rate, "controller_clock_at_zero_s": alignment.origin_s,
+        **{f"{name}_uncertainty_percent": context.sensors[name].uncertainty_percent
+           for name in ("force", "displacement")},
+    }
+    doubts = point_reasons(str(context.point.get("id", "")), test, quality) if instruments is None else instruments
+    quality = replace(quality, verdict=judge(replace(findings, extra=(*findings.extra, *doubts))))
+    provenance: dict[str, Attribute] = {
+        "software": f"mr-damper-rig {rig.__version__}", **context.provenance, "journal_check": journal_check,
+        "context": context.to_json(), "journal_end": json.dumps(content.end),
+        "journal_missing_blocks": content.missing_blocks, "journal_damaged_bytes": content.damaged_bytes,
+        **(rewritten or {}),
+    }
+    file = PointFile(
+        time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,
+        channels=_aligned_channels(alignment, context), flags=alignment.flags,
+        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name))
+             for name, channel in alignment.timed.items()],
+        events=_events(content, alignment), quality=quality.attributes, provenance=provenance, test=test,
+        title=f"Test point {context.point.get('id', '')}",
+    )
+    return file, quality
+
+
+def _aligned_channels(alignment: Alignment, context: PointContext) -> list[AlignedChannel]:
+    channels = []
+    for name, values in {**alignment.values, "velocity": _velocity(alignment)}.items():
+        sensor = context.sensors.get("displacement" if name == "velocity" else name)
+        described = _described(name, sensor)
+        attributes: dict[str, Attribute] = {"method": METHODS.get(name, RESAMPLED)}
+        attributes |= _calibration(None if name == "velocity" else sensor)
+        source = sensor.sensor if sensor is not None else "ecu"
+        channels.append(AlignedChannel(
+            name, values, described.unit, described.long_name, source, attributes,
+        ))
+    return channels
+
+
+def _velocity(alignment: Alignment) -> Values:
+    time_s, displacement = alignment.time_s, alignment.values["displacement"]
+    if not isinstance(time_s, Column):
+        return velocity_of(np.asarray(time_s), np.asarray(displacement))[0]
+
+    def part(start: int, stop: int) -> FloatArray:
+        first = max(0, start - MARGIN)
+        last = min(len(time_s), stop + MARGIN)
+        return velocity_of(time_s[first:last], displacement[first:last])[0][start - first : stop - first]
+
+    return Column(len(time_s), np.float64, part)
+
+
+def _described(name: str, sensor: SensorContext | None) -> Description:
+    if name == "velocity":
+        return Description(name, "m/s", "Velocity from measured displacement")
+    if name == "current":
+        return Description(name, "A", "Coil current measured by the ECU")
+    known = DESCRIPTIONS.get(name, Description(name, "1", name))
+    if sensor is None or name in {"force", "displacement"}:
+        return known
+    return Description(name, sensor.unit or known.unit, sensor.long_name or known.long_name)
+
+
+def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
+    if sensor is None:
+        return {}
+    kept = {key: value for key, value in asdict(sensor).items() if key not in {"sensor", "unit", "long_name"}}
+    return {key: value for key, value in kept.items() if value not in {"", None}}
+
+
+def _raw_channel(channel: TimedChannel, origin_s: float, sensor: SensorContext | None) -> RawChannel:
+    described = DESCRIPTIONS.get(channel.name, Description(channel.name, "1", channel.name))
+    attributes: dict[str, Attribute] = {
+        "clock_method": channel.clock.method, "clock_std_s": channel.clock.std_s, "lost_samples": channel.lost,
+        "disordered_samples": channel.disordered if channel.sensor is not None else None,
+    }
+    return RawChannel(
+        channel.name, channel.received, described.unit, described.long_name,
+        mapped(channel.received_s, lambda time_s: time_s - origin_s, np.float64), attributes,
+        wire_attributes(channel.name, sensor),
+    )
+
+
+def _events(content: JournalContent, alignment: Alignment) -> list[Event]:
+    if not content.events:
+        return []
+    host_ns = np.array([event.time_ns for event in content.events], np.int64)
+    times_s = alignment.host.time_s(host_ns) - alignment.origin_s
+    return [
+        Event(round(1e9 * float(time_s)), event.code, event.text, event.time_ns)
+        for time_s, event in zip(times_s, content.events, strict=True)
+    ]
+
+
+def wire_attributes(name: str, sensor: SensorContext | None) -> Mapping[str, Attribute]:
+    """What stands beside `raw/<name>/value`: how it was made of what was on the wire.
+
+    Args:
+        name: the channel.
+        sensor: its declaration where it is a sensor's; then factor and offset stand there as numbers too.
+    """
+    if sensor is None:
+        return {"from_wire": FROM_WIRE.get(name)}
+    sent = f"number sent by {sensor.sensor}{f', format {sensor.format}' if sensor.format else ''}"
+    return {
+        "from_wire": f"value = sensitivity * wire - offset; wire = {sent}; wire = (value + offset) / sensitivity",
+        "sensitivity": sensor.sensitivity, "offset": sensor.offset,
+    }
