@@ -78,7 +78,7 @@ class LoopCharacteristics:
 
     def to_json(self) -> dict[str, Any]:
         """Every attribute; measured ones as objects."""
-        entry = {name: each.to_json() if isinstance(each, Measured) else each for name, each in vars(self).items()}
+        entry = {name: value.to_json() if isinstance(value, Measured) else value for name, value in vars(self).items()}
         return {name: None if isinstance(x, float) and not math.isfinite(x) else x for name, x in entry.items()}
 
 

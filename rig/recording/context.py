@@ -176,4 +176,4 @@ def check_records(channels: Mapping[str, Records]) -> None:
 
 def _extremes(records: Records, key: str) -> tuple[int, int]:
     columns = [np.asarray(records[rows][key]) for rows in parts(len(records))]
-    return min(int(each.min()) for each in columns if len(each)), max(int(each.max()) for each in columns if len(each))
+    return min(int(part.min()) for part in columns if len(part)), max(int(part.max()) for part in columns if len(part))

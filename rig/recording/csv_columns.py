@@ -128,17 +128,17 @@ def _numbers(
         )
     except (ValueError, OverflowError) as error:
         raise FileProblem(str(file), _wrong_values(text, separator, names, wanted) or [str(error)]) from error
-    found = {quantity: table[choice.column].to_numpy(np.float64) for quantity, choice in choices.items()}
+    numbers = {quantity: table[choice.column].to_numpy(np.float64) for quantity, choice in choices.items()}
     end = len(table)
-    while end and all(np.isnan(values[end - 1]) for values in found.values()):
+    while end and all(np.isnan(values[end - 1]) for values in numbers.values()):
         end -= 1
     problems = [
         f"line {int(np.flatnonzero(np.isinf(values))[0]) + 2}, column {choices[quantity].column!r}: infinite"
-        for quantity, values in found.items() if np.isinf(values).any()
+        for quantity, values in numbers.items() if np.isinf(values).any()
     ]
     if problems:
         raise FileProblem(str(file), problems)
-    return {quantity: values[:end] for quantity, values in found.items()}
+    return {quantity: values[:end] for quantity, values in numbers.items()}
 
 
 def _wrong_values(text: str, separator: str, names: list[str], wanted: set[str]) -> list[str]:

@@ -164,13 +164,13 @@ def _nominal_current(file: Path, current_A: float | None, pattern: re.Pattern[st
         ])
     if pattern is None:
         return float(current_A or 0.0)
-    found = pattern.search(file.name)
-    if found is None:
+    named = pattern.search(file.name)
+    if named is None:
         raise FileProblem(str(file), [f"the name does not match {pattern.pattern!r}: no current in it"])
     try:
-        return float(found["current"])
+        return float(named["current"])
     except ValueError as error:
-        raise FileProblem(str(file), [f"current {found['current']!r} in the name is not a number (A)"]) from error
+        raise FileProblem(str(file), [f"current {named['current']!r} in the name is not a number (A)"]) from error
 
 
 def _check_time(file: Path, time_s: FloatArray) -> None:
@@ -322,9 +322,9 @@ def _counts(time_s: FloatArray, values: FloatArray, lost: int, motion: MeasuredM
     missing = int(np.count_nonzero(~np.isfinite(values)))
     if motion is None:
         return SensorCounts(len(time_s), lost, missing)
-    found = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
+    stood = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
     return SensorCounts(
-        len(time_s), lost, missing, standing=found.longest, coarse=found.coarse, step=found.step, span=found.span,
+        len(time_s), lost, missing, standing=stood.longest, coarse=stood.coarse, step=stood.step, span=stood.span,
     )
 
 

@@ -167,12 +167,12 @@ class RecordedPoint:
             FileProblem: the file changed or was damaged since it was opened.
         """
         if self.arrays is not None:
-            found = self.arrays.get(name)
+            values = self.arrays.get(name)
         else:
             from rig.recording.hdf5.reading import read_channel
 
-            found = read_channel(self._file, name)
-        return np.full(self.samples, np.nan) if found is None else np.asarray(found, np.float64)
+            values = read_channel(self._file, name)
+        return np.full(self.samples, np.nan) if values is None else np.asarray(values, np.float64)
 
     @property
     def kind(self) -> str:
@@ -206,10 +206,10 @@ class RecordedPoint:
             return np.asarray(self.arrays["time"], np.float64)
         from rig.recording.hdf5.reading import read_channel
 
-        found = read_channel(self._file, "time")
-        if found is None:
+        values = read_channel(self._file, "time")
+        if values is None:
             raise FileProblem(str(self.path), ["/entry/data/time is missing"])
-        return np.asarray(found, np.float64)
+        return np.asarray(values, np.float64)
 
     @cached_property
     def displacement_m(self) -> FloatArray:

@@ -72,10 +72,10 @@ def _condition(part: str) -> tuple[str, tuple[str | float, ...]]:
         raise ValueError(f"{name} = {value!r} is not a number, in the unit its name says") from error
 
 
-def _equal(found: object, wanted: str | float, tolerance: float) -> bool:
+def _equal(value: object, wanted: str | float, tolerance: float) -> bool:
     if isinstance(wanted, str):
-        return str(found) == wanted
-    return isinstance(found, (int, float)) and math.isclose(found, wanted, rel_tol=tolerance, abs_tol=1e-9)
+        return str(value) == wanted
+    return isinstance(value, (int, float)) and math.isclose(value, wanted, rel_tol=tolerance, abs_tol=1e-9)
 
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from rig.recording.quality.cross_checks import checked, instruments_of
 from rig.recording.quality.instrument_checks import deviations, trusted, zero_change
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.fragment import NOTHING, heading, number, table, text
-from rig.report.view import PointView
+from rig.report.loops import PointView
 from rig.signals.loop_shape import noise_of
 
 NOT_STATED = math.nan
@@ -55,13 +55,13 @@ def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> 
         loops: their characteristics.
     """
     steepest = {loop.id: loop.steepest_N_s for loop in loops if math.isfinite(loop.steepest_N_s)}
-    found = [
+    known = [
         (view.point, view.measured) for view in views
         if view.measured is not None and view.point.id in steepest and view.point.quality.loop.span_N is not None
     ]
-    if not found:
+    if not known:
         return ""
-    point, measured = max(found, key=lambda pair: steepest[pair[0].id])
+    point, measured = max(known, key=lambda pair: steepest[pair[0].id])
     note = (
         f"Standard uncertainties at the peak of point {text(point.id)}, where force changes fastest. "
         "What nobody stated is shown as not stated and is not in the sum."
@@ -92,7 +92,8 @@ def _drift_N(points: Sequence[RecordedPoint]) -> float:
     group = max(instruments_of(points).values(), key=len, default=[])
     if not group:
         return NOT_STATED
-    change = zero_change(trusted([checked(each.id, each.test, each.quality) for each in group]), deviations(len(group)))
+    agreeing = trusted([checked(point.id, point.test, point.quality) for point in group])
+    change = zero_change(agreeing, deviations(len(group)))
     if change is None or not change.over_time_N.known:
         return NOT_STATED
     return UNIFORM * math.hypot(change.over_time_N.value, change.over_time_N.std)

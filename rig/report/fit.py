@@ -52,31 +52,31 @@ def parameters(fit: JsonObject) -> str:
 def quality(fit: JsonObject) -> str:
     """Errors, residuals and energy test by test, and how the parameters depend on each other."""
     error = fit.get("error") or {}
-    tests = [*((each, "") for each in error.get("per_test") or ())]
-    tests += [(each, "held out") for each in (error.get("holdout") or {}).get("per_test") or ()]
-    if not any("energy_J" in each for each, _ in tests):
+    tests = [*((test, "") for test in error.get("per_test") or ())]
+    tests += [(test, "held out") for test in (error.get("holdout") or {}).get("per_test") or ()]
+    if not any("energy_J" in test for test, _ in tests):
         return ""
     head = ["Test", "Error %", "RMS error N", "Scatter N", "Noise N", "Repeats N", "White?", "Energy J", "Model J", ""]
-    rows = [("", _test_row(each, remark)) for each, remark in tests]
+    rows = [("", _test_row(test, remark)) for test, remark in tests]
     note = (
         "Scatter: of the force from cycle to cycle. Noise and repeats: the residual's parts that change and that come "
         "back with every cycle, which is what the model lacks. White: chance of such a residual if it were pure noise, "
         "at the noise's own rate. Energy: dissipated in a mean cycle, measured and by the model."
     )
-    found = fit.get("passivity") or {}
+    passivity = fit.get("passivity") or {}
     passive = ""
-    if found.get("share") is not None:
-        share = 100.0 * float(found["share"])
+    if passivity.get("share") is not None:
+        share = 100.0 * float(passivity["share"])
         kind, words = ("good", "passive") if share == 100.0 else ("poor", "not passive")
         passive = (
             f"<p>{chip(words, kind)} The fitted model takes energy out at {number(share, 3)} % of the tested speeds "
-            f"and currents{': at worst it puts in ' + text(found['worst']) if found.get('worst') else ''}.</p>"
+            f"and currents{': at worst it puts in ' + text(passivity['worst']) if passivity.get('worst') else ''}.</p>"
         )
     return heading("Quality of the fit", note) + passive + table(head, rows, range(1, 9)) + _correlation(fit)
 
 
-def _test_row(each: JsonObject, remark: str) -> list[str]:
-    residual = each.get("residual") or {}
+def _test_row(test: JsonObject, remark: str) -> list[str]:
+    residual = test.get("residual") or {}
     chances = [residual[key] for key in ("portmanteau_p", "runs_p") if residual.get(key) is not None]
     white = NOTHING
     if chances:
@@ -84,9 +84,9 @@ def _test_row(each: JsonObject, remark: str) -> list[str]:
         white = chip(f"p {number(least, 2)}", "good" if least >= LEAST_P else "fair")
     repeats = residual.get("repeating_N")
     return [
-        text(each.get("id", "")), number(each.get("nrmse_percent_of_peak"), 3), number(each.get("rmse_N"), 3),
-        number(each.get("noise_N"), 3), number(residual.get("noise_N"), 3), number(repeats, 2), white,
-        number(each.get("energy_J")), number(each.get("modelled_energy_J")), text(remark),
+        text(test.get("id", "")), number(test.get("nrmse_percent_of_peak"), 3), number(test.get("rmse_N"), 3),
+        number(test.get("noise_N"), 3), number(residual.get("noise_N"), 3), number(repeats, 2), white,
+        number(test.get("energy_J")), number(test.get("modelled_energy_J")), text(remark),
     ]  # fmt: skip
 
 
@@ -99,10 +99,12 @@ def _half_percent(value: object, low: object, high: object) -> str:
 
 
 def _next_tests(fit: JsonObject) -> str:
-    found = fit.get("next_tests") or ()
-    if not found:
+    proposed = fit.get("next_tests") or ()
+    if not proposed:
         return ""
-    proposals = "".join(f"<p>{text(each['text'])}</p><pre>{text(each['toml'].strip())}</pre>" for each in found)
+    proposals = "".join(
+        f"<p>{text(proposal['text'])}</p><pre>{text(proposal['toml'].strip())}</pre>" for proposal in proposed
+    )
     return (
         heading("What to test next", level=3) + f'<div class="card">{proposals}'
         + lead("Lines for the matrix file. Expected from the fitted model and the noise of these tests.") + "</div>"
@@ -111,9 +113,9 @@ def _next_tests(fit: JsonObject) -> str:
 
 def _profiles(fit: JsonObject) -> str:
     cards = []
-    for name, found in (fit.get("profiles") or {}).items():
+    for name, profile in (fit.get("profiles") or {}).items():
         entry = fit["parameters"][name]
-        values, deviance = np.array(found["values"], float), np.array(found["deviance"], float)
+        values, deviance = np.array(profile["values"], float), np.array(profile["deviance"], float)
         if values.size < 3:
             continue
         grid = np.linspace(values[0], values[-1], 121)
@@ -124,7 +126,7 @@ def _profiles(fit: JsonObject) -> str:
         traces.append(Trace(_ends(values), np.full(2, THRESHOLD), "e", "95 %"))
         chart = Chart(f"{name} {entry.get('unit', '')}", "Deviance", traces, 400, 220, y_range=(0.0, 8.0))
         ends = " \N{HORIZONTAL ELLIPSIS} ".join(
-            "open" if each is None else number(each, 5) for each in (found["low"], found["high"])
+            "open" if end is None else number(end, 5) for end in (profile["low"], profile["high"])
         )
         cards.append(card(f"<b>{text(name)}</b><span>{ends}</span>", chart.svg()))
     if not cards:

@@ -45,15 +45,15 @@ def checks_of(run: Run) -> tuple[CrossCheck, ...]:
         return ()
     first = group[0]
     names = [] if first.path is None else [
-        str(found.get("sensor") or name) for name in (f"auxiliary_{n}" for n in range(1, MOST_AUXILIARIES + 1))
-        if "serial_number" in (found := channel_attributes(first.path, name))
+        str(attributes.get("sensor") or name) for name in (f"auxiliary_{n}" for n in range(1, MOST_AUXILIARIES + 1))
+        if "serial_number" in (attributes := channel_attributes(first.path, name))
     ]
     return cross_checks([checked(point.id, point.test, point.quality) for point in group], names)
 
 
 def zero_returns(run: Run) -> tuple[CrossCheck, ...]:
     """Load cell and LVDT at rest after each session's motion against before, by the controller's own inputs."""
-    found = []
+    checks = []
     for session, check in enumerate(read_zero_checks(run.path), start=1):
         if check.start is None or check.end is None:
             continue
@@ -67,13 +67,13 @@ def zero_returns(run: Run) -> tuple[CrossCheck, ...]:
             before, before_own, after, after_own = (reading.mean for reading in readings)
             error = math.hypot(*(reading.std / math.sqrt(max(reading.count, 1)) for reading in readings))
             moved = Estimate((after - after_own) - (before - before_own), error)
-            found.append(CrossCheck(
+            checks.append(CrossCheck(
                 name, f"return of its zero after session {session}",
                 f"controller's {REST[name]}, at rest before and after",
                 f"{moved.times(scale).signed} {unit}", "1 % of the largest measured, or its noise",
                 DISAGREES if name in disagree else AGREES,
             ))
-    return tuple(found)
+    return tuple(checks)
 
 
 def doubts_of(run: Run) -> str:
@@ -83,9 +83,9 @@ def doubts_of(run: Run) -> str:
 
 def _row(check: CrossCheck) -> tuple[str, list[str]]:
     kind = {DISAGREES: "suspect", UNCHECKED: "plain"}.get(check.state, "valid")
-    found = signed(text(check.found)) or NOTHING
+    shown = signed(text(check.found)) or NOTHING
     return ("no" if check.state == UNCHECKED else "", [
-        text(check.instrument), text(check.what), text(check.against), found, text(check.allowed) or NOTHING,
+        text(check.instrument), text(check.what), text(check.against), shown, text(check.allowed) or NOTHING,
         chip(check.state, kind),
     ])
 

@@ -27,7 +27,7 @@ from rig.report.fragment import (
     table,
     text,
 )
-from rig.report.view import PointView
+from rig.report.loops import PointView
 from rig.signals.estimate import Estimate
 
 TEMPERATURE_STEP_K = 0.1

@@ -17,10 +17,10 @@ from rig.report.style import current_colour
 PEAK_SPEED = "Peak velocity m/s"
 
 
-def standard_tests(found: Characteristics) -> str:
+def standard_tests(characteristics: Characteristics) -> str:
     """Everything measured of the damper itself, without a model; empty where there is nothing."""
-    parts = [_plots(found.loops), _loops_table(found.loops), _ranges(found), _special(found)]
-    body = "".join(parts)
+    loops = characteristics.loops
+    body = _plots(loops) + _loops_table(loops) + _ranges(characteristics) + _special(characteristics)
     if not body:
         return ""
     note = (
@@ -28,7 +28,7 @@ def standard_tests(found: Characteristics) -> str:
         "uncertainty of calibrations comes on top. Forces are mean forces at peak velocity, in extension (rebound) and "
         "compression (jounce)."
     )
-    left_out = lead(f"Not measured: {text('; '.join(found.left_out))}.") if found.left_out else ""
+    left_out = lead(f"Not measured: {text('; '.join(characteristics.left_out))}.") if characteristics.left_out else ""
     return heading("Standard damper tests", note) + body + left_out
 
 
@@ -60,7 +60,7 @@ def _chart(
         )
         speeds = np.array([loop.peak_speed_m_s for loop in alike])
         for column in zip(*(values(loop) for loop in alike), strict=True):
-            height = np.array([each.value for each in column])
+            height = np.array([point.value for point in column])
             if len(alike) == 1:
                 speeds, height = speeds[0] * np.array([0.985, 1.015]), np.repeat(height, 2)
             colour = current_colour(currents.index(line[0]), len(currents))
@@ -83,30 +83,31 @@ def _loops_table(loops: Sequence[LoopCharacteristics]) -> str:
             number(loop.current_A), number(loop.peak_speed_m_s, 3), _measured(loop.rebound_N), _measured(loop.jounce_N),
             _measured(loop.energy_J), _measured(loop.equivalent_damping_N_s_m), number(loop.force_scatter_N, 2),
         ])
-        for loop in sorted(loops, key=lambda each: (each.current_A, each.peak_speed_m_s))
+        for loop in sorted(loops, key=lambda loop: (loop.current_A, loop.peak_speed_m_s))
     ]
     note = "Loops at 0 A are the damper's zero-current signature. Force scatter: from cycle to cycle at equal phase."
     return table(head, rows, tuple(range(2, 11))) + lead(note)
 
 
-def _ranges(found: Characteristics) -> str:
-    if not found.dynamic_range:
+def _ranges(characteristics: Characteristics) -> str:
+    if not characteristics.dynamic_range:
         return ""
     head = ["Waveform", "A mm", "f Hz", "I A", "Rebound", "Jounce"]
     rows = [
         ("", [
-            text(each.motion[0]), number(1e3 * each.motion[1]), number(each.motion[2]), number(each.current_A),
-            f"{number(each.rebound, 4)} {PLUS_MINUS} {number(each.std, 2)}", number(each.jounce, 4),
+            text(dynamic.motion[0]), number(1e3 * dynamic.motion[1]), number(dynamic.motion[2]),
+            number(dynamic.current_A),
+            f"{number(dynamic.rebound, 4)} {PLUS_MINUS} {number(dynamic.std, 2)}", number(dynamic.jounce, 4),
         ])
-        for each in found.dynamic_range
+        for dynamic in characteristics.dynamic_range
     ]
     note = "Force at peak velocity over that of the same motion at 0 A, the static force taken off both."
     return heading("Dynamic range", note, 3) + table(head, rows, (1, 2, 3, 4, 5))
 
 
-def _special(found: Characteristics) -> str:
+def _special(characteristics: Characteristics) -> str:
     rows = []
-    for test in found.friction:
+    for test in characteristics.friction:
         speed = f"{number(1e3 * test.speed_m_s, 3)} mm/s"
         rows.append(("", [text(test.id), "Gas force (static)", _measured(test.gas_force_N), "N", f"at {speed}"]))
         rows.append(("", [
@@ -115,8 +116,8 @@ def _special(found: Characteristics) -> str:
         rows.append(("", [
             text(test.id), "Stiffness", _measured(test.stiffness_N_m), "N/m", "slope of the static force, mid-stroke",
         ]))
-    if found.lag is not None:
-        rows += _lag_rows(found.lag)
+    if characteristics.lag is not None:
+        rows += _lag_rows(characteristics.lag)
     if not rows:
         return ""
     head = ["Point", "Quantity", "Value", "Unit", "How"]

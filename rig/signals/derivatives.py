@@ -160,10 +160,10 @@ def harmonic(time_s: FloatArray, displacement_m: FloatArray, frequency_Hz: float
     coefficients, residual, _ = _solve(t - origin, u, omega, first)
     orders = first
     for _ in range(ROUNDS):
-        found = np.setdiff1d(significant_orders(t - origin, residual, omega, count, step), orders)
-        if found.size == 0:
+        added = np.setdiff1d(significant_orders(t - origin, residual, omega, count, step), orders)
+        if added.size == 0:
             break
-        orders = np.union1d(orders, found)
+        orders = np.union1d(orders, added)
         omega += _solve(t - origin, u, omega, orders)[2]
         coefficients, residual, _ = _solve(t - origin, u, omega, orders)
     deviation = float(np.sqrt(np.sum(residual**2) / max(1, t.size - coefficients.size - 1)))

@@ -75,12 +75,12 @@ class Estimate:
 
 def pooled(estimates: Iterable[Estimate]) -> Estimate | None:
     """Weighted mean, its deviation widened when the estimates scatter more than they say; None without any."""
-    known = [each for each in estimates if each.known and each.std > 0.0]
+    known = [estimate for estimate in estimates if estimate.known and estimate.std > 0.0]
     if not known:
         return None
-    weights = [each.std**-2 for each in known]
-    mean = math.fsum(w * each.value for w, each in zip(weights, known, strict=True)) / math.fsum(weights)
-    chi = math.fsum(w * (each.value - mean) ** 2 for w, each in zip(weights, known, strict=True))
+    weights = [estimate.std**-2 for estimate in known]
+    mean = math.fsum(w * estimate.value for w, estimate in zip(weights, known, strict=True)) / math.fsum(weights)
+    chi = math.fsum(w * (estimate.value - mean) ** 2 for w, estimate in zip(weights, known, strict=True))
     widening = max(1.0, chi / (len(known) - 1)) if len(known) > 1 else 1.0
     return Estimate(mean, math.sqrt(widening / math.fsum(weights)))
 
@@ -91,19 +91,19 @@ def outlying(estimates: Mapping[str, Estimate]) -> frozenset[str]:
     A property of an instrument does not change from point to point: an estimate far from the weighted median of all is
     a failed one, unless there are many of them.
     """
-    known = {name: each for name, each in estimates.items() if each.known and each.std > 0.0}
+    known = {name: estimate for name, estimate in estimates.items() if estimate.known and estimate.std > 0.0}
     if len(known) < 3:
         return frozenset()
-    ordered = sorted(known.values(), key=lambda each: each.value)
-    half = 0.5 * math.fsum(1.0 / each.std for each in ordered)
+    ordered = sorted(known.values(), key=lambda estimate: estimate.value)
+    half = 0.5 * math.fsum(1.0 / estimate.std for estimate in ordered)
     reached, median = 0.0, ordered[-1]
-    for each in ordered:
-        reached += 1.0 / each.std
+    for estimate in ordered:
+        reached += 1.0 / estimate.std
         if reached >= half:
-            median = each
+            median = estimate
             break
     far = {
-        name for name, each in known.items()
-        if abs(each.value - median.value) > OUTLYING * math.hypot(each.std, median.std)
+        name for name, estimate in known.items()
+        if abs(estimate.value - median.value) > OUTLYING * math.hypot(estimate.std, median.std)
     }
     return frozenset(far) if len(far) <= MOST_OUTLYING * len(known) else frozenset()

@@ -150,7 +150,7 @@ def _folded(phase: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
     at = np.minimum((part * FOLDED).astype(np.int64), FOLDED - 1)
     count = np.bincount(at, minlength=FOLDED)
     filled = count > 0
-    means = [np.bincount(at, each, FOLDED)[filled] / count[filled] for each in (part, values)]
+    means = [np.bincount(at, column, FOLDED)[filled] / count[filled] for column in (part, values)]
     return math.tau * means[0], means[1]
 
 

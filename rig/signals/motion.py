@@ -141,8 +141,8 @@ def peak_of_fundamental(phase: FloatArray, values: FloatArray) -> float:
         return 1.0 / TRIANGLE_FUNDAMENTAL
     design = harmonic_columns(phase, math.tau, orders)
     # The orders are as many as the widest gap between the phases allows, so the normal equations are well conditioned.
-    found = np.linalg.solve(design.T @ design, design.T @ values)
-    harmonics = found[2::2] + 1j * found[1::2]
+    coefficients = np.linalg.solve(design.T @ design, design.T @ values)
+    harmonics = coefficients[2::2] + 1j * coefficients[1::2]
     first = complex(harmonics[0])
     shown = np.fft.irfft(np.concatenate(([0.0], -0.5j * GRID * harmonics)), GRID)
     odd = orders[orders % 2 == 1]
@@ -186,8 +186,8 @@ def _cycle(
         return (math.nan, math.nan, frequency_Hz, math.nan, math.nan)
     orders = np.arange(1, HARMONICS + 1)
     design = harmonic_columns(t - t[0], math.tau * frequency_Hz, orders)
-    found, *_ = np.linalg.lstsq(design, u, rcond=None)
-    harmonics = found[2::2] + 1j * found[1::2]
+    coefficients, *_ = np.linalg.lstsq(design, u, rcond=None)
+    harmonics = coefficients[2::2] + 1j * coefficients[1::2]
     first = complex(harmonics[0])
     phase = math.atan2(first.imag, first.real)
     if waveform == "triangle":
@@ -198,7 +198,7 @@ def _cycle(
     ideal = abs(first) * np.array([_ideal(waveform).get(order, 0.0) for order in orders.tolist()])
     distortion = float(np.sqrt(np.sum(np.abs(turned - ideal)[1:] ** 2))) / abs(first)
     phase = wrapped(phase - math.tau * mean_frequency_Hz * float(t[0]))
-    return (amplitude_m, float(found[0]), frequency_Hz, phase, distortion)
+    return (amplitude_m, float(coefficients[0]), frequency_Hz, phase, distortion)
 
 
 def _ideal(waveform: str) -> Mapping[int, float]:

@@ -48,7 +48,7 @@ class ZeroChange:
 
     def moved(self, tolerance_N: float, k: float) -> tuple[bool, bool]:
         """Whether it certainly moved by more than a tolerance with time, and with the current."""
-        drift, crosstalk = (each.beyond(0.0, tolerance_N, k) for each in (self.over_time_N, self.over_current_N))
+        drift, crosstalk = (change.beyond(0.0, tolerance_N, k) for change in (self.over_time_N, self.over_current_N))
         return drift, crosstalk
 
 
@@ -62,13 +62,13 @@ def zero_changes(seen: Sequence[ZeroSeen], floor_N: float) -> tuple[ZeroChange, 
     Returns:
         Nothing for fewer than two points.
     """
-    known = [each for each in seen if each.offset_N.known]
+    known = [point for point in seen if point.offset_N.known]
     if len(known) < 2:
         return ()
-    time_s = np.array([each.time_s for each in known])
-    current_A = np.array([each.current_A for each in known])
-    offset_N = np.array([each.offset_N.value for each in known])
-    std_N = np.array([each.offset_N.widened(floor_N).std for each in known])
+    time_s = np.array([point.time_s for point in known])
+    current_A = np.array([point.current_A for point in known])
+    offset_N = np.array([point.offset_N.value for point in known])
+    std_N = np.array([point.offset_N.widened(floor_N).std for point in known])
     (drift,), (crosstalk,) = (_slopes((column,), offset_N, std_N) for column in (time_s, current_A))
     alone = _change(drift, crosstalk, time_s, current_A, told_apart=False)
     both_vary = len(known) >= FEWEST_FOR_BOTH and np.ptp(time_s) > 0.0 and np.ptp(current_A) > 0.0

@@ -134,7 +134,7 @@ def test_the_report_and_its_numbers_hold_the_standard_tests(quality: Ended) -> N
         assert rows
         assert loop["energy_J"]["value"] > 0.0
     page = (quality.run.path / "report.html").read_text(encoding="utf-8")
-    for words in ("Standard damper tests", "Peak-velocity plot", "MeasuredMotion motion and current", "Coil lag eta"):
+    for words in ("Standard damper tests", "Peak-velocity plot", "Achieved motion and current", "Coil lag eta"):
         assert words in page
 
 

@@ -198,9 +198,9 @@ def _ecu_clock(
     if context.device_rate != 1.0 and frames is not None and polls is not None:
         sent, asked = frames[:], polls[:]
         asked = asked[asked["device_us"] >= 0]
-        found = by_order(sent["device_us"] * 1e-6, sent["host_ns"], asked["device_us"] * 1e-6, asked["host_ns"])
-        if found is not None:
-            return found
+        ordered = by_order(sent["device_us"] * 1e-6, sent["host_ns"], asked["device_us"] * 1e-6, asked["host_ns"])
+        if ordered is not None:
+            return ordered
     return by_envelope(device_s, arrival_s, device_rate=context.device_rate)
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from protocols.actuator import ProgramPhase
 from rig.recording.context import PointContext, SensorContext
 from rig.recording.layout import DOUBTFUL, Records
-from rig.signals.arrays import FloatArray
+from rig.signals.arrays import FloatArray, TimeSeries
 from rig.signals.chunked_column import Values, mapped, parts
 from rig.signals.clock_model import (
     LARGEST_DRIFT,
@@ -62,10 +62,9 @@ MOST_SPREAD = 1.0 / np.sqrt(12.0)
 
 @dataclass(frozen=True)
 class Reference:
-    """The controller's own record of a sensor's quantity: times (s) and values (m,), and its full cycles if any."""
+    """The controller's own record (m,) of a sensor's quantity, and its full cycles if any."""
 
-    time_s: FloatArray
-    values: FloatArray
+    record: TimeSeries
     cycles: CycleStretch | None
 
 
@@ -132,7 +131,7 @@ def timed_sensors(
         name: _tied(name, by_name, host, sensor, context)
         for name, sensor in context.sensors.items() if name in by_name and len(by_name[name])
     }
-    found = {name: _by_signal(tie, context) for name, tie in ties.items() if not tie.by_edges}
+    clocks = {name: _by_signal(tie, context) for name, tie in ties.items() if not tie.by_edges}
     matches = _matches({name: tie for name, tie in ties.items() if tie.by_edges and tie.reference is not None})
     skew = given
     if skew is None:
@@ -144,11 +143,11 @@ def timed_sensors(
         delay = {"force": skew.force, "displacement": skew.displacement}.get(name)
         value_s, std_s = (0.0, tolerance_s(tie.sensor.delay_s)) if delay is None else (delay.value_s, delay.std_s)
         sure = replace(tie.clock, std_s=math.hypot(tie.clock.std_s, std_s))
-        found[name] = SensorClock(
+        clocks[name] = SensorClock(
             tie.times_s(tie.sensor.declared_s + value_s), sure, tie.sensor.delay_s, value_s, tie.clock.std_s,
             matches.get(name), tie.reference is not None, delay is not None and delay.checked,
         )
-    return found, skew
+    return clocks, skew
 
 
 def _seen(tie: _Tie | None, match_: Match | None) -> Seen:
@@ -194,7 +193,7 @@ def _tied(
 
 def _matches(ties: Mapping[str, _Tie]) -> dict[str, Match]:
     """Each sensor's signal over the controller's: all cycles together where they repeat; else sample by sample."""
-    found: dict[str, Match] = {}
+    matches: dict[str, Match] = {}
     series: dict[str, Series] = {}
     cycles = _common_cycles(ties)
     if cycles is not None:
@@ -210,13 +209,13 @@ def _matches(ties: Mapping[str, _Tie]) -> dict[str, Match]:
         if cycles is not None and name in series:
             force = series.get("force") if name == "displacement" else None
             laid = match_cycles(
-                reference.time_s, reference.values, series[name], cycles, reach_s=DELAY_REACH_S, force=force,
+                reference.record, series[name], cycles, reach_s=DELAY_REACH_S, force=force,
             )
         else:
             laid = _sample_by_sample(tie, reference, DELAY_REACH_S, cycles, with_drift=False)
         if laid is not None:
-            found[name] = laid
-    return found
+            matches[name] = laid
+    return matches
 
 
 def _common_cycles(ties: Mapping[str, _Tie]) -> CycleStretch | None:
@@ -238,10 +237,10 @@ def _common_cycles(ties: Mapping[str, _Tie]) -> CycleStretch | None:
 def _by_signal(tie: _Tie, context: PointContext) -> SensorClock:
     """Without edges: the signal laid over the controller's, which takes in every delay; else arrivals as they are."""
     reach_s = ARRIVAL_REACH * max(tie.clock.std_s, UNKNOWN_LATENCY_S * context.device_rate)
-    sensor, found = tie.sensor, None
+    sensor, drifting = tie.sensor, None
     if tie.reference is not None and context.controller_delay_s is not None:
-        found = _drifting(tie, tie.reference, reach_s)
-    if found is None or abs(found.drift) > LARGEST_DRIFT:
+        drifting = _drifting(tie, tie.reference, reach_s)
+    if drifting is None or abs(drifting.drift) > LARGEST_DRIFT:
         doubt_s = math.hypot(weighed_alone_s(sensor.delay_s), tie.miscount_s)
         sure = replace(tie.clock, std_s=math.hypot(tie.clock.std_s, doubt_s))
         return SensorClock(
@@ -249,12 +248,12 @@ def _by_signal(tie: _Tie, context: PointContext) -> SensorClock:
             tie.reference is not None, checked=False,
         )
     std_s = math.hypot(
-        found.lag_std_s, found.drift_std * MOST_SPREAD * _span_s(tie.local_s), tolerance_s(context.controller_delay_s),
-        tie.miscount_s,
+        drifting.lag_std_s, drifting.drift_std * MOST_SPREAD * _span_s(tie.local_s),
+        tolerance_s(context.controller_delay_s), tie.miscount_s,
     )
-    moved = tie.clock.moved(found.lag_s, found.drift, found.middle_s, std_s, found.drift_std)
+    moved = tie.clock.moved(drifting.lag_s, drifting.drift, drifting.middle_s, std_s, drifting.drift_std)
     return SensorClock(
-        replace(tie, clock=moved).times_s(0.0), moved, 0.0, 0.0, std_s, found, compared=True, checked=True,
+        replace(tie, clock=moved).times_s(0.0), moved, 0.0, 0.0, std_s, drifting, compared=True, checked=True,
     )
 
 
@@ -270,7 +269,7 @@ def _drifting(tie: _Tie, reference: Reference, reach_s: float) -> Match | None:
     if series is None:
         return rough
     left = match_cycles(
-        reference.time_s, reference.values, series, cycles, reach_s=DELAY_REACH_S, with_drift=True,
+        reference.record, series, cycles, reach_s=DELAY_REACH_S, with_drift=True,
     )
     if left is None or not left.lag_std_s < rough.lag_std_s:
         return rough
@@ -284,7 +283,7 @@ def _sample_by_sample(
     tie: _Tie, reference: Reference, reach_s: float, cycles: CycleStretch | None, *, with_drift: bool,
 ) -> Match | None:
     return match(
-        reference.time_s, reference.values, tie.thin_s, tie.thin, tie.period_s, reach_s=reach_s, with_drift=with_drift,
+        reference.record, TimeSeries(tie.thin_s, tie.thin), tie.period_s, reach_s=reach_s, with_drift=with_drift,
         cycle_s=np.inf if cycles is None else cycles.period_s,
     )
 
@@ -304,7 +303,7 @@ def _reference(name: str, by_name: Mapping[str, Records], context: PointContext)
     fresh = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0)) if len(time_s) else np.zeros(0, bool)
     if np.count_nonzero(fresh) < 2 or np.ptp(records["value"][fresh]) == 0.0:
         return None
-    return Reference(time_s[fresh], records["value"][fresh], _full_cycles(by_name.get("phase"), context))
+    return Reference(TimeSeries(time_s[fresh], records["value"][fresh]), _full_cycles(by_name.get("phase"), context))
 
 
 def _full_cycles(phase: Records | None, context: PointContext) -> CycleStretch | None:

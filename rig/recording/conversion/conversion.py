@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -61,10 +61,24 @@ FROM_WIRE: dict[str, str] = {
 """Channel -> how its SI values were made of what was on the wire."""
 
 
+@dataclass(frozen=True)
+class Correction:
+    """What all points of a campaign together know of one of them.
+
+    Attributes:
+        delays: of the sensors.
+        instruments: what is said of the instruments; None: what the point alone says.
+        rewritten: what to say of it in `/entry/provenance`.
+    """
+
+    delays: Skew
+    instruments: Sequence[Reason] | None
+    rewritten: Mapping[str, Attribute]
+
+
 def build(
     content: JournalContent, context: PointContext, records: Mapping[str, Records] | None = None, *,
-    recovered: bool = False, journal_check: str = "", delays: Skew | None = None,
-    instruments: Sequence[Reason] | None = None, rewritten: Mapping[str, Attribute] | None = None,
+    recovered: bool = False, journal_check: str = "", correction: Correction | None = None,
 ) -> tuple[PointFile, PointQuality]:
     """Align, judge and lay out one point: the one way to a point's file, the first time and any later one.
 
@@ -74,13 +88,12 @@ def build(
         records: its samples by channel; those in `content` when not given.
         recovered: the campaign did not end by itself.
         journal_check: of what the file was made.
-        delays: of the sensors, where all points of a campaign together know them; None: by what this point shows.
-        instruments: what all points of a campaign together say of the instruments; None: what this point says.
-        rewritten: what to say in `/entry/provenance` of a file that is made again.
+        correction: what all points of a campaign together know; None: what this point shows.
 
     Raises:
         NothingRecorded: the journal holds no displacement or no force.
     """
+    delays, instruments = (correction.delays, correction.instruments) if correction else (None, None)
     alignment = align(content.records if records is None else records, context, delays)
     waveform = str(context.point.get("waveform", "sine"))
     seen = overview(alignment, float(context.point["frequency_Hz"]))
@@ -97,13 +110,14 @@ def build(
         **{f"{name}_uncertainty_percent": context.sensors[name].uncertainty_percent
            for name in ("force", "displacement")},
     }
-    doubts = point_reasons(str(context.point.get("id", "")), test, quality) if instruments is None else instruments
-    quality = replace(quality, verdict=judge(replace(findings, extra=(*findings.extra, *doubts))))
+    if instruments is None:
+        instruments = point_reasons(str(context.point.get("id", "")), test, quality)
+    quality = replace(quality, verdict=judge(replace(findings, extra=(*findings.extra, *instruments))))
     provenance: dict[str, Attribute] = {
         "software": f"mr-damper-rig {rig.__version__}", **context.provenance, "journal_check": journal_check,
         "context": context.to_json(), "journal_end": json.dumps(content.end),
         "journal_missing_blocks": content.missing_blocks, "journal_damaged_bytes": content.damaged_bytes,
-        **(rewritten or {}),
+        **(correction.rewritten if correction else {}),
     }
     file = PointFile(
         time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,

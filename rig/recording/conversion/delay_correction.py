@@ -24,7 +24,7 @@ from rig.errors import FileProblem
 from rig.recording.atomic_write import ReservedFile, write_whole
 from rig.recording.channel_split import ChannelSplit
 from rig.recording.context import PointContext
-from rig.recording.conversion.conversion import build
+from rig.recording.conversion.conversion import Correction, build
 from rig.recording.conversion.finished_point import FinishedPoint
 from rig.recording.conversion.finishing import prove
 from rig.recording.hdf5.hdf5_image import set_attributes, write_file
@@ -110,14 +110,14 @@ def make_again(path: Path, change: Change) -> FinishedPoint:
             sorter.take(records)
         file, quality = build(
             content, context, sorter.channels(), recovered=bool(old.quality.recovered),
-            journal_check=str(old.provenance.get("journal_check", "")), delays=change.skew.delays,
-            rewritten=_said(old, change), instruments=change.instruments,
+            journal_check=str(old.provenance.get("journal_check", "")),
+            correction=Correction(change.skew.delays, change.instruments, _rewritten(old, change)),
         )
         write_file(path, file, before_naming=lambda partial: prove(partial, file))
     return FinishedPoint.of(old.id, path, quality)
 
 
-def _said(old: RecordedPoint, change: Change) -> dict[str, Attribute]:
+def _rewritten(old: RecordedPoint, change: Change) -> dict[str, Attribute]:
     """What a file made again says of that in `/entry/provenance`."""
     delays = change.skew.delays
     return {

@@ -82,13 +82,13 @@ class Finaliser:
 
     def results(self) -> list[FinishedPoint]:
         """Points finished since the last call; returns at once."""
-        found = list(self._kept.values())
+        points = list(self._kept.values())
         self._kept.clear()
         while True:
             try:
-                found.append(self._taken(self._answers.get_nowait()))
+                points.append(self._taken(self._answers.get_nowait()))
             except queue.Empty:
-                return found
+                return points
 
     def wait(self, point_id: str, timeout_s: float) -> FinishedPoint:
         """Wait for one point; others that finish meanwhile are kept for `results`.

@@ -108,10 +108,10 @@ def set_aside(points: Path, point_id: str, ids: Collection[str]) -> None:
     """
     own = re.compile(rf"({re.escape(point_id)}([-.]{ATTEMPT}\d+)?)({re.escape(FILE)}|{re.escape(JOURNAL)})")
     for path in sorted(points.iterdir()):
-        found = own.fullmatch(path.name)
-        if found is None:
+        named = own.fullmatch(path.name)
+        if named is None:
             continue
-        by_name = found[1] if found[1] in ids else point_id
+        by_name = named[1] if named[1] in ids else point_id
         if path.name.endswith(JOURNAL):
             _set_journal_aside(path, point_id, by_name)
         elif (_files_point(path) or by_name) == point_id:
@@ -121,10 +121,10 @@ def set_aside(points: Path, point_id: str, ids: Collection[str]) -> None:
 def _files_point(file: Path) -> str | None:
     """The point that a file holds an attempt of; None for one that cannot be read."""
     try:
-        found = RecordedPoint.open(file, whole=False)
+        point = RecordedPoint.open(file, whole=False)
     except FileProblem:
         return None
-    return str(found.provenance.get("point", found.id))
+    return str(point.provenance.get("point", point.id))
 
 
 def _set_journal_aside(journal: Path, point_id: str, by_name: str) -> None:

@@ -154,8 +154,8 @@ def opened(path: Path, groups: Iterable[str] | None = None) -> Iterator[h5py.Fil
     try:
         version = _number(file.attrs.get("format_version"))
         if version is None or version > FORMAT_VERSION:
-            found = "none" if version is None else f"{version:g}"
-            raise FileProblem(str(path), [f"format_version: {found}; this software reads up to {FORMAT_VERSION}"])
+            shown = "none" if version is None else f"{version:g}"
+            raise FileProblem(str(path), [f"format_version: {shown}; this software reads up to {FORMAT_VERSION}"])
         if "entry/data/time" not in file:
             raise FileProblem(str(path), ["/entry/data/time is missing: not a recorded point"])
         yield file

@@ -179,7 +179,7 @@ class JournalContent:
 
 
 @dataclass
-class _Found:
+class _Walk:
     take: Callable[[NDArray[Any]], None]
     events: list[Event] = field(default_factory=list)
     end: dict[str, Any] | None = None
@@ -238,19 +238,19 @@ def scan_journal(data: bytes | mmap, name: str, take: Callable[[NDArray[Any]], N
         JournalProblem: it is no journal or its header is damaged.
     """
     context, position = _header(data, name)
-    found = _Found(take)
+    walk = _Walk(take)
     released = 0
     while position < len(data):
         if position - released >= RELEASED_BYTES:
             released = release(data, released, position)
-        size = _take_block(data, position, found)
+        size = _take_block(data, position, walk)
         if size == 0:
             following = data.find(BLOCK_MAGIC, position + 1)
-            found.damaged += (following if following > 0 else _end_of_data(data, position)) - position
+            walk.damaged += (following if following > 0 else _end_of_data(data, position)) - position
             size = (following if following > 0 else len(data)) - position
         position += size
     nothing = np.zeros(0, RECORD_DTYPE)
-    return JournalContent(context, nothing, tuple(found.events), found.end, found.missing, found.damaged)
+    return JournalContent(context, nothing, tuple(walk.events), walk.end, walk.missing, walk.damaged)
 
 
 def release(data: bytes | mmap, start: int, stop: int) -> int:
@@ -291,7 +291,7 @@ def _header(data: bytes | mmap, name: str) -> tuple[str, int]:
     return text.decode("utf-8", "replace"), HEADER.size + length
 
 
-def _take_block(data: bytes | mmap, position: int, found: _Found) -> int:
+def _take_block(data: bytes | mmap, position: int, walk: _Walk) -> int:
     """Take the block at `position` if every check fits; return its size, 0 when there is no right block here.
 
     Blocks never move, so a block's index cannot be greater than the room before it allows.
@@ -299,33 +299,33 @@ def _take_block(data: bytes | mmap, position: int, found: _Found) -> int:
     if position + BLOCK.size > len(data):
         return 0
     magic, kind, zero, index, length, check = BLOCK.unpack_from(data, position)
-    if magic != BLOCK_MAGIC or length > LARGEST_BLOCK_BYTES or not found.next_index <= index <= position // BLOCK.size:
+    if magic != BLOCK_MAGIC or length > LARGEST_BLOCK_BYTES or not walk.next_index <= index <= position // BLOCK.size:
         return 0
     body = data[position + BLOCK.size:position + BLOCK.size + length]
     if len(body) != length or zlib.crc32(body, zlib.crc32(CHECKED.pack(kind, zero, index, length))) != check:
         return 0
-    if not _took(kind, body, found):
+    if not _took(kind, body, walk):
         return 0
-    found.missing += index - found.next_index
-    found.next_index = index + 1
+    walk.missing += index - walk.next_index
+    walk.next_index = index + 1
     return int(BLOCK.size + length)
 
 
-def _took(kind: int, body: bytes, found: _Found) -> bool:
+def _took(kind: int, body: bytes, walk: _Walk) -> bool:
     """Take a block's content; False for content that no recorder writes, which is damage whatever its check says."""
     if kind == RECORDS:
         if len(body) % RECORD_DTYPE.itemsize:
             return False
-        found.take(np.frombuffer(body, RECORD_DTYPE))
+        walk.take(np.frombuffer(body, RECORD_DTYPE))
         return True
     if kind not in {EVENT, END}:
         return True  # of a later version
     try:
         said = json.loads(body)
         if kind == END:
-            found.end = _end(said)
+            walk.end = _end(said)
         else:
-            found.events.append(_event(said))
+            walk.events.append(_event(said))
     except (ValueError, TypeError, KeyError, RecursionError):
         return False
     return True

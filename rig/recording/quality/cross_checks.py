@@ -97,8 +97,8 @@ def _agreement(sensor: SensorQuality) -> Agreement:
 
 
 def _number(attributes: Attributes, name: str) -> float | None:
-    found = attributes.get(name)
-    return float(found) if isinstance(found, (int, float)) and not isinstance(found, bool) else None
+    value = attributes.get(name)
+    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
 
 
 PROVES = 2.0
@@ -151,38 +151,46 @@ def _against_input(
     tolerances, sensor, reference = points[0].tolerances, instruments.sensor, instruments.reference
     agreements = [instruments.of(point) for point in points]
     gain, offset, lag = (
-        pooled(each for agreement in agreements if (each := getattr(agreement, name)) is not None)
+        pooled(value for agreement in agreements if (value := getattr(agreement, name)) is not None)
         for name in ("gain", "offset", "lag")
     )
     force = instruments is FORCE
     allowed_gain = tolerances.force_gain if force else tolerances.displacement_gain
     allowed_zero = tolerances.force_zero_N if force else tolerances.displacement_zero_m
-    allowed_s = tolerances.time_s + max(each.declared_s for each in agreements)
+    allowed_s = tolerances.time_s + max(agreement.declared_s for agreement in agreements)
     unit, scale = instruments.unit, instruments.scale
     percent = None if gain is None else Estimate(gain.value - 1.0, gain.std).times(100.0)
     zero = None if offset is None else offset.times(scale)
     late = None if lag is None else lag.times(1e3)
     return [
-        _row(sensor, "sensitivity", reference, percent, "%", f"{100.0 * allowed_gain:g} %",
-             instruments.gain_slug in doubted, 100.0 * allowed_gain),
-        _row(sensor, "zero", reference, zero, unit, f"{scale * allowed_zero:.3g} {unit}",
-             instruments.zero_slug in doubted, scale * allowed_zero),
+        _row(sensor, "sensitivity", reference, percent, "%",
+             _Limit(100.0 * allowed_gain, f"{100.0 * allowed_gain:g} %", instruments.gain_slug in doubted)),
+        _row(sensor, "zero", reference, zero, unit,
+             _Limit(scale * allowed_zero, f"{scale * allowed_zero:.3g} {unit}", instruments.zero_slug in doubted)),
         _row(sensor, "time, beyond both declared delays", reference, late, "ms",
-             f"input later by {1e3 * allowed_s:.2g} ms", instruments.lag_slug in doubted, 1e3 * allowed_s),
+             _Limit(1e3 * allowed_s, f"input later by {1e3 * allowed_s:.2g} ms", instruments.lag_slug in doubted)),
     ]
 
 
+@dataclass(frozen=True)
+class _Limit:
+    """What is allowed, in the unit that is shown and in words, and whether it certainly is exceeded."""
+
+    tolerance: float
+    text: str
+    exceeded: bool
+
+
 def _row(
-    instrument: str, what: str, reference: str, found: Estimate | None, unit: str, allowed: str, doubted: bool,
-    tolerance: float,
+    instrument: str, what: str, reference: str, difference: Estimate | None, unit: str, limit: _Limit,
 ) -> CrossCheck:
-    if found is None:
+    if difference is None:
         few = "no point moved enough, or was read often enough, to compare it with"
         return CrossCheck(instrument, what, f"{few} the {reference}")
-    shown = f"{found.signed} {unit}"
-    if not doubted and PROVES * found.std > tolerance:
-        return CrossCheck(instrument, what, f"{reference}: too uncertain to prove anything", shown, allowed)
-    return CrossCheck(instrument, what, reference, shown, allowed, DISAGREES if doubted else AGREES)
+    shown = f"{difference.signed} {unit}"
+    if not limit.exceeded and PROVES * difference.std > limit.tolerance:
+        return CrossCheck(instrument, what, f"{reference}: too uncertain to prove anything", shown, limit.text)
+    return CrossCheck(instrument, what, reference, shown, limit.text, DISAGREES if limit.exceeded else AGREES)
 
 
 def _zero_over_campaign(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import NormalDist
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from rig.recording.quality.point_quality import Tolerances
 from rig.recording.quality.verdict import Kind, Reason
@@ -136,17 +136,17 @@ def judge(points: Sequence[Checked]) -> dict[str, tuple[Reason, ...]]:
     """
     points = trusted(points)
     k = deviations(len(points))
-    found: dict[str, list[Reason]] = {point.id: [] for point in points}
+    by_point: dict[str, list[Reason]] = {point.id: [] for point in points}
     for instruments in (FORCE, DISPLACEMENT):
         for compared in (_gains, _zeros, _lags):
             for point_id, reason in compared(instruments, points, k).items():
-                found[point_id].append(reason)
+                by_point[point_id].append(reason)
     for point in points:
-        found[point.id] += [*_current_zero(point, k), *_coil_temperature(point)]
+        by_point[point.id] += [*_current_zero(point, k), *_coil_temperature(point)]
     for reason in _changes(points, k):
-        for reasons in found.values():
+        for reasons in by_point.values():
             reasons.append(reason)
-    return {point_id: tuple(reasons) for point_id, reasons in found.items()}
+    return {point_id: tuple(reasons) for point_id, reasons in by_point.items()}
 
 
 def trusted(points: Sequence[Checked]) -> list[Checked]:
@@ -155,7 +155,8 @@ def trusted(points: Sequence[Checked]) -> list[Checked]:
     Gain and lag belong to the instruments: where one of them is another one's than at most points, the comparison of
     that point failed as a whole.
     """
-    force, displacement = (_failed([(point.id, each.of(point)) for point in points]) for each in (FORCE, DISPLACEMENT))
+    force = _failed([(point.id, point.force) for point in points])
+    displacement = _failed([(point.id, point.displacement) for point in points])
     return [
         replace(
             point,
@@ -169,8 +170,8 @@ def trusted(points: Sequence[Checked]) -> list[Checked]:
 
 
 def _failed(agreements: Sequence[tuple[str, Agreement]]) -> frozenset[str]:
-    gains = {name: each.gain.widened(GAIN_FLOOR) for name, each in agreements if each.gain is not None}
-    lags = {name: each.lag.widened(LAG_FLOOR_S) for name, each in agreements if each.lag is not None}
+    gains = {name: agreement.gain.widened(GAIN_FLOOR) for name, agreement in agreements if agreement.gain is not None}
+    lags = {name: agreement.lag.widened(LAG_FLOOR_S) for name, agreement in agreements if agreement.lag is not None}
     return outlying(gains) | outlying(lags)
 
 
@@ -180,8 +181,16 @@ def deviations(points: int) -> float:
     return NormalDist().inv_cdf(1.0 - 0.5 * FALSE_ALARM / comparisons)
 
 
+class _Limit(NamedTuple):
+    """Nominal value, tolerance, and the standard deviations that make a difference certain."""
+
+    nominal: float
+    tolerance: float
+    k: float
+
+
 def _doubts(
-    points: Sequence[Checked], estimates: Mapping[str, Estimate], nominal: float, tolerance: float, k: float,
+    points: Sequence[Checked], estimates: Mapping[str, Estimate], limit: _Limit,
     told: Callable[[Estimate, str], Reason], *, jumps: bool = False,
 ) -> dict[str, Reason]:
     """The reason for each doubted point, by its id; every point of the campaign where all together are certain.
@@ -189,14 +198,14 @@ def _doubts(
     One point alone is doubted by itself, and among others only in what `jumps`, a zero; gain and lag do not jump.
     """
     together, count = pooled(estimates.values()), len(estimates)
-    if together is not None and together.beyond(nominal, tolerance, k) and (count > 1 or not jumps):
+    if together is not None and together.beyond(*limit) and (count > 1 or not jumps):
         alone = "this point alone" if len(points) == 1 else "by the one point that tells"
         by = f"{count} points together" if count > 1 else alone
         return dict.fromkeys((point.id for point in points), told(together, by))
     if not jumps:
         return {}
     return {
-        name: told(each, "this point alone") for name, each in estimates.items() if each.beyond(nominal, tolerance, k)
+        name: told(estimate, "this point alone") for name, estimate in estimates.items() if estimate.beyond(*limit)
     }
 
 
@@ -218,7 +227,7 @@ def _gains(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
 
     agreements = {point.id: instruments.of(point).gain for point in points}
     estimates = {name: gain.widened(GAIN_FLOOR) for name, gain in agreements.items() if gain is not None}
-    return _doubts(points, estimates, 1.0, tolerance, k, told)
+    return _doubts(points, estimates, _Limit(1.0, tolerance, k), told)
 
 
 def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dict[str, Reason]:
@@ -236,7 +245,7 @@ def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
     agreements = {point.id: instruments.of(point).offset for point in points}
     floor = OFFSET_FLOOR * tolerance
     estimates = {name: offset.widened(floor) for name, offset in agreements.items() if offset is not None}
-    return _doubts(points, estimates, 0.0, tolerance, k, told, jumps=True)
+    return _doubts(points, estimates, _Limit(0.0, tolerance, k), told, jumps=True)
 
 
 def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict[str, Reason]:
@@ -245,7 +254,7 @@ def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict
     A loop too weak to tell the lag about as well as it is allowed to be may have matched wrongly: it says nothing.
     """
     agreements = {point.id: instruments.of(point) for point in points}
-    tolerance_s = _least(points, "time_s") + max(each.declared_s for each in agreements.values())
+    tolerance_s = _least(points, "time_s") + max(agreement.declared_s for agreement in agreements.values())
 
     def told(lag: Estimate, by: str) -> Reason:
         return Reason(
@@ -256,13 +265,13 @@ def _lags(instruments: Instruments, points: Sequence[Checked], k: float) -> dict
         )
 
     estimates = {
-        name: each.lag.widened(LAG_FLOOR_S) for name, each in agreements.items()
-        if each.lag is not None and each.lag.std <= WEAK_LAG * tolerance_s
+        name: agreement.lag.widened(LAG_FLOOR_S) for name, agreement in agreements.items()
+        if agreement.lag is not None and agreement.lag.std <= WEAK_LAG * tolerance_s
     }
     if len(estimates) == 1:
         estimates = {name: lag for name, lag in estimates.items() if lag.std <= tolerance_s}
     sure = k if len(estimates) > 1 else LONE_LAG * k
-    doubted = _doubts(points, estimates, 0.0, tolerance_s, sure, told)
+    doubted = _doubts(points, estimates, _Limit(0.0, tolerance_s, sure), told)
     return {name: reason for name, reason in doubted.items() if reason.numbers["lag_s"] < 0.0}
 
 
@@ -277,7 +286,7 @@ def zero_change(points: Sequence[Checked], k: float) -> ZeroChange | None:
     ]
     tolerance_N = _least(points, "force_zero_change_N")
     changes = zero_changes(seen, OFFSET_FLOOR * tolerance_N)
-    return next((each for each in changes if any(each.moved(tolerance_N, k))), changes[0] if changes else None)
+    return next((change for change in changes if any(change.moved(tolerance_N, k))), changes[0] if changes else None)
 
 
 def _changes(points: Sequence[Checked], k: float) -> list[Reason]:
@@ -298,7 +307,8 @@ def _changes(points: Sequence[Checked], k: float) -> list[Reason]:
     ]
     if not change.told_apart and len(ways) > 1:
         both = f"{by_time}, or {by_current} (the points' order does not tell which)"
-        ways = [("zero-change", both, max(change.over_time_N, change.over_current_N, key=lambda each: abs(each.value)))]
+        largest_N = max(change.over_time_N, change.over_current_N, key=lambda moved_N: abs(moved_N.value))
+        ways = [("zero-change", both, largest_N)]
     numbers = {"drift_N_s": change.drift_N_s.value, "crosstalk_N_A": change.crosstalk_N_A.value}
     return [
         Reason(

@@ -130,26 +130,26 @@ def with_skew(judged: Verdict, skew_std_s: float, frequency_Hz: float) -> Verdic
     return judged.replaced({"skew"}, _skew(skew_std_s, frequency_Hz))
 
 
-def _ending(found: PointEvidence) -> list[Reason]:
+def _ending(evidence: PointEvidence) -> list[Reason]:
     reasons = []
-    if found.stopped_by is not None:
-        reasons.append(invalid(found.stopped_by, "the point was stopped before its end"))
-    elif found.tripped:
+    if evidence.stopped_by is not None:
+        reasons.append(invalid(evidence.stopped_by, "the point was stopped before its end"))
+    elif evidence.tripped:
         reasons.append(invalid("trip", "an interlock tripped during the point"))
-    if found.interrupted:
+    if evidence.interrupted:
         reasons.append(invalid("INTERRUPTED", "recording was cut off; recovered from the journal"))
-    if found.overrun_records:
-        reasons.append(invalid("slow-consumer", f"{found.overrun_records} records overwritten before being read"))
-    if found.missing_blocks or found.damaged_bytes:
+    if evidence.overrun_records:
+        reasons.append(invalid("slow-consumer", f"{evidence.overrun_records} records overwritten before being read"))
+    if evidence.missing_blocks or evidence.damaged_bytes:
         reasons.append(invalid(
-            "journal-damaged", f"{found.missing_blocks} blocks missing, {found.damaged_bytes} bytes unreadable",
+            "journal-damaged", f"{evidence.missing_blocks} blocks missing, {evidence.damaged_bytes} bytes unreadable",
         ))
     return reasons
 
 
-def _sensor_reasons(found: PointEvidence) -> list[Reason]:
+def _sensor_reasons(evidence: PointEvidence) -> list[Reason]:
     reasons = []
-    for name, counts in found.sensors.items():
+    for name, counts in evidence.sensors.items():
         total = counts.samples + counts.lost
         if total == 0:
             reasons.append(invalid("no-samples", f"{name} delivered nothing"))
@@ -158,12 +158,12 @@ def _sensor_reasons(found: PointEvidence) -> list[Reason]:
             reasons.append(_share("sample-gap", name, counts.lost, total, "lost", LARGEST_LOSS_SHARE))
         if counts.not_a_number > LARGEST_NAN_SHARE * total:
             reasons.append(_share("sensor-nan", name, counts.not_a_number, total, "not a number", LARGEST_NAN_SHARE))
-        reasons += _standing(name, counts, found.samples_a_cycle)
+        reasons += _standing(name, counts, evidence.samples_a_cycle)
         if counts.faulty:
             reasons.append(invalid("sensor-fault", f"{counts.faulty} {name} samples reported faulty by the sensor"))
         if counts.spikes:
             reasons.append(suspect("sensor-spike", f"{counts.spikes} {name} samples jump beyond the machine's speed"))
-        reasons += _bandwidth(name, counts, found.wanted_frequency_Hz)
+        reasons += _bandwidth(name, counts, evidence.wanted_frequency_Hz)
     return reasons
 
 
@@ -223,62 +223,62 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.2g}" if share < 0.995 else f"{100.0 * share:.0f}"
 
 
-def _motion(found: PointEvidence) -> list[Reason]:
-    if found.wanted_cycles <= 0:
+def _motion(evidence: PointEvidence) -> list[Reason]:
+    if evidence.wanted_cycles <= 0:
         return []
-    if found.measured_cycles is None or found.measured_cycles < found.wanted_cycles - TOLERATED_CYCLES:
-        if found.stopped_by is not None:
+    if evidence.measured_cycles is None or evidence.measured_cycles < evidence.wanted_cycles - TOLERATED_CYCLES:
+        if evidence.stopped_by is not None:
             # Nobody's fault: the point was stopped, and that is said already.
             return []
-        counted = "none" if found.measured_cycles is None else f"{found.measured_cycles:g}"
-        return [invalid("too-few-cycles", f"{counted} full cycles measured, {found.wanted_cycles:g} wanted")]
+        counted = "none" if evidence.measured_cycles is None else f"{evidence.measured_cycles:g}"
+        return [invalid("too-few-cycles", f"{counted} full cycles measured, {evidence.wanted_cycles:g} wanted")]
     reasons = []
-    if found.measured_amplitude_m is not None and found.wanted_amplitude_m > 0:
-        error = found.measured_amplitude_m / found.wanted_amplitude_m - 1.0
+    if evidence.measured_amplitude_m is not None and evidence.wanted_amplitude_m > 0:
+        error = evidence.measured_amplitude_m / evidence.wanted_amplitude_m - 1.0
         text = (
-            f"{1e3 * found.measured_amplitude_m:.4g} mm measured, {1e3 * found.wanted_amplitude_m:.4g} mm "
+            f"{1e3 * evidence.measured_amplitude_m:.4g} mm measured, {1e3 * evidence.wanted_amplitude_m:.4g} mm "
             f"wanted ({100 * error:+.1f} %)"
         )
-        tolerance = found.amplitude_tolerance
+        tolerance = evidence.amplitude_tolerance
         allowed = AMPLITUDE_SUSPECT if tolerance is None else tolerance * (1.0 + TOLERANCE_ROUNDING)
         if abs(error) > allowed:
             kind = Kind.INVALID if abs(error) > max(AMPLITUDE_INVALID, allowed) else Kind.SUSPECT
             reasons.append(Reason("amplitude", kind, text, {"error": error, "allowed": allowed}))
-    if found.measured_frequency_Hz is not None and found.wanted_frequency_Hz > 0:
-        error = found.measured_frequency_Hz / found.wanted_frequency_Hz - 1.0
+    if evidence.measured_frequency_Hz is not None and evidence.wanted_frequency_Hz > 0:
+        error = evidence.measured_frequency_Hz / evidence.wanted_frequency_Hz - 1.0
         if abs(error) > FREQUENCY_SUSPECT:
             reasons.append(suspect(
                 "frequency",
-                f"{found.measured_frequency_Hz:.4g} Hz measured, {found.wanted_frequency_Hz:.4g} Hz wanted",
+                f"{evidence.measured_frequency_Hz:.4g} Hz measured, {evidence.wanted_frequency_Hz:.4g} Hz wanted",
             ))
     return reasons
 
 
-def _current(found: PointEvidence) -> list[Reason]:
-    if found.current_error_A is None:
+def _current(evidence: PointEvidence) -> list[Reason]:
+    if evidence.current_error_A is None:
         return [suspect("no-current", "the coil current was not measured during the kept cycles")]
-    if found.current_error_A > found.current_tolerance_A:
+    if evidence.current_error_A > evidence.current_tolerance_A:
         return [invalid(
             "current-tracking",
-            f"measured current off by {1e3 * found.current_error_A:.3g} mA "
-            f"(limit {1e3 * found.current_tolerance_A:.3g} mA)",
+            f"measured current off by {1e3 * evidence.current_error_A:.3g} mA "
+            f"(limit {1e3 * evidence.current_tolerance_A:.3g} mA)",
         )]
     return []
 
 
-def _temperature(found: PointEvidence) -> list[Reason]:
+def _temperature(evidence: PointEvidence) -> list[Reason]:
     reasons: list[Reason] = []
-    window, share = found.temperature_window_degC, found.temperature_share
-    if window is not None and (found.temperature_degC is None or share < TEMPERATURE_KNOWN_SHARE):
-        measured = 0.0 if found.temperature_degC is None else 100.0 * share
+    window, share = evidence.temperature_window_degC, evidence.temperature_share
+    if window is not None and (evidence.temperature_degC is None or share < TEMPERATURE_KNOWN_SHARE):
+        measured = 0.0 if evidence.temperature_degC is None else 100.0 * share
         reasons.append(suspect(
             "no-temperature",
             f"the coil temperature was measured over {measured:.2g} % of the kept cycles only, window "
             f"{window[0]:g} to {window[1]:g} degC",
         ))
-    if found.temperature_degC is None:
+    if evidence.temperature_degC is None:
         return reasons
-    low, high = found.temperature_degC
+    low, high = evidence.temperature_degC
     shown = f"coil at {low:.1f} to {high:.1f} degC"
     if high - low > TEMPERATURE_SUSPECT_K:
         reasons.append(Reason(
@@ -292,28 +292,28 @@ def _temperature(found: PointEvidence) -> list[Reason]:
     return reasons
 
 
-def _specimen(found: PointEvidence) -> list[Reason]:
+def _specimen(evidence: PointEvidence) -> list[Reason]:
     reasons: list[Reason] = []
-    if found.free_play_m > 0.0:
+    if evidence.free_play_m > 0.0:
         reasons.append(invalid(
             "free-play",
-            f"the force rests at zero over about {1e3 * found.free_play_m:.2g} mm after it changes sign: "
+            f"the force rests at zero over about {1e3 * evidence.free_play_m:.2g} mm after it changes sign: "
             "a fixture or joint slips",
         ))
-    if found.span_N is None or found.scatter_N is None or found.change_N is None or not found.span_N > 0.0:
+    if evidence.span_N is None or evidence.scatter_N is None or evidence.change_N is None or not evidence.span_N > 0.0:
         return reasons
-    scatter, change = found.scatter_N / found.span_N, abs(found.change_N) / found.span_N
+    scatter, change = evidence.scatter_N / evidence.span_N, abs(evidence.change_N) / evidence.span_N
     if scatter > SCATTER_SUSPECT:
-        wobbles = _amplitude_scatter(found) > AMPLITUDE_SCATTER
+        wobbles = _amplitude_scatter(evidence) > AMPLITUDE_SCATTER
         slug, what = ("amplitude-scatter", "motion and force differ") if wobbles else ("force-scatter", "force differs")
         reasons.append(Reason(
             slug, _worse(scatter > SCATTER_INVALID), f"{what} from cycle to cycle by {100 * scatter:.2g} % of its span "
             f"(limit {100 * SCATTER_INVALID:g} %)",
         ))
-    if change > CHANGE_SUSPECT and abs(found.change_N) > CHANGE_CERTAIN * found.change_std_N:
+    if change > CHANGE_SUSPECT and abs(evidence.change_N) > CHANGE_CERTAIN * evidence.change_std_N:
         reasons.append(Reason(
             "force-change", _worse(change > CHANGE_INVALID),
-            f"the loop's span changed by {100 * found.change_N / found.span_N:+.2g} % over the "
+            f"the loop's span changed by {100 * evidence.change_N / evidence.span_N:+.2g} % over the "
             f"point (limit {100 * CHANGE_INVALID:g} %)",
         ))
     return reasons
@@ -323,10 +323,10 @@ def _worse(invalid_too: bool) -> Kind:
     return Kind.INVALID if invalid_too else Kind.SUSPECT
 
 
-def _amplitude_scatter(found: PointEvidence) -> float:
-    if found.amplitude_std_m is None or not found.wanted_amplitude_m > 0.0:
+def _amplitude_scatter(evidence: PointEvidence) -> float:
+    if evidence.amplitude_std_m is None or not evidence.wanted_amplitude_m > 0.0:
         return 0.0
-    return found.amplitude_std_m / found.wanted_amplitude_m
+    return evidence.amplitude_std_m / evidence.wanted_amplitude_m
 
 
 def _skew(skew_std_s: float, frequency_Hz: float) -> list[Reason]:

@@ -20,9 +20,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.signals.arrays import FloatArray
+from rig.signals.arrays import FloatArray, IntArray, TimeSeries
 from rig.signals.delay_estimation.sample_match import Match, student
 from rig.signals.fourier import FALSE_ALARM, FIRST_LINE, GRID, Series, series_of
 
@@ -101,12 +100,12 @@ def cycle_series(time_s: FloatArray, values: FloatArray, cycles: CycleStretch) -
     t, y = time_s[inside], values[inside]
     if whole < FEWEST_CYCLES or len(t) < FEWEST_SAMPLES or float(np.max(np.diff(t))) > 0.5 * cycles.period_s:
         return None
-    found = series_of(t, y, 1.0 / cycles.period_s)
+    series = series_of(t, y, 1.0 / cycles.period_s)
     steps = np.abs(np.diff(y))
     noise = max(noise_of(y), COARSE * float(np.min(steps[steps > 0.0], initial=np.ptp(y))))
-    if found is None or found.noise > NOT_REPEATING * noise:
+    if series is None or series.noise > NOT_REPEATING * noise:
         return None
-    return found
+    return series
 
 
 def refined(cycles: CycleStretch, time_s: FloatArray, values: FloatArray) -> CycleStretch:
@@ -129,13 +128,12 @@ def refined(cycles: CycleStretch, time_s: FloatArray, values: FloatArray) -> Cyc
 
 
 def match_cycles(
-    reference_s: FloatArray, reference: FloatArray, series: Series, cycles: CycleStretch, *, reach_s: float,
+    reference: TimeSeries, series: Series, cycles: CycleStretch, *, reach_s: float,
     force: Series | None = None, with_drift: bool = False,
 ) -> Match | None:
     """Lay a sensor's series over the controller's record of the same quantity.
 
     Args:
-        reference_s: times of the reference (m,), s, increasing.
         reference: the reference (m,), any unit.
         series: the sensor's, of `cycle_series`.
         cycles: where the motion repeats.
@@ -147,29 +145,29 @@ def match_cycles(
         None when nothing is known of the lag: too few values, or no harmonic stands out of the noise.
     """
     margin_s = MARGIN_CYCLES * cycles.period_s
-    inside = np.isfinite(reference) & (reference_s >= cycles.start_s + margin_s)
-    inside &= reference_s < cycles.end_s - margin_s
-    at_s, wanted = reference_s[inside], reference[inside]
+    inside = np.isfinite(reference.values) & (reference.time_s >= cycles.start_s + margin_s)
+    inside &= reference.time_s < cycles.end_s - margin_s
+    at_s, wanted = reference.time_s[inside], reference.values[inside]
     if len(at_s) < FEWEST_REFERENCES or len(series.orders) == 0 or series.orders[0] != 1 or np.ptp(wanted) == 0.0:
         return None
     reach_s = min(reach_s, 0.2 * cycles.period_s)
     nuisance = [np.ones(len(at_s))]
     if force is not None and len(force.orders):
         nuisance.append(force.at(at_s)[0])
-    found, spread_s = None, 0.0
+    match, spread_s = None, 0.0
     for _ in range(ROUNDS_OF_LINES):
         chosen, lag_s, spread_s = _searched(at_s, wanted, series, np.column_stack(nuisance), reach_s)
         laid = _Laid(at_s, wanted, chosen, cycles, force, with_drift=with_drift)
-        found = laid.fit(lag_s)
+        match = laid.fit(lag_s)
         alone = laid.standing_alone()
-        if found is None or len(alone) == 0:
+        if match is None or len(alone) == 0:
             break
         series = series.without(alone)
-    if found is None:
+    if match is None:
         return None
-    if spread_s > found.lag_std_s and found.lag_std_s < reach_s:
-        return found.widened(spread_s)
-    return found
+    if spread_s > match.lag_std_s and match.lag_std_s < reach_s:
+        return match.widened(spread_s)
+    return match
 
 
 def _searched(
@@ -252,7 +250,7 @@ class _Laid:
         self.rest, self.gain = step.rest, float(step.values[1])
         return self._match(step, lag_s, drift)
 
-    def standing_alone(self) -> NDArray[np.int64]:
+    def standing_alone(self) -> IntArray:
         """Orders of the series that stand out of what is left of the reference: only the sensor shows them.
 
         Told only where the reference's values are many for the orders.
@@ -357,8 +355,8 @@ class _Laid:
             at = 4 if self.with_drift else 3
             compliance = -float(values[at]) / gain
             jacobian[4, (1, at)] = float(values[at]) / gain**2, -1.0 / gain
-        found = jacobian @ covariance @ jacobian.T
-        std = np.sqrt(np.maximum(np.diag(found), 0.0))
+        propagated = jacobian @ covariance @ jacobian.T
+        std = np.sqrt(np.maximum(np.diag(propagated), 0.0))
         rest = step.rest
         power = float(np.sum((self.wanted[self.keep] - np.mean(self.wanted[self.keep])) ** 2))
         return Match(
@@ -366,5 +364,5 @@ class _Laid:
             math.sqrt(max(0.0, 1.0 - float(rest @ rest) / power)) if power > 0.0 else 0.0, used,
             gain=1.0 / gain, gain_std=float(std[2]), offset=-float(values[0]) / gain, offset_std=float(std[3]),
             compliance=None if self.force is None else compliance,
-            compliance_std=float(std[4]), coupling=float(found[0, 4]),
+            compliance_std=float(std[4]), coupling=float(propagated[0, 4]),
         )

@@ -12,9 +12,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.signals.arrays import FloatArray
+from rig.signals.arrays import BoolArray, FloatArray, TimeSeries
 from rig.signals.interpolation import cubic_at, linear_at
 
 FEWEST_SAMPLES = 12
@@ -85,16 +84,14 @@ def student(freedom: int) -> float:
 
 
 def match(
-    reference_s: FloatArray, reference: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float,
+    reference: TimeSeries, sensor: TimeSeries, period_s: float,
     *, reach_s: float, with_drift: bool, cycle_s: float = np.inf,
 ) -> Match | None:
     """Lay a sensor's samples over the controller's record of the same quantity.
 
     Args:
-        reference_s: times of the reference (m,), s, increasing.
         reference: the reference (m,), any unit.
-        time_s: times of the sensor's samples on the reference's clock as far as it is known (n,), s, increasing.
-        values: samples (n,), NaN where there is none.
+        sensor: the sensor's samples (n,), on the reference's clock as far as it is known.
         period_s: nominal sample period of the sensor, s.
         reach_s: the lag is searched within plus and minus this (s).
         with_drift: fit a drift of the sensor's clock too.
@@ -103,11 +100,12 @@ def match(
     Returns:
         None when the two cannot be laid over each other: too few samples, nothing moves, or no likeness.
     """
-    good = np.isfinite(reference) & np.isfinite(reference_s)
+    time_s, values = sensor.time_s, sensor.values
+    good = np.isfinite(reference.values) & np.isfinite(reference.time_s)
     chosen = np.flatnonzero(good)
     if len(chosen) > MOST_REFERENCES:
         chosen = chosen[:: -(-len(chosen) // MOST_REFERENCES)]
-    at_s, wanted = reference_s[chosen], reference[chosen]
+    at_s, wanted = reference.time_s[chosen], reference.values[chosen]
     finite = np.isfinite(values)
     if len(at_s) < FEWEST_SAMPLES or np.count_nonzero(finite) < FEWEST_SAMPLES or np.ptp(wanted) == 0.0:
         return None
@@ -119,10 +117,11 @@ def match(
         return None
     lag_s = _coarse(at_s, wanted, time_s[finite], values[finite], reach_s)
     drift, middle_s = 0.0, float(np.mean(at_s))
-    used: NDArray[np.bool_] | None = None
+    problem = _Problem(at_s, wanted, time_s, values, period_s, middle_s, with_drift, cycle_s)
+    used: BoolArray | None = None
     step = None
     for _ in range(ROUNDS):
-        step = _step(at_s, wanted, time_s, values, period_s, lag_s, drift, middle_s, with_drift, used, cycle_s)
+        step = problem.step(lag_s, drift, used)
         if step is None:
             break
         lag_s, drift = lag_s + step.lag_s, drift + step.drift
@@ -178,7 +177,7 @@ class _Step:
     lag_std_s: float
     drift_std: float
     correlation: float
-    keep: NDArray[np.bool_]
+    keep: BoolArray
 
 
 def _coarse(at_s: FloatArray, wanted: FloatArray, time_s: FloatArray, values: FloatArray, reach_s: float) -> float:
@@ -195,50 +194,63 @@ def _coarse(at_s: FloatArray, wanted: FloatArray, time_s: FloatArray, values: Fl
     return best_lag_s
 
 
-def _step(
-    at_s: FloatArray, wanted: FloatArray, time_s: FloatArray, values: FloatArray, period_s: float,
-    lag_s: float, drift: float, middle_s: float, with_drift: bool, used: NDArray[np.bool_] | None, cycle_s: float,
-) -> _Step | None:
-    """One Gauss-Newton step about (lag, drift), with what it says about itself; None when too little is left."""
-    shifted_s = at_s + lag_s + drift * (at_s - middle_s)
-    shown = cubic_at(shifted_s, time_s, values, period_s)
-    straight = linear_at(shifted_s, time_s, values, period_s)
-    slope = (cubic_at(shifted_s + 0.1 * period_s, time_s, values, period_s)
-             - cubic_at(shifted_s - 0.1 * period_s, time_s, values, period_s)) / (0.2 * period_s)
-    keep = np.isfinite(shown) & np.isfinite(straight) & np.isfinite(slope)
-    if np.count_nonzero(keep) < FEWEST_SAMPLES:
-        return None
-    noise = _noise(wanted[keep], shown[keep])
-    keep &= np.abs(np.nan_to_num(shown - straight)) <= max(UNRESOLVED_DEVIATIONS * noise, 1e-12)
-    if used is not None and np.count_nonzero(keep & used) >= FEWEST_SAMPLES:
-        keep &= used
-    if np.count_nonzero(keep) < FEWEST_SAMPLES or np.ptp(shown[keep]) == 0.0:
-        return None
-    keep &= np.abs(_residual(wanted, shown, keep)) <= OUTLIER_DEVIATIONS * noise
-    count = int(np.count_nonzero(keep))
-    if count < FEWEST_SAMPLES:
-        return None
-    columns = [np.ones(count), shown[keep], slope[keep]]
-    if with_drift:
-        columns.append(slope[keep] * (at_s[keep] - middle_s))
-    design = np.column_stack(columns)
-    scale = np.sqrt(np.mean(design**2, axis=0))
-    scale[scale == 0.0] = 1.0
-    solution, _, rank, _ = np.linalg.lstsq(design / scale, wanted[keep], rcond=None)
-    gain = solution[1] / scale[1]
-    if rank < design.shape[1] or gain <= 0.0:
-        return None
-    rest = wanted[keep] - (design / scale) @ solution
-    variance = float(rest @ rest) / max(count - design.shape[1], 1)
-    inverse = np.linalg.inv((design / scale).T @ (design / scale))
-    repeated = _repeated(design / scale * rest[:, None], (at_s[keep] - middle_s) / cycle_s)
-    spread = np.sqrt(np.maximum(variance * np.diag(inverse), np.diag(inverse @ repeated @ inverse))) / scale / gain
-    power = float(np.sum((wanted[keep] - np.mean(wanted[keep])) ** 2))
-    found = solution / scale / gain
-    return _Step(
-        float(found[2]), float(found[3]) if with_drift else 0.0, float(spread[2]),
-        float(spread[3]) if with_drift else 0.0, float(np.sqrt(max(0.0, 1.0 - float(rest @ rest) / power))), keep,
-    )
+@dataclass(frozen=True)
+class _Problem:
+    """The least squares: reference (m,) at its times, the sensor's samples (n,) at theirs, what is fitted."""
+
+    at_s: FloatArray
+    wanted: FloatArray
+    time_s: FloatArray
+    values: FloatArray
+    period_s: float
+    middle_s: float
+    with_drift: bool
+    cycle_s: float
+
+    def step(self, lag_s: float, drift: float, used: BoolArray | None) -> _Step | None:
+        """One Gauss-Newton step about (lag, drift), with what it says about itself; None when too little is left."""
+        shifted_s = self.at_s + lag_s + drift * (self.at_s - self.middle_s)
+        shown = cubic_at(shifted_s, self.time_s, self.values, self.period_s)
+        straight = linear_at(shifted_s, self.time_s, self.values, self.period_s)
+        apart_s = 0.1 * self.period_s
+        after, before = (
+            cubic_at(moved_s, self.time_s, self.values, self.period_s)
+            for moved_s in (shifted_s + apart_s, shifted_s - apart_s)
+        )
+        slope = (after - before) / (2.0 * apart_s)
+        keep = np.isfinite(shown) & np.isfinite(straight) & np.isfinite(slope)
+        if np.count_nonzero(keep) < FEWEST_SAMPLES:
+            return None
+        noise = _noise(self.wanted[keep], shown[keep])
+        keep &= np.abs(np.nan_to_num(shown - straight)) <= max(UNRESOLVED_DEVIATIONS * noise, 1e-12)
+        if used is not None and np.count_nonzero(keep & used) >= FEWEST_SAMPLES:
+            keep &= used
+        if np.count_nonzero(keep) < FEWEST_SAMPLES or np.ptp(shown[keep]) == 0.0:
+            return None
+        keep &= np.abs(_residual(self.wanted, shown, keep)) <= OUTLIER_DEVIATIONS * noise
+        count = int(np.count_nonzero(keep))
+        if count < FEWEST_SAMPLES:
+            return None
+        columns = [np.ones(count), shown[keep], slope[keep]]
+        if self.with_drift:
+            columns.append(slope[keep] * (self.at_s[keep] - self.middle_s))
+        design = np.column_stack(columns)
+        scale = np.sqrt(np.mean(design**2, axis=0))
+        scale[scale == 0.0] = 1.0
+        solution, _, rank, _ = np.linalg.lstsq(design / scale, self.wanted[keep], rcond=None)
+        gain = solution[1] / scale[1]
+        if rank < design.shape[1] or gain <= 0.0:
+            return None
+        rest = self.wanted[keep] - (design / scale) @ solution
+        variance = float(rest @ rest) / max(count - design.shape[1], 1)
+        inverse = np.linalg.inv((design / scale).T @ (design / scale))
+        repeated = _repeated(design / scale * rest[:, None], (self.at_s[keep] - self.middle_s) / self.cycle_s)
+        spread = np.sqrt(np.maximum(variance * np.diag(inverse), np.diag(inverse @ repeated @ inverse))) / scale / gain
+        power = float(np.sum((self.wanted[keep] - np.mean(self.wanted[keep])) ** 2))
+        estimates = solution / scale / gain
+        correlation = float(np.sqrt(max(0.0, 1.0 - float(rest @ rest) / power)))
+        drift, drift_std = (float(estimates[3]), float(spread[3])) if self.with_drift else (0.0, 0.0)
+        return _Step(float(estimates[2]), drift, float(spread[2]), drift_std, correlation, keep)
 
 
 def _repeated(scores: FloatArray, cycles: FloatArray) -> FloatArray:
@@ -249,7 +261,7 @@ def _repeated(scores: FloatArray, cycles: FloatArray) -> FloatArray:
     return np.asarray(sums @ sums.T * (filled / max(filled - scores.shape[1], 1)), np.float64)
 
 
-def _residual(wanted: FloatArray, shown: FloatArray, keep: NDArray[np.bool_]) -> FloatArray:
+def _residual(wanted: FloatArray, shown: FloatArray, keep: BoolArray) -> FloatArray:
     """What a straight line from shown to wanted, fitted where `keep`, leaves (m,); infinite where nothing is shown."""
     gain, offset = np.polyfit(shown[keep], wanted[keep], 1)
     rest = wanted - offset - gain * np.nan_to_num(shown)

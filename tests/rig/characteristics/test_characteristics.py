@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.characteristics.friction import friction_of
 from rig.characteristics.loop import characterise_loop
-from rig.characteristics.summary import Characteristics, characterise, dynamic_range
+from rig.characteristics.summary import Characteristics, characterise, dynamic_range, friction_of
 from rig.identification.energy import cycle_energy_J
 from rig.identification.preparation import prepare
 from rig.recording.recorded_point import RecordedPoint

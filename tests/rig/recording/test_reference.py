@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from rig.signals.arrays import TimeSeries
 from rig.signals.delay_estimation.cycle_match import CycleStretch, cycle_series, match_cycles
 from rig.signals.delay_estimation.sample_match import Match
 from rig.signals.fourier import series_of
@@ -68,8 +69,8 @@ class Pair:
         assert force is not None
         assert displacement is not None
         return (
-            match_cycles(at_s, force_N, force, cycles, reach_s=0.03),
-            match_cycles(at_s, position_m, displacement, cycles, reach_s=0.03, force=force),
+            match_cycles(TimeSeries(at_s, force_N), force, cycles, reach_s=0.03),
+            match_cycles(TimeSeries(at_s, position_m), displacement, cycles, reach_s=0.03, force=force),
         )
 
 
