@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
+from protocols.quality import NO_VALUE
 from rig.campaign.options import CampaignFinding
 from rig.campaign.preflight import FEWEST_SAMPLES, AtRest
 from rig.errors import FileProblem
 from rig.recording.run import read_campaign
-from rig.station.interlocks import BAD
 
 DRIFT_SHARE = 0.01
 """Of the largest measured force, or of the largest measured displacement from rest."""
@@ -118,7 +118,7 @@ class ZeroReturn:
         """Take records of a running point."""
         if self.start is None:
             return
-        good = records[(records["flags"] & int(BAD)) == 0]
+        good = records[(records["flags"] & int(NO_VALUE)) == 0]
         force_N, displacement_m = (
             np.unique(good["value"][good["channel"] == channel]) for channel in (Channel.FORCE, Channel.DISPLACEMENT)
         )

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.quality import Quality
+from protocols.quality import DOUBTFUL
 from rig.errors import IdentificationFailed, RigError
 from rig.identification.coil import LEAST_STEP_A
 from rig.identification.consistency import some
@@ -29,7 +29,6 @@ from rig.signals.loop_shape import noise_of
 
 FloatArray = NDArray[np.float64]
 
-BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER | Quality.SPIKE
 FEWEST_SAMPLES = 50
 STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its mean is better than its samples
 LARGEST_MISSING_SHARE = 0.2
@@ -187,7 +186,7 @@ def _force_on_grid(
         IdentificationFailed: too few samples, or too many of them missing.
     """
     samples = point.force_samples
-    flagged = (samples.flags & int(BAD)) != 0
+    flagged = (samples.flags & int(DOUBTFUL)) != 0
     times_s = samples.time_s + shift_s
     inside = (times_s >= start_s) & (times_s < stop_s) & np.isfinite(times_s)
     time_s, force_N = times_s[inside], samples.force_N[inside]

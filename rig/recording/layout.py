@@ -10,14 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from protocols.quality import Quality
+from protocols.quality import NO_VALUE
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values
 
-NO_VALUE = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
-"""Flags of a sample whose value is not the physical quantity."""
-DOUBTFUL = NO_VALUE | Quality.SPIKE
-"""... or may not be."""
 FORMAT_VERSION = 1
 CHUNK_SAMPLES = 16384
 

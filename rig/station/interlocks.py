@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import islice, pairwise
 from operator import eq
 
-from protocols.quality import Quality
+from protocols.quality import DOUBTFUL, NO_VALUE, Quality
 
 Record = tuple[int, int, float, int, int, int]
 """host_ns, device_us (-1 none), value (SI), sequence, channel, flags: the ring's record."""
@@ -25,7 +25,6 @@ REPEATED_SHARE = 0.3
 FEWEST_PAIRS = 50
 MOST_OF_A_RUN = 20
 """A run of equal values counts as no more than this many: one is no proof of a coarse resolution, many are."""
-BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
 
 
 @dataclass(frozen=True)
@@ -225,9 +224,9 @@ class MotionJudge:
         """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
         findings: list[Finding] = []
         for host_ns, device_us, value, sequence, _, flags in records:
-            if flags & BAD:
+            if flags & NO_VALUE:
                 self._miss()
-            if flags & (BAD | Quality.SPIKE):
+            if flags & DOUBTFUL:
                 continue
             self._unusable = 0
             t_s = device_us * 1e-6 if device_us >= 0 else sequence * self._period_s

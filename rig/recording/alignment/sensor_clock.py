@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.actuator import ProgramPhase
+from protocols.quality import DOUBTFUL
 from rig.recording.context import PointContext, SensorContext
-from rig.recording.layout import DOUBTFUL, Records
+from rig.recording.layout import Records
 from rig.signals.arrays import FloatArray, TimeSeries
 from rig.signals.chunked_column import Values, mapped, parts
 from rig.signals.clock_model import (

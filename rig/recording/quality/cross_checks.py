@@ -23,7 +23,8 @@ from rig.recording.quality.instrument_checks import (
     trusted,
     zero_change,
 )
-from rig.recording.quality.point_quality import PointQuality, SensorQuality, Tolerances
+from rig.recording.quality.point_quality import PointQuality, Tolerances
+from rig.recording.quality.sensor_quality import SensorQuality
 from rig.recording.quality.verdict import Reason, Verdict
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.estimate import Estimate, pooled

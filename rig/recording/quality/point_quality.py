@@ -1,229 +1,20 @@
-"""What is known of the quality of a recorded point, as values: `/entry/quality` of its file, field by field.
+"""All that is known of the quality of a recorded point, as values: `/entry/quality` of its file, field by field.
 
-Every field names its attribute in the file. `PointQuality.read` and `PointQuality.attributes` go through the fields, so
-a new number of a point is one field here and one place that measures it. A field is None where nothing was measured;
-then the file has no such attribute.
+Each section stands beside the functions that measure it (`motion_quality`, `sensor_quality`).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
-from enum import Enum
-from typing import Any, Self
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 from rig.recording.layout import Attribute
+from rig.recording.quality.motion_quality import CurrentQuality, LoopQuality, MotionQuality
+from rig.recording.quality.section import Attributes, Section, Stored, estimate, section, stored
+from rig.recording.quality.sensor_quality import DISPLACEMENT, FORCE, SensorQuality, SkewQuality
 from rig.recording.quality.verdict import Verdict
 from rig.signals.estimate import Estimate
-
-Attributes = Mapping[str, Any]
-
-
-class Stored(Enum):
-    """How a value stands in an attribute: a number, a whole number, yes or no, text, or one number a cycle as text."""
-
-    NUMBER = float
-    COUNT = int
-    FLAG = bool
-    TEXT = str
-    PER_CYCLE = tuple
-
-    def read(self, value: object) -> object:
-        """The value of an attribute; None for one of another type."""
-        if self is Stored.TEXT:
-            return value if isinstance(value, str) else None
-        if self is Stored.PER_CYCLE:
-            return tuple(map(_cycle_value, value.split())) if isinstance(value, str) else None
-        return self.value(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
-
-    def written(self, value: Any) -> Attribute:  # noqa: ANN401 - a value of this kind
-        """The attribute of a value."""
-        if self is not Stored.PER_CYCLE or value is None:
-            return value  # type: ignore[no-any-return] # of the kind's own type
-        return " ".join(f"{number:.6g}" if math.isfinite(number) else "-" for number in value)
-
-
-def _cycle_value(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
-
-
-def stored(attribute: str, kind: Stored = Stored.NUMBER, default: object = None) -> Any:  # noqa: ANN401 - a field
-    """A field that stands in the file as `attribute`; `{sensor}` and `{unit}` in it are those of the section."""
-    return field(default=default, metadata={"attribute": attribute, "kind": kind})
-
-
-def section(kind: type[Section], *, optional: bool = False, **names: str) -> dict[str, Any]:
-    """Metadata of a field that is a section; an optional one is None where the file has none of its attributes."""
-    return {"section": kind, "names": names, "optional": optional}
-
-
-@dataclass(frozen=True)
-class Section:
-    """Fields that are read from attributes and written to them by their metadata."""
-
-    @classmethod
-    def read(cls, attributes: Attributes, **names: str) -> Self:
-        """The section as the attributes tell it; what they lack is as in a new section."""
-        values: dict[str, object] = {}
-        for entry in fields(cls):
-            value = None
-            if "section" in entry.metadata:
-                inner, inner_names = entry.metadata["section"], entry.metadata["names"]
-                if not entry.metadata["optional"] or inner.named(inner_names) & attributes.keys():
-                    value = inner.read(attributes, **inner_names)
-            elif "attribute" in entry.metadata:
-                value = entry.metadata["kind"].read(attributes.get(entry.metadata["attribute"].format(**names)))
-            if value is not None:
-                values[entry.name] = value
-        return cls(**values)
-
-    @classmethod
-    def named(cls, names: Mapping[str, str]) -> set[str]:
-        """Names of the section's own attributes."""
-        return {entry.metadata["attribute"].format(**names) for entry in fields(cls) if "attribute" in entry.metadata}
-
-    def items(self, **names: str) -> Iterator[tuple[str, Attribute]]:
-        """Name and value of each attribute in the order of the fields, None where there is none."""
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if "section" in entry.metadata and value is not None:
-                yield from value.items(**entry.metadata["names"])
-            elif "attribute" in entry.metadata:
-                yield entry.metadata["attribute"].format(**names), entry.metadata["kind"].written(value)
-
-    @property
-    def attributes(self) -> dict[str, Attribute]:
-        """What the file holds of it, by name."""
-        return {name: value for name, value in self.items() if value is not None}
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """The numbers among the attributes, by name."""
-        return {
-            name: float(value) for name, value in self.attributes.items() if isinstance(value, (int, float))
-        }
-
-
-@dataclass(frozen=True)
-class SkewQuality(Section):
-    """Force against displacement in time.
-
-    Attributes:
-        value_s: by how much force lagged displacement beyond the declared delays; taken out.
-        std_s: what the signals leave open, whatever was declared; `trusted_std_s` what is left for somebody who trusts
-            the bench file; `low_s` to `high_s` the 95 % interval by the signals alone.
-        checked: whether both delays were compared with the controller's own record.
-        method: the clock models that were used.
-        arrival_s: what pairing by arrival would have given.
-    """
-
-    value_s: float | None = stored("skew_s")
-    std_s: float | None = stored("skew_std_s")
-    trusted_std_s: float | None = stored("skew_trusted_std_s")
-    low_s: float | None = stored("skew_low_s")
-    high_s: float | None = stored("skew_high_s")
-    checked: bool | None = stored("skew_checked", Stored.FLAG)
-    method: str | None = stored("skew_method", Stored.TEXT)
-    arrival_s: float | None = stored("arrival_skew_s")
-
-
-@dataclass(frozen=True)
-class MotionQuality(Section):
-    """The motion over the full cycles, as `rig.signals.motion` measures it, and one value a cycle (k,).
-
-    `phase_deg` is by how much measured displacement follows the controller's set-point (negative: it lags);
-    `distortion` the harmonics 2 to 9 beyond the ideal waveform's, relative to the fundamental.
-    """
-
-    commanded_amplitude_m: float | None = stored("commanded_amplitude_m")
-    cycles: int | None = stored("measured_cycles", Stored.COUNT)
-    amplitude_m: float | None = stored("measured_amplitude_m")
-    amplitude_std_m: float | None = stored("measured_amplitude_std_m")
-    fundamental_amplitude_m: float | None = stored("measured_fundamental_amplitude_m")
-    mean_m: float | None = stored("measured_mean_m")
-    frequency_Hz: float | None = stored("measured_frequency_Hz")
-    start_s: float | None = stored("cycles_start_s")
-    end_s: float | None = stored("cycles_end_s")
-    distortion: float | None = stored("harmonic_distortion")
-    cycle_amplitude_m: tuple[float, ...] | None = stored("cycle_amplitude_m", Stored.PER_CYCLE)
-    cycle_mean_m: tuple[float, ...] | None = stored("cycle_mean_m", Stored.PER_CYCLE)
-    cycle_frequency_Hz: tuple[float, ...] | None = stored("cycle_frequency_Hz", Stored.PER_CYCLE)
-    cycle_distortion: tuple[float, ...] | None = stored("cycle_distortion", Stored.PER_CYCLE)
-    cycle_phase_deg: tuple[float, ...] | None = stored("cycle_phase_deg", Stored.PER_CYCLE)
-    phase_deg: float | None = stored("phase_deg")
-
-
-@dataclass(frozen=True)
-class CurrentQuality(Section):
-    """Measured current over the full cycles: mean, and scatter of one sample about it, A."""
-
-    mean_A: float | None = stored("measured_current_A")
-    std_A: float | None = stored("measured_current_std_A")
-
-
-@dataclass(frozen=True)
-class SensorQuality(Section):
-    """A sensor's clock, its delays, and how it lies over the controller's own input of the same quantity.
-
-    `sensor(t) = gain input(t - lag) + offset + compliance force(t)`, SI, each with its standard deviation.
-    `matched_lag_s` is what the signals alone say, together with the compliance (covariance `matched_coupling`, s m/N);
-    `reference_lag_s` the same once a load train's usual stiffness is taken into account.
-    """
-
-    clock_drift_ppm: float | None = stored("{sensor}_clock_drift_ppm")
-    clock_drift_std_ppm: float | None = stored("{sensor}_clock_drift_std_ppm")
-    clock_std_s: float | None = stored("{sensor}_clock_std_s")
-    disordered_samples: int | None = stored("{sensor}_disordered_samples", Stored.COUNT)
-    arrival_latency_s: float | None = stored("{sensor}_arrival_latency_s")
-    declared_delay_s: float | None = stored("{sensor}_declared_delay_s")
-    undeclared_delay_s: float | None = stored("{sensor}_undeclared_delay_s")
-    tie_std_s: float | None = stored("{sensor}_tie_std_s")
-    compared: bool | None = stored("{sensor}_compared", Stored.FLAG)
-    matched_lag_s: float | None = stored("{sensor}_matched_lag_s")
-    matched_lag_std_s: float | None = stored("{sensor}_matched_lag_std_s")
-    reference_lag_s: float | None = stored("{sensor}_reference_lag_s")
-    reference_lag_std_s: float | None = stored("{sensor}_reference_lag_std_s")
-    reference_gain: float | None = stored("{sensor}_reference_gain")
-    reference_gain_std: float | None = stored("{sensor}_reference_gain_std")
-    reference_offset: float | None = stored("{sensor}_reference_offset_{unit}")
-    reference_offset_std: float | None = stored("{sensor}_reference_offset_std_{unit}")
-    reference_compliance_m_N: float | None = stored("{sensor}_reference_compliance_m_N")
-    reference_compliance_std_m_N: float | None = stored("{sensor}_reference_compliance_std_m_N")
-    matched_coupling: float | None = stored("{sensor}_matched_coupling")
-
-    @property
-    def gain(self) -> Estimate | None:
-        """Of the sensor relative to the controller's input."""
-        return estimate(self.reference_gain, self.reference_gain_std)
-
-    @property
-    def offset(self) -> Estimate | None:
-        """What the sensor shows where the controller's input shows 0 (SI)."""
-        return estimate(self.reference_offset, self.reference_offset_std)
-
-    @property
-    def lag(self) -> Estimate | None:
-        """By how much the sensor is later than the input beyond both declared delays (s), by the signals alone."""
-        return estimate(self.matched_lag_s, self.matched_lag_std_s)
-
-
-FORCE = section(SensorQuality, sensor="force", unit="N")
-DISPLACEMENT = section(SensorQuality, sensor="displacement", unit="m")
-
-
-@dataclass(frozen=True)
-class LoopQuality(Section):
-    """The force's loop: noise of a sample, scatter and change from cycle to cycle, span (N), free play (m)."""
-
-    noise_N: float | None = stored("force_noise_N")
-    scatter_N: float | None = stored("force_scatter_N")
-    change_N: float | None = stored("force_change_N")
-    span_N: float | None = stored("force_span_N")
-    free_play_m: float | None = stored("free_play_m")
 
 
 @dataclass(frozen=True)
@@ -317,8 +108,3 @@ class PointQuality(Section):
     def sensor(self, name: str) -> SensorQuality:
         """The section of `force` or `displacement`."""
         return {"force": self.force, "displacement": self.displacement}[name]
-
-
-def estimate(value: float | None, std: float | None) -> Estimate | None:
-    """A value with its standard deviation; None where either was not recorded."""
-    return None if value is None or std is None else Estimate(value, std)

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,22 +18,19 @@ from rig.recording.context import PointContext, SensorContext
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.point_names import OUT_OF_TOLERANCE
 from rig.recording.quality.judgement import PointEvidence, SensorCounts
-from rig.recording.quality.point_quality import (
-    CurrentQuality,
-    LoopQuality,
-    MotionQuality,
-    PointQuality,
-    SensorQuality,
-    SkewQuality,
+from rig.recording.quality.motion_quality import (
+    current_quality,
+    loop_quality,
+    motion_quality,
 )
+from rig.recording.quality.point_quality import PointQuality
+from rig.recording.quality.sensor_quality import sensor_quality, skew_quality
 from rig.recording.quality.verdict import Kind, Reason
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, parts
 from rig.signals.current_error import loop_error_A, steps_error_A
-from rig.signals.delay_estimation.delay_model import at_likely_compliance
-from rig.signals.delay_estimation.sample_match import Match
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
-from rig.signals.motion import MeasuredMotion, fundamental_phase, wrapped
+from rig.signals.motion import MeasuredMotion
 
 SATURATION_SHARE = 0.999
 MOST_OVERVIEW_SAMPLES = 400_000
@@ -209,12 +205,10 @@ def measured_quality(
     calibration = PointQuality.read(context.calibration)
     return PointQuality(
         lost_samples=alignment.lost_samples, loss_counted_by=_loss_counted_by(alignment, context),
-        skew=_skew_quality(alignment), motion=_motion_quality(context, motion, alignment),
-        current=_current_quality(motion, light), force=_sensor_quality("force", alignment),
-        displacement=_sensor_quality("displacement", alignment),
-        loop=LoopQuality() if shape is None else LoopQuality(
-            shape.noise_N, shape.scatter_N, shape.change_N, shape.span_N, shape.free_play_m,
-        ),
+        skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
+        current=current_quality(motion, light), force=sensor_quality("force", alignment),
+        displacement=sensor_quality("displacement", alignment),
+        loop=loop_quality(shape),
         tolerances=calibration.tolerances, rest=calibration.rest, coil_low_degC=low_degC, coil_high_degC=high_degC,
     )
 
@@ -229,109 +223,3 @@ def _loss_counted_by(alignment: Alignment, context: PointContext) -> str:
         for name in ("force", "displacement")
     )
     return "sequence" if numbered else "rate" if context.device_rate == 1.0 else "nothing"
-
-
-def _skew_quality(alignment: Alignment) -> SkewQuality:
-    low_s, high_s = alignment.delays.interval_s or (None, None)
-    tied = alignment.skew_s is not None
-    return SkewQuality(
-        value_s=alignment.skew_s, std_s=alignment.skew_std_s, trusted_std_s=alignment.skew_trusted_s,
-        low_s=low_s if tied else None, high_s=high_s if tied else None, checked=alignment.skew_checked,
-        method=alignment.skew_method, arrival_s=alignment.arrival_skew_s,
-    )
-
-
-def _motion_quality(context: PointContext, motion: MeasuredMotion | None, alignment: Alignment) -> MotionQuality:
-    """Means over the full cycles, and one value a cycle."""
-    if motion is None:
-        return MotionQuality(cycles=0)
-    cycles = motion.waveform
-    setpoint_rad = _setpoint_phase(motion, alignment)
-    lags_deg = None
-    if setpoint_rad is not None:
-        lags_deg = np.degrees([wrapped(phase - setpoint_rad) for phase in cycles.phase_rad.tolist()])
-    return MotionQuality(
-        commanded_amplitude_m=context.point.get("commanded_amplitude_m"), cycles=motion.cycles,
-        amplitude_m=motion.amplitude_m, amplitude_std_m=motion.amplitude_std_m,
-        fundamental_amplitude_m=motion.fundamental_amplitude_m, mean_m=motion.mean_m,
-        frequency_Hz=motion.frequency_Hz, start_s=motion.start_s, end_s=motion.end_s,
-        distortion=_mean(cycles.distortion), cycle_amplitude_m=_listed(cycles.amplitude_m),
-        cycle_mean_m=_listed(cycles.mean_m), cycle_frequency_Hz=_listed(cycles.frequency_Hz),
-        cycle_distortion=_listed(cycles.distortion),
-        cycle_phase_deg=None if lags_deg is None else _listed(lags_deg),
-        phase_deg=None if lags_deg is None else _mean(lags_deg),
-    )
-
-
-def _current_quality(motion: MeasuredMotion | None, alignment: Alignment) -> CurrentQuality:
-    current = np.asarray(alignment.values["current"], np.float64)
-    if motion is not None:
-        time_s = np.asarray(alignment.time_s, np.float64)
-        current = current[(time_s >= motion.start_s) & (time_s < motion.end_s)]
-    current = current[np.isfinite(current)]
-    if len(current) == 0:
-        return CurrentQuality()
-    return CurrentQuality(float(np.mean(current)), float(np.std(current)))
-
-
-def _sensor_quality(name: str, alignment: Alignment) -> SensorQuality:
-    """How a sensor's clock was found, its delays, and how it lies over the controller's input."""
-    channel = alignment.timed[name]
-    clock, sensor = channel.clock, channel.sensor
-    quality = SensorQuality(
-        clock_drift_ppm=1e6 * (1.0 / clock.rate - 1.0) if clock.rate_measured else None,
-        clock_drift_std_ppm=1e6 * clock.rate_std if clock.rate_measured else None, clock_std_s=clock.std_s,
-        disordered_samples=channel.disordered,
-        arrival_latency_s=channel.latency_s if alignment.arrival_skew_s is not None else None,
-    )
-    if sensor is None:
-        return quality
-    by_edges = clock.method == "edges"
-    quality = replace(
-        quality, declared_delay_s=sensor.declared_s, undeclared_delay_s=sensor.undeclared_s,
-        tie_std_s=sensor.tie_std_s if by_edges else None, compared=sensor.compared if by_edges else None,
-    )
-    return quality if sensor.match is None else _with_match(quality, sensor.match, by_edges=by_edges)
-
-
-def _with_match(quality: SensorQuality, match: Match, *, by_edges: bool) -> SensorQuality:
-    if by_edges:
-        lag_s, lag_std_s = at_likely_compliance(
-            match.lag_s, match.lag_std_s, match.compliance, match.compliance_std, match.coupling
-        )
-        quality = replace(
-            quality, matched_lag_s=match.lag_s, matched_lag_std_s=match.lag_std_s, reference_lag_s=lag_s,
-            reference_lag_std_s=lag_std_s,
-        )
-    if math.isfinite(match.gain_std):
-        quality = replace(
-            quality, reference_gain=match.gain, reference_gain_std=match.gain_std, reference_offset=match.offset,
-            reference_offset_std=match.offset_std,
-        )
-    if match.compliance is not None:
-        quality = replace(
-            quality, reference_compliance_m_N=match.compliance, reference_compliance_std_m_N=match.compliance_std,
-            matched_coupling=match.coupling,
-        )
-    return quality
-
-
-def _setpoint_phase(motion: MeasuredMotion, alignment: Alignment) -> float | None:
-    """Phase of the set-point's fundamental over the full cycles, on the point's time base, rad."""
-    setpoint = alignment.timed.get("setpoint")
-    if setpoint is None:
-        return None
-    time_s = np.asarray(setpoint.time_s, np.float64) - alignment.origin_s
-    inside = (time_s >= motion.start_s) & (time_s < motion.end_s)
-    return fundamental_phase(
-        time_s[inside], setpoint.records["value"][inside].astype(np.float64), motion.frequency_Hz
-    )
-
-
-def _mean(values: FloatArray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.mean(known)) if len(known) else None
-
-
-def _listed(values: FloatArray) -> tuple[float, ...]:
-    return tuple(np.asarray(values).tolist())
