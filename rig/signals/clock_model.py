@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rig.signals.chunked_column import Values
 
 ARRIVAL = "arrival"
+EDGES = "edges"
 """Method of a channel that carries neither clock nor sequence."""
 LARGEST_DRIFT = 1e-3
 """Relative rate error beyond which a fitted drift is not believed (crystals: 1e-4)."""
@@ -153,7 +154,7 @@ def by_edges(local_s: FloatArray, reference_s: FloatArray) -> ClockModel:
     spread = float(np.sum((local_s[keep] - origin) ** 2))
     rate_std = scatter / np.sqrt(spread) if slope_known and spread > 0.0 else CRYSTAL_DRIFT
     std_s = max(scatter / np.sqrt(count), CLOCK_RESOLUTION_S)
-    return ClockModel(origin, origin + offset, 1.0 + slope, std_s, "edges", float(rate_std))
+    return ClockModel(origin, origin + offset, 1.0 + slope, std_s, EDGES, float(rate_std))
 
 
 def _median_slope(x: FloatArray, y: FloatArray) -> float:

@@ -21,7 +21,7 @@ from rig.recording.context import PointContext
 from rig.recording.layout import NUMBER, Records, channel_name, good_values
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Column, Values, first_after, mapped, overlapping, thinned
-from rig.signals.clock_model import ARRIVAL, IDENTITY, ClockModel, HostMap, by_envelope, by_order, host_map
+from rig.signals.clock_model import ARRIVAL, EDGES, IDENTITY, ClockModel, HostMap, by_envelope, by_order, host_map
 from rig.signals.delay_estimation.delay_model import Skew
 from rig.signals.interpolation import flags_at, monotone_at, status_at
 
@@ -135,7 +135,7 @@ def align(
     base, force = timed["displacement"], timed["force"]
     values, flags = _on_base(timed, context)
     origin_s = float(base.time_s[0])
-    tied = {base.clock.method, force.clock.method} == {"edges"}
+    tied = {base.clock.method, force.clock.method} == {EDGES}
     tie_s = math.hypot(*(0.0 if channel.sensor is None else channel.sensor.tie_std_s for channel in (force, base)))
     apart_s = float(np.hypot(force.clock.std_s, base.clock.std_s))
     return Alignment(

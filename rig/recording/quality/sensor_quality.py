@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rig.recording.quality.section import Section, Stored, estimate, section, stored
+from rig.signals.clock_model import EDGES
 from rig.signals.delay_estimation.delay_model import at_likely_compliance
 from rig.signals.delay_estimation.sample_match import Match
 from rig.signals.estimate import Estimate
@@ -111,7 +112,7 @@ def sensor_quality(name: str, alignment: Alignment) -> SensorQuality:
     )
     if sensor is None:
         return quality
-    by_edges = clock.method == "edges"
+    by_edges = clock.method == EDGES
     quality = replace(
         quality, declared_delay_s=sensor.declared_s, undeclared_delay_s=sensor.undeclared_s,
         tie_std_s=sensor.tie_std_s if by_edges else None, compared=sensor.compared if by_edges else None,
