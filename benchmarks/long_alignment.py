@@ -25,7 +25,7 @@ from rig.clock import utc_now
 from rig.recording.alignment.alignment import align
 from rig.recording.channel_split import ChannelSplit
 from rig.recording.context import PointContext, SensorContext
-from rig.recording.conversion.finishing import finish_point
+from rig.recording.conversion.conversion import finish_point
 from rig.recording.journal.journal_file import JournalWriter, scan_journal
 from rig.recording.layout import NUMBER, RECORD_DTYPE
 from rig.signals.chunked_column import parts

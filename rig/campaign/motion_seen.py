@@ -15,7 +15,7 @@ from protocols.actuator import Input
 from rig.campaign.adaptation import MotionSeen
 from rig.recording.layout import good_values
 from rig.signals.clock_model import unwrapped
-from rig.signals.motion import measured_motion
+from rig.signals.cycles import measured_motion
 
 ENOUGH_SAMPLES_A_CYCLE = 500
 """More are thinned: the loop that watches the rig has no time to waste."""

@@ -1,4 +1,7 @@
-"""All characteristics of a run: every valid loop, the comparison over currents, the special tests."""
+"""All characteristics of a run: every valid loop, the comparison over currents, the special tests.
+
+Gas force and friction come from a slow triangle without current.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,10 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.signals.arrays import FloatArray
 from rig.signals.cycles import find_cycles, full_cycles
+
+MIDDLE = 0.5
+"""Share of the amplitude about the mean position in which the force is taken: away from the reversals."""
+FEWEST_SAMPLES = 10
 
 
 @dataclass(frozen=True)
@@ -144,11 +151,6 @@ def dynamic_range(loops: Sequence[LoopCharacteristics]) -> list[DynamicRange]:
         std = math.hypot(loop.rebound_N.std / rebound_N, ratio * rest.rebound_N.std / rebound_N)
         ranges.append(DynamicRange(loop.motion, loop.current_A, ratio, (loop.jounce_N.value - gas_N) / jounce_N, std))
     return ranges
-
-
-MIDDLE = 0.5
-"""Share of the amplitude about the mean position in which the force is taken: away from the reversals."""
-FEWEST_SAMPLES = 10
 
 
 @dataclass(frozen=True)

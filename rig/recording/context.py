@@ -1,4 +1,7 @@
-"""What a point's journal says about itself in its header: everything the finaliser needs besides the samples."""
+"""What a point's journal says about itself in its header: everything the finaliser needs besides the samples.
+
+What no rig records, although every check sum fits, is named and refused before anything is computed with it.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,25 @@ import numpy as np
 from rig.recording.journal.journal_file import JournalProblem
 from rig.recording.layout import Records
 from rig.signals.chunked_column import parts
+
+Range = tuple[float, float]
+POINT: dict[str, Range] = {
+    "amplitude_m": (0.0, 10.0), "frequency_Hz": (1e-6, 1e4), "current_A": (-1e3, 1e3), "cycles": (0.0, 1e6),
+}
+SENSOR: dict[str, Range] = {
+    "rate_Hz": (1e-3, 1e7), "delay_s": (-10.0, 10.0), "range_SI": (0.0, 1e12), "sensitivity": (-1e12, 1e12),
+    "offset": (-1e12, 1e12),
+}
+CONTEXT: dict[str, Range] = {
+    "device_rate": (1e-4, 1e5), "controller_delay_s": (-10.0, 10.0), "mid_stroke_m": (-10.0, 10.0),
+    "moving_mass_kg": (0.0, 1e6), "current_tolerance_A": (0.0, 1e3),
+}
+HOST_NS: Range = (0, 1 << 60)
+"""Monotonic time of the host: 36 years."""
+DEVICE_US: Range = (-1, 1 << 50)
+"""A device's own clock, -1 where it has none: 35 years."""
+LONGEST_NS = 30 * 24 * 3600 * 10**9
+"""From a point's first record to its last."""
 
 
 @dataclass(frozen=True)
@@ -99,27 +121,6 @@ class PointContext:
         if not isinstance(context.point, dict) or not isinstance(context.provenance, dict):
             raise ValueError("journal header is not a point's context: point and provenance are not both objects")
         return context
-
-
-Range = tuple[float, float]
-
-POINT: dict[str, Range] = {
-    "amplitude_m": (0.0, 10.0), "frequency_Hz": (1e-6, 1e4), "current_A": (-1e3, 1e3), "cycles": (0.0, 1e6),
-}
-SENSOR: dict[str, Range] = {
-    "rate_Hz": (1e-3, 1e7), "delay_s": (-10.0, 10.0), "range_SI": (0.0, 1e12), "sensitivity": (-1e12, 1e12),
-    "offset": (-1e12, 1e12),
-}
-CONTEXT: dict[str, Range] = {
-    "device_rate": (1e-4, 1e5), "controller_delay_s": (-10.0, 10.0), "mid_stroke_m": (-10.0, 10.0),
-    "moving_mass_kg": (0.0, 1e6), "current_tolerance_A": (0.0, 1e3),
-}
-HOST_NS: Range = (0, 1 << 60)
-"""Monotonic time of the host: 36 years."""
-DEVICE_US: Range = (-1, 1 << 50)
-"""A device's own clock, -1 where it has none: 35 years."""
-LONGEST_NS = 30 * 24 * 3600 * 10**9
-"""From a point's first record to its last."""
 
 
 def checked_context(context: PointContext, name: str) -> PointContext:

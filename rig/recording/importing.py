@@ -25,15 +25,13 @@ from rig.recording.csv_columns import ColumnChoice, parse_columns, read_table
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
-from rig.recording.quality.motion_quality import MotionQuality
-from rig.recording.quality.point_quality import PointQuality
-from rig.recording.quality.sensor_quality import SkewQuality
+from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality
 from rig.recording.quality.verdict import Reason, Verdict, invalid
 from rig.signals.arrays import FloatArray
+from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.derivatives import velocity_of
 from rig.signals.interpolation import LARGEST_STEP_PERIODS
 from rig.signals.loop_shape import standing
-from rig.signals.motion import MeasuredMotion, measured_motion
 
 FEWEST_CYCLES = 3
 REVERSED = -0.1

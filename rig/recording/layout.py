@@ -16,12 +16,13 @@ from rig.signals.chunked_column import Values
 
 FORMAT_VERSION = 1
 CHUNK_SAMPLES = 16384
-
 #: One record of the ring and of the journal (32 bytes, `drivers.ring.RECORD`).
 RECORD_DTYPE = np.dtype([
     ("host_ns", "<i8"), ("device_us", "<i8"), ("value", "<f8"), ("sequence", "<u4"), ("channel", "<u2"),
     ("flags", "<u2"),
 ])
+Attribute = str | int | float | bool | Sequence[str] | None
+
 
 class Records(Protocol):
     """Ring records (n,) of `RECORD_DTYPE`: an array, or a file read in parts (`rig.recording.channel_split`)."""
@@ -29,9 +30,6 @@ class Records(Protocol):
     def __len__(self) -> int: ...
 
     def __getitem__(self, key: Any, /) -> Any: ...  # noqa: ANN401 - an array, or one field of it
-
-
-Attribute = str | int | float | bool | Sequence[str] | None
 
 
 @dataclass(frozen=True)
@@ -142,7 +140,6 @@ RING_CHANNELS: dict[int, Description] = {
     50: Description("trip", "1", "Interlock trips"),
     51: Description("loop_late", "s", "Lateness of the station's loop"),
 }
-
 #: Channel name -> number in the ring.
 NUMBER: dict[str, int] = {description.name: number for number, description in RING_CHANNELS.items()}
 

@@ -19,6 +19,12 @@ from rig.recording.point_names import OUT_OF_TOLERANCE
 from rig.recording.quality.point_quality import PointQuality
 from rig.signals.arrays import FloatArray
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+SECONDS = {"": 1.0, "_s": 1.0, "_ms": 1e-3, "_us": 1e-6, "_ns": 1e-9}
+NAMES = {f"{stem}{end}": scale for stem in ("time", "t") for end, scale in SECONDS.items()}
+"""Names of a time (lower case) -> seconds per unit."""
 #: Attribute of `RecordedPoint` -> dataset under `/entry/data`.
 CHANNELS = {
     "time_s": "time",
@@ -151,7 +157,7 @@ class RecordedPoint:
             unknown = np.nan if "commanded_current" in arrays else current_A
             arrays["current"] = np.full(len(time_s), unknown)
         if not {"amplitude_m", "frequency_Hz"} <= set(description):
-            from rig.signals.motion import measured_motion
+            from rig.signals.cycles import measured_motion
 
             motion = measured_motion(time_s, arrays["displacement"])
             if motion is None:
@@ -286,15 +292,6 @@ def _check_arrays(name: str, given: Mapping[str, FloatArray | None]) -> None:
         problems.append("time_s must increase from sample to sample, two samples or more")
     if problems:
         raise FileProblem(name, problems)
-
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-
-SECONDS = {"": 1.0, "_s": 1.0, "_ms": 1e-3, "_us": 1e-6, "_ns": 1e-9}
-NAMES = {f"{stem}{end}": scale for stem in ("time", "t") for end, scale in SECONDS.items()}
-"""Names of a time (lower case) -> seconds per unit."""
 
 
 def table_time(table: pd.DataFrame, where: str) -> tuple[FloatArray, str | None]:

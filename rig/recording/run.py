@@ -17,6 +17,9 @@ from rig.recording.point_names import campaign_in, unfinished
 from rig.recording.recorded_point import RecordedPoint
 from rig.text_file import read_json
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 TEXTS = ("id", "waveform", "verdict")
 NUMBERS = ("amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "centre_m")
 RELATIVE_TOLERANCE = 1e-6
@@ -76,10 +79,6 @@ def _equal(value: object, wanted: str | float, tolerance: float) -> bool:
     if isinstance(wanted, str):
         return str(value) == wanted
     return isinstance(value, (int, float)) and math.isclose(value, wanted, rel_tol=tolerance, abs_tol=1e-9)
-
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Putting the report together and writing it beside the run."""
+"""The report as a whole: its parts in order, its head, warnings and provenance; written beside the run."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ from rig.report.instruments import calibrations, doubts_of, instruments
 from rig.report.loops import PointView, view_of
 from rig.report.point_tables import achieved_table, conditions, points_table, time_base
 from rig.text_file import read_json
+
+JsonObject = Mapping[str, Any]
+SHOWN_WARNINGS = 5
 
 
 def write_report(run_dir: Path) -> Path:
@@ -109,11 +112,6 @@ def _fitted_model(fit: Mapping[str, Any] | None) -> tuple[DamperModel | None, di
 
 def _has_fit(view: PointView) -> bool:
     return view.loop is not None and view.loop.fitted_N is not None
-
-
-JsonObject = Mapping[str, Any]
-
-SHOWN_WARNINGS = 5
 
 
 def header(run: Run, fit: JsonObject | None) -> str:

@@ -1,4 +1,4 @@
-"""The report's drawings: loops of each point, measured over fitted, and all currents over each other."""
+"""The report's drawings: what is shown of a point, its loops, measured over fitted, all currents over each other."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from rig.report.style import FITTED, MEASURED, OVERLAID, RESIDUAL, current_colou
 from rig.signals.arrays import FloatArray
 
 K = TypeVar("K", bound=Hashable)
-
 FORCE, DISPLACEMENT, VELOCITY = "Force N", "Displacement about mid-stroke mm", "Velocity m/s"
 
 

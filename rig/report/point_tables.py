@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.quality.campaign_delay import pooled_skews
-from rig.recording.quality.sensor_quality import SensorQuality
+from rig.recording.quality.point_quality import SensorQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from rig.report.fragment import (

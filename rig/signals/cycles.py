@@ -1,11 +1,14 @@
-"""Cycles as they were measured: crossings of the mean, amplitude and frequency, and which of them a fit may use.
+"""Cycles as they were measured: crossings of the mean, amplitude, phase and distortion, cycle by cycle.
 
-Nothing here trusts nominal times: ramps, rests and the rig's own lag are told from the measured displacement.
+Nothing here trusts nominal times: ramps, rests and the rig's own lag are told from the measured displacement. The
+recording's file and the campaign's amplitude compensation measure with the same functions.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,9 +16,24 @@ from numpy.typing import NDArray
 
 from rig.errors import RigError
 from rig.signals.arrays import FloatArray
+from rig.signals.derivatives import harmonic_columns
 
 CROSSING_HYSTERESIS = 0.2  # of the amplitude: noise around the mean makes no crossing
 FULL_AMPLITUDE = 0.97  # of the typical greatest amplitude: below it a cycle belongs to a ramp
+HARMONICS = 9
+PEAK_SHARE = 0.04
+"""Half width, as a share of the period, of the parabola that finds a sine's peak."""
+TRIANGLE_FUNDAMENTAL = 8.0 / math.pi**2
+"""Fundamental of the ideal triangle (2) relative to its amplitude."""
+MOST_FOLDED = 8000
+MOST_ORDERS = 100
+SERIES_SHARE = 0.4
+"""Of the orders that the widest gap between the phases of all samples would resolve."""
+LAST_ORDERS = 6
+GRID = 4000
+WORST_CONDITION = 5.0
+"""Samples that fall on few phases of the period (1.4 when evenly spread) leave the phase open."""
+FEWEST_SAMPLES = 2 * HARMONICS + 4
 
 
 class NoCycles(RigError):
@@ -130,3 +148,194 @@ def _upward_crossings(t: FloatArray, x: FloatArray) -> tuple[FloatArray, NDArray
         times.append(min(max(float(root), float(t[low])), float(t[high])))
         indices.append(low + int(np.searchsorted(t[low : high + 1], times[-1], side="left")))
     return np.array(times), np.array(indices, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class CycleShapes:
+    """Each full cycle's shape, arrays (k,).
+
+    Attributes:
+        amplitude_m: half of peak to valley, m: of a sine each found by a parabola through the samples around it; of a
+            triangle, whose corners fall between samples, the cycle's fundamental times what peak to valley is of it
+            over all cycles (`peak_of_fundamental`).
+        mean_m: the cycle's mean (its zeroth harmonic), m.
+        frequency_Hz: of each cycle.
+        phase_rad: phase of the fundamental as a sine that begins at time 0 with the mean frequency, rad.
+        distortion: root of the summed squares of what harmonics 2 to 9 have beyond the ideal waveform's, relative to
+            the fundamental.
+    """
+
+    amplitude_m: FloatArray
+    mean_m: FloatArray
+    frequency_Hz: FloatArray
+    phase_rad: FloatArray
+    distortion: FloatArray
+
+
+@dataclass(frozen=True)
+class MeasuredMotion:
+    """Measured motion over the full cycles.
+
+    Attributes:
+        cycles: number of full cycles.
+        start_s: time of their first upward crossing of the mean; `end_s` of their last, s.
+        amplitude_m: mean over the cycles of half of peak to valley; `amplitude_std_m` its scatter from cycle to cycle.
+        mean_m: mean displacement over the cycles.
+        frequency_Hz: cycles per second.
+        waveform: the single cycles.
+        fundamental_amplitude_m: amplitude of the ideal triangle with the measured fundamental, m; None of a sine.
+            Corners rounded by a servo make `amplitude_m` smaller and hardly change this.
+    """
+
+    cycles: int
+    start_s: float
+    end_s: float
+    amplitude_m: float
+    amplitude_std_m: float
+    mean_m: float
+    frequency_Hz: float
+    waveform: CycleShapes
+    fundamental_amplitude_m: float | None = None
+
+
+def measured_motion(time_s: FloatArray, displacement_m: FloatArray, waveform: str = "sine") -> MeasuredMotion | None:
+    """Measure the motion of one point.
+
+    Args:
+        time_s: (n,) s, increasing.
+        displacement_m: (n,) m; NaN where nothing was measured.
+        waveform: the wanted one, `sine` or `triangle`: its own harmonics are no distortion.
+
+    Returns:
+        None when there is not one full cycle.
+    """
+    try:
+        full = full_cycles(find_cycles(time_s, displacement_m))
+    except NoCycles:
+        return None
+    start_s, end_s = float(full.start_s[0]), float(full.start_s[-1])
+    frequency_Hz = len(full) / (end_s - start_s)
+    usable = np.isfinite(displacement_m)
+    t, u = time_s[usable], displacement_m[usable]
+    bounds = np.searchsorted(t, full.start_s)
+    shapes = [
+        _cycle(t[a:b], u[a:b], 1.0 / (end - start), waveform, frequency_Hz)
+        for a, b, start, end in zip(bounds, bounds[1:], full.start_s, full.start_s[1:], strict=False)
+    ]
+    columns = np.array(shapes, np.float64).reshape(len(shapes), 5).T
+    cycles = CycleShapes(*columns)
+    fundamental_m = None
+    if waveform == "triangle" and np.any(np.isfinite(cycles.amplitude_m)):
+        fundamental_m = float(np.nanmean(cycles.amplitude_m))
+        phase = np.interp(t, full.start_s, np.arange(len(full) + 1.0), left=-1.0, right=-1.0)
+        inside = (t >= start_s) & (t < end_s)
+        rounded = TRIANGLE_FUNDAMENTAL * peak_of_fundamental(phase[inside] % 1.0, u[inside])
+        cycles = replace(cycles, amplitude_m=cycles.amplitude_m * rounded)
+    known = cycles.amplitude_m[np.isfinite(cycles.amplitude_m)]
+    amplitude_m = known if len(known) else full.amplitude_m
+    return MeasuredMotion(
+        cycles=len(full), start_s=start_s, end_s=end_s, amplitude_m=float(np.mean(amplitude_m)),
+        amplitude_std_m=float(np.std(amplitude_m)), mean_m=full.mean_m, frequency_Hz=frequency_Hz, waveform=cycles,
+        fundamental_amplitude_m=fundamental_m,
+    )
+
+
+def peak_of_fundamental(phase: FloatArray, values: FloatArray) -> float:
+    """Half of peak to valley of a triangle over the amplitude of its fundamental; ideally pi^2/8 (2).
+
+    The cycles together are one Fourier series, as long as the phases they were sampled at allow. Of a triangle with
+    sharp corners the harmonics beyond its end (1/k^2 of the fundamental each) are missing at the corner: they are added
+    in the proportion in which the series' last ones are those of the ideal triangle; of rounded corners none are left.
+
+    Args:
+        phase: of the samples in their cycle (n,), 0 to 1.
+        values: samples (n,), any unit.
+    """
+    every = -(-len(phase) // MOST_FOLDED)
+    phase, values = phase[::every], values[::every]
+    known = np.sort(phase)
+    widest = float(np.max(np.diff(known, append=known[0] + 1.0)))
+    orders = np.arange(1, max(HARMONICS, min(MOST_ORDERS, int(SERIES_SHARE / widest))) + 1)
+    if len(phase) < 2 * len(orders) + 4:
+        return 1.0 / TRIANGLE_FUNDAMENTAL
+    design = harmonic_columns(phase, math.tau, orders)
+    # The orders are as many as the widest gap between the phases allows, so the normal equations are well conditioned.
+    coefficients = np.linalg.solve(design.T @ design, design.T @ values)
+    harmonics = coefficients[2::2] + 1j * coefficients[1::2]
+    first = complex(harmonics[0])
+    shown = np.fft.irfft(np.concatenate(([0.0], -0.5j * GRID * harmonics)), GRID)
+    odd = orders[orders % 2 == 1]
+    turned = np.real(harmonics[odd - 1] * np.exp(-1j * odd * math.atan2(first.imag, first.real))) / abs(first)
+    ideal = np.where((odd - 1) // 2 % 2 == 0, 1.0, -1.0) / odd**2
+    last = slice(-LAST_ORDERS, None)
+    sharp = float(np.clip(np.sum(turned[last] * ideal[last]) / np.sum(ideal[last] ** 2), 0.0, 1.0))
+    missing = sharp * (math.pi**2 / 8.0 - float(np.sum(1.0 / odd**2)))
+    return float(0.5 * np.ptp(shown)) / abs(first) + missing
+
+
+def fundamental_phase(time_s: FloatArray, values: FloatArray, frequency_Hz: float) -> float | None:
+    """Phase (rad) of `sin(2 pi f t + phase)` in values sampled anyhow; None where the samples do not determine it.
+
+    Args:
+        time_s: (n,) s.
+        values: (n,), any unit.
+        frequency_Hz: known frequency.
+    """
+    usable = np.isfinite(values)
+    t, x = time_s[usable], values[usable]
+    design = harmonic_columns(t, math.tau * frequency_Hz, np.array([1]))
+    if len(t) < 8 or np.linalg.cond(design) > WORST_CONDITION:
+        return None
+    (_, cosine, sine), *_ = np.linalg.lstsq(design, x, rcond=None)
+    return math.atan2(float(cosine), float(sine))
+
+
+def wrapped(angle_rad: float) -> float:
+    """An angle brought to -pi .. pi."""
+    return (angle_rad + math.pi) % math.tau - math.pi
+
+
+def _cycle(
+    t: FloatArray, u: FloatArray, frequency_Hz: float, waveform: str, mean_frequency_Hz: float,
+) -> tuple[float, float, float, float, float]:
+    """Amplitude, mean, frequency, phase and distortion of one cycle; NaN where samples are missing."""
+    expected = len(t)
+    gap = float(np.max(np.diff(t))) if expected > 1 else math.inf
+    if expected < FEWEST_SAMPLES or gap > 2.5 / (frequency_Hz * expected):
+        return (math.nan, math.nan, frequency_Hz, math.nan, math.nan)
+    orders = np.arange(1, HARMONICS + 1)
+    design = harmonic_columns(t - t[0], math.tau * frequency_Hz, orders)
+    coefficients, *_ = np.linalg.lstsq(design, u, rcond=None)
+    harmonics = coefficients[2::2] + 1j * coefficients[1::2]
+    first = complex(harmonics[0])
+    phase = math.atan2(first.imag, first.real)
+    if waveform == "triangle":
+        amplitude_m = abs(first) / TRIANGLE_FUNDAMENTAL
+    else:
+        amplitude_m = 0.5 * (_peak(t, u, frequency_Hz) + _peak(t, -u, frequency_Hz))
+    turned = harmonics * np.exp(-1j * orders * phase)
+    ideal = abs(first) * np.array([_ideal(waveform).get(order, 0.0) for order in orders.tolist()])
+    distortion = float(np.sqrt(np.sum(np.abs(turned - ideal)[1:] ** 2))) / abs(first)
+    phase = wrapped(phase - math.tau * mean_frequency_Hz * float(t[0]))
+    return (amplitude_m, float(coefficients[0]), frequency_Hz, phase, distortion)
+
+
+def _ideal(waveform: str) -> Mapping[int, float]:
+    """Harmonics of the ideal waveform relative to its fundamental; a triangle's are (-1)^j/k^2, k = 2 j + 1 (2)."""
+    if waveform != "triangle":
+        return {1: 1.0}
+    return {order: (-1.0) ** ((order - 1) // 2) / order**2 for order in range(1, HARMONICS + 1, 2)}
+
+
+def _peak(t: FloatArray, u: FloatArray, frequency_Hz: float) -> float:
+    """Height of the highest peak: vertex of a parabola through the samples around the largest one."""
+    top = int(np.argmax(u))
+    half = max(1, int(PEAK_SHARE * len(t)))
+    low, high = top - half, top + half + 1
+    if low < 0 or high > len(t):
+        return float(u[top])
+    x = (t[low:high] - t[top]) * frequency_Hz
+    curve, slope, height = np.polyfit(x, u[low:high], 2)
+    if curve >= 0.0:
+        return float(u[top])
+    return float(height - 0.25 * slope * slope / curve)

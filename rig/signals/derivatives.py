@@ -3,7 +3,8 @@
 Default is a harmonic fit over whole cycles: a Fourier series whose fundamental frequency is fitted too, evaluated and
 differentiated exactly at any times. It averages the sensor's noise over the whole test: with N samples of noise s each
 coefficient is known to s sqrt(2/N), so 5 um over 2,000 samples leave 0.16 um. Where the motion does not repeat, the
-residual of the fit says so and a local polynomial (Savitzky and Golay 1964) takes its place.
+residual of the fit says so and a local polynomial (Savitzky and Golay 1964) takes its place. The recorded file's own
+velocity is a local parabola through measured displacement.
 """
 
 from __future__ import annotations
@@ -20,14 +21,22 @@ from rig.errors import RigError
 from rig.signals.arrays import FloatArray
 from rig.signals.fourier import quantisation_step, significant_orders
 
-Method = Literal["harmonic", "savitzky_golay"]
-
 MAXIMUM_HARMONICS = 400
 REPEATS = 0.003  # share of the amplitude
 TAIL_ORDERS = 4  # fewer harmonics in a half octave are single ones, not a series that goes on
 TAIL_SHARE = 0.3  # nor do they make a series when they are fewer than this share of its orders
 ROUNDS = 5  # strong harmonics hide weak ones: each round looks at what the last one left
 CHUNK = 16384
+HALF_WIDTH = 4
+WIDTH = 2 * HALF_WIDTH + 1
+MARGIN = 4 * HALF_WIDTH
+"""Samples beyond a part on each side, with which its velocity is that of the whole."""
+GAP_STEPS = 1.5
+UNIFORM = 0.02
+"""Steps that differ by less from a window's mean are one step: an error below 0.5 % of the velocity."""
+WINDOWS_AT_A_TIME = 65_536
+METHOD = f"local parabola through {WIDTH} samples"
+Method = Literal["harmonic", "savitzky_golay"]
 
 
 class NotDifferentiable(RigError):
@@ -299,17 +308,6 @@ def _solve(
 def _chunks(n: int) -> Iterator[slice]:
     for start in range(0, n, CHUNK):
         yield slice(start, min(start + CHUNK, n))
-
-
-HALF_WIDTH = 4
-WIDTH = 2 * HALF_WIDTH + 1
-MARGIN = 4 * HALF_WIDTH
-"""Samples beyond a part on each side, with which its velocity is that of the whole."""
-GAP_STEPS = 1.5
-UNIFORM = 0.02
-"""Steps that differ by less from a window's mean are one step: an error below 0.5 % of the velocity."""
-WINDOWS_AT_A_TIME = 65_536
-METHOD = f"local parabola through {WIDTH} samples"
 
 
 def velocity_of(time_s: FloatArray, displacement_m: FloatArray) -> tuple[FloatArray, str]:

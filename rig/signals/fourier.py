@@ -2,8 +2,8 @@
 
 The cycle's frequency is the program's own, on the controller's clock. A harmonic is kept where its power exceeds what
 noise alone would show in any of all orders once in a hundred series; one that is far away from all others, or towers
-above its neighbours, is not the motion's but a line of its own and is left out; so is
-what lies at the mains' own frequencies.
+above its neighbours, is not the motion's but a line of its own and is left out; so is what lies at the mains' own
+frequencies. `significant_orders` tells by one test of all orders together which stand out of a recording's own noise.
 """
 
 from __future__ import annotations
@@ -36,6 +36,18 @@ FIRST_LINE = 5
 """Lowest order that can be such a line."""
 MAINS_Hz = (50.0, 60.0)
 TAIL_ORDERS = 4
+ORDER_FALSE_ALARM = 0.002  # probability that noise alone gives any order of a record, each time it is looked at
+PHASES = 4096  # places of a cycle: ten times the highest order
+MOST_CYCLES = 64  # of a group
+WIDEST = 30  # orders above the highest one in which noise is looked for
+NEAR_BINS = 48  # frequencies between harmonics, nearest to an order, whose median is its noise
+MEDIAN_COUNTS = 0.48  # a median of so many is as sure as a mean of this share of them
+MEDIAN_OF_EXPONENTIAL = math.log(2.0)
+SYMMETRIC = 2.0  # the rounding of a cycle whose halves mirror each other lies in half of the orders, twice as strong
+STEP_TOLERANCE = 0.01  # of a step, within which all values of a quantised signal lie on its grid
+MOST_GAPS = 400  # differences of neighbouring values from which the step is found
+FEWEST_STORED = 4.0  # a step is at least so many steps of the stored numbers
+RESOLVED = 1e-3  # share of the strongest harmonic that folding tells from its own rounding
 
 
 @dataclass(frozen=True)
@@ -201,21 +213,6 @@ def _belonging(orders: NDArray[np.int64], amplitude: FloatArray) -> NDArray[np.b
     if len(gaps):
         keep &= orders <= kept[gaps[0]]
     return keep
-
-
-
-ORDER_FALSE_ALARM = 0.002  # probability that noise alone gives any order of a record, each time it is looked at
-PHASES = 4096  # places of a cycle: ten times the highest order
-MOST_CYCLES = 64  # of a group
-WIDEST = 30  # orders above the highest one in which noise is looked for
-NEAR_BINS = 48  # frequencies between harmonics, nearest to an order, whose median is its noise
-MEDIAN_COUNTS = 0.48  # a median of so many is as sure as a mean of this share of them
-MEDIAN_OF_EXPONENTIAL = math.log(2.0)
-SYMMETRIC = 2.0  # the rounding of a cycle whose halves mirror each other lies in half of the orders, twice as strong
-STEP_TOLERANCE = 0.01  # of a step, within which all values of a quantised signal lie on its grid
-MOST_GAPS = 400  # differences of neighbouring values from which the step is found
-FEWEST_STORED = 4.0  # a step is at least so many steps of the stored numbers
-RESOLVED = 1e-3  # share of the strongest harmonic that folding tells from its own rounding
 
 
 def significant_orders(

@@ -34,7 +34,7 @@ from rig.bench.model import Bench
 from rig.errors import FileProblem
 from rig.matrix.model import load_matrix
 from rig.recording.context import PointContext, SensorContext
-from rig.recording.conversion.finishing import finish_alone
+from rig.recording.conversion.conversion import finish_alone
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.importing import import_tests
 from rig.recording.journal.journal_file import JournalWriter, parse_journal

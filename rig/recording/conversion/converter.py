@@ -182,7 +182,7 @@ def warm_up() -> None:
     """Load what the first point would wait for, and write one small file."""
     import numpy as np
 
-    from rig.recording.conversion.finishing import prove
+    from rig.recording.conversion.conversion import prove
     from rig.recording.hdf5.hdf5_image import write_file
     from rig.recording.layout import AlignedChannel, PointFile
 
@@ -225,8 +225,8 @@ def main() -> int:
 
 
 def _served(request: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    from rig.recording.conversion.conversion import finish_alone
     from rig.recording.conversion.delay_correction import retime
-    from rig.recording.conversion.finishing import finish_alone
 
     if "journal" in request:
         yield asdict(finish_alone(Path(request["journal"]), recovered=request["recovered"]))

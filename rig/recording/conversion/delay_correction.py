@@ -5,8 +5,9 @@ point alone could see. At the end of the campaign all of them together know it s
 (`rig.recording.quality.campaign_delay`), and so they do of the instruments (`rig.recording.quality.cross_checks`). A
 finished file is not touched lightly: only one whose loop is certainly wrong, or whose verdict changes, is made again,
 from what was received, by the function that made it the first time (`conversion.build`), and says so in
-`/entry/provenance`.
+`/entry/provenance`. Where only the verdict changes, only its attributes are written again.
 """
+
 from __future__ import annotations
 
 import json
@@ -24,9 +25,8 @@ from rig.errors import FileProblem
 from rig.recording.atomic_write import ReservedFile, write_whole
 from rig.recording.channel_split import ChannelSplit
 from rig.recording.context import PointContext
-from rig.recording.conversion.conversion import Correction, build
+from rig.recording.conversion.conversion import Correction, build, prove
 from rig.recording.conversion.finished_point import FinishedPoint
-from rig.recording.conversion.finishing import prove
 from rig.recording.hdf5.hdf5_image import set_attributes, write_file
 from rig.recording.hdf5.reading import opened
 from rig.recording.journal.journal_file import JournalContent
@@ -39,10 +39,14 @@ from rig.recording.quality.verdict import Reason, Verdict
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.chunked_column import parts
 
+if TYPE_CHECKING:
+    import h5py
+
 CERTAIN = 2.0
 """Standard deviations of the pooled skew by which a file must be off ..."""
 MATTERS_S = 1e-4
 """... and by how much, which is what a skew is to be known to."""
+WHY = "the campaign's points together, against the controller's own inputs"
 
 
 @dataclass(frozen=True)
@@ -162,12 +166,6 @@ def _received(path: Path) -> Iterator[NDArray[Any]]:
                     records[key] = channel[key][rows]
                 records["channel"] = number
                 yield records
-
-
-if TYPE_CHECKING:
-    import h5py
-
-WHY = "the campaign's points together, against the controller's own inputs"
 
 
 def judge_together(points_folder: Path) -> Iterator[FinishedPoint]:

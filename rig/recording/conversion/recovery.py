@@ -1,4 +1,7 @@
-"""After a crash: what journals and half-written files are left in a campaign becomes finished points."""
+"""After a crash: what journals and half-written files are left in a campaign becomes finished points.
+
+Before a point is run anew, what earlier sessions left of it makes room; nothing of any other point is touched.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""From what a point's file says of its instruments to reasons, for one point and for a campaign.
+"""What the bench's instruments say of each other: reasons for a point and a campaign, and a table for the report.
 
 `/entry/quality` holds how load cell and LVDT lie over the controller's own inputs, what was seen at rest before the
-first motion, and the tolerances of the bench file; `rig.recording.quality.instrument_checks` decides.
+first motion, and the tolerances of the bench file; `rig.recording.quality.instrument_checks` decides. Two
+instruments that agree may still be wrong alike: agreement is no calibration; where the bench has no second instrument,
+the table says so.
 """
 
 from __future__ import annotations
@@ -23,13 +25,14 @@ from rig.recording.quality.instrument_checks import (
     trusted,
     zero_change,
 )
-from rig.recording.quality.point_quality import PointQuality, Tolerances
-from rig.recording.quality.sensor_quality import SensorQuality
+from rig.recording.quality.point_quality import PointQuality, SensorQuality, Tolerances
 from rig.recording.quality.verdict import Reason, Verdict
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.estimate import Estimate, pooled
 
 Attributes = Mapping[str, Any]
+PROVES = 2.0
+"""Standard deviations that must fit into the tolerance before two instruments are said to agree."""
 
 
 def checked(name: str, test: Attributes, quality: PointQuality) -> Checked:
@@ -102,8 +105,6 @@ def _number(attributes: Attributes, name: str) -> float | None:
     return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
 
 
-PROVES = 2.0
-"""Standard deviations that must fit into the tolerance before two instruments are said to agree."""
 AGREES, DISAGREES, UNCHECKED = "agrees", "disagrees", "not cross-checked"
 
 

@@ -19,8 +19,7 @@ from typing import Literal, NamedTuple
 
 from rig.recording.quality.point_quality import Tolerances
 from rig.recording.quality.verdict import Kind, Reason
-from rig.signals.estimate import Estimate, outlying, pooled
-from rig.signals.zero_change import ZeroChange, ZeroSeen, zero_changes
+from rig.signals.estimate import Estimate, ZeroChange, ZeroSeen, outlying, pooled, zero_changes
 
 FALSE_ALARM = 1e-3
 GROSS = 5.0

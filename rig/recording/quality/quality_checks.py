@@ -18,19 +18,20 @@ from rig.recording.context import PointContext, SensorContext
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.point_names import OUT_OF_TOLERANCE
 from rig.recording.quality.judgement import PointEvidence, SensorCounts
-from rig.recording.quality.motion_quality import (
+from rig.recording.quality.point_quality import (
+    PointQuality,
     current_quality,
     loop_quality,
     motion_quality,
+    sensor_quality,
+    skew_quality,
 )
-from rig.recording.quality.point_quality import PointQuality
-from rig.recording.quality.sensor_quality import sensor_quality, skew_quality
 from rig.recording.quality.verdict import Kind, Reason
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, parts
 from rig.signals.current_error import loop_error_A, steps_error_A
+from rig.signals.cycles import MeasuredMotion
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
-from rig.signals.motion import MeasuredMotion
 
 SATURATION_SHARE = 0.999
 MOST_OVERVIEW_SAMPLES = 400_000

@@ -15,9 +15,9 @@ import pytest
 from synthetic_rig import SyntheticRig
 
 from rig.clock import monotonic_ns
+from rig.recording.conversion.conversion import finish_alone
 from rig.recording.conversion.converter import Converter
 from rig.recording.conversion.finaliser import Finaliser
-from rig.recording.conversion.finishing import finish_alone
 from rig.recording.conversion.recovery import recover
 from rig.recording.journal import journal_file as journal
 from rig.recording.journal.journal_file import JournalWriter

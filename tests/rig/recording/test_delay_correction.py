@@ -11,9 +11,8 @@ from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
 from rig.recording.context import SensorContext
-from rig.recording.conversion.conversion import build
+from rig.recording.conversion.conversion import ReadBackDiffers, build
 from rig.recording.conversion.delay_correction import retime
-from rig.recording.conversion.finishing import ReadBackDiffers
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.hdf5.reading import read_events
 from rig.recording.journal.journal_file import JournalContent

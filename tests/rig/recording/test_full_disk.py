@@ -15,8 +15,8 @@ import pytest
 from synthetic_rig import SyntheticRig
 
 from rig.recording.atomic_write import ReservedFile, write_text_durably, write_whole
+from rig.recording.conversion.conversion import finish_alone
 from rig.recording.conversion.finaliser import Finaliser
-from rig.recording.conversion.finishing import finish_alone
 from rig.recording.conversion.recovery import recover
 from rig.recording.importing import import_tests
 from rig.recording.journal.journal_file import JournalWriter

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_rig import SyntheticRig
 
-from rig.recording.conversion.finishing import finish_alone
+from rig.recording.conversion.conversion import finish_alone
 from rig.recording.conversion.recovery import set_aside
 from rig.recording.journal.journal_file import JournalWriter
 from rig.recording.journal.recorder import PointJournal, kept_apart

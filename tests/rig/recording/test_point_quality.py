@@ -12,10 +12,8 @@ import pytest
 
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
-from rig.recording.quality.motion_quality import MotionQuality
-from rig.recording.quality.point_quality import PointQuality, Tolerances
+from rig.recording.quality.point_quality import MotionQuality, PointQuality, SensorQuality, Tolerances
 from rig.recording.quality.section import Section, Stored
-from rig.recording.quality.sensor_quality import SensorQuality
 from rig.recording.quality.verdict import Verdict, invalid, suspect
 from rig.recording.recorded_point import RecordedPoint
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.signals.cycles import NoCycles, find_cycles, full_cycles, kept_cycles
-from rig.signals.motion import measured_motion
+from rig.signals.cycles import NoCycles, find_cycles, full_cycles, kept_cycles, measured_motion
 
 
 def ramped_sine(

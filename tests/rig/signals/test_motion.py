@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.signals.motion import fundamental_phase, measured_motion
+from rig.signals.cycles import fundamental_phase, measured_motion
 
 RATE_HZ = 250.0
 
