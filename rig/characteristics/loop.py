@@ -22,7 +22,7 @@ from rig.signals.loop_shape import noise_of
 NEAR_PEAK = 0.97
 """Samples whose speed is at least this share of the greatest one count as "at peak velocity"."""
 FEWEST_FOR_A_LINE = 5
-LEAST_SPREAD = 0.004
+SMALLEST_SPREAD = 0.004
 PHASES = 200
 NOISE_SHARE = 0.1
 """Share of the steepest slope that noise may make of it."""
@@ -172,6 +172,6 @@ def _at_peak(force_N: FloatArray, speed_m_s: FloatArray, good: NDArray[np.bool_]
     if 2 * np.count_nonzero(chosen) < np.count_nonzero(near):
         return math.nan
     below = speed_m_s[chosen] / peak_m_s - 1.0
-    if np.count_nonzero(chosen) < FEWEST_FOR_A_LINE or float(np.std(below)) < LEAST_SPREAD:
+    if np.count_nonzero(chosen) < FEWEST_FOR_A_LINE or float(np.std(below)) < SMALLEST_SPREAD:
         return float(np.mean(force_N[chosen]))
     return float(np.polyfit(below, force_N[chosen], 1)[1])

@@ -64,7 +64,7 @@ def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> 
     point, measured = max(known, key=lambda pair: steepest[pair[0].id])
     note = (
         f"Standard uncertainties at the peak of point {text(point.id)}, where force changes fastest. "
-        "What nobody stated is shown as not stated and is not in the sum."
+        "Contributions marked \"not stated\" are missing from the total."
     )
     parts = [heading("Uncertainty budget", note)]
     drift_N = _drift_N([view.point for view in views])

@@ -146,7 +146,7 @@ def _verdict(fit: JsonObject | None) -> list[str]:
     if fit is None:
         return []
     if fit.get("adequate") is False:
-        return [fact("Does not fit", "the model leaves more than the tests' scatter", "poor")]
+        return [fact("Does not fit", "model error exceeds the repeatability of the tests", "poor")]
     unknown = sum(not entry.get("identifiable", True) for entry in fit["parameters"].values())
     if fit.get("adequate") is None:
         return [fact("Not judged", "no test has two whole cycles beside its first and last to compare the fit with")]
@@ -161,10 +161,10 @@ def _lost(run: Run) -> str:
     if lost or by == {"sequence"}:
         return fact(str(lost), "samples lost", _kind(lost == 0))
     if by <= {"sequence", "rate"} and by:
-        return fact(str(lost), "samples lost, counted against the nominal rate: a single one may be missed")
+        return fact(str(lost), "samples lost, counted against the nominal rate: single ones may be missed")
     if not by:
         return fact(str(lost), "rows missing")
-    return fact("not known", "samples lost: a sensor's format has no sequence, so nobody can tell", "fair")
+    return fact("not known", "samples lost: not known, a sensor's format has no sequence number", "fair")
 
 
 def _kind(good: bool) -> str:
@@ -187,7 +187,7 @@ def warnings(run: Run, fit: JsonObject | None) -> str:
         if fit.get("adequate") is False:
             boxes.append(box(
                 "bad",
-                "<b>The model does not fit.</b> Its error is larger than the measurement's own scatter explains: "
+                "<b>The model does not fit.</b> Its error exceeds the repeatability of the tests: "
                 "do not use the parameters as properties of the damper.",
             ))
         remarks = [box("warn", text(warning)) for warning in fit.get("warnings") or ()]

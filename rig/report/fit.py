@@ -21,7 +21,7 @@ JsonObject = Mapping[str, Any]
 WELL_KNOWN_PERCENT, KNOWN_PERCENT = 2.0, 20.0
 THRESHOLD = 3.84
 STRONG_CORRELATION = 0.9
-LEAST_P = 0.001
+SMALLEST_WHITE_P = 0.001
 
 
 def parameters(fit: JsonObject) -> str:
@@ -81,7 +81,7 @@ def _test_row(test: JsonObject, remark: str) -> list[str]:
     white = NOTHING
     if chances:
         least = min(chances)
-        white = chip(f"p {number(least, 2)}", "good" if least >= LEAST_P else "fair")
+        white = chip(f"p {number(least, 2)}", "good" if least >= SMALLEST_WHITE_P else "fair")
     repeats = residual.get("repeating_N")
     return [
         text(test.get("id", "")), number(test.get("nrmse_percent_of_peak"), 3), number(test.get("rmse_N"), 3),

@@ -83,7 +83,7 @@ def doubts_of(run: Run) -> str:
 
 def _row(check: CrossCheck) -> tuple[str, list[str]]:
     kind = {DISAGREES: "suspect", UNCHECKED: "plain"}.get(check.state, "valid")
-    shown = signed(text(check.found)) or NOTHING
+    shown = signed(text(check.difference)) or NOTHING
     return ("no" if check.state == UNCHECKED else "", [
         text(check.instrument), text(check.what), text(check.against), shown, text(check.allowed) or NOTHING,
         chip(check.state, kind),

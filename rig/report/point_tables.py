@@ -283,8 +283,8 @@ def _not_stated(points: Sequence[RecordedPoint]) -> str:
     if not unstated:
         return ""
     return (
-        f"<p>The bench file states no <code>delay</code> for {' and '.join(sorted(unstated))}: it is taken as 0 ms "
-        "and, where it could not be checked, as uncertain as a delay that nobody vouches for.</p>"
+        f"<p>The bench file states no <code>delay</code> for {' and '.join(sorted(unstated))}: it is taken as 0 ms; "
+        "where it could not be checked, its standard uncertainty is taken as 0.7 ms.</p>"
     )
 
 

@@ -57,7 +57,7 @@ MOST_MATCHED = 60_000
 FEWEST_FULL_CYCLES = 3.0
 FEWEST_COMPARED_CYCLES = 2.05
 """Two whole ones, whatever their period turns out to be in the sensor's clock."""
-LEAST_SETTLING_CYCLES = 0.5
+SHORTEST_SETTLING_CYCLES = 0.5
 MOST_SPREAD = 1.0 / np.sqrt(12.0)
 
 
@@ -319,7 +319,7 @@ def _full_cycles(phase: Records | None, context: PointContext) -> CycleStretch |
     full = (records["value"] == ProgramPhase.FULL_AMPLITUDE) & (records["device_us"] >= 0)
     full_s = records["device_us"][full] * 1e-6
     settling = 0.0 if len(full_s) == 0 else (full_s[-1] - full_s[0]) * frequency_Hz - FEWEST_COMPARED_CYCLES
-    if settling < LEAST_SETTLING_CYCLES:
+    if settling < SHORTEST_SETTLING_CYCLES:
         return None
     return CycleStretch(float(full_s[0]) + min(settling, 1.0) / frequency_Hz, float(full_s[-1]), 1.0 / frequency_Hz)
 

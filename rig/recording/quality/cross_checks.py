@@ -116,7 +116,7 @@ class CrossCheck:
         instrument: the one that is checked.
         what: the property.
         against: what it was compared with; where it was not, what is missing.
-        found: the numbers; empty where it was not compared.
+        difference: the numbers; empty where it was not compared.
         allowed: the tolerance; empty where there is none.
         state: `agrees`, `disagrees` or `not cross-checked`.
     """
@@ -124,7 +124,7 @@ class CrossCheck:
     instrument: str
     what: str
     against: str
-    found: str = ""
+    difference: str = ""
     allowed: str = ""
     state: str = UNCHECKED
 

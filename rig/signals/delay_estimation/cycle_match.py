@@ -52,7 +52,7 @@ STRETCHES_A_CYCLE = 10
 OUTLIER = 6.0
 LARGEST_CHANGE = 0.03
 """Relative: beyond it what the samples show of the period is not the program's."""
-VAGUE_COMPLIANCE = 1e-5
+LARGEST_COMPLIANCE_m_N = 1e-5
 """m/N: of no load train; keeps compliance and lag apart where force and speed are proportional."""
 
 
@@ -290,7 +290,7 @@ class _Laid:
         if self.force is not None:
             at = 4 if self.with_drift else 3
             rest = wanted - scaled @ np.linalg.lstsq(scaled, wanted, rcond=None)[0]
-            normal[at, at] += float(rest @ rest) / len(rest) / (VAGUE_COMPLIANCE * scale[at]) ** 2
+            normal[at, at] += float(rest @ rest) / len(rest) / (LARGEST_COMPLIANCE_m_N * scale[at]) ** 2
         try:
             inverse = np.linalg.inv(normal)
         except np.linalg.LinAlgError:
