@@ -16,6 +16,7 @@ from rig.recording.journal.journal_file import JournalProblem
 from rig.recording.layout import Records
 from rig.signals.chunked_column import parts
 
+CURRENT_STEP = "current_step"
 Range = tuple[float, float]
 POINT: dict[str, Range] = {
     "amplitude_m": (0.0, 10.0), "frequency_Hz": (1e-6, 1e4), "current_A": (-1e3, 1e3), "cycles": (0.0, 1e6),
@@ -70,6 +71,52 @@ class SensorContext:
 
 
 @dataclass(frozen=True)
+class WantedPoint:
+    """What the matrix asked of a point, as far as a recording is judged by it.
+
+    Attributes:
+        id: the point's; `waveform`, `kind` as in `rig.matrix.point.TestPoint`.
+        amplitude_m, frequency_Hz, current_A, cycles: the wanted values, 0 where there is none.
+        commanded_amplitude_m: of the program that made the motion; None: not known.
+        amplitude_tolerance: relative, of a command that was compensated; None: the usual limits.
+        temperature_window_degC: of the coil; None: any.
+        steps_A: levels of a current that is stepped.
+    """
+
+    id: str
+    waveform: str
+    kind: str
+    amplitude_m: float
+    frequency_Hz: float
+    current_A: float
+    cycles: float
+    commanded_amplitude_m: float | None
+    amplitude_tolerance: float | None
+    temperature_window_degC: tuple[float, float] | None
+    steps_A: tuple[float, ...]
+
+    @property
+    def standing(self) -> bool:
+        """Whether the rod stands still while the current is stepped."""
+        return self.kind == CURRENT_STEP
+
+    @classmethod
+    def read(cls, point: Mapping[str, Any]) -> WantedPoint:
+        """The point of a journal's header."""
+        low, high = point.get("temperature_low_degC"), point.get("temperature_high_degC")
+        kind, steps_A = str(point.get("kind", "loop")), str(point.get("steps_A", "")).split()
+        return cls(
+            id=str(point.get("id", "")), waveform=str(point.get("waveform", "sine")), kind=kind,
+            amplitude_m=float(point.get("amplitude_m", 0.0)), frequency_Hz=float(point.get("frequency_Hz", 0.0)),
+            current_A=float(point.get("current_A", 0.0)), cycles=float(point.get("cycles", 0.0)),
+            commanded_amplitude_m=point.get("commanded_amplitude_m"),
+            amplitude_tolerance=point.get("amplitude_tolerance"),
+            temperature_window_degC=None if low is None or high is None else (float(low), float(high)),
+            steps_A=tuple(map(float, steps_A)) if kind == CURRENT_STEP else (),
+        )
+
+
+@dataclass(frozen=True)
 class PointContext:
     """The header of a point's journal.
 
@@ -100,6 +147,11 @@ class PointContext:
     simulated: bool = False
     calibration: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def wanted(self) -> WantedPoint:
+        """What the matrix asked of the point."""
+        return WantedPoint.read(self.point)
 
     def to_json(self) -> str:
         """One line of JSON that `from_json` turns back into an equal context."""

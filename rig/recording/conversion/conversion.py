@@ -215,10 +215,9 @@ def build(
     """
     delays, instruments = (correction.delays, correction.instruments) if correction else (None, None)
     alignment = align(content.records if records is None else records, context, delays)
-    waveform = str(context.point.get("waveform", "sine"))
-    seen = overview(alignment, float(context.point["frequency_Hz"]))
-    standing = context.point.get("kind") == "current_step"
-    motion = None if standing else measured_motion(seen.time_s, seen.displacement_m, waveform)
+    wanted = context.wanted
+    seen = overview(alignment, wanted.frequency_Hz)
+    motion = None if wanted.standing else measured_motion(seen.time_s, seen.displacement_m, wanted.waveform)
     findings, shape = examine(content, context, alignment, seen, motion)
     quality = replace(
         measured_quality(context, alignment, seen, motion, findings, shape), recovered=recovered,
@@ -231,7 +230,7 @@ def build(
            for name in ("force", "displacement")},
     }
     if instruments is None:
-        instruments = point_reasons(str(context.point.get("id", "")), test, quality)
+        instruments = point_reasons(wanted.id, test, quality)
     quality = replace(quality, verdict=judge(replace(findings, extra=(*findings.extra, *instruments))))
     provenance: dict[str, Attribute] = {
         "software": f"mr-damper-rig {rig.__version__}", **context.provenance, "journal_check": journal_check,
@@ -245,7 +244,7 @@ def build(
         raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name))
              for name, channel in alignment.timed.items()],
         events=_events(content, alignment), quality=quality.attributes, provenance=provenance, test=test,
-        title=f"Test point {context.point.get('id', '')}",
+        title=f"Test point {wanted.id}",
     )
     return file, quality
 

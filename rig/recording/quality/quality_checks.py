@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from protocols.quality import Quality
 from rig.recording.alignment.alignment import Alignment, TimedChannel
-from rig.recording.context import PointContext, SensorContext
+from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.point_names import OUT_OF_TOLERANCE
 from rig.recording.quality.judgement import PointEvidence, SensorCounts
@@ -82,9 +82,8 @@ def examine(
 ) -> tuple[PointEvidence, LoopShape | None]:
     """Everything a verdict is given by, and the shape of the loop (None where it cannot be told)."""
     end = content.end or {}
-    point, loop = context.point, context.point.get("kind", "loop") == "loop"
-    standing_rod = point.get("kind") == "current_step"
-    motion = None if standing_rod else motion
+    wanted = context.wanted
+    motion = None if wanted.standing else motion
     inside = np.ones(len(seen.time_s), bool)
     starts = np.array([seen.time_s[0], np.nextafter(seen.time_s[-1], np.inf)])
     shape = None
@@ -92,20 +91,20 @@ def examine(
         inside = (seen.time_s >= motion.start_s) & (seen.time_s < motion.end_s)
         starts = motion.start_s + np.arange(motion.cycles + 1) * (motion.end_s - motion.start_s) / motion.cycles
         shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
-    frequency_Hz = float(point["frequency_Hz"])
+    frequency_Hz = wanted.frequency_Hz
     period_samples = context.sensors["force"].rate_Hz / frequency_Hz if frequency_Hz > 0.0 else np.inf
     findings = PointEvidence(
         sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
                  else SensorCounts(0) for name, sensor in context.sensors.items()},
-        wanted_cycles=0.0 if standing_rod else float(point["cycles"]), wanted_amplitude_m=float(point["amplitude_m"]),
+        wanted_cycles=0.0 if wanted.standing else wanted.cycles, wanted_amplitude_m=wanted.amplitude_m,
         wanted_frequency_Hz=frequency_Hz, current_tolerance_A=context.current_tolerance_A,
         measured_cycles=None if motion is None else motion.cycles,
         measured_amplitude_m=None if motion is None else motion.amplitude_m,
         amplitude_std_m=None if motion is None else motion.amplitude_std_m,
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
-        current_error_A=_steps_error_A(seen, point) if standing_rod
-        else loop_error_A(seen.time_s, seen.current_A, float(point["current_A"]), starts),
-        amplitude_tolerance=point.get("amplitude_tolerance") if loop else None,
+        current_error_A=_steps_error_A(seen, wanted) if wanted.standing
+        else loop_error_A(seen.time_s, seen.current_A, wanted.current_A, starts),
+        amplitude_tolerance=wanted.amplitude_tolerance if wanted.kind == "loop" else None,
         extra=[
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
               if event.code in VERDICT_REMARKS),
@@ -113,8 +112,8 @@ def examine(
         ],
         temperature_degC=_range(seen.temperature_degC[inside]),
         temperature_share=_share_known(seen.time_s, seen.temperature_degC, inside),
-        temperature_window_degC=_window(point),
-        skew_std_s=0.0 if standing_rod else alignment.skew_trusted_s,
+        temperature_window_degC=wanted.temperature_window_degC,
+        skew_std_s=0.0 if wanted.standing else alignment.skew_trusted_s,
         scatter_N=None if shape is None else shape.scatter_N, change_N=None if shape is None else shape.change_N,
         change_std_N=0.0 if shape is None else shape.change_std_N,
         span_N=None if shape is None else shape.span_N, free_play_m=0.0 if shape is None else shape.free_play_m,
@@ -138,11 +137,6 @@ def _disorder(context: PointContext, alignment: Alignment) -> list[Reason]:
     ]
 
 
-def _window(point: Any) -> tuple[float, float] | None:  # noqa: ANN401 - a journal's mapping
-    low, high = point.get("temperature_low_degC"), point.get("temperature_high_degC")
-    return None if low is None or high is None else (float(low), float(high))
-
-
 def _share_known(time_s: FloatArray, temperature_degC: FloatArray, inside: NDArray[np.bool_]) -> float:
     """Share of the chosen samples (n,) with a known temperature near them: a coil does not warm in a moment."""
     known_s = time_s[np.isfinite(temperature_degC)]
@@ -159,9 +153,8 @@ def _range(values: FloatArray) -> tuple[float, float] | None:
     return (float(np.min(known)), float(np.max(known))) if len(known) else None
 
 
-def _steps_error_A(seen: Overview, point: Mapping[str, Any]) -> float | None:
-    levels_A = [float(text) for text in str(point.get("steps_A", "")).split()]
-    return steps_error_A(seen.time_s, seen.current_A, levels_A, 1.0 / float(point["frequency_Hz"]))
+def _steps_error_A(seen: Overview, wanted: WantedPoint) -> float | None:
+    return steps_error_A(seen.time_s, seen.current_A, wanted.steps_A, 1.0 / wanted.frequency_Hz)
 
 
 def _counts(

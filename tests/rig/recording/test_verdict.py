@@ -126,3 +126,18 @@ def test_a_file_without_kinds_keeps_the_verdict_it_has() -> None:
     assert stored.reasons == ("estop: held", "skew: 4 ms")
     assert Verdict.stored({"verdict": "suspect"}).verdict == "suspect"
     assert Verdict.stored({"verdict": "suspect", "reasons": ("a: b",), "reason_kinds": ("worse",)}).verdict == "suspect"
+
+
+def test_the_words_of_a_reason_decide_nothing() -> None:
+    """A file whose messages were all rewritten means the same."""
+    verdict = judge(PointEvidence(
+        sensors={"force": SensorCounts(1000, lost=100, spikes=2)}, wanted_cycles=10.0, wanted_amplitude_m=0.02,
+        wanted_frequency_Hz=1.0, current_tolerance_A=0.02, measured_cycles=10.0, measured_amplitude_m=0.015,
+        current_error_A=0.5, tripped=True,
+    ))
+    lines = tuple(f"{reason.slug}: {reason.slug[::-1]}" for reason in verdict.entries)
+    read = Verdict.stored({**verdict.attributes, "reasons": lines})
+    assert [(reason.slug, reason.kind) for reason in read.entries] == [
+        (reason.slug, reason.kind) for reason in verdict.entries
+    ]
+    assert (read.verdict, read.blamed) == (verdict.verdict, verdict.blamed)
