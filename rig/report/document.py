@@ -17,7 +17,7 @@ from rig.recording.run import Run
 from rig.report import fit as fit_part
 from rig.report import loops, standard
 from rig.report.budget import budget
-from rig.report.fragment import NOTHING, box, data_list, details, fact, heading, lead, number, page, text
+from rig.report.fragment import NOTHING, block, box, data_list, details, fact, heading, lead, number, page, text
 from rig.report.instruments import calibrations, doubts_of, instruments
 from rig.report.loops import PointView, view_of
 from rig.report.point_tables import achieved_table, conditions, points_table, time_base
@@ -138,7 +138,7 @@ def header(run: Run, fit: JsonObject | None) -> str:
             facts.append(fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", "error on held-out tests"))
     name = _specimen(run) or run.path.name
     title = heading(f"Damper test report: {text(name)}", described, 1)
-    return f'{title}<div class="facts">{"".join(facts)}</div>'
+    return title + block("facts", "".join(facts))
 
 
 def _verdict(fit: JsonObject | None) -> list[str]:

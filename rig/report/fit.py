@@ -12,7 +12,24 @@ import numpy as np
 
 import rig.dampers
 from rig.report.chart import Chart, Trace
-from rig.report.fragment import NOTHING, card, charts, chip, details, heading, key, lead, number, table, text
+from rig.report.fragment import (
+    NOTHING,
+    block,
+    card,
+    charts,
+    chip,
+    code_block,
+    details,
+    heading,
+    key,
+    key_line,
+    lead,
+    number,
+    paragraph,
+    shaded,
+    table,
+    text,
+)
 from rig.report.style import FITTED, MEASURED, RESIDUAL
 from rig.signals.arrays import FloatArray
 
@@ -68,9 +85,9 @@ def quality(fit: JsonObject) -> str:
     if passivity.get("share") is not None:
         share = 100.0 * float(passivity["share"])
         kind, words = ("good", "passive") if share == 100.0 else ("poor", "not passive")
-        passive = (
-            f"<p>{chip(words, kind)} The fitted model takes energy out at {number(share, 3)} % of the tested speeds "
-            f"and currents{': at worst it puts in ' + text(passivity['worst']) if passivity.get('worst') else ''}.</p>"
+        passive = paragraph(
+            f"{chip(words, kind)} The fitted model takes energy out at {number(share, 3)} % of the tested speeds "
+            f"and currents{': at worst it puts in ' + text(passivity['worst']) if passivity.get('worst') else ''}."
         )
     return heading("Quality of the fit", note) + passive + table(head, rows, range(1, 9)) + _correlation(fit)
 
@@ -103,12 +120,10 @@ def _next_tests(fit: JsonObject) -> str:
     if not proposed:
         return ""
     proposals = "".join(
-        f"<p>{text(proposal['text'])}</p><pre>{text(proposal['toml'].strip())}</pre>" for proposal in proposed
+        paragraph(text(proposal["text"])) + code_block(proposal["toml"].strip()) for proposal in proposed
     )
-    return (
-        heading("What to test next", level=3) + f'<div class="card">{proposals}'
-        + lead("Lines for the matrix file. Expected from the fitted model and the noise of these tests.") + "</div>"
-    )
+    note = lead("Lines for the matrix file. Expected from the fitted model and the noise of these tests.")
+    return heading("What to test next", level=3) + block("card", proposals + note)
 
 
 def _profiles(fit: JsonObject) -> str:
@@ -135,7 +150,7 @@ def _profiles(fit: JsonObject) -> str:
         key("profile likelihood", MEASURED) + key("linear interval's parabola", FITTED, dashed=True)
         + key("95 %", RESIDUAL)
     )
-    return heading("Profile likelihoods", level=3) + f'<p class="key">{keys}</p>' + charts(cards)
+    return heading("Profile likelihoods", level=3) + key_line("", keys) + charts(cards)
 
 
 def _ends(values: FloatArray) -> FloatArray:
@@ -157,7 +172,7 @@ def _correlation(fit: JsonObject) -> str:
     cells = [("", [text(a), *(_heat(rows[a].get(b)) for b in names)]) for a in names]
     matrix = table(["", *(text(name) for name in names)], cells, range(1, len(names) + 1))
     condition = f"Condition number of the scaled normal equations: {number(fit.get('condition'), 3)}."
-    return f"<p>{said} {condition}</p>" + details("Correlation of the parameters", matrix)
+    return paragraph(f"{said} {condition}") + details("Correlation of the parameters", matrix)
 
 
 def _heat(value: object) -> str:
@@ -165,7 +180,7 @@ def _heat(value: object) -> str:
     if not isinstance(value, (int, float)):
         return NOTHING
     colour = "213,94,0" if value > 0.0 else "0,114,178"
-    return f'<span class="heat" style="background:rgba({colour},{0.5 * abs(value):.2f})">{number(value, 2)}</span>'
+    return shaded(number(value, 2), f"rgba({colour},{0.5 * abs(value):.2f})")
 
 
 def _meanings(name: str) -> dict[str, str]:
@@ -180,4 +195,4 @@ def _selection(fit: JsonObject) -> str:
         return ""
     rows = [("", [text(entry.get("model")), number(entry.get("holdout_nrmse_percent_of_peak"), 3),
                   number(entry.get("bic"), 6)]) for entry in entries]  # fmt: skip
-    return "<h3>Models compared</h3>" + table(["Model", "Error on held-out tests %", "BIC"], rows, (1, 2))
+    return heading("Models compared", level=3) + table(["Model", "Error on held-out tests %", "BIC"], rows, (1, 2))

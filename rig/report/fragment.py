@@ -46,6 +46,11 @@ def chip(label: str, kind: str) -> str:
     return f'<span class="chip {text(kind)}">{text(label)}</span>'
 
 
+def shaded(content: str, colour: str) -> str:
+    """A cell's content on a background of its own (HTML, a CSS colour)."""
+    return f'<span class="heat" style="background:{colour}">{content}</span>'
+
+
 def table(head: Sequence[str], rows: Sequence[tuple[str, Sequence[str]]], numeric: Sequence[int] = ()) -> str:
     """A table of already escaped cells; each row comes with its class; `numeric` columns are set to the right."""
 
@@ -70,7 +75,7 @@ def data_list(pairs: Mapping[str, object]) -> str:
 
 def box(kind: str, content: str) -> str:
     """A remark that must not be overlooked; `warn` or `bad`."""
-    return f'<div class="{kind}">{content}</div>'
+    return block(kind, content)
 
 
 def heading(title: str, note: str = "", level: int = 2) -> str:
@@ -81,6 +86,31 @@ def heading(title: str, note: str = "", level: int = 2) -> str:
 def lead(note: str) -> str:
     """A remark in small print (HTML)."""
     return f'<p class="lead">{note}</p>'
+
+
+def paragraph(content: str) -> str:
+    """A paragraph (HTML)."""
+    return f"<p>{content}</p>"
+
+
+def key_line(label: str, keys: str) -> str:
+    """A drawing's key on a line of its own (HTML)."""
+    return f'<p class="key">{label}{keys}</p>'
+
+
+def block(kind: str, content: str) -> str:
+    """HTML in a block of a class of the style sheet: `facts`, `cards`, `pair`, `card`, `remark`."""
+    return f'<div class="{kind}">{content}</div>'
+
+
+def lines(parts: Sequence[object]) -> str:
+    """Texts, one under the other."""
+    return "<br>".join(text(part) for part in parts)
+
+
+def code_block(content: object) -> str:
+    """Text as it is typed into a file."""
+    return f"<pre>{text(content)}</pre>"
 
 
 def bullet_list(lines: Sequence[str]) -> str:

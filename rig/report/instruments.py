@@ -7,9 +7,7 @@ import math
 from rig.campaign.zero_return import read_zero_checks
 from rig.recording.hdf5.reading import channel_attributes
 from rig.recording.quality.cross_checks import (
-    AGREES,
-    DISAGREES,
-    UNCHECKED,
+    CheckState,
     CrossCheck,
     checked,
     cross_checks,
@@ -71,7 +69,7 @@ def zero_returns(run: Run) -> tuple[CrossCheck, ...]:
                 name, f"return of its zero after session {session}",
                 f"controller's {REST[name]}, at rest before and after",
                 f"{moved.times(scale).signed} {unit}", "1 % of the largest measured, or its noise",
-                DISAGREES if name in disagree else AGREES,
+                CheckState.DISAGREES if name in disagree else CheckState.AGREES,
             ))
     return tuple(checks)
 
@@ -82,9 +80,9 @@ def doubts_of(run: Run) -> str:
 
 
 def _row(check: CrossCheck) -> tuple[str, list[str]]:
-    kind = {DISAGREES: "suspect", UNCHECKED: "plain"}.get(check.state, "valid")
+    kind = {CheckState.DISAGREES: "suspect", CheckState.UNCHECKED: "plain"}.get(check.state, "valid")
     shown = signed(text(check.difference)) or NOTHING
-    return ("no" if check.state == UNCHECKED else "", [
+    return ("no" if check.state == CheckState.UNCHECKED else "", [
         text(check.instrument), text(check.what), text(check.against), shown, text(check.allowed) or NOTHING,
         chip(check.state, kind),
     ])

@@ -17,7 +17,7 @@ from rig.identification.preparation import prepare
 from rig.recording.quality.campaign_delay import PointSkew
 from rig.recording.recorded_point import RecordedPoint
 from rig.report.chart import Chart, Range, Trace, span, thinned
-from rig.report.fragment import card, charts, chip, heading, key, number, text
+from rig.report.fragment import block, card, charts, chip, heading, key, key_line, number, paragraph, text
 from rig.report.style import FITTED, MEASURED, OVERLAID, RESIDUAL, current_colour
 from rig.signals.arrays import FloatArray
 
@@ -51,7 +51,7 @@ def overview(views: Sequence[PointView]) -> str:
         cards.append(card(f"<b>{text(motion)}</b>", chart.svg()))
     return (
         heading("Force over velocity, all currents")
-        + f'<p class="key">One cycle. Measured:{keys}{fitted}</p>' + charts(cards)
+        + key_line("One cycle. Measured:", keys + fitted) + charts(cards)
     )
 
 
@@ -60,7 +60,7 @@ def details(views: Sequence[PointView], *, fitted: bool) -> str:
     keys = key("measured", MEASURED)
     if fitted:
         keys += key("fitted", FITTED, dashed=True) + key("residual", RESIDUAL)
-    parts = [heading("Loops of every point") + f'<p class="key">One cycle from the middle of the test.{keys}</p>']
+    parts = [heading("Loops of every point") + key_line("One cycle from the middle of the test.", keys)]
     ordered = sorted(views, key=lambda view: (view.point.current_A, view.point.waveform, view.point.frequency_Hz))
     for current, group in _grouped(ordered, lambda view: view.point.current_A):
         loops = [view.loop for view in group if view.loop is not None]
@@ -68,7 +68,7 @@ def details(views: Sequence[PointView], *, fitted: bool) -> str:
         residual = span([_residual(loop) for loop in loops if loop.fitted_N is not None])
         parts.append(heading(f"{number(current)} A", level=3))
         cards = "".join(_card(view, force, residual) for view in group)
-        parts.append(f'<div class="cards">{cards}</div>')
+        parts.append(block("cards", cards))
     return "".join(parts)
 
 
@@ -84,7 +84,7 @@ def _card(view: PointView, force: Range, residual: Range) -> str:
         title.append(chip("held out", "plain"))
     header = "".join(title)
     if view.loop is None:
-        return card(header, f"<p>Not drawn: {text(view.why)}</p>")
+        return card(header, paragraph(f"Not drawn: {text(view.why)}"))
     loop = view.loop
     over_u = [Trace(loop.displacement_mm, loop.force_N, "m", "measured")]
     over_v = [Trace(loop.velocity_m_s, loop.force_N, "m", "measured")]
@@ -95,7 +95,7 @@ def _card(view: PointView, force: Range, residual: Range) -> str:
         rest = Trace(loop.phase, _residual(loop), "e", "measured minus fitted")
         strip = Chart("Share of the cycle", "Residual N", [rest], 610, 130, (0.0, 1.0), residual).svg()
     pair = Chart(DISPLACEMENT, FORCE, over_u, y_range=force).svg() + Chart(VELOCITY, FORCE, over_v, y_range=force).svg()
-    return card(header, f'<div class="pair">{pair}</div>', strip)
+    return card(header, block("pair", pair), strip)
 
 
 def _residual(loop: Loop) -> FloatArray:

@@ -18,10 +18,13 @@ from rig.report.fragment import (
     CONFIDENCE,
     NOTHING,
     PLUS_MINUS,
+    block,
     bullet_list,
     chip,
     heading,
+    lines,
     number,
+    paragraph,
     plus_minus,
     signed,
     table,
@@ -85,7 +88,7 @@ def _remarks(view: PointView) -> str:
     remarks += [view.why] if view.why and view.point.verdict != "invalid" else []
     if view.held_out:
         remarks.append("held out of the fit")
-    return f'<div class="remark">{"<br>".join(text(remark) for remark in remarks)}</div>'
+    return block("remark", lines(remarks))
 
 
 def _skew(view: PointView) -> str:
@@ -282,9 +285,9 @@ def _not_stated(points: Sequence[RecordedPoint]) -> str:
     }
     if not unstated:
         return ""
-    return (
-        f"<p>The bench file states no <code>delay</code> for {' and '.join(sorted(unstated))}: it is taken as 0 ms; "
-        "where it could not be checked, its standard uncertainty is taken as 0.7 ms.</p>"
+    return paragraph(
+        f"The bench file states no <code>delay</code> for {' and '.join(sorted(unstated))}: it is taken as 0 ms; "
+        "where it could not be checked, its standard uncertainty is taken as 0.7 ms."
     )
 
 
@@ -292,7 +295,7 @@ def _pooled(points: Sequence[RecordedPoint]) -> str:
     """One sentence on the skew of all points together."""
     used = next(iter(pooled_skews([point for point in points if point.verdict != "invalid"]).values()), None)
     if used is None or used.delays.measured_s is None or used.delays.interval_s is None:
-        return "<p>The declared delays could not be checked against the controller's own force and position.</p>"
+        return paragraph("The declared delays could not be checked against the controller's own force and position.")
     low_s, high_s = used.delays.interval_s
     stated = "" if used.delays.checked else (
         " The bench file states no delay of the controller's own inputs (<code>[actuator] input_delay</code>): what "
@@ -300,8 +303,8 @@ def _pooled(points: Sequence[RecordedPoint]) -> str:
     )
     taken = Estimate(used.delays.value_s, CONFIDENCE * used.std_s).times(1e3)
     left_ms = number(1e3 * CONFIDENCE * used.std_s, 2)
-    return (
-        f"<p>All points together: by their own signals, force lags displacement by <b>{number(1e3 * low_s, 3)} to "
+    return paragraph(
+        f"All points together: by their own signals, force lags displacement by <b>{number(1e3 * low_s, 3)} to "
         f"{number(1e3 * high_s, 3)} ms</b> beyond the declared delays.{stated} Taken out: "
-        f"{signed(taken.alone)} ms; {PLUS_MINUS} {left_ms} ms are left, in the fit too.</p>"
+        f"{signed(taken.alone)} ms; {PLUS_MINUS} {left_ms} ms are left, in the fit too."
     )

@@ -11,7 +11,7 @@ from rig.characteristics import Characteristics
 from rig.characteristics.loop import LoopCharacteristics, Measured
 from rig.identification.current_lag import CurrentLag
 from rig.report.chart import Chart, Trace
-from rig.report.fragment import NOTHING, PLUS_MINUS, card, charts, heading, key, lead, number, table, text
+from rig.report.fragment import NOTHING, PLUS_MINUS, card, charts, heading, key, key_line, lead, number, table, text
 from rig.report.style import current_colour
 
 PEAK_SPEED = "Peak velocity m/s"
@@ -45,7 +45,7 @@ def _plots(loops: Sequence[LoopCharacteristics]) -> str:
     keys = "".join(
         key(f"{number(current)} A", current_colour(index, len(currents))) for index, current in enumerate(currents)
     )
-    return f'<p class="key">One line a current.{keys}</p>' + charts(cards)
+    return key_line("One line a current.", keys) + charts(cards)
 
 
 def _chart(

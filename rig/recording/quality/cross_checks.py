@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 from rig.recording.quality.instrument_checks import (
@@ -105,7 +106,13 @@ def _number(attributes: Attributes, name: str) -> float | None:
     return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else None
 
 
-AGREES, DISAGREES, UNCHECKED = "agrees", "disagrees", "not cross-checked"
+class CheckState(StrEnum):
+    """How a comparison ended; the value is shown."""
+
+    AGREES = "agrees"
+    DISAGREES = "disagrees"
+    UNCHECKED = "not cross-checked"
+
 
 
 @dataclass(frozen=True)
@@ -126,7 +133,7 @@ class CrossCheck:
     against: str
     difference: str = ""
     allowed: str = ""
-    state: str = UNCHECKED
+    state: CheckState = CheckState.UNCHECKED
 
 
 def cross_checks(points: Sequence[Checked], auxiliaries: Sequence[str] = ()) -> tuple[CrossCheck, ...]:
@@ -192,7 +199,8 @@ def _row(
     shown = f"{difference.signed} {unit}"
     if not limit.exceeded and PROVES * difference.std > limit.tolerance:
         return CrossCheck(instrument, what, f"{reference}: too uncertain to prove anything", shown, limit.text)
-    return CrossCheck(instrument, what, reference, shown, limit.text, DISAGREES if limit.exceeded else AGREES)
+    state = CheckState.DISAGREES if limit.exceeded else CheckState.AGREES
+    return CrossCheck(instrument, what, reference, shown, limit.text, state)
 
 
 def _zero_over_campaign(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:
@@ -207,7 +215,7 @@ def _zero_over_campaign(points: Sequence[Checked], doubted: set[str]) -> list[Cr
         ("crosstalk from the coil's current", "crosstalk", change.crosstalk_N_A, "N/A", "all points have one current"),
     ):
         if slope.known:
-            state = DISAGREES if moved or slug in doubted else AGREES
+            state = CheckState.DISAGREES if moved or slug in doubted else CheckState.AGREES
             rows.append(CrossCheck("load cell", what, FORCE.reference, f"{slope.signed} {unit}", allowed, state))
         else:
             rows.append(CrossCheck("load cell", what, missing))
@@ -223,7 +231,7 @@ def _ecu(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:
         if zero is None else CrossCheck(
             "ECU's current measurement", "zero", "output stage off, before the first motion",
             f"{zero.times(1e3).signed} mA", f"{1e3 * tolerances.current_zero_A:g} mA",
-            DISAGREES if "current-zero" in doubted else AGREES,
+            CheckState.DISAGREES if "current-zero" in doubted else CheckState.AGREES,
         ),
         CrossCheck("ECU's current measurement", "sensitivity", "the bench has no second current sensor"),
     ]
@@ -233,7 +241,7 @@ def _ecu(points: Sequence[Checked], doubted: set[str]) -> list[CrossCheck]:
         rows.append(CrossCheck(
             "coil temperature", "offset, against a coil that seems colder only", "ECU's own temperature at rest",
             f"{round(-max(colder), 1) + 0.0:+.1f} K", f"{-tolerances.coil_temperature_K:g} K",
-            DISAGREES if "coil-temperature" in doubted else AGREES,
+            CheckState.DISAGREES if "coil-temperature" in doubted else CheckState.AGREES,
         ))
     rows.append(CrossCheck(
         "coil temperature", "sensitivity", "the bench has no second temperature sensor on the coil",
