@@ -25,11 +25,10 @@ from campaign_process import machine
 from recorded_rig import RecordedRig
 
 from rig.clock import utc_now
-from rig.recording.calibration_check import campaign_verdicts
-from rig.recording.reason import Reason
-from rig.recording.reference_judgement import SLUGS
-from rig.recording.run import RecordedPoint
-from rig.recording.verdict import Verdict
+from rig.recording.quality.cross_checks import campaign_verdicts
+from rig.recording.quality.instrument_checks import SLUGS
+from rig.recording.quality.verdict import Reason, Verdict
+from rig.recording.recorded_point import RecordedPoint
 from simulators.bench import poll_ms
 from simulators.options import RigOptions
 
@@ -62,7 +61,7 @@ class Told:
     @property
     def reasons(self) -> tuple[Reason, ...]:
         """Every doubt about an instrument, of every point."""
-        return tuple(reason for verdict in self.verdicts for reason in verdict.found if reason.slug in SLUGS)
+        return tuple(reason for verdict in self.verdicts for reason in verdict.entries if reason.slug in SLUGS)
 
 
 def matrix(random: np.random.Generator, family: str) -> list[dict[str, Any]]:
@@ -99,7 +98,7 @@ def campaign(seed: int, options: RigOptions, family: str, folder: Path) -> Told:
     rig = RecordedRig(options, speed=speed, seed=seed, poll_s=1e-3 * poll_ms(rtu=False, speed=speed))
     points: list[RecordedPoint] = [rig.run_point(point, folder)[0] for point in matrix(random, family)]
     together = campaign_verdicts(points)
-    return Told(len(points), tuple(together.get(point.id, Verdict.stored(point.quality)) for point in points))
+    return Told(len(points), tuple(together.get(point.id, point.quality.verdict) for point in points))
 
 
 def clean(seed: int) -> RigOptions:

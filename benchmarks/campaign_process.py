@@ -67,7 +67,7 @@ def family(root: int) -> Iterator[int]:
 
 
 ROLES = {
-    "rig.station": "station", "simulators": "simulated rig", "rig.recording.finaliser": "finaliser",
+    "rig.station": "station", "simulators": "simulated rig", "rig.recording.conversion.finaliser": "finaliser",
     "rig.cli.analyst": "analyst", "rig.cli.main": "application",
 }
 

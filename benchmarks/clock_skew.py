@@ -28,7 +28,7 @@ from campaign_process import machine
 from recorded_rig import RecordedRig, Truth
 
 from rig.clock import utc_now
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
 from simulators.options import RigOptions
 
 KINDS = ("edge", "edge+forgotten", "device clock", "arrival")
@@ -84,8 +84,8 @@ def lag(point: RecordedPoint, truth: Truth, name: str) -> float:
         raise ValueError(f"{name} is missing")
     time_s = raw["time"] + float(point.test["controller_clock_at_zero_s"])
     quality = point.quality
-    first = float(quality["cycles_start_s"]) + float(point.test["controller_clock_at_zero_s"])
-    last = float(quality["cycles_end_s"]) + float(point.test["controller_clock_at_zero_s"])
+    first = (quality.motion.start_s or 0.0) + float(point.test["controller_clock_at_zero_s"])
+    last = (quality.motion.end_s or 0.0) + float(point.test["controller_clock_at_zero_s"])
     inside = (time_s > first) & (time_s < last)
     time_s, value = time_s[inside], raw["value"][inside]
     true = truth.force_N if name == "force" else truth.displacement_m

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rig.dampers import model, parameter_set
-from rig.recording.run import ForceSamples, RecordedPoint
+from rig.recording.quality.point_quality import PointQuality, RestQuality
+from rig.recording.recorded_point import ForceSamples, RecordedPoint
 
 SERVO_Hz = 30.0
 ORDERS = np.arange(1, 160)
@@ -105,7 +106,7 @@ def _point(
         current_A=current_A,
         mid_stroke_m=0.0,
         skew_std_s=setting.skew_std_s,
-        quality={"force_zero_std_N": setting.zero_std_N} if setting.zero_std_N > 0.0 else {},
+        quality=PointQuality(rest=RestQuality(force_zero_std_N=setting.zero_std_N or None)),
     )
     point.__dict__["force_samples"] = ForceSamples(f_s, measured_N, np.zeros(f_s.size, dtype=np.int64))
     return point

@@ -15,7 +15,7 @@ from true_states import Happening, Truth
 from watched_campaign import Ending
 
 from rig.errors import FileProblem
-from rig.recording.recovery import recover
+from rig.recording.conversion.recovery import recover
 from simulators.controller_firmware import State
 
 COIL_LAG_S = 0.250

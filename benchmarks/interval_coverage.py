@@ -32,7 +32,7 @@ from recorded_rig import RecordedRig
 
 from rig.clock import utc_now
 from rig.identification import Fit, identify
-from rig.recording.skew import DELAY_TOLERANCE
+from rig.signals.delay_estimation.delay_model import DELAY_TOLERANCE
 from simulators.options import RigOptions
 
 CURRENTS_A = (0.5, 1.5)

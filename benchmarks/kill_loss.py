@@ -24,8 +24,8 @@ import numpy as np
 from drivers.ring import Channel, RingWriter
 from rig.clock import monotonic_ns
 from rig.recording.context import PointContext, SensorContext
-from rig.recording.journal import read_journal
-from rig.recording.recorder import PointRecorder
+from rig.recording.journal.journal_file import read_journal
+from rig.recording.journal.recorder import PointRecorder
 
 TICK_S = 0.004
 STATUS_CHANNELS = (Channel.POSITION, Channel.STATE, Channel.COIL_CURRENT, Channel.COIL_TEMPERATURE)

@@ -21,13 +21,13 @@ import numpy as np
 from campaign_process import machine
 
 from rig.clock import utc_now
-from rig.recording.alignment import align
-from rig.recording.channel import NUMBER
+from rig.recording.alignment.alignment import align
+from rig.recording.channel_split import ChannelSplit
 from rig.recording.context import PointContext, SensorContext
-from rig.recording.conversion import finish_point
-from rig.recording.journal import JournalWriter, scan_journal
-from rig.recording.layout import RECORD_DTYPE, parts
-from rig.recording.sorting import Sorter
+from rig.recording.conversion.conversion import finish_point
+from rig.recording.journal.journal_file import JournalWriter, scan_journal
+from rig.recording.layout import NUMBER, RECORD_DTYPE
+from rig.signals.chunked_column import parts
 from simulators.controller_firmware import ProgramPhase
 
 RATE_HZ, POLL_HZ, FREQUENCY_HZ = 10_000.0, 100.0, 1.0
@@ -94,7 +94,7 @@ def main() -> int:
         path = Path(folder) / "p001.journal"
         write_journal(path, 60.0 * given.minutes)
         before_mb = peak_mb()
-        with Sorter(Path(folder)) as sorter:
+        with ChannelSplit(Path(folder)) as sorter:
             began_s = time.process_time()
             with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as journal:
                 content = scan_journal(journal, str(path), sorter.take)

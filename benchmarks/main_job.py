@@ -22,7 +22,7 @@ from typing import Any
 from campaign_process import Answer, machine, run
 
 from rig.clock import monotonic_ns, utc_now
-from rig.recording.campaign_log import read_log
+from rig.recording.journal.campaign_log import read_log
 
 TABLE_1 = Path(__file__).resolve().parent.parent / "examples" / "table1.toml"
 SPEED = 50.0

@@ -17,10 +17,11 @@ from drivers.ring import Channel
 from drivers.sample_stream import SampleStream
 from protocols.frame_format import FrameDecoder
 from rig.recording.context import PointContext, SensorContext
-from rig.recording.conversion import build
-from rig.recording.journal import JournalContent
-from rig.recording.layout import RECORD_DTYPE, write_file
-from rig.recording.run import RecordedPoint
+from rig.recording.conversion.conversion import build
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.journal.journal_file import JournalContent
+from rig.recording.layout import RECORD_DTYPE
+from rig.recording.recorded_point import RecordedPoint
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s
 from simulators.controller_firmware import Input, ProgramPhase
@@ -91,7 +92,7 @@ class RecordedRig:
         """Run one sine or triangle point, record, align, judge and write it; returns it read back, and the truth."""
         records, truth = self.run_program(point)
         content = JournalContent("", records, end={"stopped_by": None, "lost_records": 0})
-        file, _, _ = build(content, self.context(point))
+        file, _ = build(content, self.context(point))
         path = folder / f"{point['id']}.h5"
         write_file(path, file)
         return RecordedPoint.open(path), truth

@@ -175,8 +175,8 @@ class Finished:
 
     def check(self, points: Path) -> None:
         """Compare with what was there before, and take up what is new."""
-        from rig.recording.campaign_log import read_log
-        from rig.recording.run import RecordedPoint
+        from rig.recording.journal.campaign_log import read_log
+        from rig.recording.recorded_point import RecordedPoint
 
         now = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in points.glob("*.h5")}
         changed = {name for name, digest in self.known.items() if now.get(name) != digest}

@@ -20,7 +20,7 @@ import h5py
 from campaign_process import machine, run
 
 from rig.clock import utc_now
-from rig.recording.ring_reader import RingProblem, RingReader
+from rig.recording.journal.ring_reader import RingProblem, RingReader
 
 FREQUENCY_Hz = 0.5
 MATRIX = """

@@ -27,8 +27,8 @@ from campaign_process import machine
 from recorded_rig import RecordedRig
 
 from rig.clock import utc_now
-from rig.recording.alignment import align
-from rig.recording.skew import UNSTATED_INPUT, UNSTATED_SHARED
+from rig.recording.alignment.alignment import align
+from rig.signals.delay_estimation.delay_model import UNSTATED_INPUT, UNSTATED_SHARED
 from simulators.conditioner import group_delay_s
 from simulators.options import RigOptions
 

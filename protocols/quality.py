@@ -23,3 +23,9 @@ class Quality(IntFlag):
     """Older than its limit when it was used; set by the station."""
     CLOCK_BACK = 64
     """The device's clock went back before this sample: it has no place in time; set when a recording is aligned."""
+
+
+NO_VALUE = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
+"""Flags of a sample whose value is not the physical quantity: the project's one definition of a bad sample."""
+DOUBTFUL = NO_VALUE | Quality.SPIKE
+"""... or may not be."""

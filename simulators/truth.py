@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.clock import monotonic_ns
-from rig.recording.durable import room_for_truth
+from rig.recording.atomic_write import room_for_truth
 from simulators.actuator import MODE_STATES
 from simulators.controller_firmware import State
 from simulators.plant import step
@@ -164,7 +164,8 @@ def convert(path: Path, rows_path: Path, events_path: Path, rate_Hz: float, abou
     Raises:
         OSError: a piece cannot be read or the file not be written.
     """
-    from rig.recording.layout import AlignedChannel, Event, PointFile, write_file
+    from rig.recording.hdf5.hdf5_image import write_file
+    from rig.recording.layout import AlignedChannel, Event, PointFile
 
     raw = rows_path.read_bytes()
     rows = np.frombuffer(raw[: len(raw) // ROW.itemsize * ROW.itemsize], ROW)

@@ -37,9 +37,9 @@ from rig.clock import utc_now
 from rig.errors import FileProblem, Refused, RigError, Stopped, UnknownRigState
 from rig.matrix.model import Matrix, load_matrix
 from rig.matrix.plan import Plan, plan
-from rig.recording.campaign_log import CampaignLog
-from rig.recording.claim import campaign_held
-from rig.recording.finaliser import Finaliser
+from rig.recording.conversion.finaliser import Finaliser
+from rig.recording.journal.campaign_log import CampaignLog
+from rig.recording.journal.journal_lock import campaign_held
 from rig.station.client import StationClient, StationLost
 
 DISPLAY_ENDS_S = 5.0

@@ -16,7 +16,7 @@ from typing import Any
 from rig.campaign.stop_cause import OPERATOR
 from rig.errors import Refused
 from rig.faults.matrix import MATRIX
-from rig.recording.campaign_log import UNREADABLE, read_lines
+from rig.recording.journal.campaign_log import UNREADABLE, read_lines
 
 REQUALIFY = "n"
 CONFIRM = "c"

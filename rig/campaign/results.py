@@ -14,7 +14,7 @@ from rig.campaign.words import say
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
-from rig.recording.reason import Kind, Reason, blamed
+from rig.recording.quality.verdict import Kind, Reason, blamed
 
 WARMING_UP = "warming up"
 NOT_RUN = "not run"

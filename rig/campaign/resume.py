@@ -22,14 +22,14 @@ from rig.clock import utc_now
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
-from rig.recording.durable import write_text_durably
-from rig.recording.recovery import recover_held
-from rig.recording.run import RecordedPoint, read_campaign
+from rig.recording.atomic_write import write_text_durably
+from rig.recording.conversion.recovery import recover_held
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import read_campaign
 
 SLOWEST, FASTEST = 0.01, 1000.0
 """Speeds of a simulated rig."""
 NOT_OURS = "not what a campaign writes there: repair the file or begin a new campaign"
-TEMPERATURES = ("coil_temperature_low_degC", "coil_temperature_high_degC")
 
 
 def as_before(folder: Path, options: CampaignOptions) -> CampaignOptions:
@@ -195,12 +195,12 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         name = str(recorded.provenance.get("point", recorded.id))
         try:
             attempt = int(recorded.provenance.get("attempt", 1))
-            seen_degC = [float(recorded.quality[name]) for name in TEMPERATURES if name in recorded.quality]
+            ends_degC = (recorded.quality.coil_low_degC, recorded.quality.coil_high_degC)
             rank = (RANKS.index(recorded.verdict), attempt)
         except (TypeError, ValueError) as error:
             problems.append(f"points/{file.name}: not as a campaign writes it: {error}")
             continue
-        temperatures_degC += seen_degC
+        temperatures_degC += [end_degC for end_degC in ends_degC if end_degC is not None]
         attempts[name] = max(attempts.get(name, 0), attempt)
         if name not in best or rank > best[name][0]:
             best[name] = rank, recorded

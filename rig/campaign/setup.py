@@ -23,7 +23,7 @@ from rig.clock import utc_now
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan
-from rig.recording.durable import write_text_durably
+from rig.recording.atomic_write import write_text_durably
 from rig.recording.layout import RECORD_DTYPE
 
 RESERVE_BYTES = 200_000_000

@@ -19,7 +19,7 @@ from rig.campaign.words import say
 from rig.clock import monotonic_ns
 from rig.errors import EXIT_USAGE, Refused, RigError
 from rig.matrix.sections import Specimen
-from rig.recording.durable import room_for_truth
+from rig.recording.atomic_write import room_for_truth
 
 SLOW_START_S = 3.0
 START_TIMEOUT_S = 180.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from rig.campaign import words
 from rig.faults.matrix import RESTARTS_BY_ITSELF
 from rig.faults.row import StopKind
-from rig.recording.reason import BLAMED
+from rig.recording.quality.verdict import BLAMED
 
 
 @dataclass(frozen=True)

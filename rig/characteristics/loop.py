@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.points.preparation import prepare
 from rig.identification.uncertainty.scoring import cycle_energies_J
-from rig.recording.loop_shape import noise_of
-from rig.recording.run import RecordedPoint
-
-FloatArray = NDArray[np.float64]
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.arrays import FloatArray
+from rig.signals.loop_shape import noise_of
 
 NEAR_PEAK = 0.97
 """Samples whose speed is at least this share of the greatest one count as "at peak velocity"."""
 FEWEST_FOR_A_LINE = 5
-LEAST_SPREAD = 0.004
+SMALLEST_SPREAD = 0.004
 PHASES = 200
 NOISE_SHARE = 0.1
 """Share of the steepest slope that noise may make of it."""
@@ -78,7 +77,7 @@ class LoopCharacteristics:
 
     def to_json(self) -> dict[str, Any]:
         """Every attribute; measured ones as objects."""
-        entry = {name: each.to_json() if isinstance(each, Measured) else each for name, each in vars(self).items()}
+        entry = {name: value.to_json() if isinstance(value, Measured) else value for name, value in vars(self).items()}
         return {name: None if isinstance(x, float) and not math.isfinite(x) else x for name, x in entry.items()}
 
 
@@ -172,6 +171,6 @@ def _at_peak(force_N: FloatArray, speed_m_s: FloatArray, good: NDArray[np.bool_]
     if 2 * np.count_nonzero(chosen) < np.count_nonzero(near):
         return math.nan
     below = speed_m_s[chosen] / peak_m_s - 1.0
-    if np.count_nonzero(chosen) < FEWEST_FOR_A_LINE or float(np.std(below)) < LEAST_SPREAD:
+    if np.count_nonzero(chosen) < FEWEST_FOR_A_LINE or float(np.std(below)) < SMALLEST_SPREAD:
         return float(np.mean(force_N[chosen]))
     return float(np.polyfit(below, force_N[chosen], 1)[1])

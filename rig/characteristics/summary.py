@@ -1,20 +1,32 @@
-"""All characteristics of a run: every valid loop, the comparison over currents, the special tests."""
+"""All characteristics of a run: every valid loop, the comparison over currents, the special tests.
+
+Gas force and friction come from a slow triangle without current.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rig.characteristics.friction import FrictionTest, friction_of
-from rig.characteristics.loop import LoopCharacteristics, characterise_loop
-from rig.errors import RigError
+import numpy as np
+
+from rig.characteristics.loop import LoopCharacteristics, Measured, characterise_loop, over_cycles
+from rig.errors import IdentificationFailed, RigError
 from rig.identification.models.measurement import Measurement
 from rig.identification.points.current_steps import CurrentLag, lag_of
 from rig.identification.points.preparation import prepare
+from rig.recording.quality.campaign_delay import pooled_skews
+from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
-from rig.recording.skew_pooling import pooled_skews
+from rig.signals.arrays import FloatArray
+from rig.signals.cycles import find_cycles, full_cycles
+
+MIDDLE = 0.5
+"""Share of the amplitude about the mean position in which the force is taken: away from the reversals."""
+FEWEST_SAMPLES = 10
 
 
 @dataclass(frozen=True)
@@ -65,8 +77,8 @@ class Characteristics:
         return {
             "loops": [loop.to_json() for loop in self.loops],
             "signature": [loop.id for loop in self.signature],
-            "dynamic_range": [each.to_json() for each in self.dynamic_range],
-            "friction": [each.to_json() for each in self.friction],
+            "dynamic_range": [value.to_json() for value in self.dynamic_range],
+            "friction": [value.to_json() for value in self.friction],
             "lag": None
             if lag is None
             else {
@@ -117,7 +129,7 @@ def _unknown(loop: LoopCharacteristics) -> list[str]:
         "force at peak velocity in jounce": loop.jounce_N,
         "energy per cycle and equivalent damping": loop.energy_J,
     }
-    names = [name for name, each in values.items() if not math.isfinite(each.value)]
+    names = [name for name, measured in values.items() if not math.isfinite(measured.value)]
     return [f"{loop.id}: {', '.join(names)}: no force samples over a stretch of every cycle"] if names else []
 
 
@@ -125,7 +137,7 @@ def dynamic_range(loops: Sequence[LoopCharacteristics]) -> list[DynamicRange]:
     """Every loop with current and a known peak force against the one at 0 A with the same motion."""
     passive = {loop.motion: loop for loop in loops if loop.current_A == 0.0}
     ranges = []
-    for loop in sorted(loops, key=lambda each: (each.motion, each.current_A)):
+    for loop in sorted(loops, key=lambda loop: (loop.motion, loop.current_A)):
         rest = passive.get(loop.motion)
         if rest is None or loop.current_A == 0.0:
             continue
@@ -139,3 +151,71 @@ def dynamic_range(loops: Sequence[LoopCharacteristics]) -> list[DynamicRange]:
         std = math.hypot(loop.rebound_N.std / rebound_N, ratio * rest.rebound_N.std / rebound_N)
         ranges.append(DynamicRange(loop.motion, loop.current_A, ratio, (loop.jounce_N.value - gas_N) / jounce_N, std))
     return ranges
+
+
+@dataclass(frozen=True)
+class FrictionTest:
+    """What one slow test shows.
+
+    Attributes:
+        id: of the point.
+        speed_m_s: mean slope of the measured flanks between the reversals, m/s.
+        gas_force_N: half the sum of the forces up and down about mid-stroke, N, positive when it pulls the rod in.
+        friction_N: half their difference, N.
+        stiffness_N_m: slope of the mean force over displacement (a gas spring's), N/m.
+    """
+
+    id: str
+    speed_m_s: float
+    gas_force_N: Measured
+    friction_N: Measured
+    stiffness_N_m: Measured
+
+    def to_json(self) -> dict[str, Any]:
+        """Every attribute; measured ones as objects."""
+        return {name: value.to_json() if isinstance(value, Measured) else value for name, value in vars(self).items()}
+
+
+def friction_of(point: RecordedPoint) -> FrictionTest:
+    """Evaluate a friction point.
+
+    Raises:
+        NoCycles: there is no whole cycle.
+        IdentificationFailed: too few samples between the reversals.
+    """
+    cycles = full_cycles(find_cycles(point.time_s, point.displacement_m))
+    half_m = MIDDLE * float(np.median(cycles.amplitude_m))
+    gas, friction, stiffness, speeds = [], [], [], []
+    for start_s, stop_s in itertools.pairwise(cycles.start_s):
+        inside = (point.time_s >= start_s) & (point.time_s < stop_s)
+        t, u, force = point.time_s[inside], point.displacement_m[inside] - cycles.mean_m, point.force_N[inside]
+        top_s, bottom_s = _reversals(t, u, half_m)
+        good = (np.abs(u) <= half_m) & np.isfinite(force)
+        falling = (t > top_s) & (t < bottom_s)
+        up, down = good & ~falling, good & falling
+        if min(np.count_nonzero(up), np.count_nonzero(down)) < FEWEST_SAMPLES:
+            raise IdentificationFailed(f"{point.id}: fewer than {FEWEST_SAMPLES} samples between the reversals")
+        # The rise after the bottom belongs before the one that the cycle begins in the middle of: one straight flank.
+        flank_s = np.where(t >= bottom_s, t - (stop_s - start_s), t) - start_s
+        extending, compressing = (np.polyfit(u[part], force[part], 1) for part in (up, down))
+        gas.append(0.5 * float(extending[1] + compressing[1]))
+        friction.append(0.5 * float(extending[1] - compressing[1]))
+        stiffness.append(0.5 * float(extending[0] + compressing[0]))
+        rise, fall = (float(np.polyfit(flank_s[part], u[part], 1)[0]) for part in (up, down))
+        speeds.append(0.5 * (rise - fall))
+    speed_m_s = float(np.mean(speeds)) if speeds else math.nan
+    return FrictionTest(point.id, speed_m_s, over_cycles(gas), over_cycles(friction), over_cycles(stiffness))
+
+
+def _reversals(t: FloatArray, u: FloatArray, beyond_m: float) -> tuple[float, float]:
+    """When a cycle turns at its top and at its bottom (s): the middle of the times spent beyond `beyond_m`.
+
+    The noise of a single sample, whose derivative grows with the sampling rate, has no say in the direction.
+
+    Raises:
+        IdentificationFailed: no sample lies beyond.
+    """
+    above, below = t[u > beyond_m], t[u < -beyond_m]
+    if above.size == 0 or below.size == 0:
+        raise IdentificationFailed("a cycle of the friction test has no samples near its reversals")
+    return float(np.mean(above)), float(np.mean(below))

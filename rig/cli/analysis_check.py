@@ -63,7 +63,7 @@ def _holdout(text: str | None, loops: list[TestPoint]) -> tuple[list[str], list[
         if (Path(text) / "points").is_dir():
             return [], loops
         return [f'holdout = "{text}": exists, but is no run (a campaign\'s directory)'], loops
-    from rig.recording.selection import Selection
+    from rig.recording.run import Selection
 
     try:
         wanted = Selection.parse(text)

@@ -9,7 +9,7 @@ import click
 from rig.cli.options import Command, QuantityOption, json_option, out_option
 from rig.cli.output import console, say, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
-from rig.matrix.waveform import SINE, WAVEFORM_NAMES
+from rig.signals.waveform import SINE, WAVEFORM_NAMES
 
 
 def _pairs(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> dict[str, str]:

@@ -20,7 +20,7 @@ def command(run: Path, as_json: bool) -> int:
 
     Finished points are not changed. Exit 5 if a recovered point is not valid, for example because it was cut off.
     """
-    from rig.recording.recovery import recover
+    from rig.recording.conversion.recovery import recover
 
     finished = recover(run)
     if as_json:

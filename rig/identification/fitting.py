@@ -32,7 +32,8 @@ from rig.identification.uncertainty.assessment import judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
 from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore, SeriesSpring
 from rig.identification.uncertainty.scoring import score
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 ALL = "all"
 
@@ -173,7 +174,7 @@ def _split(
     kept_out: list[RecordedPoint] = []
     held_out: list[Measurement] = []
     if isinstance(holdout, str):
-        from rig.recording.selection import Selection
+        from rig.recording.run import Selection
 
         wanted = Selection.parse(holdout)
         kept_out = [point for point in points if wanted.holds(point)]

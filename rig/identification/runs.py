@@ -18,8 +18,9 @@ from rig.identification.per_current import AFFINE
 from rig.identification.uncertainty.covariance import DeclaredErrors
 from rig.identification.uncertainty.fit import Fit
 from rig.identification.words import say, some
-from rig.recording.calibration_check import doubts
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.quality.cross_checks import doubts
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 
 def identify_run(

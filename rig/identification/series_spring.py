@@ -22,7 +22,7 @@ from rig.identification.models.solving import SQUARES, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.uncertainty.covariance import quantile
 from rig.identification.uncertainty.fit import SeriesSpring
-from rig.recording.differentiation import harmonic
+from rig.signals.derivatives import harmonic
 
 LARGEST_SHARE = 0.3
 TOLERANCE = 1e-3  # of the compliance

@@ -15,7 +15,7 @@ from rig.bench.settings import Limits
 from rig.matrix.forecast import Forecast
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
-from rig.matrix.waveform import waveform_named
+from rig.signals.waveform import waveform_named
 from rig.units import show
 
 SAMPLES_A_CYCLE = 25

@@ -30,7 +30,7 @@ from rig.matrix.sections import (
     Sweep,
     Temperature,
 )  # fmt: skip
-from rig.matrix.waveform import HOLD, TRIANGLE
+from rig.signals.waveform import HOLD, TRIANGLE
 
 POINT_LIMIT = 10_000
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rig.matrix.point import TestPoint
-from rig.matrix.waveform import SINE
+from rig.signals.waveform import SINE
 
 if TYPE_CHECKING:
     from rig.matrix.forecast import Forecast

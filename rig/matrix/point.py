@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from rig.matrix.waveform import Waveform, waveform_named
+from rig.signals.waveform import Waveform, waveform_named
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from rig.bench.problems import close_match
 from rig.bench.quantity import Quantity, Wording
 from rig.bench.section import Section
 from rig.matrix.methods import DEPENDENCES, METHODS
-from rig.matrix.waveform import SINE, WAVEFORM_NAMES
+from rig.signals.waveform import SINE, WAVEFORM_NAMES
 from rig.units import show
 
 V = TypeVar("V", str, float)

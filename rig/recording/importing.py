@@ -20,15 +20,18 @@ import rig
 from protocols.quality import Quality
 from rig.clock import utc_now
 from rig.errors import FileProblem
-from rig.recording.achieved import Achieved, achieved_motion
-from rig.recording.columns import ColumnChoice, parse_columns, read_table
-from rig.recording.durable import write_text_durably
-from rig.recording.interpolation import LARGEST_STEP_PERIODS
-from rig.recording.layout import AlignedChannel, Attribute, FloatArray, PointFile, write_file
-from rig.recording.loop_shape import standing
-from rig.recording.reason import Reason, invalid
-from rig.recording.velocity import velocity_of
-from rig.recording.verdict import Findings, SensorCounts, Verdict, judge
+from rig.recording.atomic_write import write_text_durably
+from rig.recording.csv_columns import ColumnChoice, parse_columns, read_table
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, PointFile
+from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
+from rig.recording.quality.point_quality import MotionQuality, PointQuality, SkewQuality
+from rig.recording.quality.verdict import Reason, Verdict, invalid
+from rig.signals.arrays import FloatArray
+from rig.signals.cycles import MeasuredMotion, measured_motion
+from rig.signals.derivatives import velocity_of
+from rig.signals.interpolation import LARGEST_STEP_PERIODS
+from rig.signals.loop_shape import standing
 
 FEWEST_CYCLES = 3
 REVERSED = -0.1
@@ -161,13 +164,13 @@ def _nominal_current(file: Path, current_A: float | None, pattern: re.Pattern[st
         ])
     if pattern is None:
         return float(current_A or 0.0)
-    found = pattern.search(file.name)
-    if found is None:
+    named = pattern.search(file.name)
+    if named is None:
         raise FileProblem(str(file), [f"the name does not match {pattern.pattern!r}: no current in it"])
     try:
-        return float(found["current"])
+        return float(named["current"])
     except ValueError as error:
-        raise FileProblem(str(file), [f"current {found['current']!r} in the name is not a number (A)"]) from error
+        raise FileProblem(str(file), [f"current {named['current']!r} in the name is not a number (A)"]) from error
 
 
 def _check_time(file: Path, time_s: FloatArray) -> None:
@@ -222,7 +225,7 @@ def _point_file(
 ) -> PointFile:
     period_s = float(np.median(np.diff(test.time_s)))
     flags, lost = _flags(test, period_s)
-    motion = achieved_motion(test.time_s, test.displacement_m)
+    motion = measured_motion(test.time_s, test.displacement_m)
     velocity, method = velocity_of(test.time_s, test.displacement_m)
     verdict = _judge(test, velocity, motion, lost)
     channels = [
@@ -237,10 +240,14 @@ def _point_file(
         channels.append(AlignedChannel(
             "commanded_current", test.commanded_A, "A", "Commanded coil current", choices["commanded_current"].column,
         ))
-    measured: dict[str, Attribute] = {} if motion is None else {
-        "measured_amplitude_m": motion.amplitude_m, "measured_frequency_Hz": motion.frequency_Hz,
-        "measured_mean_m": motion.mean_m, "cycles_start_s": motion.start_s, "cycles_end_s": motion.end_s,
-    }
+    quality = PointQuality(
+        verdict=verdict, lost_samples=lost,
+        skew=SkewQuality(value_s=0.0, std_s=0.0, method="as imported: one time base, not checked"),
+        motion=MotionQuality(cycles=0) if motion is None else MotionQuality(
+            cycles=motion.cycles, amplitude_m=motion.amplitude_m, frequency_Hz=motion.frequency_Hz,
+            mean_m=motion.mean_m, start_s=motion.start_s, end_s=motion.end_s,
+        ),
+    )
     return PointFile(
         time_s=test.time_s, sample_rate_hz=1.0 / period_s, channels=channels, flags=flags,
         test={
@@ -249,11 +256,7 @@ def _point_file(
             "current_A": test.nominal_current_A, "cycles": 0 if motion is None else motion.cycles,
             "mid_stroke_m": mid_stroke_m, "imported": True,
         },
-        quality={
-            **verdict.attributes, "lost_samples": lost, "skew_s": 0.0,
-            "skew_std_s": 0.0, "skew_method": "as imported: one time base, not checked",
-            "measured_cycles": 0 if motion is None else motion.cycles, **measured,
-        },
+        quality=quality.attributes,
         provenance={
             "software": SOFTWARE, "source_file": test.source.name, "source_sha256": test.sha256,
             "imported_utc": utc_now().isoformat(timespec="seconds"),
@@ -283,9 +286,9 @@ def _flags(test: ImportedTest, period_s: float) -> tuple[NDArray[np.int8], int]:
     return flags, int(np.sum(np.round(steps[after_gap - 1]) - 1))
 
 
-def _judge(test: ImportedTest, velocity_m_s: FloatArray, motion: Achieved | None, lost: int) -> Verdict:
+def _judge(test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMotion | None, lost: int) -> Verdict:
     quantities = {"force": test.force_N, "displacement": test.displacement_m}
-    return judge(Findings(
+    return judge(PointEvidence(
         sensors={name: _counts(test.time_s, values, lost, motion) for name, values in quantities.items()},
         samples_a_cycle=np.inf if motion is None else len(test.time_s) / (test.time_s[-1] * motion.frequency_Hz),
         wanted_cycles=FEWEST_CYCLES, wanted_amplitude_m=0.0, wanted_frequency_Hz=0.0, current_tolerance_A=np.inf,
@@ -294,7 +297,7 @@ def _judge(test: ImportedTest, velocity_m_s: FloatArray, motion: Achieved | None
     ))
 
 
-def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: Achieved | None) -> list[Reason]:
+def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: MeasuredMotion | None) -> list[Reason]:
     """A force that drives the rod over the full cycles, which no damper's does; as identification refuses it."""
     known = np.isfinite(test.force_N) & np.isfinite(velocity_m_s)
     if motion is not None:
@@ -311,7 +314,7 @@ def _reversed(test: ImportedTest, velocity_m_s: FloatArray, motion: Achieved | N
     )]
 
 
-def _counts(time_s: FloatArray, values: FloatArray, lost: int, motion: Achieved | None) -> SensorCounts:
+def _counts(time_s: FloatArray, values: FloatArray, lost: int, motion: MeasuredMotion | None) -> SensorCounts:
     """What a column holds, and whether it stands still over the full cycles; a flat top may be a filter's or a file's.
 
     No sensor's range is known here, so nothing is said to be saturated.
@@ -319,9 +322,9 @@ def _counts(time_s: FloatArray, values: FloatArray, lost: int, motion: Achieved 
     missing = int(np.count_nonzero(~np.isfinite(values)))
     if motion is None:
         return SensorCounts(len(time_s), lost, missing)
-    found = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
+    stood = standing(values[(time_s >= motion.start_s) & (time_s < motion.end_s)])
     return SensorCounts(
-        len(time_s), lost, missing, standing=found.longest, coarse=found.coarse, step=found.step, span=found.span,
+        len(time_s), lost, missing, standing=stood.longest, coarse=stood.coarse, step=stood.step, span=stood.span,
     )
 
 

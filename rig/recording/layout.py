@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.recording.durable import write_whole
-
-if TYPE_CHECKING:
-    from rig.recording.column import Records, Values
+from protocols.quality import NO_VALUE
+from rig.signals.arrays import FloatArray
+from rig.signals.chunked_column import Values
 
 FORMAT_VERSION = 1
 CHUNK_SAMPLES = 16384
-PART_SAMPLES = 16 * CHUNK_SAMPLES
-"""So many rows of a dataset are in memory at a time."""
-
 #: One record of the ring and of the journal (32 bytes, `drivers.ring.RECORD`).
 RECORD_DTYPE = np.dtype([
     ("host_ns", "<i8"), ("device_us", "<i8"), ("value", "<f8"), ("sequence", "<u4"), ("channel", "<u2"),
     ("flags", "<u2"),
 ])
-
-FloatArray = NDArray[np.float64]
 Attribute = str | int | float | bool | Sequence[str] | None
+
+
+class Records(Protocol):
+    """Ring records (n,) of `RECORD_DTYPE`: an array, or a file read in parts (`rig.recording.channel_split`)."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, key: Any, /) -> Any: ...  # noqa: ANN401 - an array, or one field of it
 
 
 @dataclass(frozen=True)
@@ -93,29 +94,63 @@ class PointFile:
     title: str = ""
 
 
-def write_file(path: Path, content: PointFile, *, before_naming: Callable[[Path], None] | None = None) -> None:
-    """Write a complete file or none: temporary name, flush to disk, rename, flush the directory.
-
-    Args:
-        path: the final name; a file of that name is replaced only once the new one is complete on disk.
-        content: what to write.
-        before_naming: is given the temporary name when all is on the disk; what it raises prevents the naming.
-
-    Raises:
-        ValueError: a channel's length differs from the time's.
-        OSError: the disk is full or the place cannot be written; nothing is left under `path`.
-    """
-    from rig.recording.hdf5_image import write_image
-
-    write_whole(path, lambda file: write_image(file, content), before_naming=before_naming)
-
-
-def parts(length: int) -> Iterator[slice]:
-    """Ranges of at most `PART_SAMPLES` rows that cover a column end to end; one empty range for an empty column."""
-    for start in range(0, max(length, 1), PART_SAMPLES):
-        yield slice(start, min(start + PART_SAMPLES, length))
-
-
 def check_of(values: NDArray[Any]) -> int:
     """CRC-32 of a dataset's values: HDF5 checks its chunks, but not the index that finds them."""
     return zlib.crc32(np.ascontiguousarray(values).tobytes())
+
+
+@dataclass(frozen=True)
+class Description:
+    """Name of a channel's group under `/entry/raw`, SI unit of its values, one line for people."""
+
+    name: str
+    unit: str
+    long_name: str
+
+
+#: Channel number in the ring (`drivers.ring.Channel`) -> description.
+RING_CHANNELS: dict[int, Description] = {
+    1: Description("force", "N", "Force at the load cell"),
+    2: Description("displacement", "m", "Damper extension"),
+    **{3 + n: Description(f"auxiliary_{n + 1}", "1", f"Auxiliary channel {n + 1}") for n in range(7)},
+    10: Description("coil_current", "A", "Coil current measured by the ECU"),
+    11: Description("coil_temperature", "degC", "Coil temperature reported by the ECU"),
+    12: Description("ecu_temperature", "degC", "Temperature of the ECU itself"),
+    13: Description("ecu_supply", "V", "Supply voltage of the ECU"),
+    14: Description("ecu_state", "1", "State of the ECU"),
+    15: Description("ecu_faults", "1", "Fault bits of the ECU"),
+    16: Description("commanded_current", "A", "Coil current asked for"),
+    20: Description("position", "m", "Position by the actuator controller's own sensor"),
+    21: Description("velocity", "m/s", "Velocity by the actuator controller"),
+    22: Description("setpoint", "m", "Position asked for by the actuator controller"),
+    23: Description("state", "1", "State of the actuator controller"),
+    24: Description("cycles_done", "1", "Whole cycles of the running program"),
+    25: Description("fault_bits", "1", "Fault bits of the actuator controller"),
+    26: Description("supply_pressure", "Pa", "Hydraulic supply pressure"),
+    27: Description("accumulator_pressure", "Pa", "Accumulator pressure"),
+    28: Description("pulse", "1", "Cycle pulses: count and the controller's clock at the pulse"),
+    29: Description("phase", "1", "Phase of the running program"),
+    30: Description("inputs", "1", "Digital inputs of the actuator controller"),
+    31: Description("servo_error", "m", "Following error of the servo loop"),
+    32: Description("controller_force", "N", "Coarse force input of the actuator controller"),
+    40: Description("force_edge", "1", "Cycle pulses latched in the load cell's clock"),
+    41: Description("displacement_edge", "1", "Cycle pulses latched in the displacement sensor's clock"),
+    **{42 + n: Description(f"auxiliary_{n + 1}_edge", "1", f"Cycle pulses latched by auxiliary channel {n + 1}")
+       for n in range(7)},
+    50: Description("trip", "1", "Interlock trips"),
+    51: Description("loop_late", "s", "Lateness of the station's loop"),
+}
+#: Channel name -> number in the ring.
+NUMBER: dict[str, int] = {description.name: number for number, description in RING_CHANNELS.items()}
+
+
+def channel_name(number: int) -> str:
+    """Name of a channel by its number in the ring."""
+    description = RING_CHANNELS.get(number)
+    return f"channel_{number}" if description is None else description.name
+
+
+def good_values(records: NDArray[Any]) -> FloatArray:
+    """Values (n,) in SI, NaN where the flags say that the value is not the physical quantity."""
+    bad = (records["flags"] & np.uint16(NO_VALUE)) != 0
+    return np.where(bad, np.nan, records["value"])

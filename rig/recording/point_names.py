@@ -35,9 +35,9 @@ def campaign_in(path: Path) -> Path:
     """
     if not path.is_dir() or (path / "points").is_dir():
         return path
-    inside = sorted(each for each in path.iterdir() if (each / "points").is_dir())
+    inside = sorted(folder for folder in path.iterdir() if (folder / "points").is_dir())
     if len(inside) > 1:
-        names = ", ".join(each.name for each in inside[:3]) + (" ..." if len(inside) > 3 else "")
+        names = ", ".join(folder.name for folder in inside[:3]) + (" ..." if len(inside) > 3 else "")
         raise FileProblem(str(path), [f"{len(inside)} campaigns lie in this folder ({names}): name one of them"])
     return inside[0] if inside else path
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from rig.characteristics.loop import LoopCharacteristics
 from rig.identification.models.measurement import Measurement
-from rig.recording.calibration_check import checked, instruments_of
-from rig.recording.loop_shape import noise_of
-from rig.recording.reading import channel_attributes
-from rig.recording.reference_judgement import deviations, trusted, zero_change
-from rig.recording.run import RecordedPoint
-from rig.report.fragment import NOTHING, number, table, text
-from rig.report.view import PointView
+from rig.recording.hdf5.reading import channel_attributes
+from rig.recording.quality.cross_checks import checked, instruments_of
+from rig.recording.quality.instrument_checks import deviations, trusted, zero_change
+from rig.recording.recorded_point import RecordedPoint
+from rig.report.fragment import NOTHING, heading, number, table, text
+from rig.report.loops import PointView
+from rig.signals.loop_shape import noise_of
 
 NOT_STATED = math.nan
 UNIFORM = 1.0 / math.sqrt(12.0)
@@ -55,18 +55,18 @@ def budget(views: Sequence[PointView], loops: Sequence[LoopCharacteristics]) -> 
         loops: their characteristics.
     """
     steepest = {loop.id: loop.steepest_N_s for loop in loops if math.isfinite(loop.steepest_N_s)}
-    found = [
+    known = [
         (view.point, view.measured) for view in views
-        if view.measured is not None and view.point.id in steepest and "force_span_N" in view.point.quality
+        if view.measured is not None and view.point.id in steepest and view.point.quality.loop.span_N is not None
     ]
-    if not found:
+    if not known:
         return ""
-    point, measured = max(found, key=lambda pair: steepest[pair[0].id])
+    point, measured = max(known, key=lambda pair: steepest[pair[0].id])
     note = (
         f"Standard uncertainties at the peak of point {text(point.id)}, where force changes fastest. "
-        "What nobody stated is shown as not stated and is not in the sum."
+        "Contributions marked \"not stated\" are missing from the total."
     )
-    parts = [f'<h2>Uncertainty budget</h2><p class="lead">{note}</p>']
+    parts = [heading("Uncertainty budget", note)]
     drift_N = _drift_N([view.point for view in views])
     parts += [_table(channel) for channel in channels_of(point, measured, steepest[point.id], drift_N)]
     return "".join(parts)
@@ -92,29 +92,30 @@ def _drift_N(points: Sequence[RecordedPoint]) -> float:
     group = max(instruments_of(points).values(), key=len, default=[])
     if not group:
         return NOT_STATED
-    change = zero_change(trusted([checked(each.id, each.test, each.quality) for each in group]), deviations(len(group)))
+    agreeing = trusted([checked(point.id, point.test, point.quality) for point in group])
+    change = zero_change(agreeing, deviations(len(group)))
     if change is None or not change.over_time_N.known:
         return NOT_STATED
     return UNIFORM * math.hypot(change.over_time_N.value, change.over_time_N.std)
 
 
 def _force(point: RecordedPoint, measured: Measurement, steepest_N_s: float, drift_N: float) -> Channel:
-    quality = point.quality
-    peak_N = 0.5 * float(quality["force_span_N"])
+    loop = point.quality.loop
+    peak_N = 0.5 * (loop.span_N or 0.0)
     timing_N = steepest_N_s * measured.skew_std_s
     return Channel("Force", "N", peak_N, (
         _certificate(peak_N, point.test.get("force_uncertainty_percent")),
-        Share("zero", float(quality.get("force_zero_std_N", math.nan)), "rest before the first motion: length, noise"),
+        Share("zero", _known(point.quality.rest.force_zero_std_N), "rest before the first motion: length, noise"),
         Share("drift of the zero", drift_N, "against the controller's force input, over the campaign"),
-        Share("noise of one sample", float(quality.get("force_noise_N", math.nan)), "neighbouring samples"),
+        Share("noise of one sample", _known(loop.noise_N), "neighbouring samples"),
         Share("timing, at the reversals", timing_N, "skew left, times the force's steepest measured change"),
-        Share("scatter between cycles", float(quality.get("force_scatter_N", math.nan)), "cycle against cycle"),
+        Share("scatter between cycles", _known(loop.scatter_N), "cycle against cycle"),
     ))
 
 
 def _displacement(point: RecordedPoint, measured: Measurement) -> Channel:
-    peak_mm = 1e3 * float(point.quality.get("measured_amplitude_m", point.amplitude_m))
-    clock_std_s = float(point.quality.get("displacement_clock_std_s", math.nan))
+    peak_mm = 1e3 * (point.quality.motion.amplitude_m or point.amplitude_m)
+    clock_std_s = _known(point.quality.displacement.clock_std_s)
     timing_mm = 1e3 * float(np.max(np.abs(measured.v_m_s))) * clock_std_s
     return Channel("Displacement", "mm", peak_mm, (
         _certificate(peak_mm, point.test.get("displacement_uncertainty_percent")),
@@ -125,19 +126,20 @@ def _displacement(point: RecordedPoint, measured: Measurement) -> Channel:
 
 def _current(point: RecordedPoint) -> Iterator[Channel]:
     """The coil's current as the ECU measures it; its calibration is the ECU's own and nowhere stated."""
-    if "measured_current_A" in point.quality:
-        scatter_A = float(point.quality.get("measured_current_std_A", math.nan))
-        yield Channel("Coil current", "A", abs(float(point.quality["measured_current_A"])), (
-            Share("calibration", NOT_STATED, "the ECU"), Share("scatter of one sample", scatter_A, "over the point"),
+    current = point.quality.current
+    if current.mean_A is not None:
+        yield Channel("Coil current", "A", abs(current.mean_A), (
+            Share("calibration", NOT_STATED, "the ECU"),
+            Share("scatter of one sample", _known(current.std_A), "over the point"),
         ))
 
 
 def _temperature(point: RecordedPoint) -> Iterator[Channel]:
     """The coil's temperature as the ECU measures it."""
-    low, high = (point.quality.get(f"coil_temperature_{end}_degC") for end in ("low", "high"))
-    if low is not None and high is not None:
-        change_K = UNIFORM * (float(high) - float(low))
-        yield Channel("Coil temperature", "degC", float(high), (
+    low_degC, high_degC = point.quality.coil_low_degC, point.quality.coil_high_degC
+    if low_degC is not None and high_degC is not None:
+        change_K = UNIFORM * (high_degC - low_degC)
+        yield Channel("Coil temperature", "degC", high_degC, (
             Share("calibration", NOT_STATED, "the ECU"),
             Share("change during the point", change_K, "lowest to highest"),
         ))
@@ -160,6 +162,10 @@ def _auxiliaries(point: RecordedPoint) -> Iterator[Channel]:
         ))
 
 
+def _known(value: float | None) -> float:
+    return NOT_STATED if value is None else value
+
+
 def _certificate(peak: float, percent: object) -> Share:
     share = peak * percent / 100.0 if isinstance(percent, (int, float)) else NOT_STATED
     return Share("calibration", share, "certificate")
@@ -174,5 +180,6 @@ def _table(channel: Channel) -> str:
               number(100.0 * share.value / channel.peak, 2) if channel.peak > 0.0 else NOTHING, text(share.origin)])
         for share in (*channel.shares, *sums)
     ]
-    heading = f"<h3>{text(channel.title)}, peak {number(channel.peak, 4)} {text(channel.unit)}</h3>"
-    return heading + table(["Contribution", text(channel.unit), "% of peak", "Known from"], rows, (1, 2))
+    title = f"{text(channel.title)}, peak {number(channel.peak, 4)} {text(channel.unit)}"
+    head = ["Contribution", text(channel.unit), "% of peak", "Known from"]
+    return heading(title, level=3) + table(head, rows, (1, 2))

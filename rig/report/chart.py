@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rig.signals.arrays import FloatArray
+
 Range = tuple[float, float]
 
 LEFT, RIGHT, TOP, BOTTOM = 52, 8, 8, 36

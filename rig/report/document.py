@@ -1,4 +1,4 @@
-"""Putting the report together and writing it beside the run."""
+"""The report as a whole: its parts in order, its head, warnings and provenance; written beside the run."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ import rig.dampers
 from rig.characteristics import characterise
 from rig.dampers import DamperModel
 from rig.errors import FileProblem, RigError
-from rig.recording.durable import write_text_durably
+from rig.recording.atomic_write import write_text_durably
+from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.run import Run
-from rig.recording.skew_pooling import pooled_skews
 from rig.report import fit as fit_part
-from rig.report import loops, measurement, section, standard
+from rig.report import loops, standard
 from rig.report.budget import budget
-from rig.report.conditions import conditions
-from rig.report.fragment import box, text
-from rig.report.instruments import doubts_of, instruments
-from rig.report.style import STYLE_SHEET
-from rig.report.view import PointView, view_of
+from rig.report.fragment import NOTHING, block, box, data_list, details, fact, heading, lead, number, page, text
+from rig.report.instruments import calibrations, doubts_of, instruments
+from rig.report.loops import PointView, view_of
+from rig.report.point_tables import achieved_table, conditions, points_table, time_base
 from rig.text_file import read_json
+
+JsonObject = Mapping[str, Any]
+SHOWN_WARNINGS = 5
 
 
 def write_report(run_dir: Path) -> Path:
@@ -43,31 +45,23 @@ def write_report(run_dir: Path) -> Path:
     run = Run.open(run_dir)
     fit = read_fit(run.path)
     views, remark = views_of(run, fit)
-    found = characterise(run, {view.point.id: view.measured for view in views if view.measured is not None})
-    parts = [section.header(run, fit), doubts_of(run), section.warnings(run, fit), remark, loops.overview(views)]
+    characteristics = characterise(run, {view.point.id: view.measured for view in views if view.measured is not None})
+    parts = [header(run, fit), doubts_of(run), warnings(run, fit), remark, loops.overview(views)]
     if fit is not None:
         parts.append(fit_part.parameters(fit))
     parts.append(loops.details(views, fitted=any(_has_fit(view) for view in views)))
     if fit is not None:
         parts.append(fit_part.quality(fit))
     parts += [
-        standard.standard_tests(found), section.points_table(views), standard.achieved_table(run.points),
-        conditions(run), instruments(run), measurement.time_base(run), budget(views, found.loops),
-        measurement.calibrations(run), section.provenance(run, fit),
+        standard.standard_tests(characteristics), points_table(views), achieved_table(run.points),
+        conditions(run), instruments(run), time_base(run), budget(views, characteristics.loops),
+        calibrations(run), provenance(run, fit),
     ]
-    write_text_durably(run.path / "characteristics.json", json.dumps(found.to_json(), indent=1, allow_nan=False) + "\n")
+    numbers = json.dumps(characteristics.to_json(), indent=1, allow_nan=False)
+    write_text_durably(run.path / "characteristics.json", numbers + "\n")
     path = run.path / "report.html"
     write_text_durably(path, page(f"Damper test report {run.path.name}", "".join(parts)))
     return path
-
-
-def page(title: str, body: str) -> str:
-    """A complete HTML document."""
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{text(title)}</title><style>{STYLE_SHEET}</style></head><body><main>{body}</main></body></html>\n"
-    )
 
 
 def read_fit(folder: Path) -> dict[str, Any] | None:
@@ -118,3 +112,129 @@ def _fitted_model(fit: Mapping[str, Any] | None) -> tuple[DamperModel | None, di
 
 def _has_fit(view: PointView) -> bool:
     return view.loop is not None and view.loop.fitted_N is not None
+
+
+def header(run: Run, fit: JsonObject | None) -> str:
+    """Title, what was tested, and the result in a few numbers."""
+    campaign = run.campaign
+    origin = "imported tests" if _any(run, "imported") else "simulated rig" if _simulated(run) else "test rig"
+    started = campaign.get("created") or _first(run, "started_utc")
+    described = " \N{MIDDLE DOT} ".join(
+        text(part) for part in dict.fromkeys((origin, _first(run, "bench"), started, run.path.name)) if part
+    )
+    valid = _count(run, "valid")
+    facts = [*_verdict(fit), fact(f"{valid} of {len(run.points)}", "points valid", _kind(valid == len(run.points)))]
+    facts += [
+        fact(str(_count(run, verdict)), f"points {verdict}", kind)
+        for verdict, kind in (("suspect", "fair"), ("invalid", "poor")) if _count(run, verdict)
+    ]
+    facts.append(_lost(run))
+    if fit is not None:
+        error = fit.get("error") or {}
+        facts.append(fact(text(fit.get("model", NOTHING)), f"model, by {text(fit.get('method', NOTHING))}"))
+        facts.append(fact(f"{number(error.get('nrmse_percent_of_peak'), 3)} %", "error of peak force, mean of tests"))
+        facts.append(fact(f"{number(error.get('rmse_N'), 3)} N", "RMS error"))
+        if (apart := error.get("holdout")) is not None:
+            facts.append(fact(f"{number(apart.get('nrmse_percent_of_peak'), 3)} %", "error on held-out tests"))
+    name = _specimen(run) or run.path.name
+    title = heading(f"Damper test report: {text(name)}", described, 1)
+    return title + block("facts", "".join(facts))
+
+
+def _verdict(fit: JsonObject | None) -> list[str]:
+    """Whether the fit can be used, first of all."""
+    if fit is None:
+        return []
+    if fit.get("adequate") is False:
+        return [fact("Does not fit", "model error exceeds the repeatability of the tests", "poor")]
+    unknown = sum(not entry.get("identifiable", True) for entry in fit["parameters"].values())
+    if fit.get("adequate") is None:
+        return [fact("Not judged", "no test has two whole cycles beside its first and last to compare the fit with")]
+    known = f"{len(fit['parameters']) - unknown} of {len(fit['parameters'])} parameters identified"
+    return [fact("Fits", f"to the tests' scatter; {known}", "good")]
+
+
+def _lost(run: Run) -> str:
+    """Lost samples; a count of 0 is good news only where a loss would have been counted."""
+    lost = sum(point.lost_samples for point in run.points)
+    by = {point.quality.loss_counted_by or "" for point in run.points if not point.imported}
+    if lost or by == {"sequence"}:
+        return fact(str(lost), "samples lost", _kind(lost == 0))
+    if by <= {"sequence", "rate"} and by:
+        return fact(str(lost), "samples lost, counted against the nominal rate: single ones may be missed")
+    if not by:
+        return fact(str(lost), "rows missing")
+    return fact("not known", "samples lost: not known, a sensor's format has no sequence number", "fair")
+
+
+def _kind(good: bool) -> str:
+    return "good" if good else "fair"
+
+
+def warnings(run: Run, fit: JsonObject | None) -> str:
+    """Everything a reader must know before believing the rest."""
+    boxes = []
+    if _count(run, "invalid"):
+        boxes.append(box("bad", f"{_count(run, 'invalid')} point(s) are invalid and were left out of the fit."))
+    if _count(run, "suspect"):
+        boxes.append(box(
+            "warn", f"{_count(run, 'suspect')} point(s) are suspect and were left out of the fit; "
+            "<code>rig identify --suspect</code> takes them in.",
+        ))
+    if fit is None:
+        boxes.append(box("warn", "No fit is in this run: the loops below are measured only."))
+    else:
+        if fit.get("adequate") is False:
+            boxes.append(box(
+                "bad",
+                "<b>The model does not fit.</b> Its error exceeds the repeatability of the tests: "
+                "do not use the parameters as properties of the damper.",
+            ))
+        remarks = [box("warn", text(warning)) for warning in fit.get("warnings") or ()]
+        boxes += remarks[:SHOWN_WARNINGS]
+        if more := remarks[SHOWN_WARNINGS:]:
+            boxes.append(details(f"{len(more)} more warnings", "".join(more)))
+    return "".join(boxes)
+
+
+def provenance(run: Run, fit: JsonObject | None) -> str:
+    """Where all this comes from: software, bench, devices, calibrations, hashes."""
+    shared = {
+        key: value for key, value in (run.points[0].provenance.items() if run.points else ())
+        if all(point.provenance.get(key) == value for point in run.points)
+    }
+    shown: dict[str, object] = {
+        "campaign": run.path.name, **shared,
+        **{key: value for key, value in run.campaign.items() if isinstance(value, (str, int, float))},
+    }
+    methods = sorted({point.quality.skew.method for point in run.points if point.quality.skew.method is not None})
+    shown["time alignment"] = "; ".join(methods)
+    if fit is not None:
+        shown["fit"] = f"{fit.get('evaluations', NOTHING)} evaluations, {number(fit.get('wall_s'), 3)} s"
+    return heading("Provenance") + data_list(shown) + lead(
+        "Each point's file holds its raw samples, calibrations and clock models: "
+        "<code>points/*.h5</code> (HDF5; h5dump, xarray, MATLAB, Octave)."
+    )
+
+
+def _specimen(run: Run) -> str:
+    specimen = run.campaign.get("specimen") or _first(run, "specimen")
+    if isinstance(specimen, Mapping):
+        specimen = specimen.get("serial_number", "")
+    return str(specimen or "")
+
+
+def _first(run: Run, name: str) -> str:
+    return str(run.points[0].provenance.get(name, "")) if run.points else ""
+
+
+def _any(run: Run, name: str) -> bool:
+    return any(getattr(point, name) for point in run.points)
+
+
+def _simulated(run: Run) -> bool:
+    return any(point.test.get("simulated") for point in run.points)
+
+
+def _count(run: Run, verdict: str) -> int:
+    return sum(point.verdict == verdict for point in run.points)

@@ -11,15 +11,34 @@ from typing import Any
 import numpy as np
 
 import rig.dampers
-from rig.report.chart import Chart, FloatArray, Trace
-from rig.report.fragment import NOTHING, chip, number, table, text
+from rig.report.chart import Chart, Trace
+from rig.report.fragment import (
+    NOTHING,
+    block,
+    card,
+    charts,
+    chip,
+    code_block,
+    details,
+    heading,
+    key,
+    key_line,
+    lead,
+    number,
+    paragraph,
+    shaded,
+    table,
+    text,
+)
+from rig.report.style import FITTED, MEASURED, RESIDUAL
+from rig.signals.arrays import FloatArray
 
 JsonObject = Mapping[str, Any]
 
 WELL_KNOWN_PERCENT, KNOWN_PERCENT = 2.0, 20.0
 THRESHOLD = 3.84
 STRONG_CORRELATION = 0.9
-LEAST_P = 0.001
+SMALLEST_WHITE_P = 0.001
 
 
 def parameters(fit: JsonObject) -> str:
@@ -36,56 +55,55 @@ def parameters(fit: JsonObject) -> str:
         else:
             why = entry.get("reason") or "the data do not determine it"
             unknown.append(("no", [text(name), value, unit, text(meanings.get(name, "")), text(why)]))
-    parts = ["<h2>Fitted parameters</h2>"]
+    parts = [heading("Fitted parameters")]
     head = ["Parameter", "Value", "95 % interval", "\N{PLUS-MINUS SIGN} %", "Unit", "Meaning"]
     parts.append(table(head, known, (1, 2, 3)))
     if unknown:
-        parts.append("<h3>Not identifiable from these data</h3>")
+        parts.append(heading("Not identifiable from these data", level=3))
         parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Why"], unknown, (1,)))
     parts += [_next_tests(fit), _profiles(fit), _selection(fit)]
-    parts += [f'<p class="lead">{text(note)}</p>' for note in fit.get("notes") or ()]
+    parts += [lead(text(note)) for note in fit.get("notes") or ()]
     return "".join(parts)
 
 
 def quality(fit: JsonObject) -> str:
     """Errors, residuals and energy test by test, and how the parameters depend on each other."""
     error = fit.get("error") or {}
-    tests = [*((each, "") for each in error.get("per_test") or ())]
-    tests += [(each, "held out") for each in (error.get("holdout") or {}).get("per_test") or ()]
-    if not any("energy_J" in each for each, _ in tests):
+    tests = [*((test, "") for test in error.get("per_test") or ())]
+    tests += [(test, "held out") for test in (error.get("holdout") or {}).get("per_test") or ()]
+    if not any("energy_J" in test for test, _ in tests):
         return ""
     head = ["Test", "Error %", "RMS error N", "Scatter N", "Noise N", "Repeats N", "White?", "Energy J", "Model J", ""]
-    rows = [("", _test_row(each, remark)) for each, remark in tests]
+    rows = [("", _test_row(test, remark)) for test, remark in tests]
     note = (
         "Scatter: of the force from cycle to cycle. Noise and repeats: the residual's parts that change and that come "
         "back with every cycle, which is what the model lacks. White: chance of such a residual if it were pure noise, "
         "at the noise's own rate. Energy: dissipated in a mean cycle, measured and by the model."
     )
-    found = fit.get("passivity") or {}
+    passivity = fit.get("passivity") or {}
     passive = ""
-    if found.get("share") is not None:
-        share = 100.0 * float(found["share"])
+    if passivity.get("share") is not None:
+        share = 100.0 * float(passivity["share"])
         kind, words = ("good", "passive") if share == 100.0 else ("poor", "not passive")
-        passive = (
-            f"<p>{chip(words, kind)} The fitted model takes energy out at {number(share, 3)} % of the tested speeds "
-            f"and currents{': at worst it puts in ' + text(found['worst']) if found.get('worst') else ''}.</p>"
+        passive = paragraph(
+            f"{chip(words, kind)} The fitted model takes energy out at {number(share, 3)} % of the tested speeds "
+            f"and currents{': at worst it puts in ' + text(passivity['worst']) if passivity.get('worst') else ''}."
         )
-    heading = f'<h2>Quality of the fit</h2><p class="lead">{note}</p>'
-    return heading + passive + table(head, rows, range(1, 9)) + _correlation(fit)
+    return heading("Quality of the fit", note) + passive + table(head, rows, range(1, 9)) + _correlation(fit)
 
 
-def _test_row(each: JsonObject, remark: str) -> list[str]:
-    residual = each.get("residual") or {}
+def _test_row(test: JsonObject, remark: str) -> list[str]:
+    residual = test.get("residual") or {}
     chances = [residual[key] for key in ("portmanteau_p", "runs_p") if residual.get(key) is not None]
     white = NOTHING
     if chances:
         least = min(chances)
-        white = chip(f"p {number(least, 2)}", "good" if least >= LEAST_P else "fair")
+        white = chip(f"p {number(least, 2)}", "good" if least >= SMALLEST_WHITE_P else "fair")
     repeats = residual.get("repeating_N")
     return [
-        text(each.get("id", "")), number(each.get("nrmse_percent_of_peak"), 3), number(each.get("rmse_N"), 3),
-        number(each.get("noise_N"), 3), number(residual.get("noise_N"), 3), number(repeats, 2), white,
-        number(each.get("energy_J")), number(each.get("modelled_energy_J")), text(remark),
+        text(test.get("id", "")), number(test.get("nrmse_percent_of_peak"), 3), number(test.get("rmse_N"), 3),
+        number(test.get("noise_N"), 3), number(residual.get("noise_N"), 3), number(repeats, 2), white,
+        number(test.get("energy_J")), number(test.get("modelled_energy_J")), text(remark),
     ]  # fmt: skip
 
 
@@ -98,21 +116,21 @@ def _half_percent(value: object, low: object, high: object) -> str:
 
 
 def _next_tests(fit: JsonObject) -> str:
-    found = fit.get("next_tests") or ()
-    if not found:
+    proposed = fit.get("next_tests") or ()
+    if not proposed:
         return ""
-    proposals = "".join(f"<p>{text(each['text'])}</p><pre>{text(each['toml'].strip())}</pre>" for each in found)
-    return (
-        f'<h3>What to test next</h3><div class="card">{proposals}<p class="lead">Lines for the matrix file. Expected '
-        "from the fitted model and the noise of these tests.</p></div>"
+    proposals = "".join(
+        paragraph(text(proposal["text"])) + code_block(proposal["toml"].strip()) for proposal in proposed
     )
+    note = lead("Lines for the matrix file. Expected from the fitted model and the noise of these tests.")
+    return heading("What to test next", level=3) + block("card", proposals + note)
 
 
 def _profiles(fit: JsonObject) -> str:
     cards = []
-    for name, found in (fit.get("profiles") or {}).items():
+    for name, profile in (fit.get("profiles") or {}).items():
         entry = fit["parameters"][name]
-        values, deviance = np.array(found["values"], float), np.array(found["deviance"], float)
+        values, deviance = np.array(profile["values"], float), np.array(profile["deviance"], float)
         if values.size < 3:
             continue
         grid = np.linspace(values[0], values[-1], 121)
@@ -123,16 +141,16 @@ def _profiles(fit: JsonObject) -> str:
         traces.append(Trace(_ends(values), np.full(2, THRESHOLD), "e", "95 %"))
         chart = Chart(f"{name} {entry.get('unit', '')}", "Deviance", traces, 400, 220, y_range=(0.0, 8.0))
         ends = " \N{HORIZONTAL ELLIPSIS} ".join(
-            "open" if each is None else number(each, 5) for each in (found["low"], found["high"])
+            "open" if end is None else number(end, 5) for end in (profile["low"], profile["high"])
         )
-        cards.append(f'<div class="card"><header><b>{text(name)}</b><span>{ends}</span></header>{chart.svg()}</div>')
+        cards.append(card(f"<b>{text(name)}</b><span>{ends}</span>", chart.svg()))
     if not cards:
         return ""
-    key = (
-        '<i style="border-color:#0072B2"></i>profile likelihood<i class="dash" style="border-color:#D55E00"></i>linear '
-        'interval\'s parabola<i style="border-color:#55606e"></i>95 %'
+    keys = (
+        key("profile likelihood", MEASURED) + key("linear interval's parabola", FITTED, dashed=True)
+        + key("95 %", RESIDUAL)
     )
-    return f'<h3>Profile likelihoods</h3><p class="key">{key}</p><div class="charts">{"".join(cards)}</div>'
+    return heading("Profile likelihoods", level=3) + key_line("", keys) + charts(cards)
 
 
 def _ends(values: FloatArray) -> FloatArray:
@@ -154,7 +172,7 @@ def _correlation(fit: JsonObject) -> str:
     cells = [("", [text(a), *(_heat(rows[a].get(b)) for b in names)]) for a in names]
     matrix = table(["", *(text(name) for name in names)], cells, range(1, len(names) + 1))
     condition = f"Condition number of the scaled normal equations: {number(fit.get('condition'), 3)}."
-    return f"<p>{said} {condition}</p><details><summary>Correlation of the parameters</summary>{matrix}</details>"
+    return paragraph(f"{said} {condition}") + details("Correlation of the parameters", matrix)
 
 
 def _heat(value: object) -> str:
@@ -162,7 +180,7 @@ def _heat(value: object) -> str:
     if not isinstance(value, (int, float)):
         return NOTHING
     colour = "213,94,0" if value > 0.0 else "0,114,178"
-    return f'<span class="heat" style="background:rgba({colour},{0.5 * abs(value):.2f})">{number(value, 2)}</span>'
+    return shaded(number(value, 2), f"rgba({colour},{0.5 * abs(value):.2f})")
 
 
 def _meanings(name: str) -> dict[str, str]:
@@ -177,4 +195,4 @@ def _selection(fit: JsonObject) -> str:
         return ""
     rows = [("", [text(entry.get("model")), number(entry.get("holdout_nrmse_percent_of_peak"), 3),
                   number(entry.get("bic"), 6)]) for entry in entries]  # fmt: skip
-    return "<h3>Models compared</h3>" + table(["Model", "Error on held-out tests %", "BIC"], rows, (1, 2))
+    return heading("Models compared", level=3) + table(["Model", "Error on held-out tests %", "BIC"], rows, (1, 2))

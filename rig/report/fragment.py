@@ -1,4 +1,4 @@
-"""Small pieces of HTML: escaped text, tables, numbers as people write them."""
+"""The writer of the report's HTML: escaped text, numbers as people write them, tables, boxes, headings, the page."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import html
 import math
 from collections.abc import Mapping, Sequence
 
-from rig.recording.estimate import Estimate
+from rig.report.style import STYLE_SHEET
+from rig.signals.estimate import Estimate
 
 MINUS = "\N{MINUS SIGN}"
 NOTHING = "\N{EN DASH}"
+PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+CONFIDENCE = 1.96
+"""Standard deviations of a 95 % interval."""
 
 
 def text(value: object) -> str:
@@ -42,6 +46,11 @@ def chip(label: str, kind: str) -> str:
     return f'<span class="chip {text(kind)}">{text(label)}</span>'
 
 
+def shaded(content: str, colour: str) -> str:
+    """A cell's content on a background of its own (HTML, a CSS colour)."""
+    return f'<span class="heat" style="background:{colour}">{content}</span>'
+
+
 def table(head: Sequence[str], rows: Sequence[tuple[str, Sequence[str]]], numeric: Sequence[int] = ()) -> str:
     """A table of already escaped cells; each row comes with its class; `numeric` columns are set to the right."""
 
@@ -66,4 +75,79 @@ def data_list(pairs: Mapping[str, object]) -> str:
 
 def box(kind: str, content: str) -> str:
     """A remark that must not be overlooked; `warn` or `bad`."""
+    return block(kind, content)
+
+
+def heading(title: str, note: str = "", level: int = 2) -> str:
+    """A heading, and under it what must be known to read what follows (HTML)."""
+    return f"<h{level}>{title}</h{level}>" + (lead(note) if note else "")
+
+
+def lead(note: str) -> str:
+    """A remark in small print (HTML)."""
+    return f'<p class="lead">{note}</p>'
+
+
+def paragraph(content: str) -> str:
+    """A paragraph (HTML)."""
+    return f"<p>{content}</p>"
+
+
+def key_line(label: str, keys: str) -> str:
+    """A drawing's key on a line of its own (HTML)."""
+    return f'<p class="key">{label}{keys}</p>'
+
+
+def block(kind: str, content: str) -> str:
+    """HTML in a block of a class of the style sheet: `facts`, `cards`, `pair`, `card`, `remark`."""
     return f'<div class="{kind}">{content}</div>'
+
+
+def lines(parts: Sequence[object]) -> str:
+    """Texts, one under the other."""
+    return "<br>".join(text(part) for part in parts)
+
+
+def code_block(content: object) -> str:
+    """Text as it is typed into a file."""
+    return f"<pre>{text(content)}</pre>"
+
+
+def bullet_list(lines: Sequence[str]) -> str:
+    """Lines of text as a list; nothing for none."""
+    return "<ul>" + "".join(f"<li>{text(line)}</li>" for line in lines) + "</ul>" if lines else ""
+
+
+def card(header: str, *parts: str) -> str:
+    """A framed drawing or remark under its header (HTML)."""
+    return f'<div class="card"><header>{header}</header>{"".join(parts)}</div>'
+
+
+def charts(cards: Sequence[str]) -> str:
+    """Cards side by side."""
+    return f'<div class="charts">{"".join(cards)}</div>'
+
+
+def key(label: str, colour: str, *, dashed: bool = False) -> str:
+    """One line of a drawing's key; the label is HTML."""
+    kind = ' class="dash"' if dashed else ""
+    return f'<i{kind} style="border-color:{colour}"></i>{label}'
+
+
+def fact(value: str, meaning: str, kind: str = "") -> str:
+    """One of the few numbers at the top of the report (HTML)."""
+    return f'<div class="fact {kind}"><b>{value}</b><span>{meaning}</span></div>'
+
+
+def details(summary: str, content: str) -> str:
+    """What is unfolded on demand."""
+    return f"<details><summary>{summary}</summary>{content}</details>"
+
+
+def page(title: str, body: str) -> str:
+    """A complete HTML document."""
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        f"<title>{text(title)}</title><style>{STYLE_SHEET}</style></head><body><main>{body}</main></body></html>\n"
+    )

@@ -1,19 +1,27 @@
-"""The report's drawings: loops of each point, measured over fitted, and all currents over each other."""
+"""The report's drawings: what is shown of a point, its loops, measured over fitted, all currents over each other."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 
-from rig.report.chart import Chart, Range, Trace, span
-from rig.report.fragment import chip, number, text
-from rig.report.style import SEQUENCE
-from rig.report.view import Loop, PointView
+from rig.dampers import DamperModel
+from rig.errors import RigError
+from rig.identification.models.coil import with_lag
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import modelled_force
+from rig.identification.points.preparation import prepare
+from rig.recording.quality.campaign_delay import PointSkew
+from rig.recording.recorded_point import RecordedPoint
+from rig.report.chart import Chart, Range, Trace, span, thinned
+from rig.report.fragment import block, card, charts, chip, heading, key, key_line, number, paragraph, text
+from rig.report.style import FITTED, MEASURED, OVERLAID, RESIDUAL, current_colour
+from rig.signals.arrays import FloatArray
 
 K = TypeVar("K", bound=Hashable)
-
 FORCE, DISPLACEMENT, VELOCITY = "Force N", "Displacement about mid-stroke mm", "Velocity m/s"
 
 
@@ -23,11 +31,9 @@ def overview(views: Sequence[PointView]) -> str:
     currents = sorted({view.point.current_A for view in drawn})
     if len(currents) < 2:
         return ""
-    colours = {current: _colour(index, len(currents)) for index, current in enumerate(currents)}
-    key = "".join(
-        f'<i style="border-color:{colours[current]}"></i>{number(current)} A' for current in currents
-    )
-    fitted = '<i class="dash" style="border-color:#111111"></i>fitted' if any(
+    colours = {current: current_colour(index, len(currents)) for index, current in enumerate(currents)}
+    keys = "".join(key(f"{number(current)} A", colours[current]) for current in currents)
+    fitted = key("fitted", OVERLAID, dashed=True) if any(
         view.loop is not None and view.loop.fitted_N is not None for view in drawn
     ) else ""
     cards = []
@@ -42,27 +48,27 @@ def overview(views: Sequence[PointView]) -> str:
             for view in group if view.loop is not None and view.loop.fitted_N is not None
         ]
         chart = Chart(VELOCITY, FORCE, traces, 400, 270, title=f"Force over velocity, {motion}")
-        cards.append(f'<div class="card"><header><b>{text(motion)}</b></header>{chart.svg()}</div>')
+        cards.append(card(f"<b>{text(motion)}</b>", chart.svg()))
     return (
-        "<h2>Force over velocity, all currents</h2>"
-        f'<p class="key">One cycle. Measured:{key}{fitted}</p><div class="charts">{"".join(cards)}</div>'
+        heading("Force over velocity, all currents")
+        + key_line("One cycle. Measured:", keys + fitted) + charts(cards)
     )
 
 
 def details(views: Sequence[PointView], *, fitted: bool) -> str:
     """For each current one row of cards: both loops of every point, and what the fit leaves over."""
-    keys = '<i style="border-color:#0072B2"></i>measured'
+    keys = key("measured", MEASURED)
     if fitted:
-        keys += '<i class="dash" style="border-color:#D55E00"></i>fitted<i style="border-color:#55606e"></i>residual'
-    parts = [f'<h2>Loops of every point</h2><p class="key">One cycle from the middle of the test.{keys}</p>']
+        keys += key("fitted", FITTED, dashed=True) + key("residual", RESIDUAL)
+    parts = [heading("Loops of every point") + key_line("One cycle from the middle of the test.", keys)]
     ordered = sorted(views, key=lambda view: (view.point.current_A, view.point.waveform, view.point.frequency_Hz))
     for current, group in _grouped(ordered, lambda view: view.point.current_A):
         loops = [view.loop for view in group if view.loop is not None]
         force = span([loop.force_N for loop in loops] + [loop.fitted_N for loop in loops if loop.fitted_N is not None])
         residual = span([_residual(loop) for loop in loops if loop.fitted_N is not None])
-        parts.append(f"<h3>{number(current)} A</h3>")
+        parts.append(heading(f"{number(current)} A", level=3))
         cards = "".join(_card(view, force, residual) for view in group)
-        parts.append(f'<div class="cards">{cards}</div>')
+        parts.append(block("cards", cards))
     return "".join(parts)
 
 
@@ -76,9 +82,9 @@ def _card(view: PointView, force: Range, residual: Range) -> str:
         title.append(f"<span>error {number(error, 3)} % of peak</span>")
     if view.held_out:
         title.append(chip("held out", "plain"))
-    header = f"<header>{''.join(title)}</header>"
+    header = "".join(title)
     if view.loop is None:
-        return f'<div class="card">{header}<p>Not drawn: {text(view.why)}</p></div>'
+        return card(header, paragraph(f"Not drawn: {text(view.why)}"))
     loop = view.loop
     over_u = [Trace(loop.displacement_mm, loop.force_N, "m", "measured")]
     over_v = [Trace(loop.velocity_m_s, loop.force_N, "m", "measured")]
@@ -89,11 +95,11 @@ def _card(view: PointView, force: Range, residual: Range) -> str:
         rest = Trace(loop.phase, _residual(loop), "e", "measured minus fitted")
         strip = Chart("Share of the cycle", "Residual N", [rest], 610, 130, (0.0, 1.0), residual).svg()
     pair = Chart(DISPLACEMENT, FORCE, over_u, y_range=force).svg() + Chart(VELOCITY, FORCE, over_v, y_range=force).svg()
-    return f'<div class="card">{header}<div class="pair">{pair}</div>{strip}</div>'
+    return card(header, block("pair", pair), strip)
 
 
-def _residual(loop: Loop) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    return loop.force_N - (0.0 if loop.fitted_N is None else loop.fitted_N)
+def _residual(loop: Loop) -> FloatArray:
+    return loop.force_N if loop.fitted_N is None else loop.force_N - loop.fitted_N
 
 
 def _motion(view: PointView) -> str:
@@ -101,10 +107,66 @@ def _motion(view: PointView) -> str:
     return f"{point.waveform}, {1e3 * point.amplitude_m:.4g} mm, {point.frequency_Hz:.4g} Hz"
 
 
-def _grouped(views: Sequence[PointView], key: Callable[[PointView], K]) -> list[tuple[K, list[PointView]]]:
-    order = list(dict.fromkeys(key(view) for view in views))
-    return [(wanted, [view for view in views if key(view) == wanted]) for wanted in order]
+def _grouped(views: Sequence[PointView], by: Callable[[PointView], K]) -> list[tuple[K, list[PointView]]]:
+    order = list(dict.fromkeys(by(view) for view in views))
+    return [(wanted, [view for view in views if by(view) == wanted]) for wanted in order]
 
 
-def _colour(index: int, count: int) -> str:
-    return SEQUENCE[round(index * (len(SEQUENCE) - 1) / max(count - 1, 1))]
+@dataclass(frozen=True)
+class Loop:
+    """One cycle, thinned for drawing (k,): mm about mid-stroke, m/s, N; `fitted_N` None where there is no fit.
+
+    `phase` runs from 0 to 1 over the cycle.
+    """
+
+    phase: FloatArray
+    displacement_mm: FloatArray
+    velocity_m_s: FloatArray
+    force_N: FloatArray
+    fitted_N: FloatArray | None
+
+
+@dataclass(frozen=True)
+class PointView:
+    """A point, its loop (None when it cannot be drawn, and `why`), and its errors in the fit by `fit.json`'s keys."""
+
+    point: RecordedPoint
+    loop: Loop | None
+    why: str = ""
+    error: Mapping[str, Any] = field(default_factory=dict)
+    held_out: bool = False
+    measured: Measurement | None = field(default=None, repr=False)
+
+
+def view_of(
+    point: RecordedPoint, model: DamperModel | None, values: Mapping[str, float], error: Mapping[str, Any] | None,
+    *, held_out: bool = False, skew: PointSkew | None = None,
+) -> PointView:
+    """Prepare a point for drawing; what keeps it from being drawn is said, never hidden.
+
+    `skew` is what the campaign as a whole knows of the sensors' delays, as for the fit.
+    """
+    if point.kind == "current_step":
+        return PointView(point, None, "the rod stood still; the current was stepped", error or {}, held_out)
+    try:
+        measured = prepare(point, skew)
+    except RigError as problem:
+        return PointView(point, None, str(problem), error or {}, held_out)
+    if "eta" in values:
+        measured = with_lag(measured, values["eta"])
+    fitted = None if model is None else modelled_force(model, values, measured)
+    return PointView(point, _middle_cycle(measured, fitted), "", error or {}, held_out, measured)
+
+
+def _middle_cycle(measured: Measurement, fitted_N: FloatArray | None) -> Loop:
+    count = len(measured.u_m)
+    per_cycle = min(measured.samples_per_cycle or count, count)
+    start = (count // per_cycle // 2) * per_cycle
+    start = min(start, count - per_cycle)
+    chosen = start + thinned(min(per_cycle + 1, count - start))
+    force = np.where(measured.scored, measured.force_N, np.nan)
+    return Loop(
+        phase=(chosen - start) / per_cycle, displacement_mm=1e3 * measured.u_m[chosen],
+        velocity_m_s=measured.v_m_s[chosen], force_N=force[chosen],
+        fitted_N=None if fitted_N is None else fitted_N[chosen],
+    )

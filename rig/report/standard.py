@@ -10,19 +10,17 @@ import numpy as np
 from rig.characteristics import Characteristics
 from rig.characteristics.loop import LoopCharacteristics, Measured
 from rig.identification.points.current_steps import CurrentLag
-from rig.recording.run import RecordedPoint
 from rig.report.chart import Chart, Trace
-from rig.report.fragment import NOTHING, number, table, text
-from rig.report.style import SEQUENCE
+from rig.report.fragment import NOTHING, PLUS_MINUS, card, charts, heading, key, key_line, lead, number, table, text
+from rig.report.style import current_colour
 
 PEAK_SPEED = "Peak velocity m/s"
-PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
 
 
-def standard_tests(found: Characteristics) -> str:
+def standard_tests(characteristics: Characteristics) -> str:
     """Everything measured of the damper itself, without a model; empty where there is nothing."""
-    parts = [_plots(found.loops), _loops_table(found.loops), _ranges(found), _special(found)]
-    body = "".join(parts)
+    loops = characteristics.loops
+    body = _plots(loops) + _loops_table(loops) + _ranges(characteristics) + _special(characteristics)
     if not body:
         return ""
     note = (
@@ -30,53 +28,24 @@ def standard_tests(found: Characteristics) -> str:
         "uncertainty of calibrations comes on top. Forces are mean forces at peak velocity, in extension (rebound) and "
         "compression (jounce)."
     )
-    left_out = f'<p class="lead">Not measured: {text("; ".join(found.left_out))}.</p>' if found.left_out else ""
-    return f'<h2>Standard damper tests</h2><p class="lead">{note}</p>{body}{left_out}'
-
-
-def achieved_table(points: Sequence[RecordedPoint]) -> str:
-    """What the machine was told and what it did, for every point that moved."""
-    head = ["Point", "A wanted mm", "A commanded mm", "A measured mm", "Off %", "Mean mm", "f Hz",
-            "Phase \N{DEGREE SIGN}", "Distortion %", "I measured A", "I scatter mA"]
-    rows = []
-    for point in points:
-        quality = point.quality
-        measured_m = quality.get("measured_amplitude_m")
-        if measured_m is None or point.amplitude_m == 0.0:
-            continue
-        off = 100.0 * (float(measured_m) / point.amplitude_m - 1.0)
-        rows.append(("", [
-            text(point.id), number(1e3 * point.amplitude_m), _scaled(point.test.get("commanded_amplitude_m"), 1e3),
-            f"{_scaled(measured_m, 1e3)} {PLUS_MINUS} {_scaled(quality.get('measured_amplitude_std_m'), 1e3, 2)}",
-            number(off, 2), _scaled(quality.get("measured_mean_m"), 1e3, 3),
-            number(quality.get("measured_frequency_Hz")), number(quality.get("phase_deg"), 3),
-            _scaled(quality.get("harmonic_distortion"), 100.0, 2), number(quality.get("measured_current_A")),
-            _scaled(quality.get("measured_current_std_A"), 1e3, 2),
-        ]))
-    if not rows:
-        return ""
-    note = (
-        f"Means over the full cycles, {PLUS_MINUS} scatter from cycle to cycle. Phase: of measured displacement to the "
-        "controller's set-point. Distortion: harmonics 2 to 9 beyond the ideal waveform's. Values of each cycle are in "
-        "the point's file."
-    )
-    return f'<h2>Achieved motion and current</h2><p class="lead">{note}</p>' + table(head, rows, tuple(range(1, 11)))
+    left_out = lead(f"Not measured: {text('; '.join(characteristics.left_out))}.") if characteristics.left_out else ""
+    return heading("Standard damper tests", note) + body + left_out
 
 
 def _plots(loops: Sequence[LoopCharacteristics]) -> str:
-    cards = [_card("Peak-velocity plot (PVP)", _chart(loops, "Force N", lambda loop: (loop.rebound_N, loop.jounce_N)))]
-    cards.append(_card("Energy per cycle", _chart(loops, "Energy J", lambda loop: (loop.energy_J,))))
-    cards.append(_card(
+    forces = _chart(loops, "Force N", lambda loop: (loop.rebound_N, loop.jounce_N))
+    cards = [_titled("Peak-velocity plot (PVP)", forces)]
+    cards.append(_titled("Energy per cycle", _chart(loops, "Energy J", lambda loop: (loop.energy_J,))))
+    cards.append(_titled(
         "Equivalent viscous damping", _chart(loops, "Damping N s/m", lambda loop: (loop.equivalent_damping_N_s_m,)),
     ))
     if len(loops) < 2:
         return ""
     currents = sorted({loop.current_A for loop in loops})
-    key = "".join(
-        f'<i style="border-color:{_colour(index, len(currents))}"></i>{number(current)} A'
-        for index, current in enumerate(currents)
+    keys = "".join(
+        key(f"{number(current)} A", current_colour(index, len(currents))) for index, current in enumerate(currents)
     )
-    return f'<p class="key">One line a current.{key}</p><div class="charts">{"".join(cards)}</div>'
+    return key_line("One line a current.", keys) + charts(cards)
 
 
 def _chart(
@@ -85,23 +54,22 @@ def _chart(
     """One line for each current, waveform and amplitude, over peak velocity; a single loop is drawn as a short dash."""
     currents = sorted({loop.current_A for loop in loops})
     traces = []
-    for key in dict.fromkeys((loop.current_A, loop.waveform) for loop in loops):
+    for line in dict.fromkeys((loop.current_A, loop.waveform) for loop in loops):
         alike = sorted(
-            (loop for loop in loops if (loop.current_A, loop.waveform) == key), key=lambda loop: loop.peak_speed_m_s,
+            (loop for loop in loops if (loop.current_A, loop.waveform) == line), key=lambda loop: loop.peak_speed_m_s,
         )
         speeds = np.array([loop.peak_speed_m_s for loop in alike])
         for column in zip(*(values(loop) for loop in alike), strict=True):
-            height = np.array([each.value for each in column])
+            height = np.array([point.value for point in column])
             if len(alike) == 1:
                 speeds, height = speeds[0] * np.array([0.985, 1.015]), np.repeat(height, 2)
-            traces.append(Trace(
-                speeds, height, "m", f"{key[0]:g} A, {key[1]}", _colour(currents.index(key[0]), len(currents)),
-            ))
+            colour = current_colour(currents.index(line[0]), len(currents))
+            traces.append(Trace(speeds, height, "m", f"{line[0]:g} A, {line[1]}", colour))
     return Chart(PEAK_SPEED, label, traces, 400, 270, title=f"{label} over peak velocity")
 
 
-def _card(title: str, chart: Chart) -> str:
-    return f'<div class="card"><header><b>{text(title)}</b></header>{chart.svg()}</div>'
+def _titled(title: str, chart: Chart) -> str:
+    return card(f"<b>{text(title)}</b>", chart.svg())
 
 
 def _loops_table(loops: Sequence[LoopCharacteristics]) -> str:
@@ -115,30 +83,31 @@ def _loops_table(loops: Sequence[LoopCharacteristics]) -> str:
             number(loop.current_A), number(loop.peak_speed_m_s, 3), _measured(loop.rebound_N), _measured(loop.jounce_N),
             _measured(loop.energy_J), _measured(loop.equivalent_damping_N_s_m), number(loop.force_scatter_N, 2),
         ])
-        for loop in sorted(loops, key=lambda each: (each.current_A, each.peak_speed_m_s))
+        for loop in sorted(loops, key=lambda loop: (loop.current_A, loop.peak_speed_m_s))
     ]
     note = "Loops at 0 A are the damper's zero-current signature. Force scatter: from cycle to cycle at equal phase."
-    return table(head, rows, tuple(range(2, 11))) + f'<p class="lead">{note}</p>'
+    return table(head, rows, tuple(range(2, 11))) + lead(note)
 
 
-def _ranges(found: Characteristics) -> str:
-    if not found.dynamic_range:
+def _ranges(characteristics: Characteristics) -> str:
+    if not characteristics.dynamic_range:
         return ""
     head = ["Waveform", "A mm", "f Hz", "I A", "Rebound", "Jounce"]
     rows = [
         ("", [
-            text(each.motion[0]), number(1e3 * each.motion[1]), number(each.motion[2]), number(each.current_A),
-            f"{number(each.rebound, 4)} {PLUS_MINUS} {number(each.std, 2)}", number(each.jounce, 4),
+            text(dynamic.motion[0]), number(1e3 * dynamic.motion[1]), number(dynamic.motion[2]),
+            number(dynamic.current_A),
+            f"{number(dynamic.rebound, 4)} {PLUS_MINUS} {number(dynamic.std, 2)}", number(dynamic.jounce, 4),
         ])
-        for each in found.dynamic_range
+        for dynamic in characteristics.dynamic_range
     ]
     note = "Force at peak velocity over that of the same motion at 0 A, the static force taken off both."
-    return f'<h3>Dynamic range</h3><p class="lead">{note}</p>' + table(head, rows, (1, 2, 3, 4, 5))
+    return heading("Dynamic range", note, 3) + table(head, rows, (1, 2, 3, 4, 5))
 
 
-def _special(found: Characteristics) -> str:
+def _special(characteristics: Characteristics) -> str:
     rows = []
-    for test in found.friction:
+    for test in characteristics.friction:
         speed = f"{number(1e3 * test.speed_m_s, 3)} mm/s"
         rows.append(("", [text(test.id), "Gas force (static)", _measured(test.gas_force_N), "N", f"at {speed}"]))
         rows.append(("", [
@@ -147,12 +116,12 @@ def _special(found: Characteristics) -> str:
         rows.append(("", [
             text(test.id), "Stiffness", _measured(test.stiffness_N_m), "N/m", "slope of the static force, mid-stroke",
         ]))
-    if found.lag is not None:
-        rows += _lag_rows(found.lag)
+    if characteristics.lag is not None:
+        rows += _lag_rows(characteristics.lag)
     if not rows:
         return ""
     head = ["Point", "Quantity", "Value", "Unit", "How"]
-    return "<h3>Gas force, friction, coil lag</h3>" + table(head, rows, (2,))
+    return heading("Gas force, friction, coil lag", level=3) + table(head, rows, (2,))
 
 
 def _lag_rows(lag: CurrentLag) -> list[tuple[str, list[str]]]:
@@ -166,11 +135,3 @@ def _lag_rows(lag: CurrentLag) -> list[tuple[str, list[str]]]:
 def _measured(value: Measured, digits: int = 4) -> str:
     spread = f" {PLUS_MINUS} {number(value.std, 2)}" if math.isfinite(value.std) else ""
     return f"{number(value.value, digits)}{spread}"
-
-
-def _scaled(value: object, factor: float, digits: int = 4) -> str:
-    return number(factor * value, digits) if isinstance(value, (int, float)) else NOTHING
-
-
-def _colour(index: int, count: int) -> str:
-    return SEQUENCE[round(index * (len(SEQUENCE) - 1) / max(count - 1, 1))]

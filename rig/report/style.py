@@ -4,6 +4,8 @@ from __future__ import annotations
 
 MEASURED = "#0072B2"
 FITTED = "#D55E00"
+OVERLAID = "#111111"
+RESIDUAL = "#55606e"
 
 #: From low to high current: dark to light, distinguishable without colour vision.
 SEQUENCE = ("#2d2e83", "#3b6fb6", "#2a9d8f", "#8ab17d", "#e0a030", "#e76f51", "#b5179e")
@@ -60,8 +62,8 @@ svg path {{ fill:none; }} svg .g {{ stroke:#e6eaef; stroke-width:1; }}
 svg .f {{ fill:none; stroke:#9aa5b1; stroke-width:1; }}
 svg .m {{ stroke:{MEASURED}; stroke-width:1.8; stroke-linejoin:round; }}
 svg .p {{ stroke:{FITTED}; stroke-width:1.6; stroke-dasharray:5 3; }}
-svg .q {{ stroke:#111111; stroke-width:1; stroke-dasharray:3 4; }}
-svg .e {{ stroke:#55606e; stroke-width:1; }}
+svg .q {{ stroke:{OVERLAID}; stroke-width:1; stroke-dasharray:3 4; }}
+svg .e {{ stroke:{RESIDUAL}; stroke-width:1; }}
 .key i {{ display:inline-block; width:30px; height:0; margin:0 6px 4px 16px; border-top:3px solid; }}
 .key i.dash {{ border-top-style:dashed; }}
 dl.data {{ display:grid; grid-template-columns:max-content 1fr; gap:2px 18px; margin:0; padding:12px 16px; }}
@@ -70,3 +72,8 @@ dl.data dt {{ color:var(--soft); }} dl.data dd {{ margin:0; overflow-wrap:anywhe
 @media (max-width:700px) {{ .cards,.charts {{ grid-template-columns:1fr; }} .pair {{ grid-template-columns:1fr; }} }}
 @media print {{ body {{ background:#fff; font-size:12px; }} main {{ max-width:none; padding:0; }} }}
 """
+
+
+def current_colour(index: int, count: int) -> str:
+    """Colour of one of several currents, by its place among them."""
+    return SEQUENCE[round(index * (len(SEQUENCE) - 1) / max(count - 1, 1))]

@@ -154,7 +154,7 @@ def _page(
     tests: Mapping[str, KruskalWallis | None],
     facts: Mapping[str, Any],
 ) -> str:
-    from rig.report.document import page  # heavy, and only the session that writes needs it
+    from rig.report.fragment import page
 
     parts = [f"<style>{FIGURE_STYLE}</style><h1>{text(title)}</h1><p class='lead'>{text(_summary(facts))}</p>"]
     parts += [f"<p class='lead'>{text(line)}</p>" for line in facts["left_out"]]

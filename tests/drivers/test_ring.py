@@ -8,7 +8,7 @@ import pytest
 
 from drivers import ring
 from drivers.ring import Channel, Record, RingWriter, edge_channel
-from rig.recording.ring_reader import RingReader
+from rig.recording.journal.ring_reader import RingReader
 
 
 def record(number: int) -> Record:

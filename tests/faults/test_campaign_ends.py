@@ -22,7 +22,7 @@ from true_states import Truth
 from watched_campaign import FINISH_S, RIG, Campaign, Ending, assert_completed, resumed, told, wait_until
 
 from rig.clock import monotonic_ns
-from rig.recording.campaign_log import read_log
+from rig.recording.journal.campaign_log import read_log
 from simulators.controller_firmware import Command, State
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from matrices import LONG_SECOND_POINT
 from process_faults import fill_disk, seam_environment, switch_on
 
 from rig.clock import monotonic_ns
-from rig.recording.recovery import recover
+from rig.recording.conversion.recovery import recover
 
 if TYPE_CHECKING:
     from conftest import InMotion

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from rig.faults.matrix import MATRIX, REACTIONS
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
 
 if TYPE_CHECKING:
     from conftest import Run

@@ -14,7 +14,7 @@ from process_faults import signalled
 from watched_campaign import assert_completed
 
 from rig.clock import monotonic_ns
-from rig.recording.recovery import recover
+from rig.recording.conversion.recovery import recover
 from simulators.controller_firmware import State
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def test_a_killed_application_leaves_a_rig_at_rest_and_a_campaign_that_resumes(
     recover(ending.folder)
     assert ending.point("p001").verdict == "valid"
     broken = ending.point("p002")
-    assert (broken.verdict, broken.quality["recovered"]) == ("invalid", True)
+    assert (broken.verdict, broken.quality.recovered) == ("invalid", True)
     assert broken.reasons[0].startswith("INTERRUPTED")
     assert np.ptp(broken.displacement_m) > 0.035, "what was flushed before the kill is there"
     assert_completed(ending.folder)

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from matrices import TWO_POINTS
 
-from rig.recording.campaign_log import read_log
-from rig.recording.run import RecordedPoint
+from rig.recording.journal.campaign_log import read_log
+from rig.recording.recorded_point import RecordedPoint
 
 pytestmark = pytest.mark.wire
 

@@ -16,8 +16,8 @@ from typing import Any
 from true_states import Truth
 
 from rig.clock import monotonic_ns
-from rig.recording.campaign_log import read_log
-from rig.recording.run import RecordedPoint
+from rig.recording.journal.campaign_log import read_log
+from rig.recording.recorded_point import RecordedPoint
 from simulators.truth import ROW
 
 RIG = str(Path(sys.executable).with_name("rig"))

@@ -34,11 +34,13 @@ from rig.bench.model import Bench
 from rig.errors import FileProblem
 from rig.matrix.model import load_matrix
 from rig.recording.context import PointContext, SensorContext
+from rig.recording.conversion.conversion import finish_alone
+from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.importing import import_tests
-from rig.recording.journal import JournalWriter, parse_journal
-from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointFile, write_file
-from rig.recording.recovery import finish_alone
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.journal.journal_file import JournalWriter, parse_journal
+from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointFile
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 from simulators import ecu_firmware as ecu
 from simulators.controller_firmware import CONFIG, decode_limits, decode_status, encode_limits
 

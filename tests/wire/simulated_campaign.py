@@ -12,8 +12,9 @@ from typing import Any
 
 from true_states import Truth
 
-from rig.recording.campaign_log import read_log
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.journal.campaign_log import read_log
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 TIMEOUT_S = 170.0
 

@@ -17,7 +17,7 @@ import pytest
 from simulated_campaign import options
 from true_states import Truth
 
-from rig.recording.campaign_log import read_log
+from rig.recording.journal.campaign_log import read_log
 
 pytestmark = pytest.mark.wire
 

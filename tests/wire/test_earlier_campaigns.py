@@ -13,7 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 from rig.cli.main import cli
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 CAMPAIGNS = Path(__file__).resolve().parent.parent / "golden" / "earlier_campaigns.tar.xz"
 TIMEOUT_S = 120.0

@@ -10,8 +10,8 @@ import pytest
 from simulated_campaign import Ended, options, simulated
 from true_states import Truth
 
-from rig.recording.run import RecordedPoint
-from rig.recording.skew_pooling import pooled_skews
+from rig.recording.quality.campaign_delay import pooled_skews
+from rig.recording.recorded_point import RecordedPoint
 
 pytestmark = pytest.mark.wire
 
@@ -72,8 +72,8 @@ def test_all_points_together_know_it_better(lagging: Ended) -> None:
 def test_the_drift_of_the_load_cells_clock_is_stated_with_its_uncertainty(lagging: Ended) -> None:
     wanted_ppm = 300.0 - lagging.truth.clocks["clock_ppm_controller"]
     for point in lagging.run.points:
-        std_ppm = float(point.quality["force_clock_drift_std_ppm"])
-        assert abs(float(point.quality["force_clock_drift_ppm"]) - wanted_ppm) < 3.0 * std_ppm + 0.1, point.id
+        std_ppm = point.quality.force.clock_drift_std_ppm or 0.0
+        assert abs((point.quality.force.clock_drift_ppm or 0.0) - wanted_ppm) < 3.0 * std_ppm + 0.1, point.id
         assert std_ppm < 5.0
 
 

@@ -15,7 +15,7 @@ from true_states import Truth
 
 from rig.campaign import CampaignOptions, CampaignResult, PointResult, run_campaign
 from rig.matrix.plan import Plan
-from rig.recording.campaign_log import read_log
+from rig.recording.journal.campaign_log import read_log
 from rig.recording.run import Run
 from simulators.controller_firmware import State
 

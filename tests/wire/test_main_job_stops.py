@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from true_states import Truth
 
-from rig.recording.campaign_log import read_log
-from rig.recording.run import RecordedPoint
+from rig.recording.journal.campaign_log import read_log
+from rig.recording.recorded_point import RecordedPoint
 from simulators.controller_firmware import State
 
 if TYPE_CHECKING:

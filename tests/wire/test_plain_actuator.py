@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.recording.campaign_log import read_log
+from rig.recording.journal.campaign_log import read_log
 
 pytestmark = pytest.mark.wire
 

@@ -15,7 +15,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.dampers import model, parameter_set
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 ROOT = Path(__file__).parents[2]
 QUICK = ROOT / "examples" / "quick.toml"

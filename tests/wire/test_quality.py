@@ -89,7 +89,7 @@ def test_it_took_at_most_three_corrections_and_no_motion_twice(quality: Ended) -
     assert [line["point"] for line in quality.story if line["event"] == "dropped"] == ["p001"]
     (apart,) = quality.run.apart
     assert (apart.id, apart.verdict) == ("p001-out-of-tolerance1", "invalid"), "the original is kept, and is not used"
-    assert apart.quality["measured_amplitude_m"] < 0.95 * apart.amplitude_m
+    assert apart.quality.motion.amplitude_m < 0.95 * apart.amplitude_m
     assert any(reason.startswith("out-of-tolerance: p001: ") for reason in apart.reasons)
 
 

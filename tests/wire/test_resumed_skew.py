@@ -12,8 +12,8 @@ import h5py
 import numpy as np
 import pytest
 
-from rig.recording.campaign_log import read_log
-from rig.recording.run import RecordedPoint
+from rig.recording.journal.campaign_log import read_log
+from rig.recording.recorded_point import RecordedPoint
 
 pytestmark = pytest.mark.wire
 

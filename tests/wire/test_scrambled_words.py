@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rig import errors
-from rig.recording.campaign_log import read_log
+from rig.recording.journal.campaign_log import read_log
 
 SCRAMBLED = "#"
 SCRAMBLER = f"""

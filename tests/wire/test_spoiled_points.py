@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from simulated_campaign import Ended, options, simulated
 
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
 
 pytestmark = pytest.mark.wire
 

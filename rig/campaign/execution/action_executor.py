@@ -26,13 +26,13 @@ from rig.campaign.stop_cause import StopCause, because
 from rig.campaign.words import say
 from rig.clock import monotonic_ns
 from rig.matrix.point import TestPoint
-from rig.recording.earlier_attempts import set_aside
-from rig.recording.finaliser import Finaliser
+from rig.recording.conversion.finaliser import Finaliser
+from rig.recording.conversion.recovery import set_aside
+from rig.recording.journal.recorder import PointRecorder, RecorderFailed, kept_apart
 from rig.recording.point_names import OUT_OF_TOLERANCE
-from rig.recording.recorder import PointRecorder, RecorderFailed, kept_apart
 
 if TYPE_CHECKING:
-    from rig.recording.finished_point import FinishedPoint
+    from rig.recording.conversion.finished_point import FinishedPoint
 
 RETIMING_TIMEOUT_S = 120.0
 ASK_AGAIN_S = 0.25
@@ -367,7 +367,8 @@ class ActionExecutor:
         self._deadline = (action.phase, self.observer.device_s + action.device_s, earliest_ns, latest_ns)
 
     def _tell(self, action: act.Note) -> None:
-        self.note(action.level, text=action.text)
+        about = {"code": action.code} if action.code else {}
+        self.note(action.level, text=action.text, **about)
         self.campaign.display.message(action.level, action.text)
         if action.wait is not None:
             self.results.waits.append(action.wait)

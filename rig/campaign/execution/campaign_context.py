@@ -19,10 +19,10 @@ from rig.clock import utc_now
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
-from rig.recording.campaign_log import CampaignLog
 from rig.recording.context import PointContext, SensorContext
+from rig.recording.journal.campaign_log import CampaignLog
 from rig.recording.point_names import attempt_name
-from rig.recording.tolerances import Tolerances
+from rig.recording.quality.point_quality import Tolerances
 from rig.station.client import StationClient
 
 CENTRING_SPEED_M_S = 0.05
@@ -119,7 +119,7 @@ class CampaignContext:
             current_tolerance_A=self.matrix.campaign.current_settled_A,
             simulated=self.simulated,
             provenance=self._provenance(point, attempt),
-            calibration={**self.tolerances.attributes, **self.at_rest},
+            calibration={**self.tolerances.numbers, **self.at_rest},
         )
 
     def _conditions(self, commanded: TestPoint) -> dict[str, Any]:

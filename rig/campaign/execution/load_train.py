@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from protocols.quality import Quality
-from rig.recording.loop_shape import noise_of, resting_travel_m
+from rig.signals.loop_shape import noise_of, resting_travel_m
 
 REFERENCES = 3
 FEWEST_SAMPLES = 24

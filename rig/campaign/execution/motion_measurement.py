@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from drivers.roles import Input
 from rig.campaign.sequencer.amplitude_compensation import MeasuredMotion
-from rig.recording.achieved import achieved_motion
-from rig.recording.alignment import good_values
-from rig.recording.sensor_clock import unwrapped
+from rig.recording.layout import good_values
+from rig.signals.clock_model import unwrapped
+from rig.signals.cycles import measured_motion
 
 ENOUGH_SAMPLES_A_CYCLE = 500
 """More are thinned: the loop that watches the rig has no time to waste."""
@@ -74,7 +74,7 @@ class MotionMeasurement:
         clocked = bool(np.all(samples["device_us"] >= 0))
         time_s = samples["device_us"] * 1e-6 if clocked else unwrapped(samples["sequence"]) / wanted.rate_Hz
         order = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0))
-        motion = achieved_motion(time_s[order] - time_s[0], good_values(samples[order]), wanted.waveform)
+        motion = measured_motion(time_s[order] - time_s[0], good_values(samples[order]), wanted.waveform)
         if motion is None or not math.isfinite(motion.amplitude_m):
             return None
         return MeasuredMotion(

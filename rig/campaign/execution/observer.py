@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from drivers.roles import State as ControllerState
+from protocols.quality import NO_VALUE
 from rig.campaign.execution.motion_measurement import MotionMeasurement, WantedMotion
 from rig.campaign.preflight.proof_move import DamperJudge, ProofWatch
 from rig.campaign.preflight.rest_check import AtRest
 from rig.campaign.sequencer import event as ev
-from rig.station.interlocks.finding import BAD
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
@@ -226,7 +226,7 @@ class Observer:
                 channel: window["value"][window["channel"] == channel].astype(np.float64) for channel in AT_REST
             }
             flagged = (
-                int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(BAD)))
+                int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(NO_VALUE)))
                 for channel in (Channel.FORCE, Channel.DISPLACEMENT)
             )
             force, displacement = flagged

@@ -36,8 +36,8 @@ from rig.campaign.stop_cause import SPOIL, StopCause, because
 from rig.campaign.words import say
 from rig.clock import WallClockWatch, monotonic_ns
 from rig.faults.row import StopKind
-from rig.recording.finaliser import Finaliser
-from rig.recording.ring_reader import RingReader
+from rig.recording.conversion.finaliser import Finaliser
+from rig.recording.journal.ring_reader import RingReader
 from rig.station.client import StationLost
 
 TURN_S = 0.002

@@ -19,8 +19,8 @@ import numpy as np
 from rig.campaign.stop_cause import StopCause, because
 from rig.errors import FileProblem
 from rig.matrix.sections import Specimen
-from rig.matrix.waveform import FloatArray
-from rig.recording.durable import write_text_durably
+from rig.recording.atomic_write import write_text_durably
+from rig.signals.arrays import FloatArray
 from rig.text_file import read_json
 
 FEWEST_SAMPLES = 5

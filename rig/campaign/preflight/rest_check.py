@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.campaign.stop_cause import StopCause, because
-from rig.recording.estimate import Estimate
+from rig.signals.estimate import Estimate
 
 FEWEST_SAMPLES = 10
 REST_FORCE_SHARE = 0.20

@@ -17,16 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
+from protocols.quality import NO_VALUE
 from rig.campaign.preflight.rest_check import FEWEST_SAMPLES, AtRest
 from rig.campaign.results import CampaignFinding, PointResult, PointResults
 from rig.campaign.words import say
 from rig.errors import FileProblem
-from rig.recording.reason import suspect
-from rig.recording.reference_judgement import ZERO_RETURN
-from rig.recording.rejudging import finished, write_verdict
-from rig.recording.run import RecordedPoint, read_campaign
-from rig.recording.verdict import Verdict
-from rig.station.interlocks.finding import BAD
+from rig.recording.conversion.delay_correction import finished, write_verdict
+from rig.recording.quality.instrument_checks import ZERO_RETURN
+from rig.recording.quality.verdict import suspect
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import read_campaign
 
 DRIFT_SHARE = 0.01
 """Of the largest measured force, or of the largest measured displacement from rest."""
@@ -123,7 +123,7 @@ class ZeroReturn:
         """Take records of a running point."""
         if self.start is None:
             return
-        good = records[(records["flags"] & int(BAD)) == 0]
+        good = records[(records["flags"] & int(NO_VALUE)) == 0]
         force_N, displacement_m = (
             np.unique(good["value"][good["channel"] == channel]) for channel in (Channel.FORCE, Channel.DISPLACEMENT)
         )
@@ -249,7 +249,7 @@ def doubt_points(
     ]
     for file in files if reasons else ():
         try:
-            judged = Verdict.stored(RecordedPoint.open(file, whole=False).quality).replaced({ZERO_RETURN}, reasons)
+            judged = RecordedPoint.open(file, whole=False).quality.verdict.replaced({ZERO_RETURN}, reasons)
             write_verdict(file, judged, "load cell and LVDT at rest after the session's motion")
             told = finished(RecordedPoint.open(file, whole=False))
         except (FileProblem, OSError) as error:

@@ -190,12 +190,14 @@ class Deadline:
 class Note:
     """A line for the campaign's journal and the operator; `level` is `info`, `warning` or `error`.
 
-    `wait` is what the line tells of the damper's temperature, for the campaign's result.
+    `wait` is what the line tells of the damper's temperature, for the campaign's result; `code` what it is about,
+    `temperature` or `amplitude`, for those who read the journal.
     """
 
     level: str
     text: str
     wait: Wait | None = None
+    code: str = ""
 
 
 @dataclass(frozen=True)

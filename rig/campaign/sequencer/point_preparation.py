@@ -83,8 +83,9 @@ def learned_note(state: State, event: ev.ProgramEnded) -> act.Note:
     reached_mm = math.nan if seen is None else 1e3 * seen.amplitude_m
     values = {"point": point.id, "reached_mm": reached_mm, "wanted_mm": 1e3 * point.amplitude_m}
     if tried.settled:
-        return act.Note("info", say("within-tolerance", **values))
-    return act.Note("info", say("corrected", **values, step=tried.steps, command_mm=1e3 * tried.command_m))
+        return act.Note("info", say("within-tolerance", **values), code="amplitude")
+    text = say("corrected", **values, step=tried.steps, command_mm=1e3 * tried.command_m)
+    return act.Note("info", text, code="amplitude")
 
 
 def read_temperature(state: State) -> Step:
@@ -120,7 +121,7 @@ def warm(state: State, now_degC: float, onwards: Onwards) -> Step:
     )
     state, actions = onwards(state)
     wait = Wait(state.point.id, str(Phase.WARMING), now_degC, low_degC, motion_s)
-    return state, (act.Note("info", wait.text, wait), *actions)
+    return state, (act.Note("info", wait.text, wait, "temperature"), *actions)
 
 
 def cool(state: State, now_degC: float, highest_degC: float) -> Step:
@@ -133,7 +134,8 @@ def cool(state: State, now_degC: float, highest_degC: float) -> Step:
         return give_up(state, because("temperature-window", message, **values))
     wait = Wait(point.id, str(Phase.COOLING), now_degC, highest_degC, forecast_s)
     limit_s = COOLING_PATIENCE * forecast_s + COOLING_EXTRA_S
-    actions = (act.Note("info", wait.text, wait), act.SetCurrent(0.0), act.AwaitTemperature(highest_degC))
+    note = act.Note("info", wait.text, wait, "temperature")
+    actions = (note, act.SetCurrent(0.0), act.AwaitTemperature(highest_degC))
     return stopping.enter(state, Phase.COOLING, *actions, device_s=limit_s)
 
 

@@ -13,7 +13,7 @@ from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.words import Saying, say, some
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
 
 REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
 PHASES = 64

@@ -16,7 +16,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed, RigError
 from rig.optimisers.least_squares import Descent, Squares, descend
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
 
 DESCENT = Descent(1e-14, iterations=60, more=4.0, most_damping=1e10)
 LARGEST_LOGARITHM = 20.0  # of eta: beyond it a search has diverged

@@ -21,7 +21,7 @@ import numpy as np
 
 from rig.dampers.arrays import BoolArray, ComplexArray, FloatArray
 from rig.identification.models.measurement import MotionError
-from rig.recording.differentiation import HarmonicFit, with_orders
+from rig.signals.derivatives import HarmonicFit, with_orders
 
 FAINT_ORDERS = 48
 """The highest order that is looked for."""

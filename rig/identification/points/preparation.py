@@ -13,21 +13,20 @@ from pathlib import Path
 
 import numpy as np
 
-from protocols.quality import Quality
+from protocols.quality import DOUBTFUL
 from rig.dampers.arrays import BoolArray, FloatArray
 from rig.errors import IdentificationFailed, RigError
 from rig.identification.models.coil import LEAST_STEP_A
 from rig.identification.models.measurement import Measurement, MotionError
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
 from rig.identification.words import Saying, say, some
-from rig.recording.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
-from rig.recording.differentiation import Motion, harmonic, savitzky_golay, with_orders
-from rig.recording.loop_shape import noise_of
-from rig.recording.run import RecordedPoint
-from rig.recording.skew_pooling import PointSkew, pooled_skews
-from rig.recording.spectral_lines import coefficient_errors, quantisation_step
+from rig.recording.quality.campaign_delay import PointSkew, pooled_skews
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.cycles import Cycles, NoCycles, find_cycles, full_cycles, kept_cycles
+from rig.signals.derivatives import Motion, harmonic, savitzky_golay, with_orders
+from rig.signals.fourier import coefficient_errors, quantisation_step
+from rig.signals.loop_shape import noise_of
 
-BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER | Quality.SPIKE
 FEWEST_SAMPLES = 50
 STEADY_CURRENT_A = 0.02  # below this scatter the current was constant and its mean is better than its samples
 LARGEST_MISSING_SHARE = 0.2
@@ -149,7 +148,7 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
         unseen_v_m_s=None if unseen is None else unseen[0],
         unseen_a_m_s2=None if unseen is None else unseen[1],
         motion_error=motion_error,
-        force_zero_std_N=_stated(point, "force_zero_std_N"),
+        force_zero_std_N=point.quality.rest.force_zero_std_N or 0.0,
         force_step_N=step_N,
         commanded_A=None if commanded is None else commanded[1],
         commanded_before_A=None if commanded is None else commanded[0],
@@ -179,7 +178,7 @@ def _force_on_grid(
         IdentificationFailed: too few samples, or too many of them missing.
     """
     samples = point.force_samples
-    flagged = (samples.flags & int(BAD)) != 0
+    flagged = (samples.flags & int(DOUBTFUL)) != 0
     times_s = samples.time_s + shift_s
     inside = (times_s >= start_s) & (times_s < stop_s) & np.isfinite(times_s)
     time_s, force_N = times_s[inside], samples.force_N[inside]
@@ -233,12 +232,6 @@ def _motion(
     local = savitzky_golay(even_s, np.interp(even_s, time_s[whole], displacement_m[whole]), 0.1 / frequency_Hz)
     at = [np.interp(wanted_s, even_s, values) for values in (local.u_m, local.v_m_s, local.a_m_s2)]
     return Motion(wanted_s, at[0], at[1], at[2], "savitzky_golay", None), None
-
-
-def _stated(point: RecordedPoint, name: str) -> float:
-    """A number among a point's recorded qualities; 0 where it was not recorded."""
-    value = point.quality.get(name)
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
 
 
 def _current(

@@ -5,10 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from protocols.quality import Quality
-
 CONSECUTIVE = 3
-BAD = Quality.OVERLOAD | Quality.SENSOR_FAULT | Quality.NOT_A_NUMBER
 """Flags of a sample whose value is no measurement."""
 
 

@@ -13,8 +13,8 @@ from collections import deque
 from typing import NamedTuple
 
 from drivers.ring import Record
-from protocols.quality import Quality
-from rig.station.interlocks.finding import BAD, CONSECUTIVE, Finding
+from protocols.quality import DOUBTFUL, NO_VALUE
+from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
 SPEED_WINDOW_S = 0.010
 STILL_TOLERANCE_M = 0.0003
@@ -65,9 +65,9 @@ class MotionInterlock:
         """Follow one batch of LVDT samples (m); findings when the speed limit is exceeded."""
         findings: list[Finding] = []
         for host_ns, device_us, value, sequence, _, flags in records:
-            if flags & BAD:
+            if flags & NO_VALUE:
                 self._miss()
-            if flags & (BAD | Quality.SPIKE):
+            if flags & DOUBTFUL:
                 continue
             self._unusable = 0
             t_s = device_us * 1e-6 if device_us >= 0 else sequence * self._period_s

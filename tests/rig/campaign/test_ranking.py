@@ -11,7 +11,8 @@ import pytest
 from rig.campaign.results import PointResults
 from rig.campaign.resume import take_stock
 from rig.matrix.point import TestPoint
-from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, PointFile
 
 POINT = TestPoint("p001", "sine", 0.02, 2.0, 0.5)
 ATTEMPTS = [pair for pair in itertools.product(("valid", "suspect", "invalid"), repeat=2) if pair[0] != "valid"]

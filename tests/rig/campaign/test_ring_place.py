@@ -10,7 +10,7 @@ from pathlib import Path
 
 from drivers.ring import RingWriter
 from rig.campaign.machine_resources import ring_path_for
-from rig.recording.ring_reader import RingReader
+from rig.recording.journal.ring_reader import RingReader
 
 
 def ring_of(path: Path) -> None:

@@ -9,10 +9,11 @@ import numpy as np
 from rig.campaign.preflight.zero_return import doubt_points
 from rig.campaign.results import CampaignFinding, PointResults
 from rig.matrix.point import TestPoint
-from rig.recording.calibration_check import doubts
-from rig.recording.layout import AlignedChannel, PointFile, write_file
-from rig.recording.rejudging import judge_together
-from rig.recording.run import RecordedPoint
+from rig.recording.conversion.delay_correction import judge_together
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, PointFile
+from rig.recording.quality.cross_checks import doubts
+from rig.recording.recorded_point import RecordedPoint
 
 POINTS = tuple(TestPoint(f"p{number:03d}", "sine", 0.02, 1.0, 0.0, cycles=4) for number in (1, 2, 3))
 FINDING = CampaignFinding(
@@ -47,7 +48,7 @@ def test_every_point_of_the_session_is_doubted_and_none_of_an_earlier_one(tmp_pa
         read = RecordedPoint.open(tmp_path / f"{name}.h5")
         assert (read.verdict, read.reasons) == ("suspect", results.results[name].reasons)
         assert "load cell and controller's force input" in read.reasons[0]
-        assert read.quality["blamed"] == ("bench",)
+        assert read.quality.verdict.blamed == ("bench",)
         assert len(doubts([read])) == 1
 
 

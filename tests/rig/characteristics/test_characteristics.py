@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.characteristics.friction import friction_of
 from rig.characteristics.loop import characterise_loop
-from rig.characteristics.summary import Characteristics, characterise, dynamic_range
+from rig.characteristics.summary import Characteristics, characterise, dynamic_range, friction_of
 from rig.identification.points.preparation import prepare
 from rig.identification.uncertainty.scoring import cycle_energy_J
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 RATE_HZ, AMPLITUDE_M = 500.0, 0.02
 

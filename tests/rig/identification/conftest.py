@@ -8,7 +8,7 @@ from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from rig.dampers import model, parameter_set
 from rig.identification import Measurement
-from rig.recording.run import ForceSamples, RecordedPoint
+from rig.recording.recorded_point import ForceSamples, RecordedPoint
 
 PLANT_STEP_S = 1.0 / 8000.0
 FORCE_FILTER_HZ, DISPLACEMENT_FILTER_HZ = 1000.0, 500.0

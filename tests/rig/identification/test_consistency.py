@@ -11,7 +11,7 @@ from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Measurement, identify
 from rig.identification.points.consistency import contradictions
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
 
 Make = Callable[..., list[Measurement]]
 DEMO = dict(parameter_set("demo").values)

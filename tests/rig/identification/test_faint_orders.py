@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
-from rig.recording.differentiation import harmonic, with_orders
-from rig.recording.spectral_lines import coefficient_errors
+from rig.signals.derivatives import harmonic, with_orders
+from rig.signals.fourier import coefficient_errors
 
 RATE_Hz, CYCLES, AMPLITUDE_m, NOISE_m, NOISE_N = 250.0, 3, 0.06, 5e-6, 5.0
 OMEGA = math.tau

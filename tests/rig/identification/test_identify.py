@@ -13,7 +13,8 @@ import pytest
 from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import Fit, identify
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 Make = Callable[..., list[RecordedPoint]]
 DEMO = dict(parameter_set("demo").values)

@@ -10,7 +10,8 @@ import pytest
 
 from rig.identification import identify
 from rig.identification.points.preparation import campaign_skews, prepare_all
-from rig.recording.run import ForceSamples, RecordedPoint
+from rig.recording.quality.point_quality import PointQuality
+from rig.recording.recorded_point import ForceSamples, RecordedPoint
 
 LATE_S = 2e-3
 
@@ -32,7 +33,7 @@ def late(point: RecordedPoint, lag_s: float | None, std_s: float) -> RecordedPoi
     quality |= {"force_matched_lag_s": lag_s, "force_matched_lag_std_s": std_s}
     if lag_s is None:
         del quality["force_matched_lag_s"]
-    changed = replace(point, quality=quality, test={"controller_input_delay_s": 0.0})
+    changed = replace(point, quality=PointQuality.read(quality), test={"controller_input_delay_s": 0.0})
     samples = point.force_samples
     changed.__dict__["force_samples"] = ForceSamples(samples.time_s + LATE_S, samples.force_N, samples.flags)
     return changed

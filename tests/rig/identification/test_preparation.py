@@ -10,8 +10,8 @@ from rig.dampers import parameter_set
 from rig.errors import IdentificationFailed
 from rig.identification import identify, prepare
 from rig.identification.points.preparation import prepare_all
-from rig.recording.cycles import NoCycles
-from rig.recording.run import ForceSamples, RecordedPoint
+from rig.recording.recorded_point import ForceSamples, RecordedPoint
+from rig.signals.cycles import NoCycles
 
 DEMO = dict(parameter_set("demo").values)
 

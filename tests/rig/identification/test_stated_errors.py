@@ -10,7 +10,8 @@ import pytest
 from rig.dampers import parameter_set
 from rig.identification import Measurement, identify
 from rig.identification.points.preparation import prepare
-from rig.recording.run import ForceSamples, RecordedPoint
+from rig.recording.quality.point_quality import PointQuality, RestQuality
+from rig.recording.recorded_point import ForceSamples, RecordedPoint
 
 Make = Callable[..., list[Measurement]]
 MakeCampaign = Callable[..., list[RecordedPoint]]
@@ -65,7 +66,8 @@ def test_two_frequencies_state_m(make_campaign: MakeCampaign) -> None:
 def test_the_uncertain_zero_of_the_force_is_in_the_interval_of_f0_and_in_no_other(make_campaign: MakeCampaign) -> None:
     points = make_campaign("demo", (0.0, 1.0), (1.0, 2.0))
     sure = identify(points)
-    unsure = identify([with_force(point, lambda t, f: (t, f), quality={"force_zero_std_N": 3.0}) for point in points])
+    rest = PointQuality(rest=RestQuality(force_zero_std_N=3.0))
+    unsure = identify([with_force(point, lambda t, f: (t, f), quality=rest) for point in points])
     errors = {name: (sure.parameters[name].standard_error, unsure.parameters[name].standard_error)
               for name in sure.identifiable}  # fmt: skip
     assert errors["F0"][1] == pytest.approx(np.hypot(errors["F0"][0], 3.0), rel=0.02)  # type: ignore[arg-type]  # identifiable

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rig.matrix.point import TestPoint
-from rig.matrix.waveform import HOLD, SINE, TRIANGLE, WAVEFORMS, UnknownWaveform, Waveform, waveform_named
+from rig.signals.waveform import HOLD, SINE, TRIANGLE, WAVEFORMS, UnknownWaveform, Waveform, waveform_named
 
 ALL = pytest.mark.parametrize("waveform", WAVEFORMS.values(), ids=WAVEFORMS)
 

@@ -15,13 +15,15 @@ import pytest
 from synthetic_rig import SyntheticRig
 
 from rig.clock import monotonic_ns
-from rig.recording import journal
-from rig.recording.converter import Converter
-from rig.recording.finaliser import Finaliser
-from rig.recording.journal import JournalWriter
-from rig.recording.recorder import PointJournal
-from rig.recording.recovery import finish_alone, recover
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.conversion.conversion import finish_alone
+from rig.recording.conversion.converter import Converter
+from rig.recording.conversion.finaliser import Finaliser
+from rig.recording.conversion.recovery import recover
+from rig.recording.journal import journal_file as journal
+from rig.recording.journal.journal_file import JournalWriter
+from rig.recording.journal.recorder import PointJournal
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 RIG = SyntheticRig(cycles=3, frequency_Hz=2.0)
 RECORDS = RIG.records()

@@ -11,14 +11,15 @@ from drivers.ring import Channel
 from drivers.sample_stream import SampleScale, SampleStream
 from protocols.line_format import LineDecoder, preset
 from protocols.quality import Quality
-from rig.recording.alignment import Alignment, NothingRecorded, align, lost_samples
-from rig.recording.clock_model import by_edges
+from rig.recording.alignment.alignment import Alignment, NothingRecorded, align, lost_samples
+from rig.recording.alignment.sensor_clock import matched_edges
 from rig.recording.context import SensorContext
-from rig.recording.conversion import build
-from rig.recording.journal import JournalContent
-from rig.recording.layout import RECORD_DTYPE, write_file
-from rig.recording.run import RecordedPoint
-from rig.recording.sensor_clock import matched_edges
+from rig.recording.conversion.conversion import build
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.journal.journal_file import JournalContent
+from rig.recording.layout import RECORD_DTYPE
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.clock_model import by_edges
 
 
 def aligned(rig: SyntheticRig) -> Alignment:
@@ -240,20 +241,20 @@ def test_a_file_holds_every_sample_that_came_and_says_how_many_have_no_place_in_
     rig = SyntheticRig()
     records = with_clock_steps(rig, {400: -900_000})
     content = JournalContent("", records, end={"stopped_by": None, "lost_records": 0})
-    file, _, verdict = build(content, rig.context())
+    file, quality = build(content, rig.context())
     write_file(tmp_path / "p001.h5", file)
     point = RecordedPoint.open(tmp_path / "p001.h5")
     assert len(point.raw("force")["value"]) == np.count_nonzero(records["channel"] == 1)
-    assert point.quality["force_disordered_samples"] == 1
+    assert point.quality.force.disordered_samples == 1
     assert point.lost_samples == 0
     assert np.all(np.diff(point.force_samples.time_s) > 0.0)
-    assert verdict.verdict == "valid", verdict.reasons
+    assert quality.verdict.verdict == "valid", quality.verdict.reasons
 
 
 def test_every_resampled_channel_says_by_which_method(tmp_path: Path) -> None:
     rig = SyntheticRig()
     content = JournalContent("", rig.records(), end={"stopped_by": None, "lost_records": 0})
-    file, _, _ = build(content, rig.context())
+    file, _ = build(content, rig.context())
     methods = {channel.name: channel.attributes.get("method") for channel in file.channels}
     assert all(methods.values()), methods
     assert "never beyond its two neighbours" in methods["force"]

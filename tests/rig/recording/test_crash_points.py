@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from synthetic_rig import SyntheticRig
 
-from rig.recording.finished_point import FinishedPoint
-from rig.recording.journal import JournalWriter
-from rig.recording.recovery import finish_alone, recover_with
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.conversion.conversion import finish_alone
+from rig.recording.conversion.finished_point import FinishedPoint
+from rig.recording.conversion.recovery import recover_with
+from rig.recording.journal.journal_file import JournalWriter
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 CALLS = ("pwrite", "ftruncate", "fdatasync", "fsync", "replace", "rename", "unlink")
 RIG = SyntheticRig(cycles=2, frequency_Hz=2.0)

@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from synthetic_rig import SyntheticRig
 
-from rig.recording.durable import ReservedFile, write_text_durably, write_whole
-from rig.recording.finaliser import Finaliser
+from rig.recording.atomic_write import ReservedFile, write_text_durably, write_whole
+from rig.recording.conversion.conversion import finish_alone
+from rig.recording.conversion.finaliser import Finaliser
+from rig.recording.conversion.recovery import recover
 from rig.recording.importing import import_tests
-from rig.recording.journal import JournalWriter
-from rig.recording.recorder import PointJournal
-from rig.recording.recovery import finish_alone, recover
+from rig.recording.journal.journal_file import JournalWriter
+from rig.recording.journal.recorder import PointJournal
 from rig.recording.run import Run
 
 RIG = SyntheticRig(cycles=3, frequency_Hz=2.0)

@@ -46,7 +46,7 @@ def test_a_foreign_test_becomes_a_point_in_si_with_nominal_values_from_the_data(
     (point,) = run.points
     assert point.id == "a_0.50A"
     assert (point.amplitude_m, point.frequency_Hz, point.current_A) == (0.005, 1.0, 0.5)
-    assert point.quality["measured_frequency_Hz"] == pytest.approx(1.02, rel=1e-3)
+    assert point.quality.motion.frequency_Hz == pytest.approx(1.02, rel=1e-3)
     assert np.max(point.force_N) == pytest.approx(300.0, rel=1e-6)
     assert point.displacement_m[0] == pytest.approx(0.012)
     assert point.verdict == "valid"
@@ -157,8 +157,8 @@ def test_every_measured_test_is_imported_with_its_droop_and_true_frequency(tmp_p
     assert len(run.points) == len(files) > 0
     assert all(point.verdict == "valid" for point in run.points)
     fast = [point for point in run.points if point.id.startswith("5mm3Hz")]
-    assert all(point.quality["measured_frequency_Hz"] == pytest.approx(3.05, rel=0.01) for point in fast)
-    assert all(0.0043 < point.quality["measured_amplitude_m"] < 0.0048 for point in fast)
+    assert all(point.quality.motion.frequency_Hz == pytest.approx(3.05, rel=0.01) for point in fast)
+    assert all(0.0043 < point.quality.motion.amplitude_m < 0.0048 for point in fast)
     assert {point.current_A for point in run.points} == {0.0, 0.25, 0.5, 0.75, 1.0}
 
 

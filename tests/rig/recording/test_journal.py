@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.recording.journal import JournalProblem, JournalWriter, parse_journal, read_journal
+from rig.recording.journal.journal_file import JournalProblem, JournalWriter, parse_journal, read_journal
 from rig.recording.layout import RECORD_DTYPE
 
 HEADER_BYTES = 16

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.recording.campaign_log import RESERVE_BYTES, CampaignLog, read_log
+from rig.recording.journal.campaign_log import RESERVE_BYTES, CampaignLog, read_log
 
 
 class FullDisk:

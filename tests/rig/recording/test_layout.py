@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rig.recording import hdf5_image
-from rig.recording.layout import RECORD_DTYPE, AlignedChannel, Event, PointFile, RawChannel, write_file
-from rig.recording.run import RecordedPoint
+from rig.recording.hdf5 import hdf5_image
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import RECORD_DTYPE, AlignedChannel, Event, PointFile, RawChannel
+from rig.recording.recorded_point import RecordedPoint
 
 
 def a_point(samples: int = 1000) -> PointFile:
@@ -51,7 +52,7 @@ def test_a_point_is_read_back_as_it_was_written(file: Path) -> None:
 
 
 def test_events_keep_time_slug_and_text(file: Path) -> None:
-    from rig.recording.reading import read_events
+    from rig.recording.hdf5.reading import read_events
 
     assert read_events(file) == [(5_000_000, "note", "über alles"), (6_000_000, "stop", "")]
 
@@ -238,7 +239,7 @@ def test_a_point_of_four_samples_can_be_written_and_read(tmp_path: Path) -> None
 
 def test_the_names_of_the_channels_are_those_of_the_ring() -> None:
     from drivers.ring import Channel
-    from rig.recording.channel import NUMBER
+    from rig.recording.layout import NUMBER
 
     named = {channel.name.lower(): int(channel) for channel in Channel}
     assert named == NUMBER

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from synthetic_rig import SyntheticRig
 
-from rig.recording import layout, sorting
-from rig.recording.column import Column, first_after, mapped, thinned
-from rig.recording.conversion import finish_point
-from rig.recording.journal import JournalWriter
+from rig.recording import channel_split
+from rig.recording.conversion.conversion import finish_point
+from rig.recording.journal.journal_file import JournalWriter
+from rig.signals import chunked_column
+from rig.signals.chunked_column import Column, first_after, mapped, thinned
 
 RIG = SyntheticRig(rate_Hz=1000.0, cycles=10, lost=(3000, 3001, 3002))
 
@@ -42,8 +43,8 @@ def test_the_file_of_a_long_point_equals_that_of_a_short_one(tmp_path: Path, mon
     first = journal(tmp_path / "short" / "p001.journal")
     second = Path(shutil.copy(first, tmp_path / "long" / "p001.journal"))
     short = finish_point(first)
-    monkeypatch.setattr(sorting, "MOST_BYTES_IN_MEMORY", 20_000)
-    monkeypatch.setattr(layout, "PART_SAMPLES", 1_500)
+    monkeypatch.setattr(channel_split, "MOST_BYTES_IN_MEMORY", 20_000)
+    monkeypatch.setattr(chunked_column, "PART_SAMPLES", 1_500)
     long = finish_point(second)
     assert short.error == long.error == ""
     assert long.verdict == short.verdict
@@ -58,8 +59,8 @@ def test_the_file_of_a_long_point_equals_that_of_a_short_one(tmp_path: Path, mon
 
 
 def test_memory_does_not_grow_with_the_points_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sorting, "MOST_BYTES_IN_MEMORY", 100_000)
-    monkeypatch.setattr(layout, "PART_SAMPLES", 5_000)
+    monkeypatch.setattr(channel_split, "MOST_BYTES_IN_MEMORY", 100_000)
+    monkeypatch.setattr(chunked_column, "PART_SAMPLES", 5_000)
     peaks = []
     for cycles in (20, 60):
         rig = SyntheticRig(rate_Hz=2000.0, cycles=cycles)

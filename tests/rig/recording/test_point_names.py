@@ -12,8 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_rig import SyntheticRig
 
-from rig.recording.earlier_attempts import set_aside
-from rig.recording.journal import JournalWriter
+from rig.recording.conversion.conversion import finish_alone
+from rig.recording.conversion.recovery import set_aside
+from rig.recording.journal.journal_file import JournalWriter
+from rig.recording.journal.recorder import PointJournal, kept_apart
 from rig.recording.point_names import (
     attempt_name,
     free_old_journal,
@@ -21,9 +23,8 @@ from rig.recording.point_names import (
     journal_name,
     names_in,
 )
-from rig.recording.recorder import PointJournal, kept_apart
-from rig.recording.recovery import finish_alone
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 RIG = SyntheticRig(cycles=3, frequency_Hz=2.0)
 RECORDS = RIG.records()

@@ -12,10 +12,10 @@ import pytest
 from synthetic_rig import SyntheticRig, put
 
 from drivers.ring import RingWriter
-from rig.recording.finaliser import Finaliser
-from rig.recording.journal import JournalWriter, read_journal
-from rig.recording.recorder import PointRecorder, RecorderFailed
-from rig.recording.recovery import recover
+from rig.recording.conversion.finaliser import Finaliser
+from rig.recording.conversion.recovery import recover
+from rig.recording.journal.journal_file import JournalWriter, read_journal
+from rig.recording.journal.recorder import PointRecorder, RecorderFailed
 from rig.recording.run import Run
 
 WAIT_S = 30.0
@@ -47,7 +47,7 @@ def test_a_point_goes_through_the_finaliser_into_a_file_with_true_physics(campai
     rig = SyntheticRig()
     journal = recorded(campaign, rig)
     finaliser = Finaliser.start(campaign)
-    from rig.recording.recorder import PointJournal
+    from rig.recording.journal.recorder import PointJournal
 
     finaliser.submit(PointJournal("p001", journal, 0, 0))
     finished = finaliser.wait("p001", WAIT_S)
@@ -64,7 +64,7 @@ def test_a_point_goes_through_the_finaliser_into_a_file_with_true_physics(campai
     power_W = np.nanmean((point.force_N * point.velocity_m_s)[moving])
     speed = 2 * np.pi * rig.frequency_Hz * rig.amplitude_m
     assert power_W == pytest.approx(0.5 * rig.damping * speed**2, rel=0.01)
-    assert point.quality["measured_amplitude_m"] == pytest.approx(rig.amplitude_m, rel=1e-3)
+    assert point.quality.motion.amplitude_m == pytest.approx(rig.amplitude_m, rel=1e-3)
 
 
 def test_a_stopped_point_is_invalid_and_names_the_cause(campaign: Path) -> None:
@@ -126,7 +126,7 @@ def test_the_recorder_keeps_its_cursor_moving_between_points(campaign: Path) -> 
 
 
 def test_an_answer_comes_even_when_the_finaliser_is_gone(campaign: Path) -> None:
-    from rig.recording.recorder import PointJournal
+    from rig.recording.journal.recorder import PointJournal
 
     finaliser = Finaliser.start(campaign)
     finaliser.close()
@@ -136,7 +136,7 @@ def test_an_answer_comes_even_when_the_finaliser_is_gone(campaign: Path) -> None
 
 
 def test_closing_the_finaliser_finishes_what_it_was_given_and_answers_each_point_once(campaign: Path) -> None:
-    from rig.recording.recorder import PointJournal
+    from rig.recording.journal.recorder import PointJournal
 
     journal = recorded(campaign, SyntheticRig())
     names = [f"p00{number}" for number in range(1, 5)]
@@ -152,7 +152,7 @@ def test_closing_the_finaliser_finishes_what_it_was_given_and_answers_each_point
 
 
 def test_a_killed_finaliser_leaves_journals_that_can_be_recovered(campaign: Path) -> None:
-    from rig.recording.recorder import PointJournal
+    from rig.recording.journal.recorder import PointJournal
 
     journal = recorded(campaign, SyntheticRig())
     finaliser = Finaliser.start(campaign)
@@ -171,7 +171,7 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from synthetic_rig import SyntheticRig, put
 from drivers.ring import RingWriter
-from rig.recording.recorder import PointRecorder
+from rig.recording.journal.recorder import PointRecorder
 campaign = Path(sys.argv[1])
 rig = SyntheticRig(cycles=40)
 ring = RingWriter(campaign / "ring", 1 << 16)
@@ -204,7 +204,7 @@ def test_a_killed_recorder_loses_less_than_100_ms_and_never_lies(campaign: Path,
     (finished,) = recover(campaign)
     assert finished.verdict == "invalid"
     assert any(reason.startswith("INTERRUPTED") for reason in finished.reasons)
-    assert Run.open(campaign).points[0].quality["recovered"] == 1
+    assert Run.open(campaign).points[0].quality.recovered is True
 
 
 def test_a_point_stopped_at_any_moment_is_invalid_and_has_a_file(campaign: Path) -> None:

@@ -9,9 +9,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rig.recording.cycle_match import Cycles, cycle_series, match_cycles
-from rig.recording.fourier import series_of
-from rig.recording.signal_match import Match
+from rig.signals.arrays import TimeSeries
+from rig.signals.delay_estimation.cycle_match import CycleStretch, cycle_series, match_cycles
+from rig.signals.delay_estimation.sample_match import Match
+from rig.signals.fourier import series_of
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Pair:
         """Force and displacement as laid over the controller's record."""
         random = np.random.default_rng((self.seed, 5))
         length_s = self.cycles / self.frequency_Hz
-        cycles = Cycles(0.0, length_s, 1.0 / self.frequency_Hz)
+        cycles = CycleStretch(0.0, length_s, 1.0 / self.frequency_Hz)
         time_s = np.arange(-0.05, length_s + 0.05, 0.004) + random.uniform(0.0, 0.004)
         at_s = np.arange(random.uniform(0.0, self.poll_s), length_s, self.poll_s)
         hum_N = self.hum_N * np.sin(math.tau * 50.0 * time_s + random.uniform(0.0, math.tau))
@@ -68,8 +69,8 @@ class Pair:
         assert force is not None
         assert displacement is not None
         return (
-            match_cycles(at_s, force_N, force, cycles, reach_s=0.03),
-            match_cycles(at_s, position_m, displacement, cycles, reach_s=0.03, force=force),
+            match_cycles(TimeSeries(at_s, force_N), force, cycles, reach_s=0.03),
+            match_cycles(TimeSeries(at_s, position_m), displacement, cycles, reach_s=0.03, force=force),
         )
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from rig.recording.calibration_check import doubts
-from rig.recording.layout import AlignedChannel, PointFile, write_file
-from rig.recording.reason import suspect
-from rig.recording.rejudging import judge_together
-from rig.recording.run import RecordedPoint
-from rig.recording.tolerances import Tolerances
-from rig.recording.verdict import Verdict
+from rig.recording.conversion.delay_correction import judge_together
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, PointFile
+from rig.recording.quality.cross_checks import doubts
+from rig.recording.quality.point_quality import Tolerances
+from rig.recording.quality.verdict import Verdict, suspect
+from rig.recording.recorded_point import RecordedPoint
 
 
 def record(folder: Path, number: int, gain: float, gain_std: float = 0.01, **quality: object) -> Path:
@@ -56,10 +56,10 @@ def test_what_all_points_prove_is_written_into_each_of_them_and_no_sample_is_tou
         read = RecordedPoint.open(path)
         assert (read.verdict, read.reasons) == (point.verdict, point.reasons)
         assert read.verdict == "suspect"
-        assert read.quality["blamed"] == ("bench",) * len(read.reasons)
+        assert read.quality.verdict.blamed == ("bench",) * len(read.reasons)
         assert any("load cell" in line and "controller's force input" in line for line in read.reasons)
-        assert "judged_again_utc" in read.quality
-        assert read.quality["force_reference_offset_N"] == 0.3
+        assert read.quality.judged_again_utc is not None
+        assert read.quality.force.reference_offset == 0.3
     assert "skew" in mended[-1].reasons[0] + mended[-1].reasons[1]
     assert [values_of(path) for path in paths] == before
     assert not list(tmp_path.glob("*.tmp"))

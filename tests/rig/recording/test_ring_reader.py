@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.ring import RingWriter
-from rig.recording.ring_reader import RingProblem, RingReader
+from rig.recording.journal.ring_reader import RingProblem, RingReader
 
 
 def record(number: int) -> tuple[int, int, float, int, int, int]:

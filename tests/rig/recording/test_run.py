@@ -7,8 +7,10 @@ import pandas as pd
 import pytest
 
 from rig.errors import FileProblem
-from rig.recording.layout import AlignedChannel, PointFile, write_file
-from rig.recording.run import RecordedPoint, Run
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, PointFile
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
 
 
 def write_point(folder: Path, name: str, waveform: str, current_A: float, verdict: str = "valid") -> None:

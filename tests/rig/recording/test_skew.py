@@ -6,15 +6,15 @@ from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
 from drivers.roles import ProgramPhase
-from rig.recording.alignment import align
-from rig.recording.clock_model import by_order
+from rig.recording.alignment.alignment import align
 from rig.recording.context import SensorContext
-from rig.recording.conversion import build
-from rig.recording.cycle_match import Cycles, cycle_series, match_cycles
-from rig.recording.journal import JournalContent
-from rig.recording.layout import FloatArray
-from rig.recording.signal_match import Match, match
-from rig.recording.skew import Seen, Skew, at_likely_compliance, weighed
+from rig.recording.conversion.conversion import build
+from rig.recording.journal.journal_file import JournalContent
+from rig.signals.arrays import FloatArray, TimeSeries
+from rig.signals.clock_model import by_order
+from rig.signals.delay_estimation.cycle_match import CycleStretch, cycle_series, match_cycles
+from rig.signals.delay_estimation.delay_model import Seen, Skew, at_likely_compliance, weighed
+from rig.signals.delay_estimation.sample_match import Match, match
 
 
 def test_a_delay_nobody_declared_is_found_and_taken_out() -> None:
@@ -64,7 +64,7 @@ def test_the_lag_of_two_noisy_signals_is_found_within_its_uncertainty() -> None:
         lag_s = random.uniform(-4e-3, 4e-3)
         values = 500.0 * np.sin(12.0 * (time_s - lag_s)) + 5.0 * random.standard_normal(len(time_s))
         reference = 480.0 * np.sin(12.0 * at_s) + 30.0 + 10.0 * random.standard_normal(len(at_s))
-        found = match(at_s, reference, time_s, values, 0.004, reach_s=0.02, with_drift=False)
+        found = match(TimeSeries(at_s, reference), TimeSeries(time_s, values), 0.004, reach_s=0.02, with_drift=False)
         assert found is not None
         errors.append((found.lag_s - lag_s) / found.lag_std_s)
     assert np.sqrt(np.mean(np.square(errors))) < 1.6
@@ -77,11 +77,11 @@ def jump_signal(time_s: np.ndarray) -> np.ndarray:
 
 
 def laid_over(
-    at_s: FloatArray, reference: FloatArray, time_s: FloatArray, values: FloatArray, cycles: Cycles | None = None,
+    at_s: FloatArray, reference: FloatArray, time_s: FloatArray, values: FloatArray, cycles: CycleStretch | None = None,
 ) -> Match | None:
-    cycles = Cycles(0.0, 6.0, 0.5) if cycles is None else cycles
+    cycles = CycleStretch(0.0, 6.0, 0.5) if cycles is None else cycles
     series = cycle_series(time_s, values, cycles)
-    return None if series is None else match_cycles(at_s, reference, series, cycles, reach_s=0.03)
+    return None if series is None else match_cycles(TimeSeries(at_s, reference), series, cycles, reach_s=0.03)
 
 
 def test_all_cycles_together_see_the_lag_at_the_reversals_several_times_better_than_sample_by_sample() -> None:
@@ -93,7 +93,8 @@ def test_all_cycles_together_see_the_lag_at_the_reversals_several_times_better_t
         values = jump_signal(time_s - lag_s + began_s) + 5.0 * random.standard_normal(len(time_s))
         reference = 0.97 * jump_signal(at_s + began_s) + 30.0 + 10.0 * random.standard_normal(len(at_s))
         found = laid_over(at_s, reference, time_s, values)
-        alone = match(at_s, reference, time_s, values, 0.004, reach_s=0.03, with_drift=False, cycle_s=0.5)
+        sensor = TimeSeries(time_s, values)
+        alone = match(TimeSeries(at_s, reference), sensor, 0.004, reach_s=0.03, with_drift=False, cycle_s=0.5)
         assert found is not None
         assert alone is not None
         errors.append((found.lag_s - lag_s) / found.lag_std_s)
@@ -130,7 +131,8 @@ def test_on_a_fast_rig_the_ecus_clock_is_known_to_a_fraction_of_its_period_by_wh
 def test_what_does_not_move_cannot_be_matched() -> None:
     time_s = np.arange(0.0, 2.0, 0.004)
     noise = np.random.default_rng(0).standard_normal(len(time_s))
-    assert match(time_s[::3], noise[::3], time_s, noise[::-1].copy(), 0.004, reach_s=0.02, with_drift=False) is None
+    reference, sensor = TimeSeries(time_s[::3], noise[::3]), TimeSeries(time_s, noise[::-1].copy())
+    assert match(reference, sensor, 0.004, reach_s=0.02, with_drift=False) is None
 
 
 def seen(lag_ms: float | None, std_ms: float = 0.05, declared_ms: float | None = 0.225) -> Seen:
@@ -238,11 +240,13 @@ def test_a_skew_that_was_not_checked_says_so_and_covers_what_was_not_stated(
         "force": SensorContext("load_cell", 250.0, delay_s), "displacement": SensorContext("lvdt", 250.0, delay_s),
     }
     content = JournalContent("", with_controller_record(rig, 0.002), end={"stopped_by": None, "lost_records": 0})
-    blind, _, judged = build(content, rig.context(controller_delay_s=None, sensors=sensors))
+    blind, quality = build(content, rig.context(controller_delay_s=None, sensors=sensors))
+    judged = quality.verdict
     assert blind.quality["skew_checked"] is False
     assert abs(blind.quality["skew_s"] - 0.002) < 2.0 * blind.quality["skew_std_s"]
     assert judged.verdict == verdict, judged.reasons
-    seeing, _, judged = build(content, rig.context(controller_delay_s=0.0, sensors=sensors))
+    seeing, quality = build(content, rig.context(controller_delay_s=0.0, sensors=sensors))
+    judged = quality.verdict
     assert seeing.quality["skew_checked"] is True
     assert abs(seeing.quality["skew_s"] - 0.002) < 1.96 * seeing.quality["skew_std_s"] < 0.4e-3
     assert seeing.quality["skew_low_s"] < 0.002 < seeing.quality["skew_high_s"]

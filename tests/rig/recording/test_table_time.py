@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from rig.errors import FileProblem
-from rig.recording.run import RecordedPoint
+from rig.recording.recorded_point import RecordedPoint
 
 TIME_S = np.arange(0.0, 4.0, 0.004) + 10.0
 MOTION_M = 0.02 * np.sin(2 * np.pi * 1.5 * TIME_S)

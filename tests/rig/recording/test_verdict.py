@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import pytest
 
-from rig.recording.verdict import Findings, SensorCounts, Verdict, blamed, judge, with_skew
+from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge, with_skew
+from rig.recording.quality.verdict import Verdict, blamed
 
-GOOD = Findings(
+GOOD = PointEvidence(
     sensors={"force": SensorCounts(2500), "displacement": SensorCounts(2500)}, wanted_cycles=10,
     wanted_amplitude_m=0.05, wanted_frequency_Hz=1.0, current_tolerance_A=0.02, measured_cycles=10,
     measured_amplitude_m=0.0499, measured_frequency_Hz=1.001, current_error_A=0.002,
 )
 
 
-def with_force(samples_a_cycle: float = float("inf"), **counts: float) -> Findings:
+def with_force(samples_a_cycle: float = float("inf"), **counts: float) -> PointEvidence:
     force = replace(SensorCounts(2500), **counts)
     return replace(GOOD, sensors={"force": force, "displacement": SensorCounts(2500)}, samples_a_cycle=samples_a_cycle)
 
@@ -76,7 +77,7 @@ def test_a_point_with_nothing_found_is_valid() -> None:
     (with_force(rate_Hz=250.0, bandwidth_Hz=9.0), "suspect", "bandwidth"),
     (with_force(rate_Hz=250.0, bandwidth_Hz=11.0), "valid", ""),
 ])
-def test_each_finding_has_its_verdict_and_its_slug(findings: Findings, verdict: str, slug: str) -> None:
+def test_each_finding_has_its_verdict_and_its_slug(findings: PointEvidence, verdict: str, slug: str) -> None:
     found = judge(findings)
     assert found.verdict == verdict
     assert [reason.split(":")[0] for reason in found.reasons] == ([slug] if slug else [])
@@ -104,7 +105,7 @@ def test_every_reason_says_who_is_to_blame(reason: str, who: str) -> None:
     (replace(GOOD, skew_std_s=0.004), 0.005, "suspect", ["skew"]),
 ])
 def test_skew_known_better_or_worse_changes_what_was_judged_by_it_and_nothing_else(
-    findings: Findings, std_s: float, verdict: str, slugs: list[str]
+    findings: PointEvidence, std_s: float, verdict: str, slugs: list[str]
 ) -> None:
     found = with_skew(judge(findings), std_s, findings.wanted_frequency_Hz)
     assert found.verdict == verdict
@@ -116,7 +117,7 @@ def test_a_verdict_survives_the_file_and_can_be_judged_on() -> None:
     stored = Verdict.stored(judged.attributes)
     assert stored == judged
     left = stored.replaced({"estop"}, ())
-    assert (left.verdict, [reason.slug for reason in left.found]) == ("suspect", ["no-current", "skew"])
+    assert (left.verdict, [reason.slug for reason in left.entries]) == ("suspect", ["no-current", "skew"])
 
 
 def test_a_file_without_kinds_keeps_the_verdict_it_has() -> None:
@@ -125,3 +126,18 @@ def test_a_file_without_kinds_keeps_the_verdict_it_has() -> None:
     assert stored.reasons == ("estop: held", "skew: 4 ms")
     assert Verdict.stored({"verdict": "suspect"}).verdict == "suspect"
     assert Verdict.stored({"verdict": "suspect", "reasons": ("a: b",), "reason_kinds": ("worse",)}).verdict == "suspect"
+
+
+def test_the_words_of_a_reason_decide_nothing() -> None:
+    """A file whose messages were all rewritten means the same."""
+    verdict = judge(PointEvidence(
+        sensors={"force": SensorCounts(1000, lost=100, spikes=2)}, wanted_cycles=10.0, wanted_amplitude_m=0.02,
+        wanted_frequency_Hz=1.0, current_tolerance_A=0.02, measured_cycles=10.0, measured_amplitude_m=0.015,
+        current_error_A=0.5, tripped=True,
+    ))
+    lines = tuple(f"{reason.slug}: {reason.slug[::-1]}" for reason in verdict.entries)
+    read = Verdict.stored({**verdict.attributes, "reasons": lines})
+    assert [(reason.slug, reason.kind) for reason in read.entries] == [
+        (reason.slug, reason.kind) for reason in verdict.entries
+    ]
+    assert (read.verdict, read.blamed) == (verdict.verdict, verdict.blamed)

@@ -11,7 +11,9 @@ import pytest
 
 from rig.characteristics import characterise
 from rig.identification.points.preparation import prepare
-from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, PointFile
+from rig.recording.quality.point_quality import RestQuality
 from rig.recording.run import Run
 from rig.report import write_report
 from rig.report.budget import channels_of
@@ -60,7 +62,8 @@ def test_the_skews_share_is_that_of_the_reversals(run: Run) -> None:
 def test_the_zero_and_its_drift_are_in_the_forces_budget(run: Run) -> None:
     force = channels_of(run.points[0], prepare(run.points[0]), 1.0, 4.0)[0]
     assert {share.what: share.value for share in force.shares}["drift of the zero"] == 4.0
-    known = replace(run.points[0], quality={**run.points[0].quality, "force_zero_std_N": 0.7})
+    quality = run.points[0].quality
+    known = replace(run.points[0], quality=replace(quality, rest=RestQuality(force_zero_std_N=0.7)))
     force = channels_of(known, prepare(known), 1.0)[0]
     assert {share.what: share.value for share in force.shares}["zero"] == 0.7
 

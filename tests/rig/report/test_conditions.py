@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.recording.run import RecordedPoint, Run
-from rig.report.conditions import conditions
+from rig.recording.quality.point_quality import PointQuality
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
+from rig.report.point_tables import conditions
 
 TIME_S = np.arange(0.0, 4.0, 0.004)
 
@@ -17,10 +19,10 @@ def a_point(commanded_mm: float | None) -> RecordedPoint:
     return RecordedPoint.from_arrays(
         id="p001", waveform="sine", amplitude_m=0.03, frequency_Hz=2.0, current_A=1.0, time_s=TIME_S,
         displacement_m=0.03 * np.sin(4.0 * np.pi * TIME_S), force_N=np.zeros(len(TIME_S)), test=test,
-        quality={
+        quality=PointQuality.read({
             "measured_amplitude_m": 0.03, "measured_amplitude_std_m": 2e-6, "measured_cycles": 4,
             "coil_temperature_low_degC": 41.2, "coil_temperature_high_degC": 43.7,
-        },
+        }),
     )  # fmt: skip
 
 
@@ -32,7 +34,8 @@ def test_a_servo_that_falls_short_is_stated_with_its_uncertainty_and_correction(
 
 def test_what_the_campaign_waited_for_is_told_in_its_own_words(tmp_path: Path) -> None:
     lines = [
-        {"event": "info", "text": "p001: cooling down from 55 to 44.8 degC, about 98 s of the rig's time"},
+        {"event": "info", "code": "temperature",
+         "text": "p001: cooling down from 55 to 44.8 degC, about 98 s of the rig's time"},
         {"event": "info", "text": "pause after the running point"},
     ]
     (tmp_path / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")

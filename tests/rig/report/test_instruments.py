@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from rig.identification import identify_run
-from rig.recording.calibration_check import point_reasons
-from rig.recording.layout import AlignedChannel, PointFile, write_file
-from rig.recording.tolerances import Tolerances
-from rig.recording.verdict import Verdict
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, PointFile
+from rig.recording.quality.cross_checks import point_reasons
+from rig.recording.quality.point_quality import PointQuality, Tolerances
+from rig.recording.quality.verdict import Verdict
 from rig.report import write_report
 
 TABLE = "What this bench can cross-check"
@@ -33,7 +34,7 @@ def record(folder: Path, number: int, gain: float = 1.0, **quality: object) -> N
         "rest_current_A": 0.0004, "rest_current_std_A": 0.0005, **Tolerances().attributes, **quality,
     }
     force_N = 900.0 * v + 200.0 * np.tanh(v / 0.02) + np.random.default_rng(number).standard_normal(len(v))
-    verdict = Verdict.of(point_reasons(str(test["id"]), test, seen))
+    verdict = Verdict.of(point_reasons(str(test["id"]), test, PointQuality.read(seen)))
     write_file(folder / "points" / f"p{number:03d}.h5", PointFile(
         time_s, 250.0,
         [AlignedChannel("displacement", u, "m", "Damper extension"),
@@ -104,7 +105,7 @@ def test_a_calibration_in_doubt_comes_before_everything_else(folder: Path) -> No
 
 @pytest.mark.parametrize(("counted_by", "text", "green"), [
     ("sequence", "samples lost</span>", True), ("rate", "against the nominal rate", False),
-    ("nothing", "nobody can tell", False),
+    ("nothing", "has no sequence number", False),
 ])
 def test_no_lost_sample_is_good_news_only_where_one_would_have_been_counted(
     folder: Path, counted_by: str, text: str, green: bool

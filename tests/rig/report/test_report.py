@@ -16,13 +16,13 @@ import rig.identification
 from rig.characteristics import characterise
 from rig.characteristics.loop import characterise_loop
 from rig.cli.analyst import analyse
-from rig.errors import FileProblem
+from rig.errors import EXIT_USAGE, FileProblem
 from rig.identification.points.preparation import prepare_all
 from rig.identification.uncertainty.scoring import cycle_energy_J
-from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.run import Run
 from rig.report import write_report
-from rig.report.__main__ import main
 from rig.report.document import views_of
 
 TRUE = rig.dampers.parameter_set("demo").values
@@ -219,14 +219,11 @@ def test_text_from_files_cannot_become_markup(run: Path) -> None:
     assert "MR-&lt;001&gt;" in page
 
 
-def test_the_command_prints_the_path_and_refuses_what_is_no_run(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert main([str(run)]) == 0
-    assert capsys.readouterr().out.strip() == str((run / "report.html").resolve())
-    assert main([str(tmp_path / "nowhere")]) == 2
-    assert "no such directory" in capsys.readouterr().err
-    assert main([]) == 2
+def test_a_report_stands_beside_its_run_and_what_is_no_run_is_refused(run: Path, tmp_path: Path) -> None:
+    assert write_report(run) == run / "report.html"
+    with pytest.raises(FileProblem, match="no such directory") as refused:
+        write_report(tmp_path / "nowhere")
+    assert refused.value.exit_code == EXIT_USAGE
 
 
 @pytest.mark.parametrize("content", ["{", "[]", '{"model": "asymmetric"}'])
@@ -260,10 +257,15 @@ def test_report_and_characteristics_use_the_skew_that_the_campaign_as_a_whole_kn
 
 
 def test_a_report_that_cannot_be_written_costs_no_fit_and_says_why_under_its_own_key(run: Path) -> None:
-    (run / "points" / "p001.h5").unlink()
-    record(run, "p001", 1.0, 0.0, force_span_N="wide")
+    (run / "report.html").mkdir()
     answer = analyse(run, {"model": "asymmetric"})
     assert answer["error"] is None
     assert Path(answer["fit"]) == (run / "fit.json").resolve()
     assert answer["report"] is None
-    assert "wide" in answer["report_error"]
+    assert "report.html" in answer["report_error"]
+
+
+def test_a_quality_that_is_no_number_counts_as_not_measured(run: Path) -> None:
+    (run / "points" / "p001.h5").unlink()
+    record(run, "p001", 1.0, 0.0, force_span_N="wide")
+    assert write_report(run).is_file()

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.recording.run import RecordedPoint, Run
-from rig.report.measurement import time_base
+from rig.recording.quality.point_quality import PointQuality
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
+from rig.report.point_tables import time_base
 
 
 def a_point(*, checked: bool, **quality: float) -> RecordedPoint:
@@ -16,7 +18,7 @@ def a_point(*, checked: bool, **quality: float) -> RecordedPoint:
     return RecordedPoint.from_arrays(
         time_s=time_s, displacement_m=0.02 * np.sin(2 * np.pi * time_s), force_N=500.0 * np.cos(2 * np.pi * time_s),
         id="p001", waveform="sine", amplitude_m=0.02, frequency_Hz=1.0, current_A=0.5, skew_std_s=1e-3,
-        quality={"force_clock_std_s": 1e-3, "skew_checked": int(checked), **quality},
+        quality=PointQuality.read({"force_clock_std_s": 1e-3, "skew_checked": int(checked), **quality}),
     )
 
 

@@ -18,7 +18,7 @@ import pytest
 
 from rig.bench.sensor_settings import Calibration, LoadCell, Lvdt
 from rig.bench.settings import ActuatorConfig, EcuConfig, Limits, StationConfig
-from rig.recording.ring_reader import RingReader
+from rig.recording.journal.ring_reader import RingReader
 from rig.station.client import StationClient, StationLost, StationRefused
 from rig.station.process import MUTATION_VARIABLE
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from rig.dampers import model, parameter_set
-from rig.recording.layout import AlignedChannel, PointFile, write_file
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.layout import AlignedChannel, PointFile
 
 SMALL = """
 format = 1

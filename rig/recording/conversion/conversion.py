@@ -1,0 +1,378 @@
+"""From a closed or cut-off journal to a point's finished file: aligned, judged, laid out, proved by reading it back.
+
+How values got from the wire into SI and onto the common time base is written beside them, in words and numbers.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import zlib
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import rig
+from rig.errors import FileProblem
+from rig.recording.alignment.alignment import Alignment, TimedChannel, align
+from rig.recording.atomic_write import FULL, flush_directory
+from rig.recording.channel_split import ChannelSplit
+from rig.recording.context import PointContext, SensorContext, check_records, checked_context
+from rig.recording.conversion.finished_point import FinishedPoint
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.journal.journal_file import JournalContent, release, scan_journal
+from rig.recording.journal.journal_lock import journal_claimed
+from rig.recording.layout import (
+    RING_CHANNELS,
+    AlignedChannel,
+    Attribute,
+    Description,
+    Event,
+    PointFile,
+    RawChannel,
+    Records,
+)
+from rig.recording.point_names import (
+    FILE,
+    OLD_JOURNAL,
+    free_attempt_file,
+    journal_name,
+)
+from rig.recording.quality.cross_checks import point_reasons
+from rig.recording.quality.judgement import judge
+from rig.recording.quality.point_quality import PointQuality
+from rig.recording.quality.quality_checks import examine, measured_quality, overview
+from rig.recording.quality.verdict import Reason
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.arrays import FloatArray
+from rig.signals.chunked_column import Column, Values, mapped, parts
+from rig.signals.cycles import measured_motion
+from rig.signals.delay_estimation.delay_model import Skew
+from rig.signals.derivatives import MARGIN, METHOD, velocity_of
+
+if TYPE_CHECKING:
+    import h5py
+
+DESCRIPTIONS = {description.name: description for description in RING_CHANNELS.values()}
+RESAMPLED = "monotone cubic through the sensor's own samples, never beyond its two neighbours"
+METHODS = {
+    "velocity": METHOD, "displacement": "the sensor's own samples", "current": "straight line between status frames",
+    "coil_temperature": "straight line between status frames",
+}
+"""How each aligned channel was brought to the displacement's sample times; any other sensor's is `RESAMPLED`."""
+REGISTER = "value = float32 register, SI"
+COUNT = "value = number sent"
+FROM_WIRE: dict[str, str] = {
+    "coil_current": "value = 0.001 * int16 CoilStatus.Current",
+    "commanded_current": "value = 0.001 * int16 CoilCommand.CurrentSetpoint",
+    "coil_temperature": "value = 0.1 * int16 CoilTemperature.CoilTemperature",
+    "ecu_temperature": "value = 0.1 * int16 CoilTemperature.EcuTemperature",
+    "ecu_supply": "value = 0.01 * uint16 CoilTemperature.Supply",
+    **dict.fromkeys(("ecu_state", "ecu_faults", "state", "cycles_done", "fault_bits", "phase", "inputs"), COUNT),
+    **dict.fromkeys(("position", "velocity", "setpoint", "supply_pressure", "accumulator_pressure", "servo_error",
+                     "controller_force"), REGISTER),
+    "pulse": "value = uint16 register pulse_count",
+    "trip": "value = the station's code of the interlock",
+    "loop_late": "value = measured by the station",
+}
+"""Channel -> how its SI values were made of what was on the wire."""
+CHECKED_BYTES = 1 << 22
+
+
+class ReadBackDiffers(OSError):
+    """The finished file does not hold what was written: the disk or the library failed; the journal is kept."""
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What all points of a campaign together know of one of them.
+
+    Attributes:
+        delays: of the sensors.
+        instruments: what is said of the instruments; None: what the point alone says.
+        rewritten: what to say of it in `/entry/provenance`.
+    """
+
+    delays: Skew
+    instruments: Sequence[Reason] | None
+    rewritten: Mapping[str, Attribute]
+
+
+def finish_alone(journal: Path, *, recovered: bool = False) -> FinishedPoint:
+    """`conversion.finish_point` by one process at a time; who comes second gets the first one's answer.
+
+    Nothing is raised: whatever this journal does to the conversion is in the answer, so that the next one is looked at.
+
+    Args:
+        journal: the point's journal; nobody may be recording in it.
+        recovered: as for `finish_point`.
+    """
+    try:
+        with journal_claimed(journal) as handle:
+            if handle is not None:
+                return finish_point(journal, recovered=recovered)
+        name = journal_name(journal)
+        final = journal.with_name(name + FILE)
+        return FinishedPoint.of(name, final, RecordedPoint.open(final).quality)
+    except Exception as error:  # noqa: BLE001 - said by name; a journal may hold anything
+        text = f"{journal.name}: {type(error).__name__}: {error}; the journal is kept"
+        return FinishedPoint(journal_name(journal), error=text, error_slug=_slug(error))
+
+
+def _slug(error: Exception) -> str:
+    if not isinstance(error, OSError):
+        return "unreadable"
+    return "disk-full" if error.errno in FULL else "disk-error"
+
+
+def finish_point(journal: Path, *, recovered: bool = False) -> FinishedPoint:
+    """Make a journal's `<name>.h5` beside it, prove it, delete the journal.
+
+    A file of that name from an earlier attempt is kept under another name; a journal that had been set aside does not
+    take the place of what was recorded since. A journal whose file is already complete (the power failed between the
+    two) is only deleted.
+
+    Args:
+        journal: the point's journal.
+        recovered: True when the campaign did not end by itself; recorded in the file.
+
+    Raises:
+        JournalProblem: it cannot be read, or holds what no rig records.
+        NothingRecorded: it holds no displacement or no force.
+        FileProblem: the file made of it could not be opened as a point again.
+        OSError: the disk refused.
+        ValueError: something in it fits nothing; so may any other error a library has for values that cannot be.
+    """
+    name = journal_name(journal)
+    with ExitStack() as held:
+        sorter = held.enter_context(ChannelSplit(journal.parent))
+        data = _mapped(journal, held)
+        content = scan_journal(data, str(journal), sorter.take)
+        context = checked_context(PointContext.from_json(content.context_json), name)
+        check = f"{_check_of(data):08x}-{len(data)}"
+        records = sorter.channels()
+        check_records(records)
+        point, quality = build(content, context, records, recovered=recovered, journal_check=check)
+        final = journal.with_name(name + FILE)
+        if journal.name.endswith(OLD_JOURNAL) and final.exists() and not _made_from(final, check):
+            final = free_attempt_file(journal.parent, name)
+        if not (final.exists() and _made_from(final, check)):
+            _write_proved(final, point)
+    journal.unlink()
+    flush_directory(journal.parent)
+    return FinishedPoint.of(name, final, quality)
+
+
+def _mapped(journal: Path, held: ExitStack) -> bytes | mmap.mmap:
+    """The journal's bytes, mapped; an empty file cannot be."""
+    file = held.enter_context(journal.open("rb"))
+    if journal.stat().st_size == 0:
+        return b""
+    return held.enter_context(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+
+
+def _check_of(data: bytes | mmap.mmap) -> int:
+    check = released = 0
+    for start in range(0, len(data), CHECKED_BYTES):
+        check = zlib.crc32(data[start : start + CHECKED_BYTES], check)
+        released = release(data, released, start)
+    return check
+
+
+def _made_from(final: Path, journal_check: str) -> bool:
+    """Whether a file is whole and was made of the journal with this check; a damaged one was not."""
+    try:
+        return RecordedPoint.open(final).provenance.get("journal_check") == journal_check
+    except FileProblem:
+        return False
+
+
+def keep_attempt(final: Path) -> None:
+    """Give an earlier attempt's file another name, which no run lists."""
+    final.rename(free_attempt_file(final.parent, final.name.removesuffix(FILE)))
+
+
+def build(
+    content: JournalContent, context: PointContext, records: Mapping[str, Records] | None = None, *,
+    recovered: bool = False, journal_check: str = "", correction: Correction | None = None,
+) -> tuple[PointFile, PointQuality]:
+    """Align, judge and lay out one point: the one way to a point's file, the first time and any later one.
+
+    Args:
+        content: the journal.
+        context: its header.
+        records: its samples by channel; those in `content` when not given.
+        recovered: the campaign did not end by itself.
+        journal_check: of what the file was made.
+        correction: what all points of a campaign together know; None: what this point shows.
+
+    Raises:
+        NothingRecorded: the journal holds no displacement or no force.
+    """
+    delays, instruments = (correction.delays, correction.instruments) if correction else (None, None)
+    alignment = align(content.records if records is None else records, context, delays)
+    wanted = context.wanted
+    seen = overview(alignment, wanted.frequency_Hz)
+    motion = None if wanted.standing else measured_motion(seen.time_s, seen.displacement_m, wanted.waveform)
+    findings, shape = examine(content, context, alignment, seen, motion)
+    quality = replace(
+        measured_quality(context, alignment, seen, motion, findings, shape), recovered=recovered,
+    )
+    test: dict[str, Attribute] = {
+        **context.point, "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
+        "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
+        "device_rate": context.device_rate, "controller_clock_at_zero_s": alignment.origin_s,
+        **{f"{name}_uncertainty_percent": context.sensors[name].uncertainty_percent
+           for name in ("force", "displacement")},
+    }
+    if instruments is None:
+        instruments = point_reasons(wanted.id, test, quality)
+    quality = replace(quality, verdict=judge(replace(findings, extra=(*findings.extra, *instruments))))
+    provenance: dict[str, Attribute] = {
+        "software": f"mr-damper-rig {rig.__version__}", **context.provenance, "journal_check": journal_check,
+        "context": context.to_json(), "journal_end": json.dumps(content.end),
+        "journal_missing_blocks": content.missing_blocks, "journal_damaged_bytes": content.damaged_bytes,
+        **(correction.rewritten if correction else {}),
+    }
+    file = PointFile(
+        time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,
+        channels=_aligned_channels(alignment, context), flags=alignment.flags,
+        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name))
+             for name, channel in alignment.timed.items()],
+        events=_events(content, alignment), quality=quality.attributes, provenance=provenance, test=test,
+        title=f"Test point {wanted.id}",
+    )
+    return file, quality
+
+
+def _aligned_channels(alignment: Alignment, context: PointContext) -> list[AlignedChannel]:
+    channels = []
+    for name, values in {**alignment.values, "velocity": _velocity(alignment)}.items():
+        sensor = context.sensors.get("displacement" if name == "velocity" else name)
+        described = _described(name, sensor)
+        attributes: dict[str, Attribute] = {"method": METHODS.get(name, RESAMPLED)}
+        attributes |= _calibration(None if name == "velocity" else sensor)
+        source = sensor.sensor if sensor is not None else "ecu"
+        channels.append(AlignedChannel(
+            name, values, described.unit, described.long_name, source, attributes,
+        ))
+    return channels
+
+
+def _velocity(alignment: Alignment) -> Values:
+    time_s, displacement = alignment.time_s, alignment.values["displacement"]
+    if not isinstance(time_s, Column):
+        return velocity_of(np.asarray(time_s), np.asarray(displacement))[0]
+
+    def part(start: int, stop: int) -> FloatArray:
+        first = max(0, start - MARGIN)
+        last = min(len(time_s), stop + MARGIN)
+        return velocity_of(time_s[first:last], displacement[first:last])[0][start - first : stop - first]
+
+    return Column(len(time_s), np.float64, part)
+
+
+def _described(name: str, sensor: SensorContext | None) -> Description:
+    if name == "velocity":
+        return Description(name, "m/s", "Velocity from measured displacement")
+    if name == "current":
+        return Description(name, "A", "Coil current measured by the ECU")
+    known = DESCRIPTIONS.get(name, Description(name, "1", name))
+    if sensor is None or name in {"force", "displacement"}:
+        return known
+    return Description(name, sensor.unit or known.unit, sensor.long_name or known.long_name)
+
+
+def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
+    if sensor is None:
+        return {}
+    kept = {key: value for key, value in asdict(sensor).items() if key not in {"sensor", "unit", "long_name"}}
+    return {key: value for key, value in kept.items() if value not in {"", None}}
+
+
+def _raw_channel(channel: TimedChannel, origin_s: float, sensor: SensorContext | None) -> RawChannel:
+    described = DESCRIPTIONS.get(channel.name, Description(channel.name, "1", channel.name))
+    attributes: dict[str, Attribute] = {
+        "clock_method": channel.clock.method, "clock_std_s": channel.clock.std_s, "lost_samples": channel.lost,
+        "disordered_samples": channel.disordered if channel.sensor is not None else None,
+    }
+    return RawChannel(
+        channel.name, channel.received, described.unit, described.long_name,
+        mapped(channel.received_s, lambda time_s: time_s - origin_s, np.float64), attributes,
+        wire_attributes(channel.name, sensor),
+    )
+
+
+def _events(content: JournalContent, alignment: Alignment) -> list[Event]:
+    if not content.events:
+        return []
+    host_ns = np.array([event.time_ns for event in content.events], np.int64)
+    times_s = alignment.host.time_s(host_ns) - alignment.origin_s
+    return [
+        Event(round(1e9 * float(time_s)), event.code, event.text, event.time_ns)
+        for time_s, event in zip(times_s, content.events, strict=True)
+    ]
+
+
+def wire_attributes(name: str, sensor: SensorContext | None) -> Mapping[str, Attribute]:
+    """What stands beside `raw/<name>/value`: how it was made of what was on the wire.
+
+    Args:
+        name: the channel.
+        sensor: its declaration where it is a sensor's; then factor and offset stand there as numbers too.
+    """
+    if sensor is None:
+        return {"from_wire": FROM_WIRE.get(name)}
+    sent = f"number sent by {sensor.sensor}{f', format {sensor.format}' if sensor.format else ''}"
+    return {
+        "from_wire": f"value = sensitivity * wire - offset; wire = {sent}; wire = (value + offset) / sensitivity",
+        "sensitivity": sensor.sensitivity, "offset": sensor.offset,
+    }
+
+
+def _write_proved(final: Path, point: PointFile) -> None:
+    """Write under a temporary name, read back, compare, only then give it its name."""
+
+    def proved(partial: Path) -> None:
+        prove(partial, point)
+        RecordedPoint.open(partial)  # what nobody could open must not take its journal's place
+        if final.exists():
+            keep_attempt(final)
+
+    write_file(final, point, before_naming=proved)
+
+
+def prove(path: Path, point: PointFile) -> None:
+    """Read a file back and compare every value with what was to be written.
+
+    Raises:
+        ReadBackDiffers: naming the first dataset that differs.
+    """
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        data, raw = file["entry/data"], file["entry/raw"]
+        _same(path, data, "time", point.time_s)
+        for channel in point.channels:
+            _same(path, data, channel.name, mapped(channel.values, lambda values: values, np.float32))
+        if point.flags is not None:
+            _same(path, data, "flags", point.flags)
+        for received in point.raw:
+            for name in ("value", "sequence", "device_us", "host_ns"):
+                _same(path, raw[received.name], name, received.records[name])
+            flags = mapped(received.records["flags"], lambda values: values, np.int8)  # as they are stored
+            _same(path, raw[received.name], "flags", flags)
+            if received.time_s is not None:
+                _same(path, raw[received.name], "time", received.time_s)
+
+
+def _same(path: Path, group: h5py.Group, name: str, wanted: Values) -> None:
+    same = name in group and group[name].shape == wanted.shape
+    for rows in parts(len(wanted)) if same else ():
+        same = same and np.array_equal(group[name][rows], wanted[rows], equal_nan=wanted.dtype.kind == "f")
+    if not same:
+        raise ReadBackDiffers(f"{path}: {group.name}/{name} read back differs from what was recorded")

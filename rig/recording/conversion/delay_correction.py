@@ -1,0 +1,223 @@
+"""A campaign's points brought to one skew, and to one judgement, once all of them are recorded.
+
+A delay that nobody declared is one constant of the rig, but each point's file is made when the point ends, by what that
+point alone could see. At the end of the campaign all of them together know it several times better
+(`rig.recording.quality.campaign_delay`), and so they do of the instruments (`rig.recording.quality.cross_checks`). A
+finished file is not touched lightly: only one whose loop is certainly wrong, or whose verdict changes, is made again,
+from what was received, by the function that made it the first time (`conversion.build`), and says so in
+`/entry/provenance`. Where only the verdict changes, only its attributes are written again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.clock import utc_now
+from rig.errors import FileProblem
+from rig.recording.atomic_write import ReservedFile, write_whole
+from rig.recording.channel_split import ChannelSplit
+from rig.recording.context import PointContext
+from rig.recording.conversion.conversion import Correction, build, prove
+from rig.recording.conversion.finished_point import FinishedPoint
+from rig.recording.hdf5.hdf5_image import set_attributes, write_file
+from rig.recording.hdf5.reading import opened
+from rig.recording.journal.journal_file import JournalContent
+from rig.recording.layout import NUMBER, RECORD_DTYPE, Attribute, Event
+from rig.recording.quality.campaign_delay import PointSkew, pooled_skews
+from rig.recording.quality.cross_checks import campaign_verdicts
+from rig.recording.quality.instrument_checks import SLUGS
+from rig.recording.quality.judgement import with_skew
+from rig.recording.quality.verdict import Reason, Verdict
+from rig.recording.recorded_point import RecordedPoint
+from rig.signals.chunked_column import parts
+
+if TYPE_CHECKING:
+    import h5py
+
+CERTAIN = 2.0
+"""Standard deviations of the pooled skew by which a file must be off ..."""
+MATTERS_S = 1e-4
+"""... and by how much, which is what a skew is to be known to."""
+WHY = "the campaign's points together, against the controller's own inputs"
+
+
+@dataclass(frozen=True)
+class Change:
+    """What is wrong with a finished point by what all points say: why it is made again, and with what."""
+
+    why: str
+    skew: PointSkew
+    instruments: Sequence[Reason] | None
+
+
+def retime(points_folder: Path) -> Iterator[FinishedPoint]:
+    """Make those points of a campaign again that all of its points together know better; gives each as it is then.
+
+    Args:
+        points_folder: the campaign's `points/`, in which nobody else is writing.
+
+    Raises:
+        FileProblem: a file cannot be trusted.
+        OSError: the disk refuses; the files written before are complete, the others are as they were.
+    """
+    points = [RecordedPoint.open(file, whole=False) for file in sorted(points_folder.glob("*.h5"))]
+    skews = pooled_skews([point for point in points if point.verdict != "invalid"])
+    instruments = campaign_verdicts(points)
+    for point in points:
+        change = _change(point, skews.get(point.id), instruments.get(point.id))
+        if change is not None and point.path is not None and "context" in point.provenance:
+            yield make_again(point.path, change)
+    yield from judge_together(points_folder)
+
+
+def _change(point: RecordedPoint, skew: PointSkew | None, instruments: Verdict | None) -> Change | None:
+    """Why a point's samples are made again; None where they may stay, be it under another verdict (`rejudging`)."""
+    if skew is None:
+        return None
+    before = point.quality.verdict
+    after = with_skew(before, skew.trusted_std_s, point.frequency_Hz)
+    judged = before if instruments is None else instruments
+    reasons = [reason for reason in judged.entries if reason.slug in SLUGS]
+    if abs(skew.shift_s) > max(CERTAIN * skew.std_s, MATTERS_S):
+        why = f"all points together put its skew at {1e3 * skew.delays.value_s:.3f} +- {1e3 * skew.std_s:.2g} ms"
+        return Change(why, skew, reasons)
+    if after != before:
+        return Change(f"by all points together it is {after.verdict}, by itself it was {before.verdict}", skew, reasons)
+    return None
+
+
+def make_again(path: Path, change: Change) -> FinishedPoint:
+    """Make a point's file from what it holds as received, with delays known from elsewhere; the old one is replaced.
+
+    Args:
+        path: the point's file.
+        change: why, the delays to take off, and what is said of the instruments.
+
+    Raises:
+        FileProblem: the file does not hold what it was made from.
+        OSError: the disk refuses; the file is as it was.
+    """
+    old = RecordedPoint.open(path)
+    content = _journal_of(path, old)
+    context = PointContext.from_json(content.context_json)
+    with ExitStack() as held:
+        sorter = held.enter_context(ChannelSplit(path.parent))
+        for records in _received(path):
+            sorter.take(records)
+        file, quality = build(
+            content, context, sorter.channels(), recovered=bool(old.quality.recovered),
+            journal_check=str(old.provenance.get("journal_check", "")),
+            correction=Correction(change.skew.delays, change.instruments, _rewritten(old, change)),
+        )
+        write_file(path, file, before_naming=lambda partial: prove(partial, file))
+    return FinishedPoint.of(old.id, path, quality)
+
+
+def _rewritten(old: RecordedPoint, change: Change) -> dict[str, Attribute]:
+    """What a file made again says of that in `/entry/provenance`."""
+    delays = change.skew.delays
+    return {
+        "rewritten": utc_now().isoformat(timespec="seconds"),
+        "rewritten_why": change.why,
+        "rewritten_from_force_delay_s": old.quality.force.undeclared_delay_s,
+        "rewritten_from_displacement_delay_s": old.quality.displacement.undeclared_delay_s,
+        "rewritten_to_force_delay_s": delays.force.value_s,
+        "rewritten_to_displacement_delay_s": delays.displacement.value_s,
+    }
+
+
+def _journal_of(path: Path, old: RecordedPoint) -> JournalContent:
+    """What the point's journal said besides its samples.
+
+    Raises:
+        FileProblem: the file does not hold it.
+    """
+    provenance = old.provenance
+    with opened(path) as file:
+        group = file["entry/events"]
+        if "host_ns" not in group or "journal_end" not in provenance:
+            raise FileProblem(str(path), ["does not hold what it was made from; it stays as it is"])
+        times = group["host_ns"][:].tolist()
+        texts = [[text.decode("utf-8", "replace") for text in group[name][:].tolist()] for name in ("code", "text")]
+    events = tuple(Event(time_ns, code, text.strip()) for time_ns, code, text in zip(times, *texts, strict=True))
+    return JournalContent(
+        str(provenance["context"]), np.zeros(0, RECORD_DTYPE), events, json.loads(str(provenance["journal_end"])),
+        int(provenance.get("journal_missing_blocks", 0)), int(provenance.get("journal_damaged_bytes", 0)),
+    )
+
+
+def _received(path: Path) -> Iterator[NDArray[Any]]:
+    """Every record of a file, a part at a time, channel by channel, as they came out of the ring."""
+    with opened(path) as file:
+        raw = file["entry/raw"]
+        for name, channel in raw.items():
+            number = NUMBER[name] if name in NUMBER else int(name.removeprefix("channel_"))
+            for rows in parts(len(channel["value"])):
+                records = np.zeros(len(channel["value"][rows]), RECORD_DTYPE)
+                for key in ("host_ns", "device_us", "value", "sequence", "flags"):
+                    records[key] = channel[key][rows]
+                records["channel"] = number
+                yield records
+
+
+def judge_together(points_folder: Path) -> Iterator[FinishedPoint]:
+    """Judge the instruments by all points of a campaign; gives each point whose verdict or reasons changed.
+
+    Args:
+        points_folder: the campaign's `points/`, in which nobody else is writing.
+
+    Raises:
+        FileProblem: a file cannot be trusted.
+        OSError: the disk refuses; the files written before are complete, the others are as they were.
+    """
+    points = {
+        point.id: point
+        for point in (RecordedPoint.open(file, whole=False) for file in sorted(points_folder.glob("*.h5")))
+    }
+    for name, verdict in campaign_verdicts(tuple(points.values())).items():
+        path = points[name].path
+        if path is None:
+            continue
+        write_verdict(path, verdict, WHY)
+        yield finished(RecordedPoint.open(path, whole=False))
+
+
+def write_verdict(path: Path, verdict: Verdict, why: str) -> None:
+    """Replace a file's verdict and reasons; the file says when, and `why`.
+
+    Raises:
+        OSError: the disk refuses; the file is as it was.
+    """
+    import h5py
+
+    data = path.read_bytes()
+
+    def fill(file: ReservedFile) -> None:
+        file.write(data)
+        with h5py.File(file, "r+", libver=("v108", "v110")) as opened:
+            say_verdict(opened["entry/quality"], verdict)
+            set_attributes(opened["entry/quality"], {
+                "judged_again": why, "judged_again_utc": utc_now().isoformat(timespec="seconds"),
+            })
+
+    write_whole(path, fill)
+
+
+def say_verdict(quality: h5py.Group, verdict: Verdict) -> None:
+    """Put a verdict into an open file's `/entry/quality`."""
+    for name in verdict.attributes.keys() & quality.attrs.keys():
+        del quality.attrs[name]  # no reason left is no attribute
+    set_attributes(quality, verdict.attributes)
+
+
+def finished(point: RecordedPoint) -> FinishedPoint:
+    """What became of a point, from its file."""
+    return FinishedPoint.of(point.id, Path(str(point.path)), point.quality)

@@ -1,0 +1,248 @@
+"""A point's content as HDF5, written into an open file (`rig.recording.atomic_write`), small and for every reader.
+
+Plain types only, so that xarray, pandas, MATLAB, Octave, HDFView and h5dump read it without us: float64 time as an
+attached dimension scale, float32 channels, parallel one-dimensional arrays for events, fixed-length text, int8 flags.
+What is received with the same stamps (the channels of one poll, of one frame) is stored once and linked.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from rig.recording.atomic_write import ReservedFile, write_whole
+from rig.recording.layout import CHUNK_SAMPLES, FORMAT_VERSION, RECORD_DTYPE, AlignedChannel
+from rig.signals.chunked_column import parts
+
+if TYPE_CHECKING:
+    import h5py
+
+    from rig.recording.layout import Attribute, Event, PointFile, RawChannel
+    from rig.signals.chunked_column import Values
+
+FILTERS: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}
+UNFILTERED_BYTES = 1024
+"""A dataset up to this size is stored as it is: filters and an index of chunks would be longer than what they save."""
+MOST_ATTRIBUTES = 1000
+"""Attributes that stay in their object's header, where they take least room."""
+LONGEST_TEXT_BYTES = 32_000
+QUALITY = "Quality: 1 overload, 2 fault, 4 gap, 8 NaN, 16 spike, 32 stale, 64 clock went back"
+"""HDF5 has 64 kB for an attribute, its name and type included."""
+EMPTY_FILE = bytes.fromhex(
+    "894844460d0a1a0a0208080000000000000000003000000000000000e4000000000000006100000000000000cc3f68d5"
+    "4f4844520220977e026b977e026b977e026b977e026b1613070005000200100004000007000000000000000000c33b6c"
+    "ab4f484452020078021200000000ffffffffffffffffffffffffffffffff0a02000100000058"
+) + bytes(90) + bytes.fromhex("c5b9c8ac")
+"""An HDF5 file without content (superblock 2, libver 1.8) whose indices of chunks hold 4 entries a node, not 64.
+
+h5py cannot ask for that (`H5Pset_istore_k`); with HDF5's own choice the empty places of these indices are 2 kB a
+dataset, 330 of the 480 kB of a short point.
+"""
+
+
+def write_file(path: Path, content: PointFile, *, before_naming: Callable[[Path], None] | None = None) -> None:
+    """Write a complete file or none: temporary name, flush to disk, rename, flush the directory.
+
+    Args:
+        path: the final name; a file of that name is replaced only once the new one is complete on disk.
+        content: what to write.
+        before_naming: is given the temporary name when all is on the disk; what it raises prevents the naming.
+
+    Raises:
+        ValueError: a channel's length differs from the time's.
+        OSError: the disk is full or the place cannot be written; nothing is left under `path`.
+    """
+    write_whole(path, lambda file: write_image(file, content), before_naming=before_naming)
+
+
+def write_image(file: ReservedFile, content: PointFile) -> None:
+    """Put the content into an empty file.
+
+    Raises:
+        ValueError: a channel's length differs from the time's.
+        OSError: the disk refuses.
+    """
+    import h5py
+
+    check_lengths(content)
+    file.write(EMPTY_FILE)
+    with h5py.File(file, "r+", libver=("v108", "v110")) as opened:
+        _Image(opened, file.check).fill(content)
+    file.check()
+
+
+def check_lengths(content: PointFile) -> None:
+    """Refuse a content whose channels are not all as long as its time.
+
+    Raises:
+        ValueError: naming the channel, its length and the expected one.
+    """
+    expected = len(content.time_s)
+    lengths = {channel.name: len(channel.values) for channel in content.channels}
+    if content.flags is not None:
+        lengths["flags"] = len(content.flags)
+    wrong = [f"channel {name} has {length} samples" for name, length in lengths.items() if length != expected]
+    if wrong:
+        raise ValueError(f"time has {expected} samples, but " + ", ".join(wrong))
+
+
+class _Image:
+    """Fills an open, empty HDF5 file; `check` raises what the disk has refused and is asked after every part."""
+
+    def __init__(self, file: h5py.File, check: Callable[[], None]) -> None:
+        self._file = file
+        self._check = check
+        self._stored: dict[tuple[str, int, int], h5py.Dataset] = {}
+
+    def fill(self, content: PointFile) -> None:
+        self._file.attrs["format_version"] = FORMAT_VERSION
+        set_attributes(self._file, {"NX_class": "NXroot", "default": "entry"})
+        entry = self._group("entry", "NXentry", {"default": "data", "title": content.title})
+        self._fill_data(content)
+        self._group("entry/raw", "NXcollection")
+        for channel in content.raw:
+            self._fill_raw(channel)
+        self._fill_events(content.events)
+        for name in ("test", "quality", "provenance"):
+            self._group(f"{entry.name}/{name}", "NXcollection", getattr(content, name))
+
+    def _group(self, place: str, kind: str, attributes: Mapping[str, Attribute] | None = None) -> h5py.Group:
+        group = self._bare_group(place)
+        set_attributes(group, {"NX_class": kind, **(attributes or {})})
+        return group
+
+    def _bare_group(self, place: str) -> h5py.Group:
+        """A group without attributes: those given after its members are there take less room."""
+        import h5py
+
+        wanted = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
+        wanted.set_obj_track_times(False)
+        wanted.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
+        h5py.h5g.create(self._file.id, place.encode(), None, wanted)
+        return self._file[place]
+
+    def _fill_data(self, content: PointFile) -> None:
+        group = self._group("entry/data", "NXdata", {
+            "signal": content.signal, "axes": "time", "time_indices": 0, "sample_rate_hz": content.sample_rate_hz,
+        })
+        time = self._dataset(group, "time", content.time_s, np.float64)
+        set_attributes(time, {"units": "s", "long_name": "Time"})
+        time.make_scale("time")
+        flags = np.zeros(len(content.time_s), np.int8) if content.flags is None else content.flags
+        quality = AlignedChannel("flags", flags, "1", QUALITY)
+        for channel in (*content.channels, quality):
+            flagged = channel is quality or channel.values.dtype == np.int8
+            dataset = self._dataset(group, channel.name, channel.values, np.int8 if flagged else np.float32)
+            set_attributes(dataset, {
+                "units": channel.unit, "long_name": channel.long_name, "sensor": channel.sensor, **channel.attributes,
+            })
+            dataset.dims[0].attach_scale(time)
+
+    def _fill_raw(self, channel: RawChannel) -> None:
+        group = self._bare_group(f"entry/raw/{channel.name}")
+        units = {"value": channel.unit, "sequence": "1", "device_us": "us", "host_ns": "ns", "flags": "1"}
+        columns: dict[str, tuple[Values, DTypeLike]] = {
+            name: (channel.records[name], np.int8 if name == "flags" else RECORD_DTYPE[name]) for name in units
+        }
+        if channel.time_s is not None:
+            units["time"], columns["time"] = "s", (channel.time_s, np.float64)
+        for name, (values, kind) in columns.items():
+            if name == "value":
+                dataset, new = self._dataset(group, name, values, kind), True
+            else:
+                dataset, new = self._stamps(group, name, values, kind)
+            if new:
+                about = channel.value_attributes if name == "value" else {}
+                set_attributes(dataset, {"units": units[name], **about})
+        set_attributes(group, {"NX_class": "NXcollection", "long_name": channel.long_name, **channel.attributes})
+
+    def _fill_events(self, events: Sequence[Event]) -> None:
+        group = self._group("entry/events", "NXcollection")
+        times = np.array([event.time_ns for event in events], np.int64)
+        set_attributes(self._dataset(group, "time_ns", times, np.int64), {"units": "ns"})
+        arrived = np.array([event.host_ns for event in events], np.int64)
+        set_attributes(self._dataset(group, "host_ns", arrived, np.int64), {"units": "ns"})
+        for name in ("code", "text"):
+            # Octave reads only text that is declared ASCII; UTF-8 beyond it stays as its bytes, and is said to be that.
+            encoded = [_encoded(getattr(event, name)) for event in events] or [b" "]
+            texts = np.array(encoded, f"S{max(map(len, encoded))}")[: len(events)]
+            set_attributes(group.create_dataset(name, data=texts), {"encoding": "utf-8"})
+        self._check()
+
+    def _stamps(self, group: h5py.Group, name: str, values: Values, kind: DTypeLike) -> tuple[h5py.Dataset, bool]:
+        """A column that channels of one message have in common, and whether it was new: the same one is linked only."""
+        if not isinstance(values, np.ndarray) or len(values) == 0:
+            return self._dataset(group, name, values, kind), True
+        column = np.ascontiguousarray(values.astype(kind))
+        key = (name, len(column), zlib.crc32(column.tobytes()))
+        known = self._stored.get(key)
+        if known is not None and known[...].tobytes() == column.tobytes():
+            group[name] = known
+            return known, False
+        self._stored[key] = self._dataset(group, name, column, kind)
+        return self._stored[key], True
+
+    def _dataset(self, group: h5py.Group, name: str, values: Values, kind: DTypeLike) -> h5py.Dataset:
+        """A dataset of type `kind`, written a part at a time, with the check of its values."""
+        import h5py
+
+        wanted = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        wanted.set_attr_phase_change(MOST_ATTRIBUTES, MOST_ATTRIBUTES - 1)
+        size = len(values) * np.dtype(kind).itemsize
+        filters = {"chunks": (min(len(values), CHUNK_SAMPLES),), **FILTERS} if size > UNFILTERED_BYTES else {}
+        dataset = group.create_dataset(name, (len(values),), kind, dcpl=wanted, **filters)
+        check = 0
+        for rows in parts(len(values)) if len(values) else ():
+            part = np.ascontiguousarray(np.asarray(values[rows]).astype(kind))
+            dataset[rows] = part
+            check = zlib.crc32(part.tobytes(), check)
+            self._check()
+        if len(values):
+            dataset.attrs["crc32"] = np.uint32(check)
+        return dataset
+
+
+def set_attributes(place: h5py.Group | h5py.Dataset, attributes: Mapping[str, Attribute]) -> None:
+    """Plain attributes: numbers, fixed-length UTF-8 text, one-dimensional arrays of text; None is left out.
+
+    A text too long for an attribute is cut, which is said at its end; a whole number beyond 64 bits becomes text.
+    """
+    for name, value in attributes.items():
+        if value is None:
+            continue
+        if isinstance(value, bool):
+            place.attrs[name] = np.int8(value)
+        elif isinstance(value, float) or (isinstance(value, int) and -(1 << 63) <= value < 1 << 63):
+            place.attrs[name] = value
+        elif isinstance(value, (str, int)):
+            texts, kind = _texts([_cut(str(value), LONGEST_TEXT_BYTES)])
+            place.attrs.create(name, texts[0], dtype=kind)
+        elif value:
+            texts, kind = _texts([_cut(text, LONGEST_TEXT_BYTES) for text in value])
+            place.attrs.create(name, texts, dtype=kind)
+
+
+def _cut(text: str, most_bytes: int) -> str:
+    encoded = _encoded(text)
+    if len(encoded) <= most_bytes:
+        return text
+    return f"{encoded[:most_bytes].decode(errors='ignore')} [cut: {len(encoded)} bytes]"
+
+
+def _texts(values: Sequence[str]) -> tuple[NDArray[Any], Any]:
+    """Fixed-length UTF-8 text as HDF5 keeps it; an empty text becomes one blank."""
+    import h5py
+
+    encoded = [_encoded(value) for value in values]
+    kind = h5py.string_dtype("utf-8", max(map(len, encoded)))
+    return np.array(encoded, kind), kind
+
+
+def _encoded(text: str) -> bytes:
+    """UTF-8; what cannot be (half a surrogate pair, a zero byte) becomes a question mark, an empty text one blank."""
+    return text.encode("utf-8", "replace").replace(b"\0", b"?") or b" "

@@ -1,0 +1,202 @@
+"""Reading a point's file back into plain values; every way in goes through `rig.recording.hdf5.hdf5_check`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import FileProblem
+from rig.recording.hdf5.hdf5_check import check_file
+from rig.recording.layout import FORMAT_VERSION, check_of
+from rig.recording.quality.point_quality import PointQuality
+
+if TYPE_CHECKING:
+    import h5py
+
+TEXTS = ("id", "waveform")
+NUMBERS = ("amplitude_m", "frequency_Hz", "current_A")
+OPTIONAL_NUMBERS = ("cycles", "ramp_in_cycles", "ramp_out_cycles", "centre_m", "rest_s")
+SENSOR_ATTRIBUTES = (
+    "units", "long_name", "sensor", "serial_number", "sensitivity", "offset", "certificate", "due", "overdue",
+    "uncertainty_percent", "delay_s", "range_SI", "rate_Hz",
+)
+VERDICTS = ("valid", "suspect", "invalid")
+
+
+DESCRIBED = tuple(f"entry/{name}" for name in ("test", "quality", "provenance", "data"))
+"""The groups whose attributes describe a point."""
+
+
+def read_description(path: Path, *, whole: bool = True) -> dict[str, Any]:
+    """The keyword arguments of `RecordedPoint` that a file holds, without its arrays.
+
+    Args:
+        path: the file.
+        whole: check all of the file, as one from outside demands; else only what is read here.
+
+    Raises:
+        FileProblem: one line for each attribute that is missing or has an impossible value.
+    """
+    with opened(path, None if whole else DESCRIBED) as file:
+        test, quality, provenance = (attributes(file, name) for name in ("test", "quality", "provenance"))
+        rate = _number(attributes(file, "data").get("sample_rate_hz"))
+    problems = [f"/entry/test: {name} is missing" for name in TEXTS if not isinstance(test.get(name), str)]
+    problems += [
+        f"/entry/test: {name} = {test.get(name)!r}; expected a finite number" for name in NUMBERS
+        if _number(test.get(name)) is None
+    ]
+    verdict = quality.get("verdict", "valid")
+    if verdict not in VERDICTS:
+        problems.append(f"/entry/quality: verdict = {verdict!r}; expected one of {', '.join(VERDICTS)}")
+    if problems:
+        raise FileProblem(str(path), problems)
+    described: dict[str, Any] = {name: test[name] for name in TEXTS}
+    described |= {name: _number(test[name]) for name in NUMBERS}
+    described |= {name: _number(test.get(name)) or 0.0 for name in OPTIONAL_NUMBERS}
+    return described | {
+        "repeat": int(_number(test.get("repeat")) or 1),
+        "mid_stroke_m": _number(test.get("mid_stroke_m")),
+        "verdict": verdict,
+        "reasons": tuple(quality.get("reasons", ())),
+        "lost_samples": int(_number(quality.get("lost_samples")) or 0),
+        "skew_s": _number(quality.get("skew_s")) or 0.0,
+        "skew_std_s": _number(quality.get("skew_std_s")) or 0.0,
+        "sample_rate_Hz": rate or 0.0,
+        "imported": bool(_number(test.get("imported")) or 0),
+        "test": test, "quality": PointQuality.read(quality), "provenance": provenance,
+    }
+
+
+def channel_names(path: Path) -> list[str]:
+    """Names of the aligned channels a file holds, time among them.
+
+    Raises:
+        FileProblem: the file cannot be trusted.
+    """
+    with opened(path) as file:
+        return list(file["entry/data"])
+
+
+def read_channel(path: Path, name: str) -> NDArray[Any] | None:
+    """One aligned channel (n,), None when the file does not hold it.
+
+    Raises:
+        FileProblem: the file cannot be trusted, or the channel is as long as no time.
+    """
+    with opened(path) as file:
+        data = file["entry/data"]
+        if name not in data:
+            return None
+        if data[name].shape != data["time"].shape:
+            raise FileProblem(str(path), [
+                f"/entry/data/{name} has shape {data[name].shape}, time has {data['time'].shape}",
+            ])
+        return _values(path, data[name])
+
+
+def channel_attributes(path: Path, name: str) -> dict[str, Any]:
+    """Attributes of one aligned channel: units, sensor, calibration; empty when the file does not hold it.
+
+    Raises:
+        FileProblem: the file cannot be trusted.
+    """
+    with opened(path) as file:
+        data = file["entry/data"]
+        if name not in data:
+            return {}
+        return {key: _plain(value) for key, value in data[name].attrs.items() if key in SENSOR_ATTRIBUTES}
+
+
+def read_raw(path: Path, name: str) -> dict[str, NDArray[Any]] | None:
+    """The columns of one channel as received, None when the file does not hold it.
+
+    Raises:
+        FileProblem: the file cannot be trusted, or the columns differ in length.
+    """
+    with opened(path) as file:
+        if f"entry/raw/{name}" not in file:
+            return None
+        columns = {key: _values(path, dataset) for key, dataset in file[f"entry/raw/{name}"].items()}
+    if len({len(column) for column in columns.values()}) > 1:
+        lengths = {key: len(column) for key, column in columns.items()}
+        raise FileProblem(str(path), [f"/entry/raw/{name}: columns of different length: {lengths}"])
+    return columns
+
+
+def read_events(path: Path) -> list[tuple[int, str, str]]:
+    """The events of a point: time (ns on the file's time base), slug, text.
+
+    Raises:
+        FileProblem: the file cannot be trusted.
+    """
+    with opened(path) as file:
+        if "entry/events" not in file:
+            return []
+        group = file["entry/events"]
+        times, codes, texts = (_values(path, group[name]) for name in ("time_ns", "code", "text"))
+    return [(int(t), _text(c), _text(x)) for t, c, x in zip(times, codes, texts, strict=True)]
+
+
+@contextmanager
+def opened(path: Path, groups: Iterable[str] | None = None) -> Iterator[h5py.File]:
+    """The checked HDF5 file, closed afterwards; only `groups` of it are checked where that is all that is read.
+
+    Raises:
+        FileProblem: it cannot be trusted, is of a newer format, or lacks the layout's groups.
+    """
+    file = check_file(path, groups)
+    try:
+        version = _number(file.attrs.get("format_version"))
+        if version is None or version > FORMAT_VERSION:
+            shown = "none" if version is None else f"{version:g}"
+            raise FileProblem(str(path), [f"format_version: {shown}; this software reads up to {FORMAT_VERSION}"])
+        if "entry/data/time" not in file:
+            raise FileProblem(str(path), ["/entry/data/time is missing: not a recorded point"])
+        yield file
+    finally:
+        file.close()
+
+
+def attributes(file: h5py.File, name: str) -> dict[str, Any]:
+    """The attributes of `/entry/<name>` as plain Python values: text, numbers, tuples of text."""
+    if f"entry/{name}" not in file:
+        return {}
+    return {key: _plain(value) for key, value in file[f"entry/{name}"].attrs.items() if key != "NX_class"}
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, bytes | np.bytes_):
+        return _text(value)
+    if isinstance(value, np.ndarray):
+        return tuple(_plain(item) for item in value)
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
+
+
+def _text(value: bytes | np.bytes_) -> str:
+    text = value.decode("utf-8", "replace")
+    return "" if text == " " else text
+
+
+def _number(value: object) -> float | None:
+    if isinstance(value, (int, float, np.number)) and math.isfinite(float(value)):
+        return float(value)
+    return None
+
+
+def _values(path: Path, dataset: h5py.Dataset) -> NDArray[Any]:
+    try:
+        values = np.asarray(dataset[...])
+    except OSError as error:
+        raise FileProblem(str(path), [f"{dataset.name}: damaged: {error}"]) from error
+    wanted = dataset.attrs.get("crc32")
+    if wanted is not None and int(wanted) != check_of(values):
+        raise FileProblem(str(path), [f"{dataset.name}: damaged: its values do not match their check"])
+    return values

@@ -1,0 +1,355 @@
+"""What is known of the quality of a recorded point, as values: `/entry/quality` of its file, field by field.
+
+Each section stands beside the functions that measure it; a new number of a point is one field and one expression.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from rig.recording.layout import Attribute
+from rig.recording.quality.section import Attributes, Section, Stored, estimate, section, stored
+from rig.recording.quality.verdict import Verdict
+from rig.signals.arrays import FloatArray
+from rig.signals.clock_model import EDGES
+from rig.signals.cycles import MeasuredMotion, fundamental_phase, wrapped
+from rig.signals.delay_estimation.delay_model import at_likely_compliance
+from rig.signals.delay_estimation.sample_match import Match
+from rig.signals.estimate import Estimate
+from rig.signals.loop_shape import LoopShape
+
+if TYPE_CHECKING:
+    from rig.recording.alignment.alignment import Alignment
+    from rig.recording.context import PointContext
+
+
+
+@dataclass(frozen=True)
+class MotionQuality(Section):
+    """The motion over the full cycles, as `rig.signals.cycles` measures it, and one value a cycle (k,).
+
+    `phase_deg` is by how much measured displacement follows the controller's set-point (negative: it lags);
+    `distortion` the harmonics 2 to 9 beyond the ideal waveform's, relative to the fundamental.
+    """
+
+    commanded_amplitude_m: float | None = stored("commanded_amplitude_m")
+    cycles: int | None = stored("measured_cycles", Stored.COUNT)
+    amplitude_m: float | None = stored("measured_amplitude_m")
+    amplitude_std_m: float | None = stored("measured_amplitude_std_m")
+    fundamental_amplitude_m: float | None = stored("measured_fundamental_amplitude_m")
+    mean_m: float | None = stored("measured_mean_m")
+    frequency_Hz: float | None = stored("measured_frequency_Hz")
+    start_s: float | None = stored("cycles_start_s")
+    end_s: float | None = stored("cycles_end_s")
+    distortion: float | None = stored("harmonic_distortion")
+    cycle_amplitude_m: tuple[float, ...] | None = stored("cycle_amplitude_m", Stored.PER_CYCLE)
+    cycle_mean_m: tuple[float, ...] | None = stored("cycle_mean_m", Stored.PER_CYCLE)
+    cycle_frequency_Hz: tuple[float, ...] | None = stored("cycle_frequency_Hz", Stored.PER_CYCLE)
+    cycle_distortion: tuple[float, ...] | None = stored("cycle_distortion", Stored.PER_CYCLE)
+    cycle_phase_deg: tuple[float, ...] | None = stored("cycle_phase_deg", Stored.PER_CYCLE)
+    phase_deg: float | None = stored("phase_deg")
+
+
+@dataclass(frozen=True)
+class CurrentQuality(Section):
+    """Measured current over the full cycles: mean, and scatter of one sample about it, A."""
+
+    mean_A: float | None = stored("measured_current_A")
+    std_A: float | None = stored("measured_current_std_A")
+
+
+@dataclass(frozen=True)
+class LoopQuality(Section):
+    """The force's loop: noise of a sample, scatter and change from cycle to cycle, span (N), free play (m)."""
+
+    noise_N: float | None = stored("force_noise_N")
+    scatter_N: float | None = stored("force_scatter_N")
+    change_N: float | None = stored("force_change_N")
+    span_N: float | None = stored("force_span_N")
+    free_play_m: float | None = stored("free_play_m")
+
+
+def motion_quality(context: PointContext, motion: MeasuredMotion | None, alignment: Alignment) -> MotionQuality:
+    """Means over the full cycles, and one value a cycle."""
+    if motion is None:
+        return MotionQuality(cycles=0)
+    cycles = motion.waveform
+    setpoint_rad = _setpoint_phase(motion, alignment)
+    lags_deg = None
+    if setpoint_rad is not None:
+        lags_deg = np.degrees([wrapped(phase - setpoint_rad) for phase in cycles.phase_rad.tolist()])
+    return MotionQuality(
+        commanded_amplitude_m=context.wanted.commanded_amplitude_m, cycles=motion.cycles,
+        amplitude_m=motion.amplitude_m, amplitude_std_m=motion.amplitude_std_m,
+        fundamental_amplitude_m=motion.fundamental_amplitude_m, mean_m=motion.mean_m,
+        frequency_Hz=motion.frequency_Hz, start_s=motion.start_s, end_s=motion.end_s,
+        distortion=_mean(cycles.distortion), cycle_amplitude_m=_listed(cycles.amplitude_m),
+        cycle_mean_m=_listed(cycles.mean_m), cycle_frequency_Hz=_listed(cycles.frequency_Hz),
+        cycle_distortion=_listed(cycles.distortion),
+        cycle_phase_deg=None if lags_deg is None else _listed(lags_deg),
+        phase_deg=None if lags_deg is None else _mean(lags_deg),
+    )
+
+
+def current_quality(motion: MeasuredMotion | None, alignment: Alignment) -> CurrentQuality:
+    """The measured current over the full cycles."""
+    current = np.asarray(alignment.values["current"], np.float64)
+    if motion is not None:
+        time_s = np.asarray(alignment.time_s, np.float64)
+        current = current[(time_s >= motion.start_s) & (time_s < motion.end_s)]
+    current = current[np.isfinite(current)]
+    if len(current) == 0:
+        return CurrentQuality()
+    return CurrentQuality(float(np.mean(current)), float(np.std(current)))
+
+
+def loop_quality(shape: LoopShape | None) -> LoopQuality:
+    """The force's loop; nothing where its shape cannot be told."""
+    if shape is None:
+        return LoopQuality()
+    return LoopQuality(shape.noise_N, shape.scatter_N, shape.change_N, shape.span_N, shape.free_play_m)
+
+
+def _setpoint_phase(motion: MeasuredMotion, alignment: Alignment) -> float | None:
+    """Phase of the set-point's fundamental over the full cycles, on the point's time base, rad."""
+    setpoint = alignment.timed.get("setpoint")
+    if setpoint is None:
+        return None
+    time_s = np.asarray(setpoint.time_s, np.float64) - alignment.origin_s
+    inside = (time_s >= motion.start_s) & (time_s < motion.end_s)
+    return fundamental_phase(
+        time_s[inside], setpoint.records["value"][inside].astype(np.float64), motion.frequency_Hz
+    )
+
+
+def _mean(values: FloatArray) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.mean(known)) if len(known) else None
+
+
+def _listed(values: FloatArray) -> tuple[float, ...]:
+    return tuple(np.asarray(values).tolist())
+
+
+@dataclass(frozen=True)
+class SkewQuality(Section):
+    """Force against displacement in time.
+
+    Attributes:
+        value_s: by how much force lagged displacement beyond the declared delays; taken out.
+        std_s: what the signals leave open, whatever was declared; `trusted_std_s` what is left for somebody who trusts
+            the bench file; `low_s` to `high_s` the 95 % interval by the signals alone.
+        checked: whether both delays were compared with the controller's own record.
+        method: the clock models that were used.
+        arrival_s: what pairing by arrival would have given.
+    """
+
+    value_s: float | None = stored("skew_s")
+    std_s: float | None = stored("skew_std_s")
+    trusted_std_s: float | None = stored("skew_trusted_std_s")
+    low_s: float | None = stored("skew_low_s")
+    high_s: float | None = stored("skew_high_s")
+    checked: bool | None = stored("skew_checked", Stored.FLAG)
+    method: str | None = stored("skew_method", Stored.TEXT)
+    arrival_s: float | None = stored("arrival_skew_s")
+
+
+@dataclass(frozen=True)
+class SensorQuality(Section):
+    """A sensor's clock, its delays, and how it lies over the controller's own input of the same quantity.
+
+    `sensor(t) = gain input(t - lag) + offset + compliance force(t)`, SI, each with its standard deviation.
+    `matched_lag_s` is what the signals alone say, together with the compliance (covariance `matched_coupling`, s m/N);
+    `reference_lag_s` the same once a load train's usual stiffness is taken into account.
+    """
+
+    clock_drift_ppm: float | None = stored("{sensor}_clock_drift_ppm")
+    clock_drift_std_ppm: float | None = stored("{sensor}_clock_drift_std_ppm")
+    clock_std_s: float | None = stored("{sensor}_clock_std_s")
+    disordered_samples: int | None = stored("{sensor}_disordered_samples", Stored.COUNT)
+    arrival_latency_s: float | None = stored("{sensor}_arrival_latency_s")
+    declared_delay_s: float | None = stored("{sensor}_declared_delay_s")
+    undeclared_delay_s: float | None = stored("{sensor}_undeclared_delay_s")
+    tie_std_s: float | None = stored("{sensor}_tie_std_s")
+    compared: bool | None = stored("{sensor}_compared", Stored.FLAG)
+    matched_lag_s: float | None = stored("{sensor}_matched_lag_s")
+    matched_lag_std_s: float | None = stored("{sensor}_matched_lag_std_s")
+    reference_lag_s: float | None = stored("{sensor}_reference_lag_s")
+    reference_lag_std_s: float | None = stored("{sensor}_reference_lag_std_s")
+    reference_gain: float | None = stored("{sensor}_reference_gain")
+    reference_gain_std: float | None = stored("{sensor}_reference_gain_std")
+    reference_offset: float | None = stored("{sensor}_reference_offset_{unit}")
+    reference_offset_std: float | None = stored("{sensor}_reference_offset_std_{unit}")
+    reference_compliance_m_N: float | None = stored("{sensor}_reference_compliance_m_N")
+    reference_compliance_std_m_N: float | None = stored("{sensor}_reference_compliance_std_m_N")
+    matched_coupling: float | None = stored("{sensor}_matched_coupling")
+
+    @property
+    def gain(self) -> Estimate | None:
+        """Of the sensor relative to the controller's input."""
+        return estimate(self.reference_gain, self.reference_gain_std)
+
+    @property
+    def offset(self) -> Estimate | None:
+        """What the sensor shows where the controller's input shows 0 (SI)."""
+        return estimate(self.reference_offset, self.reference_offset_std)
+
+    @property
+    def lag(self) -> Estimate | None:
+        """By how much the sensor is later than the input beyond both declared delays (s), by the signals alone."""
+        return estimate(self.matched_lag_s, self.matched_lag_std_s)
+
+
+FORCE = section(SensorQuality, sensor="force", unit="N")
+DISPLACEMENT = section(SensorQuality, sensor="displacement", unit="m")
+
+
+def skew_quality(alignment: Alignment) -> SkewQuality:
+    """How the clocks were tied, and what is left uncertain."""
+    low_s, high_s = alignment.delays.interval_s or (None, None)
+    tied = alignment.skew_s is not None
+    return SkewQuality(
+        value_s=alignment.skew_s, std_s=alignment.skew_std_s, trusted_std_s=alignment.skew_trusted_s,
+        low_s=low_s if tied else None, high_s=high_s if tied else None, checked=alignment.skew_checked,
+        method=alignment.skew_method, arrival_s=alignment.arrival_skew_s,
+    )
+
+
+def sensor_quality(name: str, alignment: Alignment) -> SensorQuality:
+    """How a sensor's clock was found, its delays, and how it lies over the controller's input."""
+    channel = alignment.timed[name]
+    clock, sensor = channel.clock, channel.sensor
+    quality = SensorQuality(
+        clock_drift_ppm=1e6 * (1.0 / clock.rate - 1.0) if clock.rate_measured else None,
+        clock_drift_std_ppm=1e6 * clock.rate_std if clock.rate_measured else None, clock_std_s=clock.std_s,
+        disordered_samples=channel.disordered,
+        arrival_latency_s=channel.latency_s if alignment.arrival_skew_s is not None else None,
+    )
+    if sensor is None:
+        return quality
+    by_edges = clock.method == EDGES
+    quality = replace(
+        quality, declared_delay_s=sensor.declared_s, undeclared_delay_s=sensor.undeclared_s,
+        tie_std_s=sensor.tie_std_s if by_edges else None, compared=sensor.compared if by_edges else None,
+    )
+    return quality if sensor.match is None else _with_match(quality, sensor.match, by_edges=by_edges)
+
+
+def _with_match(quality: SensorQuality, match: Match, *, by_edges: bool) -> SensorQuality:
+    if by_edges:
+        lag_s, lag_std_s = at_likely_compliance(
+            match.lag_s, match.lag_std_s, match.compliance, match.compliance_std, match.coupling
+        )
+        quality = replace(
+            quality, matched_lag_s=match.lag_s, matched_lag_std_s=match.lag_std_s, reference_lag_s=lag_s,
+            reference_lag_std_s=lag_std_s,
+        )
+    if math.isfinite(match.gain_std):
+        quality = replace(
+            quality, reference_gain=match.gain, reference_gain_std=match.gain_std, reference_offset=match.offset,
+            reference_offset_std=match.offset_std,
+        )
+    if match.compliance is not None:
+        quality = replace(
+            quality, reference_compliance_m_N=match.compliance, reference_compliance_std_m_N=match.compliance_std,
+            matched_coupling=match.coupling,
+        )
+    return quality
+
+
+@dataclass(frozen=True)
+class Tolerances(Section):
+    """By how much two instruments of the bench may differ before one of them is doubted (bench `[checks]`).
+
+    Attributes:
+        force_gain, displacement_gain: relative difference of sensitivity.
+        force_zero_N, displacement_zero_m: difference at zero.
+        force_zero_change_N: how much that may change over a campaign.
+        time_s: how much later an input may be than the declared delays say.
+        current_zero_A: what the ECU may report while its output stage is off.
+        coil_temperature_K: by how much the coil may seem colder than the ECU before anything was warmed.
+    """
+
+    force_gain: float = stored("tolerance_force_gain", default=0.02)
+    displacement_gain: float = stored("tolerance_displacement_gain", default=0.01)
+    force_zero_N: float = stored("tolerance_force_zero_N", default=25.0)
+    force_zero_change_N: float = stored("tolerance_force_zero_change_N", default=10.0)
+    displacement_zero_m: float = stored("tolerance_displacement_zero_m", default=0.5e-3)
+    time_s: float = stored("tolerance_time_s", default=0.5e-3)
+    current_zero_A: float = stored("tolerance_current_zero_A", default=0.02)
+    coil_temperature_K: float = stored("tolerance_coil_temperature_K", default=10.0)
+
+
+@dataclass(frozen=True)
+class RestQuality(Section):
+    """What the instruments showed at rest before the first motion.
+
+    `force_zero_std_N` is the standard error of the load cell's zero; `force_difference_N` its difference to the
+    controller's force input; `current_A` what the ECU reported while its output stage was off.
+    """
+
+    coil_degC: float | None = stored("rest_coil_degC")
+    ecu_degC: float | None = stored("rest_ecu_degC")
+    force_N: float | None = stored("rest_force_N")
+    force_zero_std_N: float | None = stored("force_zero_std_N")
+    force_difference_N: float | None = stored("rest_force_difference_N")
+    force_difference_std_N: float | None = stored("rest_force_difference_std_N")
+    current_A: float | None = stored("rest_current_A")
+    current_std_A: float | None = stored("rest_current_std_A")
+
+    @property
+    def current(self) -> Estimate | None:
+        """The reported current at rest (A)."""
+        return estimate(self.current_A, self.current_std_A)
+
+
+@dataclass(frozen=True)
+class PointQuality(Section):
+    """All that a point's file holds under `/entry/quality`.
+
+    Attributes:
+        verdict: the verdict and its reasons.
+        lost_samples: samples that no channel delivered; `loss_counted_by` how a loss would have been seen: `sequence`,
+            `rate` or `nothing`.
+        recovered: whether the campaign did not end by itself.
+        skew, motion, current, force, displacement, loop, rest: what was measured.
+        tolerances: what the bench allowed; None where the file does not say.
+        coil_low_degC, coil_high_degC: the coil's temperature over the full cycles.
+        judged_again, judged_again_utc: why and when the verdict was changed after the file was made.
+    """
+
+    verdict: Verdict = field(default_factory=Verdict)
+    lost_samples: int | None = stored("lost_samples", Stored.COUNT)
+    loss_counted_by: str | None = stored("loss_counted_by", Stored.TEXT)
+    recovered: bool | None = stored("recovered", Stored.FLAG)
+    skew: SkewQuality = field(default_factory=SkewQuality, metadata=section(SkewQuality))
+    motion: MotionQuality = field(default_factory=MotionQuality, metadata=section(MotionQuality))
+    current: CurrentQuality = field(default_factory=CurrentQuality, metadata=section(CurrentQuality))
+    force: SensorQuality = field(default_factory=SensorQuality, metadata=FORCE)
+    displacement: SensorQuality = field(default_factory=SensorQuality, metadata=DISPLACEMENT)
+    loop: LoopQuality = field(default_factory=LoopQuality, metadata=section(LoopQuality))
+    tolerances: Tolerances | None = field(default=None, metadata=section(Tolerances, optional=True))
+    rest: RestQuality = field(default_factory=RestQuality, metadata=section(RestQuality))
+    coil_low_degC: float | None = stored("coil_temperature_low_degC")
+    coil_high_degC: float | None = stored("coil_temperature_high_degC")
+    judged_again: str | None = stored("judged_again", Stored.TEXT)
+    judged_again_utc: str | None = stored("judged_again_utc", Stored.TEXT)
+
+    @classmethod
+    def read(cls, attributes: Attributes, **names: str) -> Self:
+        """The quality as the attributes of `/entry/quality` tell it; of an older file, what it has."""
+        return replace(super().read(attributes, **names), verdict=Verdict.stored(attributes))
+
+    def items(self, **names: str) -> Iterator[tuple[str, Attribute]]:
+        """Name and value of each attribute, the verdict first; None where there is none."""
+        yield from self.verdict.attributes.items()
+        yield from super().items(**names)
+
+    def sensor(self, name: str) -> SensorQuality:
+        """The section of `force` or `displacement`."""
+        return {"force": self.force, "displacement": self.displacement}[name]

@@ -1,0 +1,219 @@
+"""What a point's samples show before it is judged: losses, standing values, motion, current, temperature, loop shape.
+
+`examine` collects the evidence for the verdict, `measured_quality` what the file says of the point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocols.quality import Quality
+from rig.recording.alignment.alignment import Alignment, TimedChannel
+from rig.recording.context import PointContext, SensorContext, WantedPoint
+from rig.recording.journal.journal_file import JournalContent
+from rig.recording.point_names import OUT_OF_TOLERANCE
+from rig.recording.quality.judgement import PointEvidence, SensorCounts
+from rig.recording.quality.point_quality import (
+    PointQuality,
+    current_quality,
+    loop_quality,
+    motion_quality,
+    sensor_quality,
+    skew_quality,
+)
+from rig.recording.quality.verdict import Kind, Reason
+from rig.signals.arrays import FloatArray
+from rig.signals.chunked_column import Values, parts
+from rig.signals.current_error import loop_error_A, steps_error_A
+from rig.signals.cycles import MeasuredMotion
+from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
+
+SATURATION_SHARE = 0.999
+MOST_OVERVIEW_SAMPLES = 400_000
+FEWEST_A_CYCLE = 200
+TEMPERATURE_REACH_S = 0.5
+LARGEST_DISORDER = 0.001
+VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT, OUT_OF_TOLERANCE: Kind.INVALID}
+"""Remarks of the campaign in a point's journal that its verdict must know of."""
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The aligned point thinned to what an examination needs, as arrays (n,): every sample of an ordinary point."""
+
+    time_s: FloatArray
+    displacement_m: FloatArray
+    force_N: FloatArray
+    current_A: FloatArray
+    temperature_degC: FloatArray
+
+
+def overview(alignment: Alignment, frequency_Hz: float) -> Overview:
+    """Every k-th sample of a point too long to hold, every sample of any other.
+
+    Args:
+        alignment: the aligned point.
+        frequency_Hz: of its cycles; at least 200 samples of each are kept.
+    """
+    count = len(alignment.time_s)
+    every = 1
+    if count > MOST_OVERVIEW_SAMPLES:
+        rate_Hz = (count - 1) / max(float(alignment.time_s[-1]), 1e-9)
+        enough = int(rate_Hz / (FEWEST_A_CYCLE * max(frequency_Hz, 1e-3)))
+        every = max(1, min(-(-count // MOST_OVERVIEW_SAMPLES), enough))
+    names = ("displacement", "force", "current", "coil_temperature")
+    time_s, *values = (_every(column, every) for column in (alignment.time_s, *(alignment.values[n] for n in names)))
+    return Overview(time_s, *values)
+
+
+def _every(values: Values, every: int) -> FloatArray:
+    if every == 1:
+        return np.asarray(values, np.float64)
+    return np.concatenate([np.asarray(values[rows])[-rows.start % every :: every] for rows in parts(len(values))])
+
+
+def examine(
+    content: JournalContent, context: PointContext, alignment: Alignment, seen: Overview, motion: MeasuredMotion | None,
+) -> tuple[PointEvidence, LoopShape | None]:
+    """Everything a verdict is given by, and the shape of the loop (None where it cannot be told)."""
+    end = content.end or {}
+    wanted = context.wanted
+    motion = None if wanted.standing else motion
+    inside = np.ones(len(seen.time_s), bool)
+    starts = np.array([seen.time_s[0], np.nextafter(seen.time_s[-1], np.inf)])
+    shape = None
+    if motion is not None:
+        inside = (seen.time_s >= motion.start_s) & (seen.time_s < motion.end_s)
+        starts = motion.start_s + np.arange(motion.cycles + 1) * (motion.end_s - motion.start_s) / motion.cycles
+        shape = loop_shape(seen.time_s[inside], seen.displacement_m[inside], seen.force_N[inside], starts)
+    frequency_Hz = wanted.frequency_Hz
+    period_samples = context.sensors["force"].rate_Hz / frequency_Hz if frequency_Hz > 0.0 else np.inf
+    findings = PointEvidence(
+        sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
+                 else SensorCounts(0) for name, sensor in context.sensors.items()},
+        wanted_cycles=0.0 if wanted.standing else wanted.cycles, wanted_amplitude_m=wanted.amplitude_m,
+        wanted_frequency_Hz=frequency_Hz, current_tolerance_A=context.current_tolerance_A,
+        measured_cycles=None if motion is None else motion.cycles,
+        measured_amplitude_m=None if motion is None else motion.amplitude_m,
+        amplitude_std_m=None if motion is None else motion.amplitude_std_m,
+        measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
+        current_error_A=_steps_error_A(seen, wanted) if wanted.standing
+        else loop_error_A(seen.time_s, seen.current_A, wanted.current_A, starts),
+        amplitude_tolerance=wanted.amplitude_tolerance if wanted.kind == "loop" else None,
+        extra=[
+            *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
+              if event.code in VERDICT_REMARKS),
+            *_disorder(context, alignment),
+        ],
+        temperature_degC=_range(seen.temperature_degC[inside]),
+        temperature_share=_share_known(seen.time_s, seen.temperature_degC, inside),
+        temperature_window_degC=wanted.temperature_window_degC,
+        skew_std_s=0.0 if wanted.standing else alignment.skew_trusted_s,
+        scatter_N=None if shape is None else shape.scatter_N, change_N=None if shape is None else shape.change_N,
+        change_std_N=0.0 if shape is None else shape.change_std_N,
+        span_N=None if shape is None else shape.span_N, free_play_m=0.0 if shape is None else shape.free_play_m,
+        samples_a_cycle=float(period_samples), stopped_by=end.get("stopped_by"), interrupted=content.end is None,
+        overrun_records=int(end.get("lost_records", 0)), missing_blocks=content.missing_blocks,
+        damaged_bytes=content.damaged_bytes, tripped="trip" in alignment.timed,
+    )
+    return findings, shape
+
+
+def _disorder(context: PointContext, alignment: Alignment) -> list[Reason]:
+    """Sensors whose device clock went back too often: those samples are in no loop."""
+    channels = [alignment.timed[name] for name in context.sensors if name in alignment.timed]
+    return [
+        Reason(
+            "device-time", Kind.INVALID,
+            f"the device clock of {channel.disordered} of {len(channel.received)} {channel.name} samples went back "
+            f"({100 * channel.disordered / len(channel.received):.2g} %, limit {100 * LARGEST_DISORDER:g} %)",
+        )
+        for channel in channels if channel.disordered > LARGEST_DISORDER * len(channel.received)
+    ]
+
+
+def _share_known(time_s: FloatArray, temperature_degC: FloatArray, inside: NDArray[np.bool_]) -> float:
+    """Share of the chosen samples (n,) with a known temperature near them: a coil does not warm in a moment."""
+    known_s = time_s[np.isfinite(temperature_degC)]
+    if len(known_s) == 0 or not np.any(inside):
+        return 0.0
+    after = np.searchsorted(known_s, time_s[inside])
+    bounds_s = np.concatenate(([-np.inf], known_s, [np.inf]))
+    apart_s = np.minimum(time_s[inside] - bounds_s[after], bounds_s[after + 1] - time_s[inside])
+    return float(np.mean(apart_s <= TEMPERATURE_REACH_S))
+
+
+def _range(values: FloatArray) -> tuple[float, float] | None:
+    known = values[np.isfinite(values)]
+    return (float(np.min(known)), float(np.max(known))) if len(known) else None
+
+
+def _steps_error_A(seen: Overview, wanted: WantedPoint) -> float | None:
+    return steps_error_A(seen.time_s, seen.current_A, wanted.steps_A, 1.0 / wanted.frequency_Hz)
+
+
+def _counts(
+    channel: TimedChannel, sensor: SensorContext, alignment: Alignment, motion: MeasuredMotion | None,
+) -> SensorCounts:
+    missing = saturated = overloaded = faulty = spikes = 0
+    stood: list[Standing] = []
+    bounds = None if motion is None else (alignment.origin_s + motion.start_s, alignment.origin_s + motion.end_s)
+    for rows in parts(len(channel.records)):
+        records = channel.records[rows]
+        flags, values = records["flags"], records["value"]
+        overloaded += _marked(flags, Quality.OVERLOAD)
+        faulty += _marked(flags, Quality.SENSOR_FAULT)
+        spikes += _marked(flags, Quality.SPIKE)
+        missing += max(_marked(flags, Quality.NOT_A_NUMBER), int(np.count_nonzero(~np.isfinite(values))))
+        if sensor.range_SI is not None:
+            saturated += int(np.count_nonzero(np.abs(values) >= SATURATION_SHARE * sensor.range_SI))
+        if bounds is not None:
+            time_s = np.asarray(channel.time_s[rows])
+            stood.append(standing(values[(time_s >= bounds[0]) & (time_s < bounds[1])]))
+    return SensorCounts(
+        len(channel.records), channel.lost, missing, max(saturated, overloaded), faulty, spikes,
+        standing=max((part.longest for part in stood), default=0),
+        flat=max((part.at_extreme for part in stood), default=0),
+        coarse=any(part.coarse for part in stood),
+        step=min((part.step for part in stood if part.step > 0.0), default=0.0),
+        span=max((part.span for part in stood), default=0.0), rate_Hz=sensor.rate_Hz, bandwidth_Hz=sensor.bandwidth_Hz,
+    )
+
+
+def _marked(flags: Iterable[Any], flag: Quality) -> int:
+    return int(np.count_nonzero(np.asarray(flags) & np.uint16(flag)))
+
+
+def measured_quality(
+    context: PointContext, alignment: Alignment, seen: Overview, motion: MeasuredMotion | None,
+    evidence: PointEvidence, shape: LoopShape | None,
+) -> PointQuality:
+    """What is known of a point's quality before it is judged: everything but the verdict and how its end came."""
+    low_degC, high_degC = evidence.temperature_degC or (None, None)
+    light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
+    calibration = PointQuality.read(context.calibration)
+    return PointQuality(
+        lost_samples=alignment.lost_samples, loss_counted_by=_loss_counted_by(alignment, context),
+        skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
+        current=current_quality(motion, light), force=sensor_quality("force", alignment),
+        displacement=sensor_quality("displacement", alignment),
+        loop=loop_quality(shape),
+        tolerances=calibration.tolerances, rest=calibration.rest, coil_low_degC=low_degC, coil_high_degC=high_degC,
+    )
+
+
+def _loss_counted_by(alignment: Alignment, context: PointContext) -> str:
+    """How a lost sample of load cell or LVDT would have been seen: `sequence`, `rate`, or `nothing`.
+
+    A format without a sequence is counted against its rate, which only says something where clocks run at wall speed.
+    """
+    numbered = all(
+        len(alignment.timed[name].records) == 0 or int(alignment.timed[name].records["device_us"][0]) >= 0
+        for name in ("force", "displacement")
+    )
+    return "sequence" if numbered else "rate" if context.device_rate == 1.0 else "nothing"

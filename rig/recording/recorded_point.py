@@ -1,0 +1,354 @@
+"""One recorded point, read back: its description at once, its arrays when they are first asked for.
+
+A file from outside is checked by `rig.recording.hdf5.hdf5_check` before anything in it is believed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import FileProblem
+from rig.recording.point_names import OUT_OF_TOLERANCE
+from rig.recording.quality.point_quality import PointQuality
+from rig.signals.arrays import FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SECONDS = {"": 1.0, "_s": 1.0, "_ms": 1e-3, "_us": 1e-6, "_ns": 1e-9}
+NAMES = {f"{stem}{end}": scale for stem in ("time", "t") for end, scale in SECONDS.items()}
+"""Names of a time (lower case) -> seconds per unit."""
+#: Attribute of `RecordedPoint` -> dataset under `/entry/data`.
+CHANNELS = {
+    "time_s": "time",
+    "displacement_m": "displacement",
+    "velocity_m_s": "velocity",
+    "force_N": "force",
+    "current_measured_A": "current",
+    "coil_temperature_degC": "coil_temperature",
+}
+
+
+@dataclass(frozen=True)
+class ForceSamples:
+    """Force as measured, at its own sample times on the point's time base: `time_s`, `force_N` (m,), `flags` (m,)."""
+
+    time_s: FloatArray
+    force_N: FloatArray
+    flags: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class RecordedPoint:
+    """One recorded test point. Lengths in m, force in N, times in s; arrays (n,) float64 with NaN where nothing is.
+
+    The wanted values are those of `rig.matrix.point.TestPoint`. `verdict` is `valid`, `suspect` or `invalid`, with
+    `reasons`. `skew_s` is by how much force lagged displacement when paired by arrival (0 where unknown, as in
+    simulated runs faster than real time); it is corrected in the arrays, and `skew_std_s` is what remains uncertain
+    (one standard deviation). `mid_stroke_m` None: use the measured mean.
+    """
+
+    id: str
+    waveform: str
+    amplitude_m: float
+    frequency_Hz: float
+    current_A: float
+    cycles: float = 0.0
+    ramp_in_cycles: float = 0.0
+    ramp_out_cycles: float = 0.0
+    centre_m: float = 0.0
+    repeat: int = 1
+    rest_s: float = 0.0
+    mid_stroke_m: float | None = None
+    verdict: str = "valid"
+    reasons: tuple[str, ...] = ()
+    lost_samples: int = 0
+    skew_s: float = 0.0
+    skew_std_s: float = 0.0
+    sample_rate_Hz: float = 0.0
+    imported: bool = False
+    path: Path | None = None
+    test: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    quality: PointQuality = field(default_factory=PointQuality, repr=False)
+    provenance: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    arrays: Mapping[str, NDArray[Any]] | None = field(default=None, repr=False)
+
+    @classmethod
+    def open(cls, path: Path | str, *, whole: bool = True) -> RecordedPoint:
+        """Read a point's description from its file; the arrays follow when they are asked for.
+
+        All of the file is checked first. `whole=False` checks only what is read, which is ten times as fast, for files
+        of one's own campaign; the rest is checked before arrays are read.
+
+        Raises:
+            FileProblem: the file is missing, is no HDF5, is not in this layout, or carries what a recording never does.
+        """
+        from rig.recording.hdf5.reading import read_description
+
+        path = Path(path)
+        return cls(path=path, **read_description(path, whole=whole))
+
+    @classmethod
+    def from_arrays(
+        cls, *, time_s: FloatArray, displacement_m: FloatArray, force_N: FloatArray,
+        current_measured_A: FloatArray | None = None, velocity_m_s: FloatArray | None = None,
+        **description: Any,  # noqa: ANN401 - the other attributes, each of its own type
+    ) -> RecordedPoint:
+        """A point made in memory: arrays (n,) in SI; `description` holds the other attributes (`id`, `waveform` ...).
+
+        Without `current_measured_A` the wanted current is used; without `velocity_m_s` central differences are.
+
+        Raises:
+            FileProblem: arrays of different lengths or of more than one dimension, or a time that does not increase.
+        """
+        given = {"time_s": time_s, "displacement_m": displacement_m, "force_N": force_N,
+                 "current_measured_A": current_measured_A, "velocity_m_s": velocity_m_s}
+        _check_arrays(str(description.get("id", "a point")), given)
+        current = np.full(len(time_s), float(description["current_A"]))
+        velocity = np.gradient(displacement_m, time_s) if velocity_m_s is None else velocity_m_s
+        arrays = {
+            "time": time_s, "displacement": displacement_m, "velocity": velocity, "force": force_N,
+            "current": current if current_measured_A is None else current_measured_A,
+        }
+        return cls(arrays=arrays, **description)
+
+    @classmethod
+    def from_pandas(
+        cls, table: pd.DataFrame, *, id: str, current_A: float, waveform: str = "sine",
+        **description: Any,  # noqa: ANN401 - the other attributes, each of its own type
+    ) -> RecordedPoint:
+        """A point from a table as `to_pandas` gives it: the inverse of that.
+
+        Args:
+            table: one row a sample; columns `displacement` (m), `force` (N) and, where there are, `current` (A,
+                measured), `commanded_current` (A) and any other channel. The time is the index, or a column `time_s`
+                (`rig.recording.table_time`); row numbers are not taken for it.
+            id: the point's id.
+            current_A: the wanted coil current (A).
+            waveform: `sine` or `triangle`.
+            **description: other attributes; amplitude and frequency are measured where they are not given.
+
+        Raises:
+            FileProblem: a column is missing or not numbers, there is no time or it does not increase, or there is no
+                motion to measure.
+        """
+        if not table.columns.is_unique:
+            twice = sorted({str(name) for name in table.columns[table.columns.duplicated()]})
+            raise FileProblem(id, [f"the table has several columns {name!r}; which one is meant?" for name in twice])
+        missing = [name for name in ("displacement", "force") if name not in table]
+        if missing:
+            raise FileProblem(id, [f"the table has no column {name!r}; it has {list(table)}" for name in missing])
+        from rig.recording.recorded_point import table_time
+
+        time_s, time_column = table_time(table, id)
+        try:
+            channels = {str(name): table[name].to_numpy(np.float64) for name in table if name != time_column}
+        except (ValueError, TypeError) as error:
+            raise FileProblem(id, [f"the table's columns must hold numbers: {error}"]) from error
+        arrays = {**channels, "time": time_s}
+        if "current" not in arrays:
+            unknown = np.nan if "commanded_current" in arrays else current_A
+            arrays["current"] = np.full(len(time_s), unknown)
+        if not {"amplitude_m", "frequency_Hz"} <= set(description):
+            from rig.signals.cycles import measured_motion
+
+            motion = measured_motion(time_s, arrays["displacement"])
+            if motion is None:
+                raise FileProblem(id, ["no whole cycle is in the displacement; give amplitude_m and frequency_Hz"])
+            description = {"amplitude_m": motion.amplitude_m, "frequency_Hz": motion.frequency_Hz, **description}
+        arrays.setdefault("velocity", np.gradient(arrays["displacement"], time_s))
+        return cls(id=id, waveform=waveform, current_A=current_A, arrays=arrays, **description)
+
+    def channel(self, name: str) -> FloatArray:
+        """Any aligned channel by its name in the file, (n,) float64; NaN everywhere when the file lacks it.
+
+        Raises:
+            FileProblem: the file changed or was damaged since it was opened.
+        """
+        if self.arrays is not None:
+            values = self.arrays.get(name)
+        else:
+            from rig.recording.hdf5.reading import read_channel
+
+            values = read_channel(self._file, name)
+        return np.full(self.samples, np.nan) if values is None else np.asarray(values, np.float64)
+
+    @property
+    def kind(self) -> str:
+        """What the point is for: `loop`, `friction` or `current_step`, as in `rig.matrix.point.TestPoint`."""
+        return str(self.test.get("kind", "loop"))
+
+    @property
+    def kept_apart(self) -> bool:
+        """A motion that was not the wanted one, recorded before its point was run again: shown, never used."""
+        return any(reason.slug == OUT_OF_TOLERANCE for reason in self.quality.verdict.entries)
+
+    @property
+    def _file(self) -> Path:
+        if self.path is None:
+            raise FileProblem(self.id, ["this point was made in memory without a file and without this data"])
+        return self.path
+
+    @property
+    def samples(self) -> int:
+        """Number of samples n."""
+        return len(self.time_s)
+
+    @cached_property
+    def time_s(self) -> FloatArray:
+        """Time of each sample, s, 0 at the first.
+
+        Raises:
+            FileProblem: the file has no time.
+        """
+        if self.arrays is not None:
+            return np.asarray(self.arrays["time"], np.float64)
+        from rig.recording.hdf5.reading import read_channel
+
+        values = read_channel(self._file, "time")
+        if values is None:
+            raise FileProblem(str(self.path), ["/entry/data/time is missing"])
+        return np.asarray(values, np.float64)
+
+    @cached_property
+    def displacement_m(self) -> FloatArray:
+        """Damper extension in the displacement sensor's coordinate, m."""
+        return self.channel("displacement")
+
+    @cached_property
+    def velocity_m_s(self) -> FloatArray:
+        """Velocity differentiated from measured displacement without phase, m/s."""
+        return self.channel("velocity")
+
+    @cached_property
+    def force_N(self) -> FloatArray:
+        """Measured force brought to the displacement's sample times, N."""
+        return self.channel("force")
+
+    @cached_property
+    def current_measured_A(self) -> FloatArray:
+        """Coil current measured by the ECU at the displacement's sample times, A; the wanted one in imported tests."""
+        return self.channel("current")
+
+    @cached_property
+    def force_samples(self) -> ForceSamples:
+        """The measured force at its own sample times, not interpolated: best input for a fit.
+
+        Made from the aligned channel where a file has no raw force (imported tests, points made in memory). Samples
+        without a place in time (the device's clock went back) are not in it.
+        """
+        if self.arrays is None:
+            from rig.recording.hdf5.reading import read_raw
+
+            raw = read_raw(self._file, "force")
+            if raw is not None and "time" in raw:
+                placed = np.isfinite(raw["time"])
+                time_s, force_N, flags = (raw[name][placed] for name in ("time", "value", "flags"))
+                return ForceSamples(
+                    np.asarray(time_s, np.float64), np.asarray(force_N, np.float64), np.asarray(flags, np.int64)
+                )
+        return ForceSamples(self.time_s, self.force_N, np.zeros(self.samples, np.int64))
+
+    def raw(self, name: str) -> dict[str, NDArray[Any]] | None:
+        """A channel as received: `value`, `sequence`, `device_us`, `host_ns`, `flags` and, if aligned, `time`.
+
+        None when the file holds no such channel.
+        """
+        from rig.recording.hdf5.reading import read_raw
+
+        return None if self.path is None else read_raw(self.path, name)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The aligned channels as a table indexed by time in s, one column a channel in SI units."""
+        import pandas as pd
+
+        from rig.recording.hdf5.reading import channel_names
+
+        names = channel_names(self.path) if self.path is not None else list(self.arrays or {})
+        columns = {name: self.channel(name) for name in names if name != "time"}
+        return pd.DataFrame(columns, index=pd.Index(self.time_s, name="time_s"))
+
+
+def _check_arrays(name: str, given: Mapping[str, FloatArray | None]) -> None:
+    """Refuse arrays that are no samples of one time base.
+
+    Raises:
+        FileProblem: one line for each.
+    """
+    shapes = {key: np.shape(values) for key, values in given.items() if values is not None}
+    wanted = shapes["time_s"]
+    problems = [
+        f"{key} has shape {shape}; it must be (n,), as long as time_s: {wanted}"
+        for key, shape in shapes.items() if shape != wanted or len(shape) != 1
+    ]
+    if not problems and (wanted[0] < 2 or not np.all(np.diff(np.asarray(given["time_s"], np.float64)) > 0.0)):
+        problems.append("time_s must increase from sample to sample, two samples or more")
+    if problems:
+        raise FileProblem(name, problems)
+
+
+def table_time(table: pd.DataFrame, where: str) -> tuple[FloatArray, str | None]:
+    """Time of every row and the column that held it.
+
+    An index counts as time when it holds dates or durations (the first row is then 0 s), when it is named `time` or `t`
+    (with `_s`, `_ms`, `_us`, `_ns`; without: s), or when it has no name and is not whole numbers. Else a column of such
+    a name does.
+
+    Args:
+        table: one row a sample.
+        where: what to call the table in an error.
+
+    Returns:
+        Time in s, (n,), and the column's name; None where the index is the time.
+
+    Raises:
+        FileProblem: neither is a time; or it is not finite, or does not increase.
+    """
+    named = {str(name).lower(): name for name in table.columns}
+    column = next((named[name] for name in NAMES if name in named), None)
+    if _is_time(table.index):
+        column, time_s = None, _seconds(table.index, where)
+    elif column is not None:
+        time_s = _seconds(table[column], where)
+    else:
+        raise FileProblem(where, [
+            f"the table has no time: its index ({table.index.name or 'without a name'}) counts rows; give a column "
+            "`time_s`, or set the index to the time in s: table.index = pd.Index(time_s, name='time_s')"
+        ])  # fmt: skip
+    if len(time_s) < 2 or not np.all(np.diff(time_s) > 0.0) or not np.all(np.isfinite(time_s)):
+        name = "index" if column is None else f"column {column!r}"
+        raise FileProblem(where, [f"the time ({name}, in s) must increase from row to row, two rows or more"])
+    return time_s, column
+
+
+def _is_time(index: pd.Index) -> bool:
+    if index.nlevels > 1:
+        return False
+    if index.dtype.kind in "mM" or hasattr(index.dtype, "tz"):
+        return True
+    if index.dtype.kind not in "iuf":
+        return False
+    if index.name is not None:
+        return str(index.name).lower() in NAMES
+    values = index.to_numpy(np.float64)
+    return index.dtype.kind == "f" and not np.array_equal(values, np.round(values))
+
+
+def _seconds(source: pd.Index | pd.Series, where: str) -> FloatArray:
+    if source.dtype.kind in "mM" or hasattr(source.dtype, "tz"):
+        values = source.to_numpy()
+        if source.dtype.kind == "M" or hasattr(source.dtype, "tz"):
+            values = source.to_numpy("datetime64[ns]")
+        steps = np.asarray(values - values[:1], "timedelta64[ns]")
+        return np.where(np.isnat(steps), np.nan, steps.astype(np.int64) * 1e-9)
+    try:
+        return source.to_numpy(np.float64) * NAMES.get(str(source.name).lower(), 1.0)
+    except (ValueError, TypeError) as error:
+        raise FileProblem(where, [f"the time in {source.name!r} is not a number: {error}"]) from error

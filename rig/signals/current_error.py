@@ -1,0 +1,122 @@
+"""By how much the measured current missed the wanted one: in the worst stretch of a loop, at the end of every step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.signals.arrays import FloatArray
+
+QUARTERS = 4
+SETTLING = (0.3, 0.5, 0.7, 0.9)
+"""Shares of a hold between which its current is looked at; behind the last the next step may have begun."""
+STILL_SETTLING = 0.7
+"""A change that shrinks at least so much from one stretch to the next is a current on its way to a level."""
+SHORTEST_HOLD = 0.25
+"""Of the wanted one: a rig that outruns its host is given its steps unevenly."""
+
+
+def loop_error_A(time_s: FloatArray, current_A: FloatArray, wanted_A: float, starts_s: FloatArray) -> float | None:
+    """The largest median deviation over one cycle, or over one quarter of phase of all of them (A).
+
+    The median keeps a noisy measurement's noise out; each cycle by itself shows a sag that passes, each quarter one
+    that comes back with every cycle.
+
+    Args:
+        time_s: (n,) s, increasing.
+        current_A: measured current (n,), A; NaN where unknown.
+        wanted_A: the loop's current, A.
+        starts_s: beginnings of the kept cycles and the end of the last (k + 1,), s.
+
+    Returns:
+        None where no current was measured.
+    """
+    error_A = np.abs(current_A - wanted_A)
+    bounds = np.searchsorted(time_s, starts_s)
+    phase = QUARTERS * (time_s - starts_s[0]) / (starts_s[1] - starts_s[0])
+    quarter = np.floor(phase).astype(np.int64) % QUARTERS
+    inside = slice(bounds[0], bounds[-1])
+    stretches = [error_A[first:last] for first, last in pairwise(bounds)]
+    stretches += [error_A[inside][quarter[inside] == number] for number in range(QUARTERS)]
+    return max(_medians(stretches), default=None)
+
+
+def steps_error_A(
+    time_s: FloatArray, current_A: FloatArray, levels_A: Sequence[float], hold_s: float,
+) -> float | None:
+    """The largest deviation of a hold's settled current from its own level (A).
+
+    A hold that ended before the current had settled is judged by the level it was on its way to. Where the holds lie is
+    told by the current itself: commands are dated by the host, which a fast rig outruns.
+
+    Args:
+        time_s: (n,) s, increasing.
+        current_A: measured current (n,), A; NaN where unknown.
+        levels_A: currents of the steps in turn, A.
+        hold_s: how long each was to be held, s.
+
+    Returns:
+        None where a hold's current was not measured, or the record is too short for them.
+    """
+    known = np.isfinite(current_A)
+    time_s, current_A = time_s[known], current_A[known]
+    bounds = _holds(time_s, current_A, levels_A, SHORTEST_HOLD * hold_s)
+    if bounds is None:
+        return None
+    errors_A = []
+    for level_A, (first, last) in zip(levels_A, pairwise(bounds), strict=True):
+        settled_A = _settled_A(time_s[first:last], current_A[first:last])
+        if settled_A is None:
+            return None
+        errors_A.append(abs(settled_A - level_A))
+    return max(errors_A)
+
+
+def _settled_A(time_s: FloatArray, current_A: FloatArray) -> float | None:
+    """Where a hold's current (n,) is at its end, or would settle had it been held on (Aitken); None: not measured."""
+    shares = (time_s - time_s[0]) / (time_s[-1] - time_s[0])
+    cuts = np.searchsorted(shares, SETTLING)
+    levels_A = list(_medians(current_A[first:last] for first, last in pairwise(cuts)))
+    if len(levels_A) < len(SETTLING) - 1:
+        return None
+    before_A, change_A = levels_A[1] - levels_A[0], levels_A[2] - levels_A[1]
+    if not 0.0 < change_A * before_A < STILL_SETTLING * before_A**2:
+        return levels_A[2]
+    return levels_A[2] + change_A**2 / (before_A - change_A)
+
+
+def _holds(
+    time_s: FloatArray, current_A: FloatArray, levels_A: Sequence[float], shortest_s: float,
+) -> list[int] | None:
+    """Rows (k + 1,) that divide the record into the holds by which the levels fit it best; None: too short a record.
+
+    Dynamic programming over the least sum of deviations, each hold at least `shortest_s` long.
+    """
+    before = np.searchsorted(time_s, time_s - shortest_s, side="right")
+    best = np.where(np.arange(len(time_s) + 1) == 0, 0.0, np.inf)
+    chosen = []
+    for level_A in levels_A:
+        spent = np.concatenate(([0.0], np.cumsum(np.abs(current_A - level_A))))
+        least = np.minimum.accumulate(best - spent)
+        begins = np.maximum.accumulate(np.where(best - spent <= least, np.arange(len(best)), 0))
+        latest = np.concatenate(([0], before - 1))
+        allowed = latest >= 0
+        chosen.append(np.where(allowed, begins[latest], 0))
+        best = np.where(allowed, least[latest] + spent, np.inf)
+        best[0] = np.inf
+    if not levels_A or not np.isfinite(best[-1]):
+        return None
+    bounds = [len(time_s)]
+    for begin in reversed(chosen):
+        bounds.insert(0, int(begin[bounds[0]]))
+    return bounds
+
+
+def _medians(stretches: Iterable[NDArray[np.float64]]) -> Iterator[float]:
+    for stretch in stretches:
+        known = stretch[np.isfinite(stretch)]
+        if len(known):
+            yield float(np.median(known))

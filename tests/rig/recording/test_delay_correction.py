@@ -1,0 +1,182 @@
+"""Points of one rig that lags by 2 ms, each of which sees too little of it alone: what they say once taken together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from synthetic_rig import SyntheticRig, with_controller_record
+
+from drivers.ring import Channel
+from rig.recording.context import SensorContext
+from rig.recording.conversion.conversion import ReadBackDiffers, build
+from rig.recording.conversion.delay_correction import retime
+from rig.recording.hdf5.hdf5_image import write_file
+from rig.recording.hdf5.reading import read_events
+from rig.recording.journal.journal_file import JournalContent
+from rig.recording.layout import Event
+from rig.recording.recorded_point import RecordedPoint
+
+LAG_S = 2e-3
+KEPT_POLLS = 3
+"""Every third status, so that one point knows the lag to a few tenths of a millisecond."""
+
+
+def write_points(
+    folder: Path, lag_s: float, count: int = 5, frequency_Hz: float = 2.0, delay_s: float | None = 0.0,
+) -> dict[str, SyntheticRig]:
+    rigs = {}
+    for number in range(1, count + 1):
+        rig = SyntheticRig(
+            frequency_Hz=frequency_Hz, cycles=10, amplitude_m=0.03 if number < 3 else 0.003, seed=number, noise_N=5.0
+        )
+        records = with_controller_record(rig, lag_s)
+        polls = np.isin(records["channel"], (Channel.POSITION, Channel.CONTROLLER_FORCE))
+        keep = ~polls | (np.cumsum(polls) % (2 * KEPT_POLLS) < 2)
+        sensors = {
+            name: SensorContext(sensor, 250.0, delay_s, unit)
+            for name, sensor, unit in (("force", "load_cell", 10_000.0), ("displacement", "lvdt", 0.1))
+        }
+        context = rig.context(controller_delay_s=0.0, sensors=sensors, provenance={"bench_hash": "one bench"})
+        context.point["id"] = f"p{number:03}"
+        noted = (Event(int(records["host_ns"][900]), "note", "halfway, über alles"),)
+        content = JournalContent("", records[keep], noted, end={"stopped_by": None, "lost_records": 0})
+        file, _ = build(content, context)
+        write_file(folder / f"p{number:03}.h5", file)
+        rigs[f"p{number:03}"] = rig
+    return rigs
+
+
+def opened(folder: Path) -> list[RecordedPoint]:
+    return [RecordedPoint.open(file) for file in sorted(folder.glob("*.h5"))]
+
+
+def force_error_N(point: RecordedPoint, rig: SyntheticRig) -> float:
+    """Root mean square of what the aligned force misses of the true force at the aligned times, full cycles."""
+    clock_s = point.time_s + float(point.test["controller_clock_at_zero_s"])
+    inside = (clock_s > rig.start_s + 1.0) & (clock_s < rig.start_s + 5.0)
+    return float(np.sqrt(np.mean((point.force_N[inside] - rig.force(clock_s[inside])) ** 2)))
+
+
+def test_points_that_saw_too_little_take_over_what_all_of_them_know(tmp_path: Path) -> None:
+    rigs = write_points(tmp_path, LAG_S)
+    before = {point.id: force_error_N(point, rigs[point.id]) for point in opened(tmp_path)}
+    assert any(abs(point.skew_s - LAG_S) > 1e-3 for point in opened(tmp_path)), "the weak ones keep the declaration"
+    changed = {point.id for point in retime(tmp_path)}
+    assert changed
+    points = opened(tmp_path)
+    for point in points:
+        assert abs(point.skew_s - LAG_S) < 3.0 * point.skew_std_s, point.id
+    for name in changed:
+        point = next(point for point in points if point.id == name)
+        assert point.skew_std_s < 0.5e-3, point.id
+        assert point.skew_s == pytest.approx(next(iter(points)).skew_s, abs=0.5e-3)
+        assert force_error_N(point, rigs[name]) < max(6.0, before[name])
+    assert list(retime(tmp_path)) == [], "what was brought to one skew stays as it is"
+
+
+def test_a_point_that_was_suspect_for_its_skew_alone_is_valid_once_all_points_know_it(tmp_path: Path) -> None:
+    write_points(tmp_path, LAG_S, frequency_Hz=3.0, delay_s=None)
+    suspects = {point.id for point in opened(tmp_path) if point.verdict == "suspect"}
+    assert suspects
+    told = {finished.id: (finished.verdict, finished.reasons) for finished in retime(tmp_path)}
+    assert {told[name] for name in suspects} == {("valid", ())}
+    for point in opened(tmp_path):
+        assert (point.verdict, tuple(point.reasons)) == ("valid", ()), point.id
+
+
+def test_nothing_that_was_received_is_touched(tmp_path: Path) -> None:
+    write_points(tmp_path, LAG_S)
+    received = ("value", "sequence", "device_us", "host_ns", "flags")
+
+    def raw(file: Path) -> list[bytes]:
+        with h5py.File(file) as content:
+            return [content[f"entry/raw/{name}/{key}"][:].tobytes()
+                    for name in content["entry/raw"] for key in received]  # fmt: skip
+
+    before = {file.name: raw(file) for file in sorted(tmp_path.glob("*.h5"))}
+    assert list(retime(tmp_path))
+    assert {file.name: raw(file) for file in sorted(tmp_path.glob("*.h5"))} == before
+    assert list(tmp_path.glob("*.tmp")) == []
+
+
+def test_points_that_agree_with_the_declaration_are_not_written_again(tmp_path: Path) -> None:
+    write_points(tmp_path, 0.0, count=3)
+    before = {file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.h5")}
+    assert list(retime(tmp_path)) == []
+    assert {file.name: file.stat().st_mtime_ns for file in tmp_path.glob("*.h5")} == before
+
+
+@pytest.mark.parametrize("lost", ["force/time", "velocity"])
+def test_a_value_that_was_not_written_as_meant_is_noticed_and_the_file_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str
+) -> None:
+    write_points(tmp_path, LAG_S)
+    before = {file.name: file.read_bytes() for file in sorted(tmp_path.glob("*.h5"))}
+    write = h5py.Dataset.__setitem__
+
+    def forgetful(dataset: h5py.Dataset, rows: object, values: np.ndarray) -> None:
+        if not dataset.name.endswith(lost):
+            write(dataset, rows, values)
+
+    monkeypatch.setattr(h5py.Dataset, "__setitem__", forgetful)
+    with pytest.raises(ReadBackDiffers, match=lost):
+        list(retime(tmp_path))
+    assert {file.name: file.read_bytes() for file in sorted(tmp_path.glob("*.h5"))} == before
+
+
+def changed_points(folder: Path) -> list[RecordedPoint]:
+    written = {point.id for point in retime(folder)}
+    assert written
+    return [point for point in opened(folder) if point.id in written]
+
+
+def test_velocity_of_a_file_made_again_is_the_derivative_of_its_displacement(tmp_path: Path) -> None:
+    write_points(tmp_path, LAG_S)
+    for point in changed_points(tmp_path):
+        velocity, derivative = point.velocity_m_s, np.gradient(point.displacement_m, point.time_s)
+        peak = np.nanmax(np.abs(derivative))
+        assert np.nanmax(np.abs(velocity - derivative)) < 0.03 * peak, point.id
+        assert np.array_equal(np.isnan(velocity), np.isnan(point.displacement_m))
+
+
+def test_a_file_made_again_is_the_file_that_would_have_been_made_with_these_delays(tmp_path: Path) -> None:
+    rigs = write_points(tmp_path, LAG_S)
+    before = {point.id: point for point in opened(tmp_path)}
+    for point in changed_points(tmp_path):
+        old, rig = before[point.id], rigs[point.id]
+        late_s = float(point.quality.displacement.undeclared_delay_s or 0.0)
+        assert float(point.test["controller_clock_at_zero_s"]) == pytest.approx(
+            float(old.test["controller_clock_at_zero_s"]) - late_s, abs=1e-5
+        )
+        wanted = rig.damping * point.velocity_m_s + rig.stiffness * point.displacement_m
+        inside = (point.time_s > 1.0) & (point.time_s < 4.5)
+        assert np.sqrt(np.nanmean((point.force_N - wanted)[inside] ** 2)) < 0.05 * np.ptp(wanted[inside]), point.id
+        assert set(point.quality.attributes) >= set(old.quality.attributes) - {"reasons", "blamed"}
+        for name in ("force_noise_N", "force_scatter_N", "phase_deg", "measured_amplitude_m", "free_play_m"):
+            assert (name in point.quality.attributes) == (name in old.quality.attributes)
+
+
+def test_a_file_made_again_says_when_and_why_and_from_which_delays(tmp_path: Path) -> None:
+    write_points(tmp_path, LAG_S)
+    before = {point.id: point for point in opened(tmp_path)}
+    for point in changed_points(tmp_path):
+        said = point.provenance
+        assert said["rewritten"].startswith("20")
+        assert "all points together" in said["rewritten_why"]
+        assert said["rewritten_from_force_delay_s"] == before[point.id].quality.force.undeclared_delay_s
+        assert said["rewritten_to_force_delay_s"] == point.quality.force.undeclared_delay_s
+        assert said["journal_check"] == before[point.id].provenance["journal_check"]
+    for point in opened(tmp_path):
+        assert ("rewritten" in point.provenance) == (point.provenance != before[point.id].provenance)
+
+
+def test_what_was_noted_keeps_its_place_among_the_samples(tmp_path: Path) -> None:
+    write_points(tmp_path, LAG_S)
+    before = {file.stem: read_events(file) for file in tmp_path.glob("*.h5")}
+    for point in changed_points(tmp_path):
+        (now,), (then,) = read_events(point.path), before[point.id]
+        assert now[1:] == then[1:] == ("note", "halfway, über alles")
+        assert abs(now[0] - then[0]) < 5_000_000

@@ -1,0 +1,74 @@
+"""Cycles told from measured displacement: ramps, rests, offsets and noise."""
+
+import numpy as np
+import pytest
+
+from rig.signals.cycles import NoCycles, find_cycles, full_cycles, kept_cycles, measured_motion
+
+
+def ramped_sine(
+    cycles: int, frequency_Hz: float, offset_m: float = 0.003, noise_m: float = 5e-6
+) -> tuple[np.ndarray, np.ndarray]:
+    """A program as the rig runs it: rest, one ramp-in cycle, full cycles, one ramp-out cycle, rest."""
+    t = np.arange(0.0, (cycles + 2) / frequency_Hz + 1.0, 0.004)
+    phase = (t - 0.5) * frequency_Hz
+    envelope = np.clip(phase, 0.0, 1.0) * np.clip(cycles + 2 - phase, 0.0, 1.0)
+    noise = np.random.default_rng(1).normal(0.0, noise_m, t.size)
+    return t, offset_m + 0.05 * envelope * np.sin(2.0 * np.pi * phase) + noise
+
+
+@pytest.mark.parametrize("frequency_Hz", [0.5, 1.0, 2.0])
+def test_ten_full_cycles_are_found_and_eight_are_kept(frequency_Hz: float) -> None:
+    t, u = ramped_sine(10, frequency_Hz)
+    cycles = find_cycles(t, u)
+    assert len(full_cycles(cycles)) == 10
+    kept = kept_cycles(cycles)
+    assert len(kept) == 8
+    assert kept.start_s[0] == pytest.approx(0.5 + 2.0 / frequency_Hz, abs=2e-4)
+    assert kept.frequency_Hz == pytest.approx(frequency_Hz, rel=1e-3)
+    assert kept.amplitude_m == pytest.approx(0.05, rel=1e-3)
+    assert kept.mean_m == pytest.approx(0.003, abs=5e-6)
+
+
+def test_rests_of_any_length_and_level_do_not_move_the_mean() -> None:
+    t, u = ramped_sine(6, 1.0)
+    rest = np.full(5000, 0.02)
+    time = np.arange(t.size + 5000) * 0.004
+    assert kept_cycles(find_cycles(time, np.concatenate((u, rest)))).mean_m == pytest.approx(0.003, abs=5e-6)
+
+
+def test_noise_around_the_mean_makes_no_crossings() -> None:
+    t, u = ramped_sine(4, 0.5, noise_m=5e-4)
+    assert len(full_cycles(find_cycles(t, u))) == 4
+
+
+def test_samples_that_are_not_numbers_are_skipped() -> None:
+    t, u = ramped_sine(6, 1.0)
+    u[700:720] = np.nan
+    assert len(kept_cycles(find_cycles(t, u))) == 4
+
+
+def test_a_given_level_is_used_as_it_is() -> None:
+    t, u = ramped_sine(6, 1.0)
+    assert find_cycles(t, u, mean_m=0.01).mean_m == 0.01
+
+
+def test_a_single_movement_is_refused_by_name() -> None:
+    with pytest.raises(NoCycles, match="upwards 1 time"):
+        find_cycles(np.arange(0.0, 1.0, 0.01), np.linspace(-0.02, 0.02, 100))
+    with pytest.raises(NoCycles, match="at least 8"):
+        find_cycles(np.arange(5.0), np.ones(5))
+
+
+def test_two_full_cycles_are_too_few_to_drop_the_first_and_last() -> None:
+    t, u = ramped_sine(2, 1.0)
+    with pytest.raises(NoCycles, match="2 cycles at full amplitude; more than 2"):
+        kept_cycles(find_cycles(t, u))
+
+
+def test_a_motion_stopped_while_it_ramped_in_has_no_full_cycle() -> None:
+    t = np.arange(0.0, 6.6, 0.004)
+    u = 0.01 * t * np.sin(2.0 * np.pi * t)
+    with pytest.raises(NoCycles, match="full amplitude"):
+        find_cycles(t, u)
+    assert measured_motion(t, u) is None
