@@ -57,7 +57,8 @@ class _Codes:
         if strange := [name for name in codes if name not in members]:
             raise LocalProtocolError(f"code {strange[0]!r} is not one of {', '.join(members)}")
         self._meaning = {code: int(members[name]) for name, code in codes.items()}
-        self._code = {members[name]: code for name, code in codes.items()}
+        self._code = {int(members[name]): code for name, code in codes.items()}
+        self._members = tuple(meaning)
         self._taken = {int(member) for member in meaning}
 
     def meaning(self, code: int) -> int:
@@ -67,15 +68,19 @@ class _Codes:
             return named
         return code + UNNAMED if code in self._taken else code
 
-    def code(self, member: IntEnum) -> int:
-        """The device's code.
+    def code(self, number: int) -> int:
+        """The device's code of a neutral number; what `meaning` made of a code without a name becomes that code again.
 
         Raises:
             LocalProtocolError: the device has none.
         """
-        if member not in self._code:
-            raise LocalProtocolError(f"{_slug(member.name)} is nothing this controller knows")
-        return self._code[member]
+        known = self._code.get(number)
+        if known is not None:
+            return known
+        if number in self._taken:
+            name = next(_slug(member.name) for member in self._members if member == number)
+            raise LocalProtocolError(f"{name} is nothing this controller knows")
+        return number - UNNAMED if number - UNNAMED in self._taken else number
 
 
 class _Bits:
@@ -191,7 +196,7 @@ class ControllerDescription:
             LocalProtocolError: a limit does not fit its register.
         """
         values: dict[str, Value] = {_LIMITS[field]: value for field, value in asdict(limits).items()}
-        values["watchdog_action"] = self._actions.code(WatchdogAction(limits.watchdog_action))
+        values["watchdog_action"] = self._actions.code(limits.watchdog_action)
         return self.map.block("config").encode(values)
 
     def encode_command(

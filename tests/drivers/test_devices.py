@@ -9,6 +9,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from modbus_device import ModbusDevice
 
 from drivers.capabilities import Capabilities, WatchdogKind
@@ -73,6 +75,7 @@ def another_vendor() -> ControllerDescription:
     data: dict[str, Any] = copy.deepcopy(CONTROLLER)
     data["capabilities"] |= {"lease": False, "watchdog": "timeout"}
     data["codes"]["state"] = {"off": 10, "hold": 0, "running": 7, "tripped": 2}
+    data["codes"]["watchdog_action"] = {"none": 7, "fade-and-hold": 0}
     data["codes"]["command"] = {"start": 100, "halt": 101, "fade-stop": 102, "move-to": 103}
     data["bits"]["fault"] = {"watchdog": 3, "e-stop": 0}
     data["bits"]["input"] = {"e-stop-closed": 2}
@@ -135,6 +138,13 @@ def test_a_code_without_a_name_is_shown_and_never_taken_for_a_named_one() -> Non
     assert status.fault_bits
     assert status.inputs & sum(Input) == 0
     assert controller("demo").decode_status([0, 99, *[0] * 32], 5).state == 99
+
+
+@given(st.integers(0, 65535))
+def test_what_a_controller_holds_is_written_back_as_it_was(action: int) -> None:
+    for described in (controller("demo"), another_vendor()):
+        words = described.map.block("config").encode({"watchdog_action": action})
+        assert described.encode_limits(described.decode_limits(words)) == words
 
 
 def test_a_command_that_the_controller_does_not_know_is_our_own_error() -> None:

@@ -103,7 +103,7 @@ def fuzz_ecu(source: random.Random) -> None:
     with contextlib.suppress(RemoteProtocolError):
         status = ecu.decode_status(data)
         assert ecu.decode_status(ecu.encode_status(status)) == status
-        assert len(data) == ecu.FRAME_LENGTH
+        assert len(data) == ecu.FRAMES.lengths[ecu.STATUS_ID]
     with contextlib.suppress(RemoteProtocolError):
         ecu.decode_command(data)
     with contextlib.suppress(RemoteProtocolError):
