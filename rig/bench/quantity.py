@@ -167,16 +167,16 @@ class Settings:
         """What its entries, each right by itself, say wrong together."""
         yield from ()
 
+    core_schema_of: ClassVar[Callable[..., Any]]
+    json_schema_of: ClassVar[Callable[..., Any]]
+    """How the validator reads a table: set by `rig.bench.section`, which loads the validator."""
+
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        from rig.bench.section import settings_schema
-
-        return settings_schema(cls, source, handler)
+        schema: CoreSchema = Settings.core_schema_of(cls, source, handler)
+        return schema
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        from rig.bench.section import with_suffixes
-
-        result = handler(schema)
-        with_suffixes(cls, handler.resolve_ref_schema(result))
+        result: JsonSchemaValue = Settings.json_schema_of(cls, schema, handler)
         return result

@@ -135,7 +135,7 @@ def located(problems: Sequence[Problem]) -> PydanticCustomError:
     return PydanticCustomError("inconsistent", "entries contradict each other", {"problems": list(problems)})
 
 
-def settings_schema(table: type[Settings], source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+def _core_schema_of(table: type[Settings], source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
     """The validator's schema of a table of settings: unit suffixes first, its entries, what they say together last."""
     result = handler(source)
     definition: dict[str, Any] = handler.resolve_ref_schema(result)  # type: ignore[assignment]  # changed in place
@@ -153,6 +153,17 @@ def settings_schema(table: type[Settings], source: object, handler: GetCoreSchem
     definition.clear()
     definition.update(whole, **({} if name is None else {"ref": name}))
     return result
+
+
+def _json_schema_of(table: type[Settings], schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+    """The JSON schema of a table of settings."""
+    result = handler(schema)
+    with_suffixes(table, handler.resolve_ref_schema(result))
+    return result
+
+
+Settings.core_schema_of = _core_schema_of
+Settings.json_schema_of = _json_schema_of
 
 
 def _with_unit(value: object, unit: str, key: str) -> object:

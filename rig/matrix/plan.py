@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rig.bench.model import Bench
+from rig.errors import told
 from rig.matrix.feasibility import Reason, reasons_against, sampling_hints, too_hot, would_fit
 from rig.matrix.forecast import Forecast, forecaster
 from rig.matrix.model import Matrix
@@ -35,7 +36,7 @@ class PlannedPoint:
     @property
     def reasons(self) -> tuple[str, ...]:
         """The causes in words."""
-        return tuple(cause.text for cause in self.causes)
+        return tuple(told(cause.text) for cause in self.causes)
 
     @property
     def feasible(self) -> bool:
