@@ -14,7 +14,7 @@ from rig.errors import IdentificationFailed
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.separable import GivenUp, motion_scale
-from rig.identification.models.solving import Method, solve
+from rig.identification.models.solving import Candidate, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
@@ -27,8 +27,8 @@ from rig.identification.points.consistency import (
 )
 from rig.identification.points.current_steps import CurrentLag, lag_of
 from rig.identification.points.preparation import campaign_skews, prepare_all
-from rig.identification.selection import Candidate, compare
-from rig.identification.uncertainty.assessment import judged
+from rig.identification.selection import compare
+from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
 from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore, SeriesSpring
 from rig.identification.uncertainty.scoring import score
@@ -86,16 +86,14 @@ def identify(
     refuse_reversed_signs(fitted)
     warnings += contradictions(fitted)
     lag, unusable_steps = lag_of(_recorded(tests))
-    warnings += unusable_steps
+    wanted = Wanted(settings, declared, profile, (*warnings, *unusable_steps), started)
     if current != AFFINE:
         if model == ALL or profile or series_spring:
             raise IdentificationFailed(
                 f"current dependence {current!r} goes with one model, without profiles and without a series spring"
             )
         chosen = _model(model, hysteresis)
-        return identify_per_current(
-            chosen, fitted, held_out, current, settings, warnings, declared, started, on_progress
-        )
+        return identify_per_current(chosen, fitted, held_out, current, wanted, on_progress)
     spring = None
     if series_spring:
         if model == ALL:
@@ -106,19 +104,7 @@ def identify(
     eta_1_s = _found_lag(models, fitted, settings, on_progress) if needs_lag(fitted) else None
     if eta_1_s is not None:
         fitted, held_out = ([with_lag(test, eta_1_s) for test in tests] for tests in (fitted, held_out))
-    candidates, refused, given_up = _candidates(models, fitted, settings, on_progress)
-    warnings += refused
-    if on_progress is not None and len(candidates) > 1:
-        on_progress("comparing the models on what they have not seen")
-    ranking, best = compare(candidates, fitted, held_out, settings)
-    ranking += given_up
-    if eta_1_s is not None and "eta" in best.model.names:
-        values = {**best.solution.values, "eta": eta_1_s}
-        best = replace(best, solution=replace(best.solution, values=values))
-    fit = judged(best, fitted, held_out, ranking, settings, warnings, declared, profile, started)
-    if fit.adequate is False:
-        apart = runs_apart(fitted, fit.error.rmse_N, _error_of(best, settings))
-        fit = replace(fit, warnings=(*apart, *fit.warnings))
+    best, fit = _best_fit(models, fitted, held_out, wanted, eta_1_s, on_progress)
     if lag is not None and "eta" in fit.parameters:
         fit = _with_lag(fit, lag)
     if spring is not None:
@@ -128,6 +114,34 @@ def identify(
             max((residual.widening for residual in fit.residuals), default=1.0), quantile() * SMOOTHING
         )
     return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance))
+
+
+def _best_fit(
+    models: Sequence[DamperModel],
+    fitted: list[Measurement],
+    held_out: list[Measurement],
+    wanted: Wanted,
+    eta_1_s: float | None,
+    on_progress: Callable[[str], None] | None,
+) -> tuple[Candidate, Fit]:
+    """The recommended model, fitted and assessed; `eta_1_s` where it was found with the commanded current.
+
+    Raises:
+        IdentificationFailed: no model can be fitted.
+    """
+    candidates, refused, given_up = _candidates(models, fitted, wanted.method, on_progress)
+    if on_progress is not None and len(candidates) > 1:
+        on_progress("comparing the models on what they have not seen")
+    ranking, best = compare(candidates, fitted, held_out, wanted.method)
+    if eta_1_s is not None and "eta" in best.model.names:
+        values = {**best.solution.values, "eta": eta_1_s}
+        best = replace(best, solution=replace(best.solution, values=values))
+    wanted = replace(wanted, warnings=(*wanted.warnings, *refused))
+    fit = judged(best, fitted, held_out, (*ranking, *given_up), wanted)
+    if fit.adequate is False:
+        apart = runs_apart(fitted, fit.error.rmse_N, _error_of(best, wanted.method))
+        fit = replace(fit, warnings=(*apart, *fit.warnings))
+    return best, fit
 
 
 def _behind_spring(

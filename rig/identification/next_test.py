@@ -28,12 +28,14 @@ AMPLITUDES, FREQUENCIES, CURRENTS = 5, 6, 5
 ENOUGH = 4096  # samples of a test that tell what it says of the parameters
 SAMPLES = 120  # of one candidate cycle
 KEPT_CYCLES = 8
-VAGUE = 10.0  # prior standard deviation of every parameter, in its scale, so that what was never tested stays finite
-LEAST_CONTRIBUTION = 0.01  # of the peak force: a smaller contribution's interval is judged by this, not by its value
+PRIOR_DEVIATION = (
+    10.0  # prior standard deviation of every parameter, in its scale, so that what was never tested stays finite
+)
+SMALLEST_CONTRIBUTION = 0.01  # of the peak force: a smaller contribution's interval is judged by this, not by its value
 WORTHWHILE = 0.9  # ratio of the intervals after and before, above which a test is not worth proposing
 FORCE_SHARE = 0.95  # of the greatest force allowed that a candidate may be expected to need
 ROUNDING = 1.02  # on what was tested, so that the nominal values of these tests are inside
-NEARLY = 0.05  # of the last digit: 49.98 mm were meant to be 50
+MEANT_TO_BE_NEXT = 0.05  # of the last digit: 49.98 mm were meant to be 50
 MOST_CHECKS = 25
 STEP_HOLD = "500 ms"
 
@@ -145,10 +147,10 @@ def _loop(
     slopes = [parameter_slopes(model, values, names, test) for test in some]
     sizes = np.max([np.max(np.abs(jacobian), axis=0) for jacobian in slopes], axis=0)
     peak_N = max(test.peak_force_N for test in measurements)
-    least = LEAST_CONTRIBUTION * peak_N / np.where(sizes > 0.0, sizes, np.inf)
+    least = SMALLEST_CONTRIBUTION * peak_N / np.where(sizes > 0.0, sizes, np.inf)
     scale = np.maximum(np.abs([values[name] for name in names]), least)
     scale = np.where(scale > 0.0, scale, 1.0)
-    before = np.eye(len(names)) / VAGUE**2
+    before = np.eye(len(names)) / PRIOR_DEVIATION**2
     spread = []
     tested = zip(some, spacing, slopes, fit.residuals, fit.error.per_test, strict=True)
     for test, by, jacobian, residual, error in tested:
@@ -178,7 +180,7 @@ def _loop(
 def _widths(information: FloatArray) -> FloatArray:
     """Standard deviations (p,) for an information matrix (p, p) that holds at least that of the prior."""
     values, vectors = np.linalg.eigh(information)
-    return np.asarray(np.sqrt(vectors**2 @ (1.0 / np.maximum(values, 1.0 / VAGUE**2))))
+    return np.asarray(np.sqrt(vectors**2 @ (1.0 / np.maximum(values, 1.0 / PRIOR_DEVIATION**2))))
 
 
 def _candidates(
@@ -224,7 +226,7 @@ def _candidates(
 def _down(value: float) -> float:
     """Two significant digits, rounded down but for what is nearly the next."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return round(math.floor(value / unit + NEARLY) * unit, 12)
+    return round(math.floor(value / unit + MEANT_TO_BE_NEXT) * unit, 12)
 
 
 def _proposal(point: TestPoint, name: str, fit: Fit, ratio: float, allowance: Allowance) -> NextTest:

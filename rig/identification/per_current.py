@@ -18,11 +18,9 @@ from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.relation import Relation, relations
-from rig.identification.models.solving import Method, solve
+from rig.identification.models.solving import Candidate, solve
 from rig.identification.models.undetermined import SAME_CURRENT_A, examine
-from rig.identification.selection import Candidate
-from rig.identification.uncertainty.assessment import judged
-from rig.identification.uncertainty.covariance import DeclaredErrors
+from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.fit import CurrentRelations, Estimate, Fit
 from rig.identification.uncertainty.scoring import describes, score_forces, together
 from rig.identification.words import say
@@ -46,10 +44,7 @@ def identify_per_current(
     fitted: Sequence[Measurement],
     held_out: Sequence[Measurement],
     dependence: str,
-    method: Method,
-    warnings: Sequence[str],
-    declared: DeclaredErrors | None,
-    started: float,
+    wanted: Wanted,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a model at each current and relate its parameters to the current.
@@ -59,10 +54,7 @@ def identify_per_current(
         fitted: tests at two or more constant currents.
         held_out: tests to score the relations on.
         dependence: a key of `PER_CURRENT`.
-        method: how each current is fitted.
-        warnings: what was found before.
-        declared: errors the data do not show.
-        started: `time.perf_counter()` at the start (s).
+        wanted: how each current is fitted, and what is asked of the fit.
         on_progress: called with a line of text before each current.
 
     Returns:
@@ -78,14 +70,14 @@ def identify_per_current(
     for current_A, tests in _levels(fitted):
         if on_progress is not None:
             on_progress(f"fitting {model.name} at {current_A:.3g} A ({len(tests)} tests)")
-        levels.append(Level(current_A, tuple(tests), _fit_level(model, current_A, tests, method, declared)))
+        levels.append(Level(current_A, tuple(tests), _fit_level(model, current_A, tests, wanted)))
     if len(levels) < 2:
         raise IdentificationFailed(
             f"{dependence} needs tests at two or more currents, and all ran at {levels[0].current_A:.2f} A; add tests "
             "at another current, or fit without this option"
         )
     related = _relations(model, levels, PER_CURRENT[dependence])
-    return _joined(model, levels, related, held_out, dependence, method, warnings, started)
+    return _joined(model, levels, related, held_out, wanted)
 
 
 def values_at(model: DamperModel, related: CurrentRelations, current_A: float) -> dict[str, float]:
@@ -123,19 +115,17 @@ def _without_current(test: Measurement) -> Measurement:
     return replace(test, current_A=np.zeros_like(test.current_A), nominal_current_A=0.0)
 
 
-def _fit_level(
-    model: DamperModel, current_A: float, tests: Sequence[Measurement], method: Method, declared: DeclaredErrors | None
-) -> Fit:
+def _fit_level(model: DamperModel, current_A: float, tests: Sequence[Measurement], wanted: Wanted) -> Fit:
     """One current's fit.
 
     Raises:
         IdentificationFailed: nothing can be identified at this current; the message names it.
     """
-    still, started = [_without_current(test) for test in tests], time.perf_counter()
+    still, method = [_without_current(test) for test in tests], wanted.method
     findings = examine(model, still)
     try:
         best = Candidate(model, findings, solve(model, still, method, findings))
-        return judged(best, still, [], (), method, [], declared, False, started)
+        return judged(best, still, [], (), Wanted(method, wanted.declared))
     except IdentificationFailed as error:
         raise IdentificationFailed(f"at {current_A:.2f} A: {error}") from error
 
@@ -158,10 +148,7 @@ def _joined(
     levels: Sequence[Level],
     related: CurrentRelations,
     held_out: Sequence[Measurement],
-    dependence: str,
-    method: Method,
-    warnings: Sequence[str],
-    started: float,
+    wanted: Wanted,
 ) -> Fit:
     """The levels and their relations as one fit, scored with the relations."""
     fitted = [test for level in levels for test in level.tests]
@@ -172,20 +159,22 @@ def _joined(
 
     def fits(test: Measurement) -> bool | None:
         values = values_at(model, related, float(np.mean(test.current_A)))
-        return describes(model, values, [_without_current(test)], method.weighting(model))
+        return describes(model, values, [_without_current(test)], wanted.method.weighting(model))
 
     low, high = related.currents_A[0] - SAME_CURRENT_A, related.currents_A[-1] + SAME_CURRENT_A
     outside = [test.id for test in held_out if not low <= float(np.mean(test.current_A)) <= high]
-    notes = list(warnings) + [f"at {level.current_A:.2f} A: {text}" for level in levels for text in level.fit.warnings]
+    notes = list(wanted.warnings) + [
+        f"at {level.current_A:.2f} A: {text}" for level in levels for text in level.fit.warnings
+    ]
     notes += [f"{test.id}: {saying}" for test in held_out for saying in test.warnings]
     if outside:
         notes.append(say("relations-beyond", tests=", ".join(outside)))
     return Fit(
         model=model.name,
         hysteresis=levels[0].fit.hysteresis,
-        method=method.name,
+        method=wanted.method.name,
         weight=levels[0].fit.weight,
-        loss=method.loss,
+        loss=wanted.method.loss,
         parameters=_parameters(model, levels),
         error=score_forces(fitted, [force(test) for test in fitted]),
         holdout=score_forces(held_out, [force(test) for test in held_out]) if held_out else None,
@@ -193,10 +182,10 @@ def _joined(
         adequate=together(fits(test) for test in (*fitted, *held_out)),
         warnings=tuple(notes),
         evaluations=sum(level.fit.evaluations for level in levels),
-        wall_s=time.perf_counter() - started,
+        wall_s=time.perf_counter() - wanted.started_s,
         objective=sum(level.fit.objective for level in levels),
         condition=max(level.fit.condition for level in levels),
-        notes=(*levels[0].fit.notes, f"{dependence}: each current fitted alone, then related to the current"),
+        notes=(*levels[0].fit.notes, f"{related.dependence}: each current fitted alone, then related to the current"),
         current=related,
         equation=model.equation,
     )

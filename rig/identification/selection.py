@@ -4,29 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
-from rig.identification.models.separable import Solution
-from rig.identification.models.solving import GUARD_S, Method, solve
-from rig.identification.models.undetermined import Undetermined, examine
+from rig.identification.models.solving import GUARD_S, Candidate, Method, solve
+from rig.identification.models.undetermined import examine
 from rig.identification.uncertainty.fit import ModelScore
 from rig.identification.uncertainty.scoring import score
 
 ENOUGH = 250  # samples of a cycle that rank models
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One model with its solution on all fitted tests."""
-
-    model: DamperModel
-    findings: Undetermined
-    solution: Solution
 
 
 def compare(

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,11 +25,6 @@ PAPER2_FREQUENCY_HZ = 1.0
 PAPER2_AMPLITUDE_M = 0.025
 PAPER2_SAMPLE_RATE_HZ = 1000.0
 PAPER2_CYCLES = 4
-
-SAMPLED = (
-    "u_m", "v_m_s", "a_m_s2", "force_N", "current_A", "usable", "commanded_A", "unseen_v_m_s", "unseen_a_m_s2",
-)  # fmt: skip
-"""What a measurement holds sample by sample."""
 
 BOUC_WEN_TRUTH = {
     "c0": 800.0, "c0_b": 400.0, "k0": 2000.0, "x0": 0.01, "alpha": 20_000.0, "alpha_b": 60_000.0,
@@ -142,29 +135,6 @@ def one_a_current(tests: Sequence[Measurement], currents_A: Sequence[float]) -> 
     if problems:
         raise FileProblem("[per_current] current", problems)
     return chosen
-
-
-def thinned(measurement: Measurement, keep_every: int) -> Measurement:
-    """A measurement with fewer samples, for a quick study of algebraic models.
-
-    Args:
-        measurement: Shape (n,) arrays.
-        keep_every: Every how many-th sample is kept.
-
-    Returns:
-        Shape (ceil(n / keep_every),) arrays.
-    """
-    if keep_every == 1:
-        return measurement
-    fewer: dict[str, Any] = {
-        name: values[::keep_every] for name in SAMPLED if (values := getattr(measurement, name)) is not None
-    }
-    return replace(
-        measurement,
-        **fewer,
-        dt_s=measurement.dt_s * keep_every,
-        samples_per_cycle=measurement.samples_per_cycle // keep_every,
-    )
 
 
 def content_hash(tests: Sequence[Measurement]) -> str:

@@ -15,7 +15,7 @@ from rig.dampers import model as damper_model
 from rig.dampers.algebraic import AlgebraicModel
 from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
-from rig.identification.models.measurement import Measurement
+from rig.identification.models.measurement import Measurement, thinned
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.problem import FixedParameters, Problem
 from rig.identification.models.projection import Weighting
@@ -23,7 +23,7 @@ from rig.identification.models.separable import solve_separable
 from rig.identification.models.three_steps import identify
 from rig.optimisers import Result, minimise
 from rig.optimisers.search import Callback
-from rig.study.recordings import content_hash, measurements, one_a_current, thinned
+from rig.study.recordings import content_hash, measurements, one_a_current
 from rig.study.results import error_summary, failure_line, force_errors, result_line
 from rig.study.search_cell import CURRENT, SearchCell
 from rig.study.study_file import LED, CurrentStudy, StudyFile

@@ -16,7 +16,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.identification.models.measurement import Measurement
 
-LEAST_STEP_A = 0.05  # change of the command below which a test says nothing of the lag
+SMALLEST_STEP_A = 0.05  # change of the command below which a test says nothing of the lag
 SLOWEST_1_S = 0.3
 SCANNED = 16
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)

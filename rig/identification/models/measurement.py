@@ -168,13 +168,17 @@ def first_cycle(test: Measurement) -> Measurement:
     )
 
 
-def spaced(test: Measurement, most: int) -> Measurement:
-    """Every so-many-th sample of a measurement, so that a cycle has at most about `most`."""
-    every = max(1, test.samples_per_cycle // most)
+def thinned(test: Measurement, every: int) -> Measurement:
+    """Every `every`-th sample of a measurement, from the first."""
     if every == 1:
         return test
     part = test.rows(slice(0, test.u_m.size, every))
     return replace(part, dt_s=test.dt_s * every, samples_per_cycle=test.samples_per_cycle // every)
+
+
+def spaced(test: Measurement, most: int) -> Measurement:
+    """A measurement with so few of its samples that a cycle has at most about `most`."""
+    return thinned(test, max(1, test.samples_per_cycle // most))
 
 
 def samples_a_cycle(u_m: FloatArray) -> float:

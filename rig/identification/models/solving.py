@@ -247,3 +247,12 @@ def _error_and_deviation_N(
     """Absolute residual (n,), and its standard deviation but for outliers."""
     error: FloatArray = np.abs(test.force_N - modelled_force(model, values, test))
     return error, float(np.median(error[test.scored])) / MEDIAN_OF_NORMAL
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One model with its solution on all fitted tests."""
+
+    model: DamperModel
+    findings: Undetermined
+    solution: Solution

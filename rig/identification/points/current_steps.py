@@ -21,7 +21,7 @@ from rig.recording.recorded_point import RecordedPoint
 DESCENT = Descent(1e-14, iterations=60, more=4.0, most_damping=1e10)
 LARGEST_LOGARITHM = 20.0  # of eta: beyond it a search has diverged
 FEWEST_SAMPLES_A_STEP = 8
-LEAST_STEP_A = 0.05
+SMALLEST_STEP_A = 0.05
 T_975_LARGE = 1.96
 ETA_START = (5.0, 20.0, 80.0, 320.0)
 MOST_LAGS_A_SAMPLE = 2.0
@@ -207,7 +207,7 @@ def _step_times(time_s: FloatArray, current_A: FloatArray, levels_A: Sequence[fl
     """
     starts, position = [], 0
     for before_A, after_A in itertools.pairwise(levels_A):
-        if abs(after_A - before_A) < LEAST_STEP_A:
+        if abs(after_A - before_A) < SMALLEST_STEP_A:
             raise IdentificationFailed(f"the step from {before_A:g} A to {after_A:g} A is too small to fit a lag to")
         share = (current_A[position:] - before_A) / (after_A - before_A)
         half = np.flatnonzero(share >= 0.5)

@@ -35,7 +35,7 @@ STANDS_OUT = 5.0
 """Standard errors by which a harmonic of the force is known: its noise must not get into the motion."""
 POWERS = (0, -1, -2)
 WEAKEST = 1e-6
-LEAST_FORCE = 0.98
+MINIMUM_FORCE_SHARE = 0.98
 """Share of the force's samples that must have been measured for its harmonics to be known."""
 
 
@@ -83,7 +83,7 @@ def _by_force(
     """What the force's harmonics make of each order (K,), m, and one standard deviation of each h_p's error (q, K)."""
     orders, usable = series.orders, np.isfinite(force_N)
     none = np.zeros(orders.size, np.complex128), np.zeros((0, orders.size), np.complex128)
-    if np.mean(usable) < LEAST_FORCE or np.count_nonzero(faint) <= 2 * len(POWERS):
+    if np.mean(usable) < MINIMUM_FORCE_SHARE or np.count_nonzero(faint) <= 2 * len(POWERS):
         return none
     try:
         force = with_orders(series, time_s[usable], force_N[usable], orders)

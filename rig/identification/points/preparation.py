@@ -16,7 +16,7 @@ import numpy as np
 from protocols.quality import DOUBTFUL
 from rig.dampers.arrays import BoolArray, FloatArray
 from rig.errors import IdentificationFailed, RigError
-from rig.identification.models.coil import LEAST_STEP_A
+from rig.identification.models.coil import SMALLEST_STEP_A
 from rig.identification.models.measurement import Measurement, MotionError
 from rig.identification.points.faint_orders import FAINT_ORDERS, expected
 from rig.identification.words import Saying, say, some
@@ -106,13 +106,7 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
     if point.verdict == "invalid":
         raise IdentificationFailed(f"its recording is invalid ({'; '.join(point.reasons)})")
     cycles, warnings = _usable_cycles(point)
-    inside = (point.time_s >= cycles.start_s[0]) & (point.time_s < cycles.start_s[-1])
-    time_s, displacement_m = point.time_s[inside], point.displacement_m[inside]
-    if np.count_nonzero(np.isfinite(displacement_m)) < FEWEST_SAMPLES:
-        raise IdentificationFailed(
-            f"{np.count_nonzero(np.isfinite(displacement_m))} displacement samples in the kept cycles; at least "
-            f"{FEWEST_SAMPLES} are needed"
-        )
+    time_s, displacement_m = _displacement_in(point, cycles)
     shift_s = 0.0 if skew is None else skew.shift_s
     grid_s, force_N, usable = _force_on_grid(point, shift_s, float(cycles.start_s[0]), float(cycles.start_s[-1]))
     warned: list[Saying] = []
@@ -167,6 +161,21 @@ def _usable_cycles(point: RecordedPoint) -> tuple[Cycles, list[Saying]]:
     except NoCycles:
         full = full_cycles(whole)
         return full, [say("few-cycles", cycles=len(full))]
+
+
+def _displacement_in(point: RecordedPoint, cycles: Cycles) -> tuple[FloatArray, FloatArray]:
+    """Times (s) and displacement (m) in the kept cycles.
+
+    Raises:
+        IdentificationFailed: too few samples.
+    """
+    inside = (point.time_s >= cycles.start_s[0]) & (point.time_s < cycles.start_s[-1])
+    count = np.count_nonzero(np.isfinite(point.displacement_m[inside]))
+    if count < FEWEST_SAMPLES:
+        raise IdentificationFailed(
+            f"{count} displacement samples in the kept cycles; at least {FEWEST_SAMPLES} are needed"
+        )
+    return point.time_s[inside], point.displacement_m[inside]
 
 
 def _force_on_grid(
@@ -249,7 +258,7 @@ def _current(
             return np.full(wanted_s.size, float(np.mean(point.current_measured_A[inside]))), None
         return np.interp(wanted_s, point.time_s[measured], point.current_measured_A[measured]), None
     before_A, during_A = _command(point, wanted_s)
-    if during_A.size and float(np.ptp(np.concatenate((before_A, during_A)))) >= LEAST_STEP_A:
+    if during_A.size and float(np.ptp(np.concatenate((before_A, during_A)))) >= SMALLEST_STEP_A:
         warnings.append(say("command-steps"))
         return during_A, (before_A, during_A)
     current_A = float(during_A[0]) if during_A.size else point.current_A

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,8 +13,7 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.separable import Solution
-from rig.identification.models.solving import SEPARABLE, SQUARES, Method, without_outliers
-from rig.identification.selection import Candidate
+from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Method, without_outliers
 from rig.identification.uncertainty.alternative_shapes import degenerate, explain
 from rig.identification.uncertainty.covariance import DeclaredErrors, Information, information, quantile
 from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore
@@ -36,16 +35,31 @@ NOTES = (
 )
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """How a model was fitted, and what is asked of the fit.
+
+    Attributes:
+        method: how it was fitted.
+        declared: errors the data do not show.
+        profiled: parameters whose profile likelihood is wanted; True or "nonlinear" among them: the nonlinear ones.
+        warnings: what was found before.
+        started_s: `time.perf_counter()` at the start (s).
+    """
+
+    method: Method
+    declared: DeclaredErrors | None = None
+    profiled: bool | Sequence[str] = False
+    warnings: tuple[str, ...] = ()
+    started_s: float = field(default_factory=time.perf_counter)
+
+
 def judged(
     best: Candidate,
     fitted: Sequence[Measurement],
     held_out: Sequence[Measurement],
     ranking: tuple[ModelScore, ...],
-    method: Method,
-    warnings: Sequence[str],
-    declared: DeclaredErrors | None,
-    profiled: bool | Sequence[str],
-    started: float,
+    wanted: Wanted,
 ) -> Fit:
     """Judge the chosen candidate.
 
@@ -54,11 +68,7 @@ def judged(
         fitted: the tests it was fitted to.
         held_out: tests to score it on.
         ranking: the models compared, best first.
-        method: how it was fitted.
-        warnings: what was found before.
-        declared: errors the data do not show.
-        profiled: parameters whose profile likelihood is wanted; True or "nonlinear" among them: the nonlinear ones.
-        started: `time.perf_counter()` at the start (s).
+        wanted: how it was fitted, and what is asked of it.
 
     Raises:
         IdentificationFailed: a profile is wanted of a parameter that was not fitted, or of a fit that is not the
@@ -67,7 +77,7 @@ def judged(
     Returns:
         Errors, intervals, what cannot be found and why, what the residual and the energy say, warnings.
     """
-    model, values = best.model, best.solution.values
+    model, values, method = best.model, best.solution.values, wanted.method
     weighting, (looked_at, foretold) = method.weighting(model), (fitted, held_out)
     if method.loss != SQUARES:
         looked_at, foretold = (without_outliers(model, values, tests) for tests in (fitted, held_out))
@@ -76,7 +86,7 @@ def judged(
     fits = describes(model, values, looked_at, weighting, left)
     foretells = describes(model, values, foretold, weighting)
     robust = replace(weighting, extra=best.solution.extra)
-    known = information(model, values, free, fitted, robust, declared, left)
+    known = information(model, values, free, fitted, robust, wanted.declared, left)
     del left  # as large as the tests themselves
     reasons = {
         **_too_wide(known, values),
@@ -84,18 +94,15 @@ def judged(
         **explain(model, known, values, looked_at, weighting),
         **best.findings.reasons,
     }
-    warnings = [*warnings, *_of_tests((*fitted, *held_out))]
-    warnings += _judgements(best.solution, fits, weighting.weight) + _unresolved(fitted)
-    if fits is not False and foretells is False:
-        warnings.append(say("misses-held-out"))
-    warnings += (
-        degenerate(model, values, fitted) + _unfinished(known, method, best.solution) + _correlated(known, fitted)
-    )
     error, passive = score(model, values, fitted), passivity(model, values, fitted)
-    warnings += energy_warnings(error, passive)
+    warnings: list[str] = [*wanted.warnings, *_of_tests((*fitted, *held_out))]
+    warnings += [*_of_model(fits, weighting.weight), *_unresolved(fitted)]
+    warnings += [say("misses-held-out")] if fits is not False and foretells is False else []
+    warnings += [*degenerate(model, values, fitted), *_unfinished(known, method, best.solution)]
+    warnings += [*_correlated(known, fitted), *energy_warnings(error, passive)]
     return Fit(
         model=model.name,
-        hysteresis=getattr(model, "hysteresis", "kwok"),
+        hysteresis=model.hysteresis,
         method=method.name,
         weight=weighting.weight,
         loss=method.loss,
@@ -106,7 +113,7 @@ def judged(
         adequate=together((fits, foretells)),
         warnings=tuple(warnings),
         evaluations=best.solution.evaluations,
-        wall_s=time.perf_counter() - started,
+        wall_s=time.perf_counter() - wanted.started_s,
         objective=best.solution.objective,
         condition=known.condition,
         correlation=_correlation(known),
@@ -114,7 +121,7 @@ def judged(
         residuals=known.residuals,
         passivity=passive,
         equation=model.equation,
-        profiles=_profiles(best, known, fitted, method, profiled),
+        profiles=_profiles(best, known, fitted, method, wanted.profiled),
     )
 
 
@@ -151,7 +158,7 @@ def _of_tests(tests: Sequence[Measurement]) -> list[str]:
     return [f"{some(ids)}: {saying}" for saying, ids in named.items()]
 
 
-def _judgements(solution: Solution, fits: bool | None, weight: str) -> list[Saying]:
+def _of_model(fits: bool | None, weight: str) -> list[Saying]:
     warnings = []
     if fits is False:
         warnings.append(say("model-error"))

@@ -40,10 +40,10 @@ from rig.identification.uncertainty.leftover import leftovers, motion_effects, p
 from rig.identification.uncertainty.residuals import Residual, judge
 
 CONFIDENCE = 0.95
-LEAST_FREEDOM = 4.0
+MINIMUM_FREEDOM = 4.0
 INSEPARABLE = 1e-8  # smallest share of a parameter's own information that must be its alone
 BEYOND_FORCE = 3.0  # standard deviation of a direction without information, in multiples of the measured force
-LEAST_SHARE = 1e-6  # of a direction without information; a smaller one is rounding
+MINIMUM_SHARE = 1e-6  # of a direction without information; a smaller one is rounding
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def information(
         total.gradient += sums.gradient
         total.shared += sums.shared
         total.alone += sums.alone
-    freedom = max(LEAST_FREEDOM, independent - size)
+    freedom = max(MINIMUM_FREEDOM, independent - size)
     meat = total.noise * max(1.0, independent / freedom) + total.shared.T @ total.shared + total.alone
     return _invert(tuple(names), total.normal, meat, total.gradient, tuple(residuals), freedom, force_power)
 
@@ -274,7 +274,7 @@ def _partners(
         unsure: which parameters each direction leaves less sure than the noise does, shape (p, k).
     """
     partners: dict[str, tuple[str, ...]] = {name: () for k, name in enumerate(names) if not seen[k]}
-    member = unsure & seen[:, None] & (np.abs(null) > LEAST_SHARE)
+    member = unsure & seen[:, None] & (np.abs(null) > MINIMUM_SHARE)
     for column in member.T:
         members = [name for k, name in enumerate(names) if column[k]]
         for name in members:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from rig.errors import FileProblem
+from rig.identification.models.measurement import thinned
 from rig.study.comparison import run_study
 from rig.study.paper2_tables import current_tables
-from rig.study.recordings import thinned
 from rig.study.search_cell import all_cells
 from rig.study.study_file import load_study
 from rig.study.workbench import Workbench
