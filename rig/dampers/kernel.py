@@ -285,12 +285,10 @@ def series_of(model: DamperModel) -> Compiled:
     return cached(_series(key, model.states, model.positions), _force=kernel.force, _loop=kernel.loop, _step=step)
 
 
-def _force(p: FloatArray, s0: float, s1: float, u: float, v: float, a: float, current: float) -> float:
-    raise NotImplementedError("given by the model's kernel")
-
-
+_force: Compiled = _no_rates
 _loop: Compiled = _no_loop
 _step: Compiled = _no_step
+"""Of the loop's model, once `series_of` has made it."""
 
 
 def _series(key: str, states: int, positions: int) -> Compiled:

@@ -1,10 +1,15 @@
 """The Bouc-Wen hysteresis along a whole recording, by the one curve that every branch of its loops is a part of.
 
 With x = w sgn(v) and s = rho |du| the hysteresis is dx/ds = f(x), f = 1 - x^n for x >= 0 (loading) and
-f = 1 + (2 sigma - 1) |x|^n for x < 0 (unloading): see `rate_independent`. f depends on x alone, so between reversals x
+f = 1 + (2 sigma - 1) |x|^n for x < 0 (unloading): see `kernel.travel`. f depends on x alone, so between reversals x
 always moves along the same curve S(x) = integral of dx/f from -1, and a reversal only jumps from x to -x on it. The
 curve is integrated once for a pair of shape parameters (three-point Gauss on cells fixed in x), and a sample then costs
-one cubic. `loop_slopes` has its exact derivatives. Beyond the last node 1 - x closes up as exp(-n s).
+one cubic. Beyond the last node 1 - x closes up as exp(-n s).
+
+Its derivatives with respect to its shape are exact, in one pass along the recording. On one branch
+x = X(s; sigma, n) with s = e + rho D, D the way since the last reversal, so dx/dln(rho) = f (de/dln(rho) + rho D),
+dx/dsigma = f (de/dsigma - S_sigma), dx/dn = f (de/dn - S_n). A reversal goes from x to -x at once: there
+de/dtheta = S_theta(-x) - (dx/dtheta) / f(-x).
 """
 
 from __future__ import annotations

@@ -4,6 +4,9 @@ The tanh models share one general form with 12 coefficients,
 F = m a + F0 + (Fya + Fyb I) tanh(beta v + delta sgn u) + C(I, sgn v) v + (Ka + Kb I) u,
 so one vectorised loop serves them all; its tanh is branch-free (exponential by range reduction and a polynomial of
 degree 10, error below 2e-13), because the library's stops the compiler from vectorising.
+
+The moments of the tanh models' yield shape, which `tanh_projection` sums in numpy, take 1.3 to 2.2 ns a sample here:
+loops over blocks that stay in the first-level cache, without branches, so that the compiler vectorises each of them.
 """
 
 from __future__ import annotations
@@ -267,7 +270,7 @@ def add_moments(
     ends: IntArray,
     steady: BoolArray,
 ) -> None:
-    """Adds the moments of `tanh_moments.add_moments` of samples of shape (n,) to `total` (S, 3, 3, 9).
+    """Adds the moments of `tanh_projection.add_moments` of samples of shape (n,) to `total` (S, 3, 3, 9).
 
     Args:
         total: moments by shape, power of the current, yield shape or slope, and column.

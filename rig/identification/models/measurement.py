@@ -1,4 +1,7 @@
-"""A test ready for fitting: whole cycles of motion, force and current on one time base."""
+"""A test ready for fitting: whole cycles of motion, force and current on one time base.
+
+Shorter ones serve searches: one cycle says nearly what many say.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The fitting problem: measurements, a model and a weight, seen by any optimiser as a function of a vector."""
+"""The fitting problem: measurements, a model and a weight, seen by any optimiser as a function of a vector.
+
+Parameters that the tests cannot tell are held (`FixedParameters`), so that a search has none of them to find.
+"""
 
 from __future__ import annotations
 

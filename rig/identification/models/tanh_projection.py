@@ -1,6 +1,16 @@
 """The projected objective of the tanh models, from moments of their yield shape: a few sums a sample, no matrix of it.
 
 Projecting and its names are those of `projection.Projection`, which does the same for any form by whole columns.
+
+With y = tanh(beta v + delta sgn u) the model is linear in b I^i (b one of a, 1, v, |v|, u) and in y I^i, so its normal
+equations consist of sums over samples of y b I^p, y F I^p, y y I^p (p = 0, 1, 2), and of the same with dy/dbeta and
+dy/ddelta for their slope. Three matrices (3, 9), one for each power of the current, hold them:
+
+    rows     y, dy/dbeta, dy/ddelta
+    columns  a, 1, v, |v|, u, force, y, dy/dbeta, dy/ddelta
+
+Where the current is constant one sum gives all three powers. `kernels` sums the same, compiled; importing it costs more
+than one fit in numpy takes, so it is used where numba is loaded already, or many samples pay for it.
 """
 
 from __future__ import annotations

@@ -6,12 +6,14 @@ Where the loop is saturated w = sgn v, so there
 
     1. kx, kv, kw, f0 follow by linear least squares from F = kx u + kv v + kw sgn v + f0;
     2. with w = (F - kx u - kv v - f0) / kw, the slope dw/du at w = 0 is rho;
-    3. on the transitions from reversal to saturation, sigma and n follow by nonlinear least squares between the
-    measured w and
-       the equation integrated over u from the reversal.
+    3. on the transitions from reversal to saturation, sigma and n follow by nonlinear least squares between
+       the measured w and the equation integrated over u from the reversal.
 
 Which samples are saturated is first taken from the speed (above `SATURATED_SPEED` of its peak) and then, rho being
 known, from the travel since the last reversal (more than `SATURATED_TRAVEL` / rho); the three steps are done twice.
+
+The steps know one test at one constant current. Over several, kv and kw are lines in the current (least squares); kx,
+f0, rho, sigma and n, which the model does not let depend on it, are means and medians over the tests.
 """
 
 from __future__ import annotations

@@ -1,9 +1,14 @@
-"""What a fit leaves of each test, less what the stated skew between force and displacement explains.
+"""What a fit leaves of each test, less what the stated skew explains; and what errors of the motion do to the force.
 
 A skew s with standard uncertainty sigma changes the force by T s, T = dF/dt. The fit has turned part of that into its
 parameters; the rest looks like misfit that repeats every cycle. With z = s/sigma standard normal in each test and the
 parameters free, z follows from (H + S - D'A^-1 D) z = g: A = sum J'W^2 J, D = sigma J'W^2 T, H = sigma^2 T'W^2 T,
 g = sigma T'W^2 r, S the noise's power. What is returned is r - z sigma T + J A^-1 D z.
+
+The errors of a motion found as a Fourier series: each harmonic's cosine and sine, and the mean, have a standard error;
+all are independent, because the harmonics are orthogonal over whole cycles. Where the force showed them
+(`faint_orders`) they have errors in common besides. An error repeats with every cycle, so more samples of the same test
+do not average it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""Errors of a model on tests, and whether it describes them down to their noise."""
+"""Errors of a model on tests, and whether it describes them down to their noise.
+
+And energy: what each test dissipated and what the model says, and whether the fitted model could drive the rod. A
+damper's force apart from gas force and springs takes energy out: F v >= 0 at every speed and current. A model may be
+fitted well and still not do so where no test asked it.
+"""
 
 from __future__ import annotations
 

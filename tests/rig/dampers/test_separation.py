@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import pytest
 
-from rig.dampers import MODELS, model
+from rig.dampers import MODELS, Hysteresis, model
+from rig.dampers.algebraic import AlgebraicModel, TanhModel, general_coefficients
 from rig.dampers.bouc_wen import LOWEST_EXPONENT
 from rig.dampers.kernel import advance_of, travel
 from rig.dampers.model import HystereticModel, Parameter, linear_parameter, shape_parameter
@@ -225,3 +226,39 @@ def test_a_model_of_one_file_is_integrated_and_searched(sine: Sine) -> None:
 def test_a_loop_travels_both_ways() -> None:
     assert travel(0.0, 0.5, 0.6, 2.0) == pytest.approx(-travel(0.0, -0.5, 0.6, 2.0))
     assert travel(0.0, 50.0, 0.6, 2.0) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("name", "form"), [("asymmetric", "kwok"), ("asymmetric", "printed"), ("kwok", "kwok")])
+def test_the_general_coefficients_are_the_models_force(name: str, form: Hysteresis, sine: Sine) -> None:
+    damper = model(name, form)
+    assert isinstance(damper, AlgebraicModel)
+    values = {key: 0.02 if key == "lambda" else 1.0 + k for k, key in enumerate(damper.names)}
+    candidates = damper.vector(values)[None, :]
+    m, f0, beta, delta, fya, fyb, *viscous, ka, kb = general_coefficients(damper, damper.names, candidates)[0]
+    up, down = viscous[0] + 0.8 * viscous[2], viscous[1] + 0.8 * viscous[3]
+    yielding = (fya + 0.8 * fyb) * np.tanh(beta * sine.v_m_s + delta * np.sign(sine.u_m))
+    steady = m * sine.a_m_s2 + f0 + np.where(sine.v_m_s > 0.0, up, down) * sine.v_m_s + (ka + 0.8 * kb) * sine.u_m
+    force = damper.force(values, sine.u_m, sine.v_m_s, sine.a_m_s2, sine.current_A, sine.dt_s)
+    assert steady + yielding == pytest.approx(force, rel=1e-9)
+
+
+def test_a_tanh_search_starts_on_a_grid_that_grows_with_the_speed() -> None:
+    for form in ("kwok", "printed"):
+        damper = model("asymmetric", form)  # type: ignore[arg-type] - of a tuple
+        assert isinstance(damper, TanhModel)
+        grid = damper.start_grid(0.5)
+        assert grid.shape[2] == 2
+        assert grid[0, 0, 0] == pytest.approx(3.0)
+
+
+def test_a_kernel_without_states_has_none_that_move() -> None:
+    kernel = model("bingham").kernel()
+    assert kernel.rates(np.zeros(5), 0.0, 0.0, 0.0, 0.1, 1.0) == (0.0, 0.0)
+    assert kernel.fastest_rate(np.zeros(5), 0.1, 1.0) == 0.0
+
+
+def test_kinds_are_places_in_the_catalogue_and_terms_name_parameters() -> None:
+    assert [MODELS[name].kind for name in ("asymmetric", "symmetric", "kwok", "thinning_bouc_wen")] == [0, 2, 4, 10]
+    assert model("asymmetric", "printed").kind == 1
+    assert model("asymmetric").of_term("stiffness") == ("Ka", "Kb")
+    assert form_of("normalized_bouc_wen").held_here(frozenset({"kw_b"})) == {"kw_b"}
