@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import time
 from typing import TYPE_CHECKING, Any
 
+from drivers.can_library import import_can
 from drivers.errors import LinkLost, PortClosed
 from protocols.slcan import Frame
 
@@ -127,16 +127,3 @@ class CanPort:
             return self._bus.recv(timeout_s)
         except (self._can.CanError, OSError, ValueError) as error:
             raise PortClosed(self.device, self._name, f"the bus is gone: {error}") from error
-
-
-def import_can() -> types.ModuleType:
-    """python-can without its MF4 log reader, which would load numpy and pandas into the process that owns the ports."""
-    absent = "asammdf" not in sys.modules
-    if absent:
-        sys.modules["asammdf"] = None  # type: ignore[assignment]  # None makes the import fail, as python-can expects
-    try:
-        import can
-    finally:
-        if absent:
-            del sys.modules["asammdf"]
-    return can

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from drivers.can_port import import_can
+from drivers.can_library import import_can
 from drivers.errors import DriverError
 from drivers.serial_port import SerialPort
 from protocols.slcan import Frame, SlcanDecoder, encode_frame

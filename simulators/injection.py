@@ -9,7 +9,7 @@ changed what happened (a reboot, a pulled cable), or because they are there befo
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from rig.clock import monotonic_ns
 from simulators import ecu_firmware as wire
@@ -19,11 +19,33 @@ from simulators.named_port import NamedPort
 from simulators.slcan_bus import ERROR, standard_line
 
 if TYPE_CHECKING:
-    from simulators.rig import SimulatedRig
+    from simulators.actuator import Actuator
+    from simulators.channel import Channel
+    from simulators.ecu import Ecu
+    from simulators.modbus_server import ModbusServer
+    from simulators.plant.plant import Plant
+    from simulators.registers import RegisterBank
+    from simulators.slcan_bus import SlcanBus
+
+
+class Faulty(Protocol):
+    """What a fault can be switched on in: the simulated rig's parts."""
+
+    plant: Plant
+    actuator: Actuator
+    bank: RegisterBank
+    ecu: Ecu
+    bus: SlcanBus
+    modbus: ModbusServer
+    every_tick: list[Callable[[], None]]
+
+    def channel(self, name: str) -> Channel:
+        """The sensor channel of that name."""
+
 
 Undo = Callable[[], None]
-LastingInjector = Callable[["SimulatedRig"], None]
-PassingInjector = Callable[["SimulatedRig"], Undo]
+LastingInjector = Callable[[Faulty], None]
+PassingInjector = Callable[[Faulty], Undo]
 
 FOREIGN_OWNER = 999
 BABBLED_FRAMES_S = 4200.0
@@ -48,63 +70,63 @@ def _switch(owner: object, name: str, value: object) -> Undo:
     return lambda: setattr(owner, name, before)
 
 
-def _every_tick(rig: SimulatedRig, action: Callable[[], None]) -> Undo:
+def _every_tick(rig: Faulty, action: Callable[[], None]) -> Undo:
     """Do something at every tick of the rig; the answer ends it."""
     rig.every_tick.append(action)
     return lambda: rig.every_tick.remove(action)
 
 
-def _switched(owner: Callable[[SimulatedRig], object], name: str, value: object = True) -> PassingInjector:
+def _switched(owner: Callable[[Faulty], object], name: str, value: object = True) -> PassingInjector:
     """A fault that is one attribute of the rig."""
     return lambda rig: _switch(owner(rig), name, value)
 
 
-def _link(rig: SimulatedRig) -> object:
+def _link(rig: Faulty) -> object:
     return rig.modbus.faults
 
 
-def _registers(rig: SimulatedRig) -> object:
+def _registers(rig: Faulty) -> object:
     return rig.bank
 
 
-def _controller(rig: SimulatedRig) -> object:
+def _controller(rig: Faulty) -> object:
     return rig.actuator.faults
 
 
-def _ecu(rig: SimulatedRig) -> object:
+def _ecu(rig: Faulty) -> object:
     return rig.ecu.faults
 
 
-def _ecu_itself(rig: SimulatedRig) -> object:
+def _ecu_itself(rig: Faulty) -> object:
     return rig.ecu
 
 
-def _load_cell(rig: SimulatedRig) -> object:
+def _load_cell(rig: Faulty) -> object:
     return rig.channel("load_cell").sensor.faults
 
 
-def _lvdt(rig: SimulatedRig) -> object:
+def _lvdt(rig: Faulty) -> object:
     return rig.channel("lvdt").sensor.faults
 
 
-def _modbus_reset(rig: SimulatedRig) -> None:
+def _modbus_reset(rig: Faulty) -> None:
     rig.modbus.faults.reset = True
 
 
-def _modbus_halfopen(rig: SimulatedRig) -> None:
+def _modbus_halfopen(rig: Faulty) -> None:
     rig.modbus.silence_connections()
 
 
-def _actuator_reboot(rig: SimulatedRig) -> None:
+def _actuator_reboot(rig: Faulty) -> None:
     rig.actuator.boot_count += 1
     rig.actuator.boot()
 
 
-def _watchdog_absent(rig: SimulatedRig) -> None:
+def _watchdog_absent(rig: Faulty) -> None:
     rig.actuator.faults.watchdog_absent = True
 
 
-def _second_master(rig: SimulatedRig) -> None:
+def _second_master(rig: Faulty) -> None:
     """Another master takes the lease by force and stops the program it did not start."""
     rig.actuator.owner = FOREIGN_OWNER
     rig.actuator.sequence = (rig.actuator.sequence + 1000) % 0xFFFF or 1
@@ -112,29 +134,29 @@ def _second_master(rig: SimulatedRig) -> None:
     rig.actuator.result = Result.DONE
 
 
-def _stop_ignored(rig: SimulatedRig) -> None:
+def _stop_ignored(rig: Faulty) -> None:
     """Programs lose their end, the running one too, and no stop command ends them; taking the pressure away does."""
     rig.actuator.faults.stop_ignored = True
     rig.plant.order(full_cycles=ENDLESS_CYCLES)
 
 
-def _register_layout(rig: SimulatedRig) -> None:
+def _register_layout(rig: Faulty) -> None:
     rig.bank.word_order_swapped = True
 
 
-def _estop(rig: SimulatedRig) -> None:
+def _estop(rig: Faulty) -> None:
     """The chain opens: valve shut, hydraulics dumped, coil supply cut."""
     rig.actuator.faults.e_stop_open = True
     rig.ecu.supply_V = 0.0
 
 
-def _can_busoff(rig: SimulatedRig) -> None:
+def _can_busoff(rig: Faulty) -> None:
     """The adapter reports errors, as it does on its way to bus-off, then nothing passes any more."""
     rig.bus.send_lines([ERROR] * 3)
     rig.bus.silent = True
 
 
-def _can_malformed(rig: SimulatedRig) -> Undo:
+def _can_malformed(rig: Faulty) -> Undo:
     """Every frame of the ECU is short, a remote request or has an extended identifier, in turn."""
     turn = 0
 
@@ -150,7 +172,7 @@ def _can_malformed(rig: SimulatedRig) -> Undo:
     return _switch(rig.bus, "encode", malformed_line)
 
 
-def _can_babble(rig: SimulatedRig) -> Undo:
+def _can_babble(rig: Faulty) -> Undo:
     """A node that never stops fills the bus, on wall time as any other node's bits take theirs."""
     line = standard_line(0x001, bytes(8))
     begin_ns, sent = monotonic_ns(), 0
@@ -164,7 +186,7 @@ def _can_babble(rig: SimulatedRig) -> Undo:
     return _every_tick(rig, babble)
 
 
-def _can_foreign(rig: SimulatedRig) -> Undo:
+def _can_foreign(rig: Faulty) -> Undo:
     """Another node sends CoilCommand with a valid counter and CRC of its own."""
     count = 0
 
@@ -178,11 +200,11 @@ def _can_foreign(rig: SimulatedRig) -> Undo:
     return _every_tick(rig, intrude)
 
 
-def _ecu_restart(rig: SimulatedRig) -> None:
+def _ecu_restart(rig: Faulty) -> None:
     rig.ecu.restart()
 
 
-def _can_lost(rig: SimulatedRig) -> None:
+def _can_lost(rig: Faulty) -> None:
     """The CAN adapter is gone: its connection ends and cannot be had again."""
     rig.bus.close()
 
@@ -195,7 +217,7 @@ def _pulled(sensor: str) -> LastingInjector:
 def _renumbered(sensor: str) -> LastingInjector:
     """A sensor's adapter comes up under another number; without a name that follows it it is just gone."""
 
-    def renumber(rig: SimulatedRig) -> None:
+    def renumber(rig: Faulty) -> None:
         port = rig.channel(sensor).port
         if isinstance(port, NamedPort):
             port.renumber()
@@ -208,14 +230,14 @@ def _renumbered(sensor: str) -> LastingInjector:
 def _drifting(name: str) -> LastingInjector:
     """A sensor's clock goes wrong."""
 
-    def drift(rig: SimulatedRig) -> None:
+    def drift(rig: Faulty) -> None:
         sensor = rig.channel(name).sensor
         sensor.clock.drift(sensor.clock.ppm + DRIFT_PPM, rig.plant.time_s)
 
     return drift
 
 
-def _sensors_swapped(rig: SimulatedRig) -> None:
+def _sensors_swapped(rig: Faulty) -> None:
     """The two plugs are exchanged: each port carries the other sensor's bytes."""
     load_cell, lvdt = rig.channel("load_cell"), rig.channel("lvdt")
     load_cell.sensor, lvdt.sensor = lvdt.sensor, load_cell.sensor
@@ -225,18 +247,18 @@ def _sensors_swapped(rig: SimulatedRig) -> None:
 def _not_tared(name: str, share: float) -> LastingInjector:
     """A sensor shows a share of its range at zero."""
 
-    def untare(rig: SimulatedRig) -> None:
+    def untare(rig: Faulty) -> None:
         sensor = rig.channel(name).sensor
         sensor.faults.zero_offset = share * sensor.options.range
 
     return untare
 
 
-def _wrong_damper(rig: SimulatedRig) -> None:
+def _wrong_damper(rig: Faulty) -> None:
     rig.plant.constants["force_scale"] = WRONG_DAMPER_SCALE
 
 
-def _load_train(rig: SimulatedRig) -> Undo:
+def _load_train(rig: Faulty) -> Undo:
     """A joint works loose: free play behind a softer mounting; taken away, it is tight again."""
     constants = rig.plant.constants
     before = constants[["free_play_m", "mount_stiffness_N_m"]].copy()
@@ -319,8 +341,8 @@ PASSING_VARIANTS: dict[str, PassingInjector] = {
     "sample-gap:backwards": _switched(_load_cell, "time_backwards"),
     "sample-gap:lvdt-backwards": _switched(_lvdt, "time_backwards"),
 }
-INJECTORS: dict[str, Callable[[SimulatedRig], Undo | None]] = {**LASTING, **PASSING}
+INJECTORS: dict[str, Callable[[Faulty], Undo | None]] = {**LASTING, **PASSING}
 """One for each row of the fault matrix that is hit on the wire."""
-VARIANTS: dict[str, Callable[[SimulatedRig], Undo | None]] = {**LASTING_VARIANTS, **PASSING_VARIANTS}
+VARIANTS: dict[str, Callable[[Faulty], Undo | None]] = {**LASTING_VARIANTS, **PASSING_VARIANTS}
 """`SLUG:VARIANT`: other faults that the same row stands for."""
 NEEDS_AUXILIARY = frozenset({"loadcell-pulled:auxiliary"})

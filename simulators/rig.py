@@ -15,8 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from rig.clock import monotonic_ns
+from rig.dampers.catalogue import KINDS
 from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
+from simulators.channel import Channel
 from simulators.clock import DeviceClock, ServedTime
 from simulators.conditioner import condition
 from simulators.controller_firmware import State
@@ -33,7 +35,7 @@ from simulators.plant.records import EVENT_PULSE, EVENT_TRIP
 from simulators.registers import RegisterBank
 from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
-from simulators.serial_port import CAPACITY, SensorPort, open_port
+from simulators.serial_port import CAPACITY, open_port
 from simulators.slcan_bus import SlcanBus
 from simulators.truth import About, Attribute, Truth
 
@@ -69,16 +71,6 @@ class RunOptions:
     drop_unread: bool = False
     """The ports drop what the host has not read in time, as real ones do; the rig's clock waits for nobody."""
     faults: tuple[ScheduledFault, ...] = ()
-
-
-@dataclass
-class Channel:
-    """A sensor, its port, and the column of the plant's output it measures."""
-
-    name: str
-    sensor: Sensor
-    port: SensorPort
-    column: int
 
 
 class SimulatedRig:
@@ -327,7 +319,7 @@ class SimulatedRig:
         parameters = {f"parameter_{name}": value for name, value in plant.values.items()}
         return {
             "damper_model": plant.model.name,
-            "damper_kind": plant.model.kind,
+            "damper_kind": KINDS[plant.model.name, plant.model.hysteresis],
             "parameter_names": list(plant.values),
             **parameters,
             "coil_eta": float(plant.constants["coil_eta_1_s"][0]),

@@ -9,7 +9,7 @@ from enum import IntEnum, IntFlag
 from pathlib import Path
 from typing import Any
 
-from drivers.can_port import import_can
+from drivers.can_library import import_can
 from drivers.current_source import SourceFault, SourceState
 from drivers.roles import UNNAMED
 from protocols.current_frames import CurrentFrames, Message, Signal

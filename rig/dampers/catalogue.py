@@ -32,6 +32,7 @@ CATALOGUE: tuple[DamperModel, ...] = (
 MODELS: dict[str, DamperModel] = {model.name: model for model in CATALOGUE if model.hysteresis == "kwok"}
 PRINTED: dict[str, DamperModel] = {model.name: model for model in CATALOGUE if model.hysteresis == "printed"}
 KINDS = {(model.name, model.hysteresis): kind for kind, model in enumerate(CATALOGUE)}
+"""Number of a model with its hysteresis, by which files of simulated runs name it."""
 
 
 def _demonstration(model: DamperModel) -> ParameterSet:

@@ -108,13 +108,6 @@ class DamperModel(ABC):
     parameters: tuple[Parameter, ...]
 
     @property
-    def kind(self) -> int:
-        """Its place in the catalogue, by which files of simulated runs name it."""
-        from rig.dampers.catalogue import KINDS
-
-        return KINDS[self.name, self.hysteresis]
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Parameter names in the kernel's order."""
         return tuple(parameter.name for parameter in self.parameters)

@@ -9,8 +9,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rig.optimisers.evaluation import Objective
     from rig.optimisers.methods import METHODS, make_algorithm, minimise
-    from rig.optimisers.search import Objective, Progress, Result, SearchError
+    from rig.optimisers.search import Progress, Result, SearchError
 
 __all__ = ["METHODS", "Objective", "Progress", "Result", "SearchError", "make_algorithm", "minimise"]
 

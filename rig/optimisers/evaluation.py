@@ -13,14 +13,29 @@ import pickle
 import uuid
 from collections import OrderedDict
 from concurrent.futures import Executor, Future
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from rig.optimisers.arrays import FloatArray
 
-if TYPE_CHECKING:
-    from rig.optimisers.search import Objective
+
+class Objective(Protocol):
+    """What is minimised: a function of `n_parameters` numbers, evaluated a population at a time."""
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of parameters p."""
+
+    def batch(self, population: FloatArray, /) -> FloatArray:
+        """Values of a population.
+
+        Args:
+            population: Shape (N, p), one candidate a row, in the parameters' own units.
+
+        Returns:
+            Shape (N,): the objective's value of each row; NaN counts as worst.
+        """
 
 
 KEPT_OBJECTIVES = 8

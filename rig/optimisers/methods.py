@@ -15,13 +15,13 @@ import numpy.typing as npt
 from rig.optimisers.arrays import FloatArray
 from rig.optimisers.bee_colony import ImprovedBeeColony
 from rig.optimisers.differential_evolution import DifferentialEvolution
+from rig.optimisers.evaluation import Objective
 from rig.optimisers.fruit_fly import ContrastFruitFly, FruitFly
 from rig.optimisers.genetic import Genetic
 from rig.optimisers.particle_swarm import ParticleSwarm
 from rig.optimisers.search import (
     Bounds,
     Callback,
-    Objective,
     Result,
     Search,
     SearchEndedError,

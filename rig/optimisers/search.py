@@ -11,34 +11,15 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from rig.errors import RigError
 from rig.optimisers.arrays import FloatArray
-from rig.optimisers.evaluation import Evaluation
+from rig.optimisers.evaluation import Evaluation, Objective
 
 Bounds = Sequence[tuple[float, float]] | FloatArray
-
-
-class Objective(Protocol):
-    """What is minimised: a function of `n_parameters` numbers, evaluated a population at a time."""
-
-    @property
-    def n_parameters(self) -> int:
-        """Number of parameters p."""
-
-    def batch(self, population: FloatArray, /) -> FloatArray:
-        """Values of a population.
-
-        Args:
-            population: Shape (N, p), one candidate a row, in the parameters' own units.
-
-        Returns:
-            Shape (N,): the objective's value of each row; NaN counts as worst.
-        """
 
 
 class SearchError(RigError):

@@ -7,7 +7,8 @@ import pytest
 from slcan_device import SlcanDevice
 
 from drivers.can_current_source import CanCurrentSource
-from drivers.can_port import CanPort, import_can
+from drivers.can_library import import_can
+from drivers.can_port import CanPort
 from drivers.current_source import SourceBatch, SourceIdentity
 from drivers.devices.source import current_source
 from drivers.errors import LinkLost, PortClosed

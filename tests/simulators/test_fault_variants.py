@@ -13,11 +13,12 @@ from protocols.frame_format import STATUS_OVERLOAD, FrameDecoder, Reading
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
 from simulators import ecu_firmware as wire
+from simulators.channel import Channel
 from simulators.ecu_firmware import EcuFault
 from simulators.injection import INJECTORS, VARIANTS
 from simulators.options import RigOptions
 from simulators.plant.records import MODE_PROGRAM
-from simulators.rig import Channel, RunOptions, SimulatedRig
+from simulators.rig import RunOptions, SimulatedRig
 from simulators.schedule import ScheduledFault, drawn_faults, parse_fault
 
 Story = Callable[[SimulatedRig], None]

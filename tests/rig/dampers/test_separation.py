@@ -12,6 +12,7 @@ import pytest
 from rig.dampers import MODELS, Hysteresis, model
 from rig.dampers.algebraic import AlgebraicModel, TanhModel, general_coefficients
 from rig.dampers.bouc_wen import LOWEST_EXPONENT
+from rig.dampers.catalogue import KINDS
 from rig.dampers.kernel import advance_of, travel
 from rig.dampers.model import HystereticModel, Parameter, linear_parameter, shape_parameter
 from rig.dampers.separation import MotionScale, Search, Separation
@@ -258,7 +259,7 @@ def test_a_kernel_without_states_has_none_that_move() -> None:
 
 
 def test_kinds_are_places_in_the_catalogue_and_terms_name_parameters() -> None:
-    assert [MODELS[name].kind for name in ("asymmetric", "symmetric", "kwok", "thinning_bouc_wen")] == [0, 2, 4, 10]
-    assert model("asymmetric", "printed").kind == 1
+    assert [KINDS[name, "kwok"] for name in ("asymmetric", "symmetric", "kwok", "thinning_bouc_wen")] == [0, 2, 4, 10]
+    assert KINDS["asymmetric", "printed"] == 1
     assert model("asymmetric").of_term("stiffness") == ("Ka", "Kb")
     assert form_of("normalized_bouc_wen").held_here(frozenset({"kw_b"})) == {"kw_b"}
