@@ -20,7 +20,7 @@ from drivers.capabilities import Capabilities
 from drivers.connection import LinkKind
 from drivers.sample_stream import Batch
 
-UNNAMED = 1000
+UNNAMED = 1 << 16
 """Added to a device's code that has no name here and whose number has another meaning here."""
 
 
