@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rig.dampers.arrays import FloatArray
-from rig.dampers.model import LAG, DamperModel, Hysteresis, Jump, Parameter, linear_parameter, shape_parameter
+from rig.dampers.model import DamperModel, Jump
+from rig.dampers.parameter import LAG, Hysteresis, Parameter, linear_parameter, shape_parameter
 
 if TYPE_CHECKING:
     from rig.dampers.kernel import Kernel

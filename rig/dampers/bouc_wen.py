@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
-from rig.dampers.model import HystereticModel, Parameter, linear_parameter, shape_parameter
+from rig.dampers.model import HystereticModel
+from rig.dampers.parameter import Parameter, linear_parameter, shape_parameter
 from rig.dampers.separation import Motion, MotionScale, Separation
 
 if TYPE_CHECKING:

@@ -6,8 +6,9 @@ from difflib import get_close_matches
 
 from rig.dampers.algebraic import AsymmetricModel, KwokModel, SymmetricModel
 from rig.dampers.bouc_wen import BoucWenModel, NormalizedBoucWenModel, ThinningBoucWenModel
-from rig.dampers.model import DamperModel, Hysteresis, ParameterSet
+from rig.dampers.model import DamperModel
 from rig.dampers.modified_bouc_wen import ModifiedBoucWenModel
+from rig.dampers.parameter import Hysteresis, ParameterSet
 from rig.dampers.plastic import BinghamModel, ViscoelasticPlasticModel
 from rig.dampers.published import PARAMETER_SETS as PUBLISHED
 from rig.errors import RigError

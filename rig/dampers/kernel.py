@@ -26,8 +26,8 @@ import numpy as np
 from numba import njit
 
 from rig.dampers.arrays import FloatArray
+from rig.dampers.integrable import Integrable
 from rig.dampers.loop_curve import has_curve, hysteresis_series
-from rig.dampers.model import DamperModel
 
 SUBSTEP_RATE = 0.5  # rate x substep: RK4 is then within 3e-4 of a relaxing state
 MAXIMUM_SUBSTEPS = 400  # a sample; stiffer states (50,000 1/s at 250 Hz) belong to no damper
@@ -206,7 +206,7 @@ def _mover(kernel: Kernel) -> Compiled:
 
 
 @cache
-def advance_of(model: DamperModel) -> Compiled:
+def advance_of(model: Integrable) -> Compiled:
     """One plant step of a model, compiled: (p, state, u, v, a, current, dt) -> force (N) at the end of the step.
 
     p is `DamperModel.vector(values)`; `state` is `DamperModel.initial_state()`, kept by the caller between steps and
@@ -277,7 +277,7 @@ def cached(loop: Compiled, error_model: Literal["python", "numpy"] = "python", *
 
 
 @cache
-def series_of(model: DamperModel) -> Compiled:
+def series_of(model: Integrable) -> Compiled:
     """`force_series` of one model, compiled: (p, start, u, v, a, current, dt, warm)."""
     kernel = model.kernel()
     step = _sampled(_mover(kernel))
@@ -333,7 +333,7 @@ def _series(key: str, states: int, positions: int) -> Compiled:
 
 
 def force_series(
-    model: DamperModel,
+    model: Integrable,
     p: FloatArray,
     start: FloatArray,
     u: FloatArray,

@@ -11,7 +11,8 @@ import numpy as np
 
 from rig.dampers.arrays import FloatArray
 from rig.dampers.bouc_wen import EXPONENT, LOWEST_EXPONENT, SIGMA_LIMITS
-from rig.dampers.model import LAG, HystereticModel, linear_parameter, shape_parameter
+from rig.dampers.model import HystereticModel
+from rig.dampers.parameter import LAG, linear_parameter, shape_parameter
 from rig.dampers.separation import MotionScale, Search, Unknowns
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ import numpy as np
 
 from rig.dampers.algebraic import AlgebraicModel, viscous, yield_force
 from rig.dampers.arrays import FloatArray
-from rig.dampers.model import HystereticModel, Jump, linear_parameter, shape_parameter
+from rig.dampers.model import HystereticModel, Jump
+from rig.dampers.parameter import linear_parameter, shape_parameter
 from rig.dampers.separation import MotionScale, Search, Unknowns
 
 if TYPE_CHECKING:

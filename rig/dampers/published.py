@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rig.dampers.model import ParameterSet
+from rig.dampers.parameter import ParameterSet
 
 CFOA = "automotive MR damper, c-FOA paper"
 SPENCER = "Spencer, Dyke, Sain, Carlson 1997, converted from N and cm; its input is the driver's voltage (V)"

@@ -6,14 +6,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from rig.dampers.model import DamperModel
+from rig.dampers.integrable import Integrable
 
 FASTEST = 5.0  # rate of a state, times the sampling interval, beyond which it is rigid and cannot be followed
 SCANNED_DECADES = (0.1, 1.0, 10.0)  # of a shape parameter's start, where a model says nothing better
@@ -127,7 +125,7 @@ class Unknowns:
     names: tuple[str, ...]
     logarithmic: BoolArray
     scales: FloatArray
-    model: DamperModel
+    model: Integrable
     held: frozenset[str]
     translated: Callable[[dict[str, float], dict[str, float]], dict[str, float]]
 
@@ -162,7 +160,7 @@ class Search:
     simpler_names: Mapping[str, str] = {}
     family: int = 3
 
-    def __init__(self, model: DamperModel) -> None:
+    def __init__(self, model: Integrable) -> None:
         self.model = model
 
     def starts(self, simple: Mapping[str, float], scale: MotionScale) -> list[dict[str, float]]:

@@ -14,7 +14,8 @@ from rig.dampers.algebraic import AlgebraicModel, TanhModel, general_coefficient
 from rig.dampers.bouc_wen import LOWEST_EXPONENT
 from rig.dampers.catalogue import KINDS
 from rig.dampers.kernel import advance_of, travel
-from rig.dampers.model import HystereticModel, Parameter, linear_parameter, shape_parameter
+from rig.dampers.model import HystereticModel
+from rig.dampers.parameter import Parameter, linear_parameter, shape_parameter
 from rig.dampers.separation import MotionScale, Search, Separation
 
 if TYPE_CHECKING:
