@@ -16,9 +16,54 @@ MOST_PARAMETERS = 6
 NO_NOUNS = {"found", "each"}
 
 LONG_FILES: dict[str, str] = {}
-LONG_FUNCTIONS: dict[str, str] = {}
-MANY_PARAMETERS: dict[str, str] = {}
-ONE_IMPORTER: dict[str, str] = {}
+
+DOCUMENTED = "a public call; its docstring is longer than its code"
+LONG_FUNCTIONS = {
+    "rig.dampers.modified_bouc_wen:_own_step": "one integration step, compiled: its stages share all values",
+    "rig.identification.fitting:identify": DOCUMENTED,
+    "rig.identification.points.preparation:prepare": DOCUMENTED,
+    "rig.identification.runs:identify_run": DOCUMENTED,
+    "rig.identification.uncertainty.assessment:judged": "one field of the fit after the other",
+    "rig.optimisers.search:make_search": DOCUMENTED,
+}
+
+OPTIONS = "one parameter for each option of the command"
+PUBLIC = "a public call whose arguments all have defaults"
+COMPILED = "machine code, or what it is called by: flat arguments"
+EQUATION = "the signature of every model's equation: parameters, u, v, a, current, dt"
+MANY_PARAMETERS = {
+    "rig.cli.identify:command": OPTIONS,
+    "rig.cli.importing:command": OPTIONS,
+    "rig.cli.run:command": OPTIONS,
+    "rig.recording.importing:import_tests": OPTIONS,
+    "rig.identification.fitting:identify": PUBLIC,
+    "rig.identification.runs:identify_run": PUBLIC,
+    "rig.optimisers.methods:minimise": PUBLIC,
+    "rig.optimisers.search:make_search": PUBLIC,
+    "rig.dampers.parameter:linear_parameter": "a parameter's columns, one row a call",
+    "rig.dampers.parameter:shape_parameter": "a parameter's columns, one row a call",
+}
+MANY_PARAMETERS_WHERE = {
+    "rig.dampers.": COMPILED,
+    "rig.identification.models.kernels:": COMPILED,
+    "simulators.plant.": COMPILED,
+}
+"""Modules whose functions may take more."""
+
+CATALOGUES = {
+    "drivers.catalogue": "the one place that names the drivers",
+    "rig.dampers.catalogue": "the one place that names the models",
+    "rig.faults.matrix": "puts together the rows of each device",
+    "rig.optimisers.methods": "the one place that names the algorithms",
+    "rig.report.document": "puts together the parts of a page",
+    "simulators.rig": "puts together the devices",
+}
+"""What they import are topics of their own, each of the same kind, that nobody else has to know."""
+ONE_IMPORTER = {
+    "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
+    "rig.cli.run": "a command; the demo runs it",
+    "rig.study.figures": "loads matplotlib, and only where figures are drawn",
+}
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -87,7 +132,7 @@ def test_a_function_takes_few_parameters() -> None:
     for name, node in functions():
         given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
         count = len([one for one in given if one.arg not in {"self", "cls"}])
-        if count > MOST_PARAMETERS:
+        if count > MOST_PARAMETERS and not name.startswith(tuple(MANY_PARAMETERS_WHERE)):
             broken[name] = f"{count} parameters"
     assert unlisted(broken, MANY_PARAMETERS) == ({}, set())
 
@@ -111,7 +156,7 @@ def test_imports_make_no_circle() -> None:
         state[name] = 1
         for wanted in sorted(graph[name]):
             if state.get(wanted) == 1:
-                circles.append([*trail[trail.index(wanted) :], wanted] if wanted in trail else [name, wanted])
+                circles.append([*trail[trail.index(wanted) :], wanted])
             elif wanted not in state:
                 visit(wanted, [*trail, wanted])
         state[name] = 2
@@ -131,7 +176,7 @@ def test_a_file_is_a_topic_not_a_page_of_its_neighbour() -> None:
             continue
         (user,) = users
         user_path = modules()[user][0]
-        if user_path.parent != path.parent or user_path.name in {"__init__.py", "__main__.py"}:
+        if user_path.parent != path.parent or user_path.name in {"__init__.py", "__main__.py"} or user in CATALOGUES:
             continue
         together = sum(len(one.read_text(encoding="utf-8").splitlines()) for one in (path, user_path))
         if together <= LONGEST_FILE:
