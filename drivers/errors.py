@@ -1,4 +1,18 @@
-"""What can go wrong between a driver and its device."""
+"""What can go wrong between a driver and its device.
+
+    DriverError
+     +-- PortClosed        no such port, refused, unplugged
+     +-- NoAnswer          nothing within the time-out
+     +-- LinkLost          broken in the middle of a request
+     +-- WrongIdentity     another device
+     |    +-- WrongLayout  the device, its registers laid out otherwise
+     +-- RequestRefused    it said no
+     |    +-- Busy         it said "later", again and again
+     +-- WrongAnswer       what its protocol forbids
+     +-- UnknownDevice     nobody here knows such a device
+
+Each is one condition; what to do about it is decided by class or `code`, never by the message.
+"""
 
 from __future__ import annotations
 

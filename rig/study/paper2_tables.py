@@ -148,8 +148,8 @@ def parameter_relations(current_A: np.ndarray, best: list[Mapping[str, Any]], de
 def _relation_table(method: str, current_A: np.ndarray, best: list[Mapping[str, Any]], degree: int) -> Table:
     rows = [
         (name, relation.kind, relation.rms, known(relation.rms_left_out), str(relation))
-        for name, each in parameter_relations(current_A, best, degree).items()
-        for relation in each
+        for name, fitted in parameter_relations(current_A, best, degree).items()
+        for relation in fitted
     ]
     columns = ("parameter", "relation", "rms residual", "rms at a current left out", "value at I (A)")
     note = "SI units. Lagrange passes through every point; the rms at a current left out shows what that is worth."

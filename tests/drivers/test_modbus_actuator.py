@@ -35,6 +35,7 @@ def device() -> Iterator[ModbusDevice]:
     made = ModbusDevice()
     yield made
     made.close()
+    assert made.faults == [], "scripted answers that nobody asked for"
 
 
 @pytest.fixture
@@ -310,6 +311,9 @@ def test_any_answer_gives_a_status_or_a_driver_error(
         status = actuator.read_status()
     except DriverError:
         return
+    finally:
+        actuator.close()
+        device.faults = []
     assert pdu[:2] == b"\x03\x44"
     assert status.heartbeat == int.from_bytes(pdu[2:4], "big")
 
