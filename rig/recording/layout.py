@@ -1,4 +1,4 @@
-"""The layout of a recorded point (`docs/architecture.md`, "A recorded point"); HDF5 is made by `hdf5_image`."""
+"""The layout of a recorded point (`docs/files.md`, "A point's file"); HDF5 is made by `hdf5_image`."""
 
 from __future__ import annotations
 

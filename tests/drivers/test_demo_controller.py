@@ -59,7 +59,7 @@ def test_config_words_are_those_of_the_documented_addresses() -> None:
 
 def test_every_documented_address_is_in_the_map() -> None:
     documented = {}
-    for line in (ROOT / "docs" / "architecture.md").read_text().splitlines():
+    for line in (ROOT / "docs" / "wires.md").read_text().splitlines():
         cells = [cell.strip() for cell in line.split("|")]
         if len(cells) == 7 and re.fullmatch(r"\d+( / \d+)*", cells[2]):
             names = cells[3].split(" / ")
