@@ -18,12 +18,20 @@ from drivers.errors import UnknownDevice
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
 from drivers.sample_stream import SampleScale
-from drivers.serial_sensor import BINARY, SerialSensor
+from drivers.serial_sensor import BINARY, CLOCKED, SerialSensor
 from protocols.line_format import PRESETS, from_description
 
 __all__ = [
-    "SensorConnection", "actuator_names", "current_source_names", "make_actuator", "make_current_source", "make_sensor",
-    "register_actuator", "register_sensor", "sensor_format_names",
+    "SensorConnection",
+    "actuator_names",
+    "clocked_format_names",
+    "current_source_names",
+    "make_actuator",
+    "make_current_source",
+    "make_sensor",
+    "register_actuator",
+    "register_sensor",
+    "sensor_format_names",
 ]
 
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
@@ -108,6 +116,11 @@ def register_sensor(name: str, maker: SensorMaker) -> None:
 def sensor_format_names() -> tuple[str, ...]:
     """Every name that a sensor's `format` may have, beside the description of a line."""
     return (*BINARY, *PRESETS, *_SENSORS)
+
+
+def clocked_format_names() -> tuple[str, ...]:
+    """Formats that carry the sensor's clock and latched edges, by which skew is measured."""
+    return CLOCKED
 
 
 def make_sensor(connection: SensorConnection) -> Sensor:

@@ -14,6 +14,8 @@ from protocols.line_format import LineDecoder, LineFormat, preset
 
 BINARY: Mapping[str, Callable[[], Decoder]] = {"frame16": FrameDecoder}
 """Binary formats by name, each with what splits its bytes; such a format numbers its samples."""
+CLOCKED = ("frame16",)
+"""Those that carry the sensor's clock and latched edges too; all others are counted against their rate."""
 DEFAULT_FORMAT = "frame16"
 UNSCALED = SampleScale()
 WIRE_UNITS = {Channel.FORCE: "N", Channel.DISPLACEMENT: "mm"}

@@ -14,6 +14,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from drivers.catalogue import clocked_format_names
 from rig import __version__
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
@@ -183,10 +184,6 @@ def check_calibrations(bench: Bench, today: date) -> tuple[str, ...]:
     return warnings
 
 
-CLOCKED = "frame16"
-"""The only format with a device clock and latched edges; others count their samples against the nominal rate."""
-
-
 def check_clocks(bench: Bench) -> None:
     """Refuse a bench on which the skew between force and displacement cannot be measured.
 
@@ -194,15 +191,16 @@ def check_clocks(bench: Bench) -> None:
         Refused: a sensor speaks a format without a clock (slug `format-without-clock`); each is named.
     """
     formats = {"load_cell": bench.load_cell.format, "lvdt": bench.lvdt.format}
+    clocked = clocked_format_names()
     without = [
         f"[{name}] format = {value if isinstance(value, str) else 'a described line'!r} carries neither a clock nor "
         "sync edges"
-        for name, value in formats.items() if value != CLOCKED
+        for name, value in formats.items() if value not in clocked
     ]
     if without:
         raise Refused(
             "format-without-clock",
             "; ".join(without) + f", and the matrix asks for the skew ([campaign] require_skew = true): use a sensor "
-            f'that speaks "{CLOCKED}", or leave require_skew out and take the skew as uncertain as the report states '
-            "it; nothing was moved",
+            f"that speaks {' or '.join(clocked)}, or leave require_skew out and take the skew as uncertain as the "
+            "report states it; nothing was moved",
         )
