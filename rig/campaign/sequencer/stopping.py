@@ -81,7 +81,7 @@ def tripped(state: State, event: ev.Tripped) -> Step:
 
 def without_restart(state: State) -> State:
     """After something that a restart may not follow: the first cause stays latched, and the campaign ends with it."""
-    return replace(state, retries=0)
+    return replace(state, restart_withdrawn=True)
 
 
 def gave_up(state: State) -> bool:

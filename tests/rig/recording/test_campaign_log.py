@@ -34,6 +34,39 @@ def test_a_line_cut_off_by_a_crash_does_not_hide_the_others(tmp_path: Path) -> N
     assert [event["event"] for event in read_log(tmp_path)] == ["started"]
 
 
+EARLIER = {
+    "temperature": (
+        "warming up from 24.1 degC: 12 s of motion",
+        "p003: cooling down from 46.2 to 41.0 degC, about 180 s of the rig's clock",
+    ),
+    "amplitude": (
+        "p002: 9.12 mm of 10 mm reached; correction 1: command 10.97 mm",
+        "p002: 9.99 mm of 10 mm reached; within tolerance",
+    ),
+}
+"""Lines of programs that wrote no code."""
+
+
+@pytest.mark.parametrize(("code", "text"), [(code, text) for code, texts in EARLIER.items() for text in texts])
+def test_a_line_of_an_earlier_program_gets_the_code_that_its_words_stand_for(
+    tmp_path: Path, code: str, text: str
+) -> None:
+    log = CampaignLog(tmp_path)
+    log.write("info", text=text)
+    log.close()
+    (line,) = read_log(tmp_path)
+    assert (line["code"], line["text"]) == (code, text)
+
+
+def test_words_give_no_code_to_other_lines_nor_replace_one(tmp_path: Path) -> None:
+    log = CampaignLog(tmp_path)
+    log.write("info", text="p001: 26.0 degC after 90 s of warming up", code="other")
+    log.write("info", text="paused before p002")
+    log.write("warning", text="2 mm of 10 mm reached; the machine cannot")
+    log.close()
+    assert [line.get("code") for line in read_log(tmp_path)] == ["other", None, None]
+
+
 def test_a_point_s_context_survives_its_journal_header() -> None:
     context = SyntheticRig().context(mid_stroke_m=None, device_rate=50.0)
     assert PointContext.from_json(context.to_json()) == context
