@@ -189,6 +189,7 @@ class State:
         pause_asked: stop at the next point boundary.
         spoiled: why the running point cannot be valid, though it was not stopped.
         latch: the stop under way or done; None while nothing is wrong.
+        restart_withdrawn: something came up during the stop after which no restart may follow.
         stopped: standstill and 0 A were proved after the latch.
         cooled_s: how long the stopped rig has waited for the ECU to cool down (s, rig's clock).
         refused: why the campaign was refused before anything moved.
@@ -222,6 +223,7 @@ class State:
     pause_asked: bool = False
     spoiled: StopCause | None = None
     latch: Latch | None = None
+    restart_withdrawn: bool = False
     stopped: bool = False
     cooled_s: float = 0.0
     refused: StopCause | None = None

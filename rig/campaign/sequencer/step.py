@@ -72,7 +72,7 @@ def _check_zeros(state: State) -> Step:
 
 def _begin_again(state: State) -> Step:
     """The trip is reset: every proof is made again, unless something has taken the restart away meanwhile."""
-    return stopping.finish(state) if stopping.gave_up(state) else _check_zeros(state.unlatched())
+    return stopping.finish(state) if state.restart_withdrawn else _check_zeros(state.unlatched())
 
 
 def _zeros(state: State, event: ev.ZerosJudged) -> Step:

@@ -84,11 +84,6 @@ def without_restart(state: State) -> State:
     return replace(state, restart_withdrawn=True)
 
 
-def gave_up(state: State) -> bool:
-    """Whether a restart that was begun has been taken away."""
-    return state.retries == 0
-
-
 def fault(state: State, event: ev.Fault | ev.Abort) -> Step:
     """The application or the operator wants a stop: ask the station for it, or just end when nothing is armed.
 
@@ -117,8 +112,8 @@ def stopped(state: State, event: ev.Safe) -> Step:
     if state.queue and not state.recording:
         state = replace(state, attempts=(*state.attempts, state.point.id))
     state, actions = end_recording(state, cause)
-    repeat = state.refused is None and state.queue and state.may_repeat(state.point.id)
-    if repeat and may_restart(stop, cause):
+    allowed = state.refused is None and not state.restart_withdrawn and may_restart(stop, cause)
+    if allowed and state.queue and state.may_repeat(state.point.id):
         state, more = cool_down(state) if cause.slug in COOLS_FIRST else reset(state)
     else:
         state, more = finish(state)
@@ -141,9 +136,8 @@ def cool_down(state: State) -> Step:
 def reset_declined(state: State, cause: StopCause) -> Step:
     """An ECU that is still too hot keeps its fault: the wait goes on; any other refusal ends the campaign."""
     waits = state.latch is not None and state.latch.cause.slug in COOLS_FIRST
-    if gave_up(state) or not waits or cause.slug != "coil-not-ready" or state.cooled_s >= state.conditions.longest_s:
-        return finish(state)
-    return cool_down(state)
+    still_hot = waits and cause.slug == "coil-not-ready" and state.cooled_s < state.conditions.longest_s
+    return cool_down(state) if still_hot and not state.restart_withdrawn else finish(state)
 
 
 def give_up_restart(state: State, event: ev.Fault | ev.Abort | ev.Tripped) -> Step:
