@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from drivers.ring import Channel
-from drivers.sample_stream import SampleStream
+from drivers.sample_stream import SampleScale, SampleStream
 from protocols.frame_format import FrameDecoder
 from rig.recording.context import PointContext, SensorContext
 from rig.recording.conversion.conversion import build
@@ -82,7 +82,7 @@ class RecordedRig:
             clock = DeviceClock.drawn(options.clock_offset_us, options.clock_ppm, next(draws))
             self.sensors.append(Sensor(options, clock, next(draws), 0.0))
             self.streams.append(SampleStream(
-                FrameDecoder(), channel, sensitivity=scale, nominal_rate_Hz=options.rate_Hz, device_rate=self.speed,
+                FrameDecoder(), channel, SampleScale(scale, rate_Hz=options.rate_Hz, device_rate=self.speed),
             ))
         self.pulses = 0
         self.pulse_us = 0.0

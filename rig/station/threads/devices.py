@@ -83,11 +83,10 @@ class Devices:
         return self.actuator.clock.ppm
 
     def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
-        # The bench states the offset as what the sensor shows at zero; the driver adds its own to the scaled value.
-        scale = SampleScale(given.sensitivity, -given.offset, given.rate_Hz, self.config.device_rate)
-        driver = make_sensor(
-            SensorConnection(given.url, given.baudrate, given.label, role.channel, given.format, scale)
-        )
+        driver = make_sensor(SensorConnection(
+            given.url, given.baudrate, given.label, role.channel, given.format,
+            scale_of(given, self.config.device_rate),
+        ))
         return SensorThread(given, driver, role, self._supervisor, append)
 
     @property
@@ -139,6 +138,16 @@ class Devices:
         for device in self:
             device.end()
             device.close()
+
+
+def scale_of(given: SensorConfig, device_rate: float) -> SampleScale:
+    """From a sensor's wire to SI as its bench file states it, polarity included, and its samples to time.
+
+    Args:
+        given: the sensor of the bench file.
+        device_rate: device seconds that pass in one second of the host's clock.
+    """
+    return SampleScale(given.sensitivity, given.offset, given.rate_Hz, device_rate)
 
 
 def slug_of(error: Exception) -> str:
