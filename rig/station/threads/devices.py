@@ -14,7 +14,7 @@ from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import StationConfig
 from rig.station.errors import StationRefused
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
-from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLimits
 from rig.station.interlocks.current_interlock import EcuInterlock
 from rig.station.interlocks.motion_interlock import MotionInterlock
 from rig.station.supervisor import Supervisor
@@ -166,5 +166,4 @@ def slug_of(error: Exception) -> str:
 def _interlock(
     config: StationConfig, given: SensorConfig, slug: str, low: float, high: float, unit: str
 ) -> ChannelInterlock:
-    jump = config.spike_jump(given)
-    return ChannelInterlock(given.label, slug, low=low, high=high, span=given.span, spike_jump=jump, unit=unit)
+    return ChannelInterlock(given.label, slug, ChannelLimits(low, high, given.span, config.spike_jump(given), unit))
