@@ -253,6 +253,11 @@ class State:
         """Whether another attempt of a point is allowed."""
         return self.attempts.count(point_id) <= self.retries
 
+    def without_last_attempt(self) -> State:
+        """The state as if the current point's last attempt had not been begun."""
+        last = len(self.attempts) - 1 - self.attempts[::-1].index(self.point.id)
+        return replace(self, attempts=self.attempts[:last] + self.attempts[last + 1 :])
+
     def unlatched(self) -> State:
         """The state after an explicit reset: nothing is proved any more, the position is not known."""
         return replace(
