@@ -16,7 +16,7 @@ import numpy as np
 from drivers.ring import Channel
 from drivers.sample_stream import SampleScale, SampleStream
 from protocols.frame_format import FrameDecoder
-from rig.recording.context import PointContext, SensorContext
+from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.conversion.conversion import build
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.journal.journal_file import JournalContent
@@ -128,7 +128,7 @@ class RecordedRig:
         delays = self.declared_delays_s or (group_delay_s(cell.bandwidth_Hz), group_delay_s(lvdt.bandwidth_Hz))
         inputs_s = self.plant.position_input.declared_delay_s
         return PointContext(
-            point=point,
+            point=WantedPoint(**point),
             sensors={
                 "force": SensorContext("load_cell", cell.rate_Hz, delays[0], cell.range, "N"),
                 "displacement": SensorContext("lvdt", lvdt.rate_Hz, delays[1], 1e-3 * lvdt.range, "m"),

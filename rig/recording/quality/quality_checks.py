@@ -82,7 +82,7 @@ def examine(
 ) -> tuple[PointEvidence, LoopShape | None]:
     """Everything a verdict is given by, and the shape of the loop (None where it cannot be told)."""
     end = content.end or {}
-    wanted = context.wanted
+    wanted = context.point
     motion = None if wanted.standing else motion
     inside = np.ones(len(seen.time_s), bool)
     starts = np.array([seen.time_s[0], np.nextafter(seen.time_s[-1], np.inf)])
@@ -96,7 +96,7 @@ def examine(
     findings = PointEvidence(
         sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
                  else SensorCounts(0) for name, sensor in context.sensors.items()},
-        wanted_cycles=0.0 if wanted.standing else wanted.cycles, wanted_amplitude_m=wanted.amplitude_m,
+        wanted_cycles=0.0 if wanted.standing else float(wanted.cycles), wanted_amplitude_m=wanted.amplitude_m,
         wanted_frequency_Hz=frequency_Hz, current_tolerance_A=context.current_tolerance_A,
         measured_cycles=None if motion is None else motion.cycles,
         measured_amplitude_m=None if motion is None else motion.amplitude_m,
@@ -104,7 +104,7 @@ def examine(
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
         current_error_A=_steps_error_A(seen, wanted) if wanted.standing
         else loop_error_A(seen.time_s, seen.current_A, wanted.current_A, starts),
-        amplitude_tolerance=wanted.amplitude_tolerance if wanted.kind == "loop" else None,
+        amplitude_tolerance=wanted.amplitude_tolerance if wanted.loop else None,
         extra=[
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
               if event.code in VERDICT_REMARKS),
@@ -154,7 +154,7 @@ def _range(values: FloatArray) -> tuple[float, float] | None:
 
 
 def _steps_error_A(seen: Overview, wanted: WantedPoint) -> float | None:
-    return steps_error_A(seen.time_s, seen.current_A, wanted.steps_A, 1.0 / wanted.frequency_Hz)
+    return steps_error_A(seen.time_s, seen.current_A, wanted.levels_A, 1.0 / wanted.frequency_Hz)
 
 
 def _counts(
