@@ -24,7 +24,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
-from rig.recording.conversion import finish_point
+from rig.recording.conversion.conversion import finish_point
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = tuple(str(ROOT / room) + "/" for room in ("rig", "drivers", "protocols"))

@@ -126,7 +126,7 @@ class RecordedRig:
         """What the bench file and the matrix say of a point."""
         cell, lvdt = self.options.load_cell, self.options.lvdt
         delays = self.declared_delays_s or (group_delay_s(cell.bandwidth_Hz), group_delay_s(lvdt.bandwidth_Hz))
-        inputs_s = self.plant.position_input.declared_delay_s
+        inputs_s = group_delay_s(self.plant.position_input.options.bandwidth_Hz)
         return PointContext(
             point=WantedPoint(**point),
             sensors={
