@@ -44,8 +44,8 @@ from rig.recording.point_names import (
 )
 from rig.recording.quality.cross_checks import point_reasons
 from rig.recording.quality.judgement import judge
-from rig.recording.quality.point_quality import PointQuality
-from rig.recording.quality.quality_checks import examine, measured_quality, overview
+from rig.recording.quality.point_quality import PointQuality, measured_quality
+from rig.recording.quality.quality_checks import examine, overview
 from rig.recording.quality.verdict import Reason
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray

@@ -1,12 +1,12 @@
 """What a point's samples show before it is judged: losses, standing values, motion, current, temperature, loop shape.
 
-`examine` collects the evidence for the verdict, `measured_quality` what the file says of the point.
+`examine` collects the evidence for the verdict; what the file says of the point is `point_quality.measured_quality`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,14 +18,6 @@ from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.point_names import OUT_OF_TOLERANCE
 from rig.recording.quality.judgement import PointEvidence, SensorCounts
-from rig.recording.quality.point_quality import (
-    PointQuality,
-    current_quality,
-    loop_quality,
-    motion_quality,
-    sensor_quality,
-    skew_quality,
-)
 from rig.recording.quality.verdict import Kind, Reason
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, parts
@@ -187,33 +179,3 @@ def _counts(
 
 def _marked(flags: Iterable[Any], flag: Quality) -> int:
     return int(np.count_nonzero(np.asarray(flags) & np.uint16(flag)))
-
-
-def measured_quality(
-    context: PointContext, alignment: Alignment, seen: Overview, motion: MeasuredMotion | None,
-    evidence: PointEvidence, shape: LoopShape | None,
-) -> PointQuality:
-    """What is known of a point's quality before it is judged: everything but the verdict and how its end came."""
-    low_degC, high_degC = evidence.temperature_degC or (None, None)
-    light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
-    calibration = PointQuality.read(context.calibration)
-    return PointQuality(
-        lost_samples=alignment.lost_samples, loss_counted_by=_loss_counted_by(alignment, context),
-        skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
-        current=current_quality(motion, light), force=sensor_quality("force", alignment),
-        displacement=sensor_quality("displacement", alignment),
-        loop=loop_quality(shape),
-        tolerances=calibration.tolerances, rest=calibration.rest, coil_low_degC=low_degC, coil_high_degC=high_degC,
-    )
-
-
-def _loss_counted_by(alignment: Alignment, context: PointContext) -> str:
-    """How a lost sample of load cell or LVDT would have been seen: `sequence`, `rate`, or `nothing`.
-
-    A format without a sequence is counted against its rate, which only says something where clocks run at wall speed.
-    """
-    numbered = all(
-        len(alignment.timed[name].records) == 0 or int(alignment.timed[name].records["device_us"][0]) >= 0
-        for name in ("force", "displacement")
-    )
-    return "sequence" if numbered else "rate" if context.device_rate == 1.0 else "nothing"
