@@ -23,7 +23,7 @@ import numpy as np
 
 from drivers.ring import Channel, RingWriter
 from rig.clock import monotonic_ns
-from rig.recording.context import PointContext, SensorContext
+from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.journal.journal_file import read_journal
 from rig.recording.journal.recorder import PointRecorder
 
@@ -62,7 +62,7 @@ def feed(path: Path, rate_Hz: float) -> None:
 def record(ring: Path, folder: Path, rate_Hz: float) -> None:
     """Record one point until killed."""
     sensors = {name: SensorContext(name, rate_Hz) for name in ("force", "displacement")}
-    point = {"id": "p001", "waveform": "sine", "amplitude_m": 0.01, "frequency_Hz": 1.0, "current_A": 0.0, "cycles": 9}
+    point = WantedPoint("p001", "sine", 0.01, 1.0, 0.0, 9)
     recorder = PointRecorder(ring, folder)
     recorder.begin(PointContext(point=point, sensors=sensors), expected_s=10.0)
     threading.Event().wait()

@@ -23,7 +23,7 @@ from campaign_process import machine
 from rig.clock import utc_now
 from rig.recording.alignment.alignment import align
 from rig.recording.channel_split import ChannelSplit
-from rig.recording.context import PointContext, SensorContext
+from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.conversion.conversion import finish_point
 from rig.recording.journal.journal_file import JournalWriter, scan_journal
 from rig.recording.layout import NUMBER, RECORD_DTYPE
@@ -39,11 +39,10 @@ LIMIT_MB = 300.0
 def context(seconds: float) -> PointContext:
     """The header of the point's journal."""
     return PointContext(
-        point={
-            "id": "p001", "waveform": "sine", "amplitude_m": SENSORS["displacement"], "frequency_Hz": FREQUENCY_HZ,
-            "current_A": 0.0, "cycles": int(seconds * FREQUENCY_HZ) - 2, "ramp_in_cycles": 1.0, "ramp_out_cycles": 1.0,
-            "centre_m": 0.0, "repeat": 1, "rest_s": 0.0,
-        },
+        point=WantedPoint(
+            "p001", "sine", SENSORS["displacement"], FREQUENCY_HZ, 0.0, int(seconds * FREQUENCY_HZ) - 2,
+            ramp_in_cycles=1.0, ramp_out_cycles=1.0, centre_m=0.0, repeat=1, rest_s=0.0,
+        ),
         sensors={name: SensorContext(name, RATE_HZ, 1e-4) for name in SENSORS}, controller_delay_s=0.0,
     )
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from drivers.ring import Channel
-from drivers.sample_stream import SampleStream
+from drivers.sample_stream import SampleScale, SampleStream
 from protocols.frame_format import FrameDecoder
-from rig.recording.context import PointContext, SensorContext
+from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.conversion.conversion import build
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.journal.journal_file import JournalContent
@@ -82,7 +82,7 @@ class RecordedRig:
             clock = DeviceClock.drawn(options.clock_offset_us, options.clock_ppm, next(draws))
             self.sensors.append(Sensor(options, clock, next(draws), 0.0))
             self.streams.append(SampleStream(
-                FrameDecoder(), channel, sensitivity=scale, nominal_rate_Hz=options.rate_Hz, device_rate=self.speed,
+                FrameDecoder(), channel, SampleScale(scale, rate_Hz=options.rate_Hz, device_rate=self.speed),
             ))
         self.pulses = 0
         self.pulse_us = 0.0
@@ -126,9 +126,9 @@ class RecordedRig:
         """What the bench file and the matrix say of a point."""
         cell, lvdt = self.options.load_cell, self.options.lvdt
         delays = self.declared_delays_s or (group_delay_s(cell.bandwidth_Hz), group_delay_s(lvdt.bandwidth_Hz))
-        inputs_s = self.plant.position_input.declared_delay_s
+        inputs_s = group_delay_s(self.plant.position_input.options.bandwidth_Hz)
         return PointContext(
-            point=point,
+            point=WantedPoint(**point),
             sensors={
                 "force": SensorContext("load_cell", cell.rate_Hz, delays[0], cell.range, "N"),
                 "displacement": SensorContext("lvdt", lvdt.rate_Hz, delays[1], 1e-3 * lvdt.range, "m"),

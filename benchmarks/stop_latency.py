@@ -33,7 +33,7 @@ from rig.bench.model import Bench
 from rig.campaign.setup import station_config
 from rig.clock import monotonic_ns
 from rig.matrix.model import load_matrix
-from rig.recording.context import PointContext
+from rig.recording.context import PointContext, WantedPoint
 from rig.recording.journal.recorder import PointRecorder
 from rig.recording.journal.ring_reader import RingReader
 from rig.station.client import StationClient
@@ -220,7 +220,7 @@ def measure(count: int, real_time: bool, folder: Path) -> list[float]:
     recorder = PointRecorder(Path(config.ring_path), folder / "points")
     reader = threading.Thread(target=watch_ring, args=(Path(config.ring_path), ending), daemon=True)
     try:
-        recorder.begin(PointContext(point={"id": "p001"}, sensors={}), expected_s=600.0)
+        recorder.begin(PointContext(WantedPoint("p001", "sine", 0.0, 1.0, 0.0, 0), sensors={}), expected_s=600.0)
         reader.start()
         return injections(client, orders, count)
     finally:

@@ -267,12 +267,8 @@ def state_name(state: int) -> str:
     return State(state).name if state in set(State) else str(state)
 
 
-class Actuator(Protocol):
-    """An actuator controller, as its driver shows it; used by one thread."""
-
-    @property
-    def capabilities(self) -> Capabilities:
-        """What it can do; known before it is opened."""
+class CountingLink(Protocol):
+    """A driver's connection, and what was overcome on it."""
 
     @property
     def link_kind(self) -> LinkKind:
@@ -289,6 +285,14 @@ class Actuator(Protocol):
     @property
     def busy(self) -> int:
         """"Busy" answers that were asked again."""
+
+
+class Actuator(CountingLink, Protocol):
+    """An actuator controller, as its driver shows it; used by one thread."""
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What it can do; known before it is opened."""
 
     @property
     def sent(self) -> Sequence[tuple[int, int]]:

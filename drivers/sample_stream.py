@@ -119,7 +119,7 @@ class SampleScale:
 
     Attributes:
         sensitivity: SI unit per unit on the wire.
-        offset: SI unit, added after scaling: minus what the sensor shows at zero.
+        offset: what `sensitivity * wire` is at zero, in the SI unit: SI value = `sensitivity * wire - offset`.
         rate_Hz: nominal samples a second of the device's clock; None when it is not known.
         device_rate: device seconds that pass in one second of the host's clock.
     """
@@ -211,7 +211,7 @@ class SampleStream:
                 if clock >= 0:
                     device_us += (clock - device_us) & _US_MASK
                 good += 1
-                add((arrival_ns, device_us, value * sensitivity + offset, sequence & _RECORD_MASK, channel, 0))
+                add((arrival_ns, device_us, value * sensitivity - offset, sequence & _RECORD_MASK, channel, 0))
                 continue
             self._sequence, self._device_us = sequence, device_us
             record = self._unusual(reading, arrival_ns)
@@ -241,7 +241,7 @@ class SampleStream:
             flags |= Quality.GAP_BEFORE
             self._gap = False
         self.counters.samples += 1
-        scaled = value * self._sensitivity + self._offset
+        scaled = value * self._sensitivity - self._offset
         return arrival_ns, self._device_us, scaled, self._sequence & _RECORD_MASK, self._channel, int(flags)
 
     def _value_flags(self, value: float, status: int) -> Quality:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 from rig.signals.waveform import Waveform, waveform_named
 
@@ -63,8 +62,3 @@ class TestPoint:
     def motion_s(self) -> float:
         """Duration of the programme, ramps included (s)."""
         return (self.ramp_in_cycles + self.cycles + self.ramp_out_cycles) / self.frequency_Hz
-
-    def to_json(self) -> dict[str, Any]:
-        """Its fields by name, as the header of a point's journal holds them: the steps as one text."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {**values, "steps_A": " ".join(f"{step_A:g}" for step_A in self.steps_A)}

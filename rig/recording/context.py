@@ -17,6 +17,7 @@ from rig.recording.layout import Records
 from rig.signals.chunked_column import parts
 from rig.signals.waveform import is_waveform
 
+LOOP = "loop"
 CURRENT_STEP = "current_step"
 Range = tuple[float, float]
 POINT: dict[str, Range] = {
@@ -73,48 +74,63 @@ class SensorContext:
 
 @dataclass(frozen=True)
 class WantedPoint:
-    """What the matrix asked of a point, as far as a recording is judged by it.
+    """What the matrix asked of a point and how its motion was commanded. What nobody stated is None.
 
     Attributes:
-        id: the point's; `waveform`, `kind` as in `rig.matrix.point.TestPoint`.
+        id: name of the point's files.
+        waveform: as in `rig.matrix.point.TestPoint`, like all up to `steps_A`.
         amplitude_m, frequency_Hz, current_A, cycles: the wanted values, 0 where there is none.
-        commanded_amplitude_m: of the program that made the motion; None: not known.
+        ramp_in_cycles, ramp_out_cycles, centre_m, repeat, rest_s: the rest of the program.
+        kind: `loop` where it is not stated.
+        steps_A: levels of a current that is stepped, as one text.
+        commanded_amplitude_m, commanded_centre_m: of the program that made the motion.
         amplitude_tolerance: relative, of a command that was compensated; None: the usual limits.
-        temperature_window_degC: of the coil; None: any.
-        steps_A: levels of a current that is stepped.
+        temperature_low_degC, temperature_high_degC: window of the coil's temperature; None: any.
     """
 
     id: str
     waveform: str
-    kind: str
     amplitude_m: float
     frequency_Hz: float
     current_A: float
     cycles: float
-    commanded_amplitude_m: float | None
-    amplitude_tolerance: float | None
-    temperature_window_degC: tuple[float, float] | None
-    steps_A: tuple[float, ...]
+    ramp_in_cycles: float | None = None
+    ramp_out_cycles: float | None = None
+    centre_m: float | None = None
+    repeat: int | None = None
+    rest_s: float | None = None
+    kind: str | None = None
+    steps_A: str | None = None
+    commanded_amplitude_m: float | None = None
+    commanded_centre_m: float | None = None
+    amplitude_tolerance: float | None = None
+    temperature_low_degC: float | None = None
+    temperature_high_degC: float | None = None
+
+    @property
+    def loop(self) -> bool:
+        """Whether it is a loop at a constant current."""
+        return self.kind is None or self.kind == LOOP
 
     @property
     def standing(self) -> bool:
         """Whether the rod stands still while the current is stepped."""
         return self.kind == CURRENT_STEP
 
-    @classmethod
-    def read(cls, point: Mapping[str, Any]) -> WantedPoint:
-        """The point of a journal's header."""
-        low, high = point.get("temperature_low_degC"), point.get("temperature_high_degC")
-        kind, steps_A = str(point.get("kind", "loop")), str(point.get("steps_A", "")).split()
-        return cls(
-            id=str(point.get("id", "")), waveform=str(point.get("waveform", "sine")), kind=kind,
-            amplitude_m=float(point.get("amplitude_m", 0.0)), frequency_Hz=float(point.get("frequency_Hz", 0.0)),
-            current_A=float(point.get("current_A", 0.0)), cycles=float(point.get("cycles", 0.0)),
-            commanded_amplitude_m=point.get("commanded_amplitude_m"),
-            amplitude_tolerance=point.get("amplitude_tolerance"),
-            temperature_window_degC=None if low is None or high is None else (float(low), float(high)),
-            steps_A=tuple(map(float, steps_A)) if kind == CURRENT_STEP else (),
-        )
+    @property
+    def levels_A(self) -> tuple[float, ...]:
+        """Levels of a current that is stepped, in turn; none of any other point."""
+        return tuple(map(float, (self.steps_A or "").split())) if self.standing else ()
+
+    @property
+    def temperature_window_degC(self) -> tuple[float, float] | None:
+        """What the coil's temperature had to lie in; None: any."""
+        low_degC, high_degC = self.temperature_low_degC, self.temperature_high_degC
+        return None if low_degC is None or high_degC is None else (low_degC, high_degC)
+
+    def to_json(self) -> dict[str, Any]:
+        """What was stated, by name."""
+        return {name: value for name, value in vars(self).items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -122,8 +138,7 @@ class PointContext:
     """The header of a point's journal.
 
     Attributes:
-        point: the fields of `rig.matrix.point.TestPoint` (`dataclasses.asdict`): `id`, `waveform`, `amplitude_m`,
-            `frequency_Hz`, `current_A`, `cycles`, `ramp_in_cycles`, `ramp_out_cycles`, `centre_m`, `repeat`, `rest_s`.
+        point: what the matrix asked of it.
         sensors: sensor by channel name: `force`, `displacement`, `auxiliary_1` ... as in `rig.recording.channel`.
         device_rate: seconds of device clock per second of wall time (bench `[clock] device_rate`).
         controller_delay_s: delay of the controller's own position and force inputs (bench `[actuator] input_delay`),
@@ -138,7 +153,7 @@ class PointContext:
             start time (UTC, ISO 8601), operator.
     """
 
-    point: Mapping[str, Any]
+    point: WantedPoint
     sensors: Mapping[str, SensorContext]
     device_rate: float = 1.0
     controller_delay_s: float | None = None
@@ -149,14 +164,9 @@ class PointContext:
     calibration: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
 
-    @property
-    def wanted(self) -> WantedPoint:
-        """What the matrix asked of the point."""
-        return WantedPoint.read(self.point)
-
     def to_json(self) -> str:
         """One line of JSON that `from_json` turns back into an equal context."""
-        return json.dumps(asdict(self), allow_nan=False)
+        return json.dumps({**asdict(self), "point": self.point.to_json()}, allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str) -> PointContext:
@@ -168,11 +178,11 @@ class PointContext:
         try:
             raw = json.loads(text)
             sensors = {name: SensorContext(**entry) for name, entry in raw.pop("sensors").items()}
-            context = cls(sensors=sensors, **raw)
+            context = cls(point=WantedPoint(**raw.pop("point")), sensors=sensors, **raw)
         except (AttributeError, KeyError, RecursionError, TypeError) as error:
             raise ValueError(f"journal header is not a point's context: {error}") from error
-        if not isinstance(context.point, dict) or not isinstance(context.provenance, dict):
-            raise ValueError("journal header is not a point's context: point and provenance are not both objects")
+        if not isinstance(context.provenance, dict):
+            raise ValueError("journal header is not a point's context: provenance is no object")
         return context
 
 
@@ -183,10 +193,10 @@ def checked_context(context: PointContext, name: str) -> PointContext:
         JournalProblem: one line with each number that cannot be.
     """
     point = context.point
-    problems = _outside("point", point, POINT, needed=tuple(POINT))
+    problems = _outside("point", vars(point), POINT, needed=tuple(POINT))
     problems += _outside("header", vars(context), CONTEXT, needed=("device_rate",))
-    if not is_waveform(point.get("waveform")):
-        problems.append(f"point: waveform = {point.get('waveform')!r:.40}, expected its name")
+    if not is_waveform(point.waveform):
+        problems.append(f"point: waveform = {point.waveform!r:.40}, expected its name")
     for channel in ("force", "displacement"):
         if channel not in context.sensors:
             problems.append(f"no sensor {channel}")
@@ -196,7 +206,7 @@ def checked_context(context: PointContext, name: str) -> PointContext:
                      if not isinstance(vars(sensor)[key], str)]
     if problems:
         raise JournalProblem("the header holds what no rig records: " + "; ".join(problems))
-    return replace(context, point={**point, "id": name})
+    return replace(context, point=replace(point, id=name))
 
 
 def _outside(

@@ -104,13 +104,6 @@ class HarmonicFit:
                 return v, a / (np.sqrt(2.0) - 1.0)
         return None
 
-    def last_half_octave_at(self, time_s: FloatArray) -> FloatArray:
-        """What the half octave below the highest order adds at any times (s), in the fitted unit, shape (n,).
-
-        Of a series that falls as k^-2 or faster this is at least what the orders beyond the highest would add.
-        """
-        return self._sum(time_s, self.orders > self.orders[-1] / np.sqrt(2.0))[0]
-
     def _sum(self, time_s: FloatArray, chosen: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The chosen harmonics' displacement, velocity and acceleration."""
         u, v, a = (np.empty(time_s.size) for _ in range(3))

@@ -26,8 +26,22 @@ def frames(numbers: list[int], period_us: int = 4000) -> bytes:
 
 
 def test_values_become_si_by_sensitivity_and_offset() -> None:
-    batch = stream(sensitivity=0.001, offset=-0.25).take(encode(1250.0, 1, 5) + encode(2250.0, 2, 9), NOW)
+    batch = stream(sensitivity=0.001, offset=0.25).take(encode(1250.0, 1, 5) + encode(2250.0, 2, 9), NOW)
     assert batch.records == [(NOW, 5, 1.0, 1, 1, 0), (NOW, 9, 2.0, 2, 1, 0)]
+
+
+def test_a_reversed_sensor_has_both_numbers_with_the_other_sign() -> None:
+    shown, shown_at_zero = [40.0, 140.0, -60.0], 40.0
+    chunk = b"".join(encode(value, number, 4000 * number) for number, value in enumerate(shown))
+    upright = stream(sensitivity=1.0, offset=shown_at_zero).take(chunk, NOW)
+    reversed_ = stream(sensitivity=-1.0, offset=-shown_at_zero).take(chunk, NOW)
+    assert [r[2] for r in upright.records] == [0.0, 100.0, -100.0]
+    assert [r[2] for r in reversed_.records] == [0.0, -100.0, 100.0]
+
+
+def test_a_flagged_sample_is_scaled_as_every_other() -> None:
+    batch = stream(sensitivity=-2.0, offset=-10.0).take(encode(30.0, 1, 5, STATUS_OVERLOAD), NOW)
+    assert [(r[2], r[5]) for r in batch.records] == [(-50.0, Quality.OVERLOAD)]
 
 
 def test_counters_run_on_across_the_wrap_of_sequence_and_clock() -> None:

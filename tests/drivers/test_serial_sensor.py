@@ -76,7 +76,7 @@ def collect(sensor: SerialSensor, count: int, timeout_s: float = 5.0) -> list[Re
 
 def test_a_load_cell_gives_newtons_with_arrival_time_and_age(wire: Wire) -> None:
     url, send, _, _ = wire
-    with closing(load_cell(url, scale=SampleScale(2.0, -1.0, 250.0))) as cell:
+    with closing(load_cell(url, scale=SampleScale(2.0, 1.0, 250.0))) as cell:
         cell.open()
         before = time.monotonic_ns()
         send(encode(10.5, 7, 1000) + encode(11.5, 8, 5000))

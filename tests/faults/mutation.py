@@ -48,9 +48,13 @@ BLIND_RECORDER = (
         "if self._recorder is None or self._recorder.healthy:",
         "if True or self._recorder is None or self._recorder.healthy:",
     ),
-    Edit("rig/campaign/execution/runner.py", "self._fault_once(StopCause(disk_slug(error), str(error)))", "pass"),
+    Edit(
+        "rig/campaign/execution/runner.py",
+        "failed.append(ev.ActionFailed(action, self.state.phase, cause_of(error)))",
+        "pass",
+    ),
 )
-"""Nobody hears that the recorder can no longer write."""
+"""Nobody hears that the recorder can no longer write, nor that a recording could not be begun or ended."""
 
 HALVES = {
     "overcurrent": "test_coil_and_bus.py::test_more_current_than_the_bench_allows_stops_the_rig",
@@ -140,6 +144,12 @@ def mutations_of(slug: str) -> tuple[Edit, ...]:
     if slug in MUTATIONS:
         return MUTATIONS[slug]
     return (deaf_station(slug),) if slug in REACTIONS else ()
+
+
+def all_mutations() -> dict[str, tuple[Edit, ...]]:
+    """By slug, of every row that has a test, of the halves, and what else is named here."""
+    tested = [slug for slug, row in MATRIX.items() if row.tested]
+    return {slug: mutations_of(slug) for slug in dict.fromkeys((*tested, *HALVES, *MUTATIONS))}
 
 
 def test_of(slug: str) -> str:

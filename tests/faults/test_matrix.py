@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from mutation import ROOT, all_mutations
+
 from rig.campaign.stop_cause import may_restart
 from rig.faults.matrix import MATRIX, REACTIONS
 from simulators.injection import INJECTORS
@@ -55,6 +57,18 @@ def test_the_station_takes_its_reactions_from_the_matrix() -> None:
     shared = [slug for slug in REACTIONS if slug in MATRIX]
     assert shared
     assert all(REACTIONS[slug] is MATRIX[slug] for slug in shared)
+
+
+def test_the_text_of_every_edit_stands_in_its_file_exactly_once() -> None:
+    wrong = []
+    for slug, edits in all_mutations().items():
+        if not edits:
+            wrong.append(f"{slug}: no mutation switches its detector off")
+        for edit in edits:
+            count = (ROOT / edit.file).read_text(encoding="utf-8").count(edit.old)
+            if count != 1:
+                wrong.append(f"{slug}: {edit.file} has {count} times: {edit.old.strip()}")
+    assert not wrong, "\n".join(wrong)
 
 
 def test_only_rows_with_automatic_resume_and_s2_restart_by_themselves() -> None:

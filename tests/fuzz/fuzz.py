@@ -33,7 +33,7 @@ from protocols.errors import RemoteProtocolError
 from rig.bench.model import Bench
 from rig.errors import FileProblem
 from rig.matrix.model import load_matrix
-from rig.recording.context import PointContext, SensorContext
+from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.conversion.conversion import finish_alone
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.importing import import_tests
@@ -262,7 +262,7 @@ def fuzz_hdf5_structure(source: random.Random) -> None:
 def journal_bytes() -> bytes:
     """A point of two sensors, two status channels and an event."""
     sensors = {"force": SensorContext("load_cell", 250.0), "displacement": SensorContext("lvdt", 250.0)}
-    context = PointContext(TEST | {"cycles": 3}, sensors)
+    context = PointContext(WantedPoint(**TEST, cycles=3), sensors)
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         writer = JournalWriter(Path(folder) / "p001.journal", context.to_json())
         time_s = np.arange(1250) / 250.0

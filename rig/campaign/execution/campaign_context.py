@@ -19,7 +19,7 @@ from rig.clock import utc_now
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
-from rig.recording.context import PointContext, SensorContext
+from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.journal.campaign_log import CampaignLog
 from rig.recording.point_names import attempt_name
 from rig.recording.quality.point_quality import Tolerances
@@ -110,7 +110,7 @@ class CampaignContext:
     def context(self, point: TestPoint, attempt: int, commanded: TestPoint) -> PointContext:
         """The header of a point's journal; `commanded` is the program that makes its motion."""
         return PointContext(
-            point={**point.to_json(), "id": self.attempt_name(point.id, attempt), **self._conditions(commanded)},
+            point=self._wanted(point, attempt, commanded),
             sensors=sensor_contexts(self.bench),
             device_rate=self.bench.clock.device_rate,
             controller_delay_s=self.bench.actuator.input_delay_s,
@@ -122,18 +122,30 @@ class CampaignContext:
             calibration={**self.tolerances.numbers, **self.at_rest},
         )
 
-    def _conditions(self, commanded: TestPoint) -> dict[str, Any]:
-        """What the point was to find, beside its own values."""
-        conditions: dict[str, Any] = {
-            "commanded_amplitude_m": commanded.amplitude_m,
-            "commanded_centre_m": commanded.centre_m,
-        }
-        if self.matrix.sweep.adapt_amplitude:
-            conditions["amplitude_tolerance"] = self.matrix.sweep.amplitude_tolerance
-        if self.matrix.temperature is not None:
-            low_degC, high_degC = self.matrix.temperature.window_degC
-            conditions |= {"temperature_low_degC": low_degC, "temperature_high_degC": high_degC}
-        return conditions
+    def _wanted(self, point: TestPoint, attempt: int, commanded: TestPoint) -> WantedPoint:
+        """The point's own values, and what it was to find."""
+        sweep, temperature = self.matrix.sweep, self.matrix.temperature
+        low_degC, high_degC = (None, None) if temperature is None else temperature.window_degC
+        return WantedPoint(
+            id=self.attempt_name(point.id, attempt),
+            waveform=point.waveform,
+            amplitude_m=point.amplitude_m,
+            frequency_Hz=point.frequency_Hz,
+            current_A=point.current_A,
+            cycles=point.cycles,
+            ramp_in_cycles=point.ramp_in_cycles,
+            ramp_out_cycles=point.ramp_out_cycles,
+            centre_m=point.centre_m,
+            repeat=point.repeat,
+            rest_s=point.rest_s,
+            kind=point.kind,
+            steps_A=" ".join(f"{step_A:g}" for step_A in point.steps_A),
+            commanded_amplitude_m=commanded.amplitude_m,
+            commanded_centre_m=commanded.centre_m,
+            amplitude_tolerance=sweep.amplitude_tolerance if sweep.adapt_amplitude else None,
+            temperature_low_degC=low_degC,
+            temperature_high_degC=high_degC,
+        )
 
     def _provenance(self, point: TestPoint, attempt: int) -> dict[str, str]:
         identities = {f"identity_{name}": _text(value) for name, value in self.identities.items()}

@@ -140,16 +140,17 @@ class ZeroReturn:
         start, end = self.start, self.end
         if start is None or end is None:
             return ()
-        flagged = end.force_flagged, end.displacement_flagged
+        force = _Drift(
+            (start.force_N, start.controller_force_N), (end.force_N, end.controller_force_N),
+            self.peak_force_N, self.force_step_N, end.force_flagged,
+        )
+        displacement = _Drift(
+            (start.displacement_m, start.position_m), (end.displacement_m, end.position_m),
+            self.peak_displacement_m, self.displacement_step_m, end.displacement_flagged,
+        )
         pairs = (
-            _drift(
-                ("load cell", "controller's force input"), "N", 1.0, self.peak_force_N, self.force_step_N,
-                (start.force_N, start.controller_force_N, end.force_N, end.controller_force_N), flagged[0],
-            ),
-            _drift(
-                ("LVDT", "controller's position input"), "mm", 1e3, self.peak_displacement_m, self.displacement_step_m,
-                (start.displacement_m, start.position_m, end.displacement_m, end.position_m), flagged[1],
-            ),
+            force.finding(("load cell", "controller's force input"), "N", 1.0),
+            displacement.finding(("LVDT", "controller's position input"), "mm", 1e3),
         )
         return tuple(finding for finding in pairs if finding is not None)
 
@@ -178,32 +179,59 @@ def _step(values: NDArray[np.float64]) -> float:
     return float(np.min(np.diff(values))) if len(values) > 1 else math.inf
 
 
-def _drift(
-    instruments: tuple[str, str], unit: str, factor: float, peak: float, step: float, readings: tuple[Reading, ...],
-    flagged: int,
-) -> CampaignFinding | None:
-    """The finding when two instruments agree less at the end than at the start; SI in, `factor` to the text's unit.
+@dataclass(frozen=True)
+class _Drift:
+    """A sensor and the controller's own input of the same quantity, at rest at the start and at the end (SI).
 
-    A sensor whose value repeats at the end, though it was noisy at the start, is stuck: its zero is not judged.
+    Attributes:
+        start: the sensor's reading and the controller's before the first motion.
+        end: both at the end.
+        peak: the largest value measured between.
+        step: the sensor's resolution; inf where it is not known.
+        flagged: samples at the end that the sensor itself calls overloaded or faulty.
     """
-    first, first_own, last, last_own = readings
-    few = min(first.count, last.count) < FEWEST_SAMPLES or min(first_own.count, last_own.count) < FEWEST_STATUSES
-    resolution = 0.0 if math.isinf(step) else step
-    stuck = last.std < REPEATS * first.std and first.std > resolution
-    if few or flagged or stuck:
-        return None
-    drift = (last.mean - last_own.mean) - (first.mean - first_own.mean)
-    noise = math.hypot(_noise(first, last), _noise(first_own, last_own))
-    limit = max(DRIFT_SHARE * peak, noise, resolution)
-    if abs(drift) <= limit:
-        return None
-    measured, own = instruments
-    text = say(
-        "drifted-apart", measured=measured, own=own, drift=factor * drift, limit=factor * limit, peak=factor * peak,
-        unit=unit,
-    )
-    values = {"drift": drift, "limit": limit, "noise": noise, "largest_measured": peak}
-    return CampaignFinding("zero-drift", "bench", text, instruments, values)
+
+    start: tuple[Reading, Reading]
+    end: tuple[Reading, Reading]
+    peak: float
+    step: float
+    flagged: int
+
+    @property
+    def judged(self) -> bool:
+        """Whether the readings can tell; not those of a stuck sensor, whose noise is gone at the end."""
+        (first, first_own), (last, last_own) = self.start, self.end
+        few = min(first.count, last.count) < FEWEST_SAMPLES or min(first_own.count, last_own.count) < FEWEST_STATUSES
+        stuck = last.std < REPEATS * first.std and first.std > self._resolution
+        return not (few or self.flagged or stuck)
+
+    @property
+    def _resolution(self) -> float:
+        return 0.0 if math.isinf(self.step) else self.step
+
+    def finding(self, instruments: tuple[str, str], unit: str, factor: float) -> CampaignFinding | None:
+        """The finding when the two agree less at the end than at the start.
+
+        Args:
+            instruments: sensor and controller's input.
+            unit: of the text.
+            factor: from SI to this unit.
+        """
+        if not self.judged:
+            return None
+        (first, first_own), (last, last_own) = self.start, self.end
+        drift = (last.mean - last_own.mean) - (first.mean - first_own.mean)
+        noise = math.hypot(_noise(first, last), _noise(first_own, last_own))
+        limit = max(DRIFT_SHARE * self.peak, noise, self._resolution)
+        if abs(drift) <= limit:
+            return None
+        measured, own = instruments
+        text = say(
+            "drifted-apart", measured=measured, own=own, drift=factor * drift, limit=factor * limit,
+            peak=factor * self.peak, unit=unit,
+        )
+        values = {"drift": drift, "limit": limit, "noise": noise, "largest_measured": self.peak}
+        return CampaignFinding("zero-drift", "bench", text, instruments, values)
 
 
 def read_zero_checks(folder: Path) -> tuple[ZeroReturn, ...]:

@@ -189,6 +189,7 @@ class State:
         pause_asked: stop at the next point boundary.
         spoiled: why the running point cannot be valid, though it was not stopped.
         latch: the stop under way or done; None while nothing is wrong.
+        restart_withdrawn: something came up during the stop after which no restart may follow.
         stopped: standstill and 0 A were proved after the latch.
         cooled_s: how long the stopped rig has waited for the ECU to cool down (s, rig's clock).
         refused: why the campaign was refused before anything moved.
@@ -222,6 +223,7 @@ class State:
     pause_asked: bool = False
     spoiled: StopCause | None = None
     latch: Latch | None = None
+    restart_withdrawn: bool = False
     stopped: bool = False
     cooled_s: float = 0.0
     refused: StopCause | None = None
@@ -250,6 +252,11 @@ class State:
     def may_repeat(self, point_id: str) -> bool:
         """Whether another attempt of a point is allowed."""
         return self.attempts.count(point_id) <= self.retries
+
+    def without_last_attempt(self) -> State:
+        """The state as if the current point's last attempt had not been begun."""
+        last = len(self.attempts) - 1 - self.attempts[::-1].index(self.point.id)
+        return replace(self, attempts=self.attempts[:last] + self.attempts[last + 1 :])
 
     def unlatched(self) -> State:
         """The state after an explicit reset: nothing is proved any more, the position is not known."""

@@ -72,7 +72,7 @@ def _check_zeros(state: State) -> Step:
 
 def _begin_again(state: State) -> Step:
     """The trip is reset: every proof is made again, unless something has taken the restart away meanwhile."""
-    return stopping.finish(state) if stopping.gave_up(state) else _check_zeros(state.unlatched())
+    return stopping.finish(state) if state.restart_withdrawn else _check_zeros(state.unlatched())
 
 
 def _zeros(state: State, event: ev.ZerosJudged) -> Step:
@@ -236,14 +236,8 @@ def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
         state, actions = _recorded(state, held_at_m, act.Remark("machine-cannot", drive.cannot))
         return state, (note, *actions)
     point = state.point
-    state = replace(state, recording=False, attempts=_without_last(state.attempts, point.id), held_at_m=held_at_m)
-    state, actions = _onwards(state)
+    state, actions = _onwards(replace(state.without_last_attempt(), recording=False, held_at_m=held_at_m))
     return state, (act.DropRecording(point, note.text), note, *actions)
-
-
-def _without_last(attempts: tuple[str, ...], point_id: str) -> tuple[str, ...]:
-    last = len(attempts) - 1 - attempts[::-1].index(point_id)
-    return attempts[:last] + attempts[last + 1 :]
 
 
 def _recorded(state: State, held_at_m: float | None, *remarks: Action) -> Step:

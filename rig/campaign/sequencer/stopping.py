@@ -81,12 +81,7 @@ def tripped(state: State, event: ev.Tripped) -> Step:
 
 def without_restart(state: State) -> State:
     """After something that a restart may not follow: the first cause stays latched, and the campaign ends with it."""
-    return replace(state, retries=0)
-
-
-def gave_up(state: State) -> bool:
-    """Whether a restart that was begun has been taken away."""
-    return state.retries == 0
+    return replace(state, restart_withdrawn=True)
 
 
 def fault(state: State, event: ev.Fault | ev.Abort) -> Step:
@@ -117,8 +112,8 @@ def stopped(state: State, event: ev.Safe) -> Step:
     if state.queue and not state.recording:
         state = replace(state, attempts=(*state.attempts, state.point.id))
     state, actions = end_recording(state, cause)
-    repeat = state.refused is None and state.queue and state.may_repeat(state.point.id)
-    if repeat and may_restart(stop, cause):
+    allowed = state.refused is None and not state.restart_withdrawn and may_restart(stop, cause)
+    if allowed and state.queue and state.may_repeat(state.point.id):
         state, more = cool_down(state) if cause.slug in COOLS_FIRST else reset(state)
     else:
         state, more = finish(state)
@@ -141,9 +136,8 @@ def cool_down(state: State) -> Step:
 def reset_declined(state: State, cause: StopCause) -> Step:
     """An ECU that is still too hot keeps its fault: the wait goes on; any other refusal ends the campaign."""
     waits = state.latch is not None and state.latch.cause.slug in COOLS_FIRST
-    if gave_up(state) or not waits or cause.slug != "coil-not-ready" or state.cooled_s >= state.conditions.longest_s:
-        return finish(state)
-    return cool_down(state)
+    still_hot = waits and cause.slug == "coil-not-ready" and state.cooled_s < state.conditions.longest_s
+    return cool_down(state) if still_hot and not state.restart_withdrawn else finish(state)
 
 
 def give_up_restart(state: State, event: ev.Fault | ev.Abort | ev.Tripped) -> Step:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +17,27 @@ RELATIVE_STEP = 1e-4
 TIME_STEP_S = 2e-6
 SCALE_STEP = 1e-5
 EXTENSION_STEP_M, SPEED_STEP_M_S, ACCELERATION_STEP_M_S2 = 1e-9, 1e-7, 1e-4
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A damper model, all its parameters' values (SI), and the names of those that were fitted to the tests at hand."""
+
+    model: DamperModel
+    values: Mapping[str, float]
+    names: tuple[str, ...]
+
+    def force(self, test: Measurement) -> FloatArray:
+        """`modelled_force` of a measurement."""
+        return modelled_force(self.model, self.values, test)
+
+    def slopes(self, test: Measurement) -> FloatArray:
+        """`parameter_slopes` of the fitted parameters."""
+        return parameter_slopes(self.model, self.values, self.names, test)
+
+    def time_slope(self, test: Measurement) -> FloatArray:
+        """`time_slope` of a measurement."""
+        return time_slope(self.model, self.values, test)
 
 
 def modelled_force(model: DamperModel, values: Mapping[str, float], test: Measurement) -> FloatArray:

@@ -70,11 +70,6 @@ class Problem:
         return len(self.names)
 
     @property
-    def n_samples(self) -> int:
-        """Samples over all measurements."""
-        return sum(test.u_m.size for test in self.measurements)
-
-    @property
     def bounds(self) -> FloatArray:
         """Admissible range of each unknown, shape (p, 2)."""
         return np.array([(self.model.parameter(name).low, self.model.parameter(name).high) for name in self.names])
@@ -128,7 +123,7 @@ class Problem:
         return self._algebraic_batch(self._general(candidates), *self._joined)
 
     def residuals(self, vector: FloatArray | Sequence[float]) -> FloatArray:
-        """Weighted residuals (Fexp - F) w of one candidate, shape (n_samples,); their squares sum to `objective`.
+        """Weighted residuals (Fexp - F) w of one candidate, shape (n,); their squares sum to `objective`.
 
         Where the model's force is not finite, a residual is too large for any local search to accept.
 
@@ -260,7 +255,7 @@ class FixedParameters:
         return np.asarray(self._scale * self.problem.batch(self.whole(population)))
 
     def residuals(self, vector: FloatArray) -> FloatArray:
-        """Residuals of one candidate, shape (n_samples,), whose squares sum to its value; the vector has shape (p,).
+        """Residuals of one candidate, shape (n,), whose squares sum to its value; the vector has shape (p,).
 
         Raises:
             ValueError: the vector's length is not `n_parameters`.

@@ -12,6 +12,7 @@ import numpy as np
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
+from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.separable import Solution
 from rig.identification.models.solving import SEPARABLE, SQUARES, Candidate, Method, without_outliers
 from rig.identification.uncertainty.alternative_shapes import degenerate, explain
@@ -82,11 +83,12 @@ def judged(
     if method.loss != SQUARES:
         looked_at, foretold = (without_outliers(model, values, tests) for tests in (fitted, held_out))
     free = best.findings.free(name for name in model.names if name in values)
-    left = leftovers(model, values, free, looked_at, weighting)
+    fit = FittedModel(model, values, tuple(free))
+    left = leftovers(fit, looked_at, weighting)
     fits = describes(model, values, looked_at, weighting, left)
     foretells = describes(model, values, foretold, weighting)
     robust = replace(weighting, extra=best.solution.extra)
-    known = information(model, values, free, fitted, robust, wanted.declared, left)
+    known = information(fit, fitted, robust, wanted.declared, left)
     del left  # as large as the tests themselves
     reasons = {
         **_too_wide(known, values),
@@ -146,7 +148,8 @@ def _profiles(
         )
     )
     weighting, solution = method.weighting(best.model), best.solution
-    return profiles(best.model, solution.values, known, fitted, weighting, names, solution.at_bound)
+    fit = FittedModel(best.model, solution.values, known.names)
+    return profiles(fit, known, fitted, weighting, names, solution.at_bound)
 
 
 def _of_tests(tests: Sequence[Measurement]) -> list[str]:

@@ -26,13 +26,10 @@ from statistics import NormalDist
 import numpy as np
 
 from rig.dampers.arrays import BoolArray, FloatArray
-from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import (
-    modelled_force,
-    parameter_slopes,
+    FittedModel,
     scale_slope,
-    time_slope,
     unseen_force,
 )
 from rig.identification.models.projection import Weighting
@@ -96,38 +93,34 @@ class Information:
 
 
 def information(
-    model: DamperModel,
-    values: Mapping[str, float],
-    names: Sequence[str],
+    fitted: FittedModel,
     measurements: Sequence[Measurement],
     weighting: Weighting,
     declared: DeclaredErrors | None = None,
     left: Sequence[FloatArray] | None = None,
 ) -> Information:
-    """Information about `names` at `values`.
+    """Information about the fitted parameters.
 
     Args:
-        model: the fitted model.
-        values: all its parameters (SI).
-        names: those that were fitted.
+        fitted: the model and what was fitted.
         measurements: the tests of the fit.
         weighting: the weights of the fit.
         declared: errors the data do not show; none by default.
         left: what the fit leaves of each test (`leftovers`), where that is known already.
     """
-    declared, size = declared or DeclaredErrors(), len(names)
-    left = leftovers(model, values, names, measurements, weighting) if left is None else left
+    declared, size = declared or DeclaredErrors(), len(fitted.names)
+    left = leftovers(fitted, measurements, weighting) if left is None else left
     total, residuals = _Sums(size), []
-    independent, force_power = 0.0, 0.0
+    independent = 0.0
     for index, test in enumerate(measurements):
-        sums = _sums(model, values, names, test, weighting, index, declared)
+        sums = _sums(fitted, test, weighting, index, declared)
         power = sums.power / max(1, sums.count)
         counting = weighting.counting(test, index)
         error = left[index] if weighting.extra is None else left[index] * weighting.extra[index] ** 2
         residual = judge(error, counting, test.u_m, test.dt_s, known_power=sums.known_power)
         residuals.append(residual)
         independent += sums.count / residual.widening
-        force_power += sums.force_power
+        total.force_power += sums.force_power
         total.normal += sums.normal
         total.noise += residual.widening * power * sums.noise
         total.gradient += sums.gradient
@@ -135,7 +128,7 @@ def information(
         total.alone += sums.alone
     freedom = max(MINIMUM_FREEDOM, independent - size)
     meat = total.noise * max(1.0, independent / freedom) + total.shared.T @ total.shared + total.alone
-    return _invert(tuple(names), total.normal, meat, total.gradient, tuple(residuals), freedom, force_power)
+    return _invert(fitted.names, total, meat, tuple(residuals), freedom)
 
 
 class _Sums:
@@ -155,20 +148,15 @@ class _Sums:
 
 
 def _sums(
-    model: DamperModel,
-    values: Mapping[str, float],
-    names: Sequence[str],
-    test: Measurement,
-    weighting: Weighting,
-    index: int,
-    declared: DeclaredErrors,
+    fitted: FittedModel, test: Measurement, weighting: Weighting, index: int, declared: DeclaredErrors
 ) -> _Sums:
-    sums, unseen = _Sums(len(names)), np.zeros(len(names))
+    model, values, size = fitted.model, fitted.values, len(fitted.names)
+    sums, unseen = _Sums(size), np.zeros(size)
     plain = replace(weighting, extra=None)
     for rows, piece in pieces_of(model, test):
         squared = plain.of(test, index, rows) ** 2
         robust = np.ones_like(squared) if weighting.extra is None else weighting.extra[index][rows] ** 2
-        slopes, force = parameter_slopes(model, values, names, piece), modelled_force(model, values, piece)
+        slopes, force = fitted.slopes(piece), fitted.force(piece)
         full, counting = slopes * squared[:, None], squared > 0.0
         weighted = full if weighting.extra is None else full * (robust >= 1.0)[:, None]
         error = robust * (piece.force_N - force)
@@ -179,7 +167,7 @@ def _sums(
         sums.count += int(np.count_nonzero(counting))
         sums.force_power += float(squared @ np.where(counting, piece.force_N, 0.0) ** 2)
         if test.skew_std_s > 0.0:
-            sums.shared[0] += test.skew_std_s * (weighted.T @ time_slope(model, values, piece))
+            sums.shared[0] += test.skew_std_s * (weighted.T @ fitted.time_slope(piece))
         if declared.force_gain > 0.0:
             sums.shared[1] += declared.force_gain * (weighted.T @ force)
         if declared.displacement_gain > 0.0:
@@ -189,38 +177,31 @@ def _sums(
             unseen += weighted.T @ unseen_force(model, values, piece)
     sums.alone = np.outer(unseen, unseen)
     if test.motion_error is not None:
-        effects, sums.known_power = _of_motion(model, values, names, test, weighting, index)
+        effects, sums.known_power = _of_motion(fitted, test, weighting, index)
         sums.alone += effects @ effects.T
     return sums
 
 
 def _of_motion(
-    model: DamperModel,
-    values: Mapping[str, float],
-    names: Sequence[str],
-    test: Measurement,
-    weighting: Weighting,
-    index: int,
+    fitted: FittedModel, test: Measurement, weighting: Weighting, index: int
 ) -> tuple[FloatArray, float]:
     """Effects of the motion's errors on J'W^2 r, shape (p, k), and the mean square force (N^2) they make."""
-    rows = thinned(test, model)
+    rows = thinned(test, fitted.model)
     some = test.rows(rows)
     squared = replace(weighting, extra=None).of(test, index, rows) ** 2
-    weighted = parameter_slopes(model, values, names, some) * squared[:, None]
-    effects, power = motion_effects(model, values, some, weighted, test.dt_s * rows.step)
+    weighted = fitted.slopes(some) * squared[:, None]
+    effects, power = motion_effects(fitted.model, fitted.values, some, weighted, test.dt_s * rows.step)
     return effects * rows.step, power
 
 
 def _invert(
     names: tuple[str, ...],
-    normal: FloatArray,
+    total: _Sums,
     meat: FloatArray,
-    gradient: FloatArray,
     residuals: tuple[Residual, ...],
     freedom: float,
-    force_power: float,
 ) -> Information:
-    size = len(names)
+    size, normal, force_power = len(names), total.normal, total.force_power
     scale = np.sqrt(np.diag(normal))
     seen = scale > 0.0
     safe = np.where(seen, scale, 1.0)
@@ -245,7 +226,7 @@ def _invert(
     full = np.diag((vectors * inverse) @ vectors.T)
     alone[told] = 1.0 / np.maximum(full[told], 1.0)
     condition = float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 0.0 else math.inf
-    step = ((vectors * inverse) @ (vectors.T @ (gradient / safe))) / safe
+    step = ((vectors * inverse) @ (vectors.T @ (total.gradient / safe))) / safe
     curvature = np.where(full > 0.0, safe**2 / np.where(full > 0.0, full, 1.0), 0.0)
     return Information(
         names,

@@ -25,11 +25,9 @@ from rig.dampers.model import DamperModel
 from rig.identification.models.inner_least_squares import white
 from rig.identification.models.measurement import Measurement, MotionError
 from rig.identification.models.model_slope import (
+    FittedModel,
     force_change,
-    modelled_force,
     motion_slopes,
-    parameter_slopes,
-    time_slope,
 )
 from rig.identification.models.projection import Weighting
 
@@ -37,19 +35,11 @@ MANY = 2_000_000  # samples from which residuals are kept in single precision, f
 WORTHWHILE = 1.0  # reduction of the weighted sum of squares, in variances of the noise, below which nothing changes
 
 
-def leftovers(
-    model: DamperModel,
-    values: Mapping[str, float],
-    names: Sequence[str],
-    measurements: Sequence[Measurement],
-    weighting: Weighting,
-) -> list[FloatArray]:
+def leftovers(fitted: FittedModel, measurements: Sequence[Measurement], weighting: Weighting) -> list[FloatArray]:
     """Residual force (N) of each test, shape (n,), less what its stated skew explains.
 
     Args:
-        model: the fitted model.
-        values: all its parameters (SI).
-        names: those that were fitted to these tests; none for tests held out.
+        fitted: the model, and what was fitted to these tests; nothing for tests held out.
         measurements: the tests.
         weighting: the weights of the fit.
 
@@ -59,7 +49,7 @@ def leftovers(
     many = sum(test.u_m.size for test in measurements) > MANY
     left: list[NDArray[Any]] = []
     for test in measurements:
-        residual = modelled_force(model, values, test)
+        residual = fitted.force(test)
         np.subtract(test.force_N, residual, out=residual)
         left.append(residual.astype(np.float32) if many else residual)
     skewed = [k for k, test in enumerate(measurements) if test.skew_std_s > 0.0]
@@ -68,15 +58,15 @@ def leftovers(
     right, own, noise = (np.zeros(len(measurements)) for _ in range(3))
     for k in skewed:
         test = measurements[k]
-        for rows, piece in pieces_of(model, test):
+        for rows, piece in pieces_of(fitted.model, test):
             squared = weighting.of(test, k, rows) ** 2
-            slope = test.skew_std_s * time_slope(model, values, piece)
+            slope = test.skew_std_s * fitted.time_slope(piece)
             right[k] += float(slope @ (squared * left[k][rows]))
             own[k] += float(slope @ (squared * slope))
         noise[k] = _noise_power(test, left[k]) * mean_weight(weighting, test, k)
     if float(np.sum(right[skewed] ** 2 / noise[skewed])) < WORTHWHILE:
         return left
-    return _cleaned(model, values, names, measurements, weighting, left, (right, own, noise))
+    return _cleaned(fitted, measurements, weighting, left, (right, own, noise))
 
 
 def pieces_of(model: DamperModel, test: Measurement) -> Iterator[tuple[slice, Measurement]]:
@@ -104,9 +94,7 @@ def _noise_power(test: Measurement, residual_N: FloatArray) -> float:
 
 
 def _cleaned(
-    model: DamperModel,
-    values: Mapping[str, float],
-    names: Sequence[str],
+    fitted: FittedModel,
     measurements: Sequence[Measurement],
     weighting: Weighting,
     left: list[FloatArray],
@@ -114,27 +102,27 @@ def _cleaned(
 ) -> list[FloatArray]:
     """The residuals, less what a skew of each test explains, all parameters following."""
     right, own, noise = sums
-    size, count = len(names), len(measurements)
+    size, count = len(fitted.names), len(measurements)
     normal, cross = np.zeros((size, size)), np.zeros((size, count))
     for k, test in enumerate(measurements):
-        for rows, piece in pieces_of(model, test) if size else ():
+        for rows, piece in pieces_of(fitted.model, test) if size else ():
             squared = weighting.of(test, k, rows) ** 2
-            slopes = parameter_slopes(model, values, names, piece)
+            slopes = fitted.slopes(piece)
             weighted = slopes * squared[:, None]
             normal += slopes.T @ weighted
             if test.skew_std_s > 0.0:
-                cross[:, k] += test.skew_std_s * (weighted.T @ time_slope(model, values, piece))
+                cross[:, k] += test.skew_std_s * (weighted.T @ fitted.time_slope(piece))
     half = white(normal, size) if size else np.zeros((0, 0))
     absorbed = half.T @ cross
     table = np.diag(own + np.where(noise > 0.0, noise, 1.0)) - absorbed.T @ absorbed
     z = np.linalg.solve(table, right)
     moved = half @ (absorbed @ z)
     for k, test in enumerate(measurements):
-        for rows, piece in pieces_of(model, test):
+        for rows, piece in pieces_of(fitted.model, test):
             if test.skew_std_s > 0.0:
-                left[k][rows] -= z[k] * test.skew_std_s * time_slope(model, values, piece)
+                left[k][rows] -= z[k] * test.skew_std_s * fitted.time_slope(piece)
             if size:
-                left[k][rows] += parameter_slopes(model, values, names, piece) @ moved
+                left[k][rows] += fitted.slopes(piece) @ moved
     return left
 
 

@@ -19,7 +19,7 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.coil import with_lag
 from rig.identification.models.measurement import Measurement
-from rig.identification.models.model_slope import modelled_force, parameter_slopes
+from rig.identification.models.model_slope import FittedModel, modelled_force, parameter_slopes
 from rig.identification.models.projection import Weighting
 from rig.identification.uncertainty.covariance import Information
 from rig.optimisers.least_squares import Descent, Squares, descend
@@ -54,8 +54,7 @@ class Profile:
 
 
 def profiles(
-    model: DamperModel,
-    values: Mapping[str, float],
+    fitted: FittedModel,
     known: Information,
     measurements: Sequence[Measurement],
     weighting: Weighting,
@@ -65,8 +64,7 @@ def profiles(
     """Profiles of some parameters.
 
     Args:
-        model: the fitted model.
-        values: the fit (SI).
+        fitted: the model and what was fitted.
         known: what is known of the fitted parameters.
         measurements: the tests of the fit.
         weighting: the weights of the fit.
@@ -82,7 +80,7 @@ def profiles(
                 f"no profile of {name!r}: it was not fitted; fitted were {', '.join(known.names)}"
             )
     free = tuple(name for name in known.names if name not in floors)
-    walker = _Walker(model, dict(values), known, free, measurements, weighting)
+    walker = _Walker(fitted.model, dict(fitted.values), known, free, measurements, weighting)
     return {name: walker.profile(name, floor=0.0 if name in floors else -math.inf) for name in names}
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.models.measurement import Measurement, samples_a_cycle
-from rig.identification.models.model_slope import modelled_force, unseen_force
+from rig.identification.models.model_slope import FittedModel, modelled_force, unseen_force
 from rig.identification.models.projection import Weighting
 from rig.identification.uncertainty.fit import ErrorSummary, Passivity, TestError
 from rig.identification.uncertainty.leftover import leftovers, motion_effects, thinned
@@ -111,7 +111,7 @@ def describes(
         KeyError: a parameter is missing.
     """
     samples, noise, beyond, repeating, peaks = 0, 0.0, 0.0, 0.0, []
-    left = leftovers(model, values, (), measurements, weighting) if left is None else left
+    left = leftovers(FittedModel(model, values, ()), measurements, weighting) if left is None else left
     for index, (test, error) in enumerate(zip(measurements, left, strict=True)):
         if math.isnan(test.noise_N) and test.u_m.size < FEWEST_CYCLES * samples_a_cycle(test.u_m):
             continue

@@ -44,8 +44,8 @@ from rig.recording.point_names import (
 )
 from rig.recording.quality.cross_checks import point_reasons
 from rig.recording.quality.judgement import judge
-from rig.recording.quality.point_quality import PointQuality
-from rig.recording.quality.quality_checks import examine, measured_quality, overview
+from rig.recording.quality.point_quality import PointQuality, measured_quality
+from rig.recording.quality.quality_checks import examine, overview
 from rig.recording.quality.verdict import Reason
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
@@ -215,7 +215,7 @@ def build(
     """
     delays, instruments = (correction.delays, correction.instruments) if correction else (None, None)
     alignment = align(content.records if records is None else records, context, delays)
-    wanted = context.wanted
+    wanted = context.point
     seen = overview(alignment, wanted.frequency_Hz)
     motion = None if wanted.standing else measured_motion(seen.time_s, seen.displacement_m, wanted.waveform)
     findings, shape = examine(content, context, alignment, seen, motion)
@@ -223,7 +223,7 @@ def build(
         measured_quality(context, alignment, seen, motion, findings, shape), recovered=recovered,
     )
     test: dict[str, Attribute] = {
-        **context.point, "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
+        **wanted.to_json(), "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
         "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
         "device_rate": context.device_rate, "controller_clock_at_zero_s": alignment.origin_s,
         **{f"{name}_uncertainty_percent": context.sensors[name].uncertainty_percent

@@ -64,11 +64,6 @@ class Finaliser:
         """False once the process has ended."""
         return self._process.poll() is None
 
-    @property
-    def pending(self) -> tuple[str, ...]:
-        """Ids of the points handed in and not yet answered."""
-        return tuple(self._pending)
-
     def submit(self, journal: PointJournal) -> None:
         """Hand in a point's journal. Should the process be gone, the answer says so and the journal stays."""
         self._pending.append(journal.id)

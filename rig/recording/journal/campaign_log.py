@@ -12,6 +12,8 @@ from rig.clock import monotonic_ns, utc_now
 
 RESERVE_BYTES = 1 << 17
 UNREADABLE = "unreadable"
+EARLIER_WORDS = {"warming up": "temperature", "cooling down": "temperature", "reached;": "amplitude"}
+"""Codes of `info` lines, by words that the programs before the codes wrote in them."""
 
 
 class CampaignLog:
@@ -102,5 +104,20 @@ def read_lines(folder: Path) -> list[dict[str, Any]]:
             event = json.loads(line)
         except (ValueError, RecursionError):
             event = None
-        events.append(event if isinstance(event, dict) and "event" in event else {"event": UNREADABLE, "line": number})
+        ours = isinstance(event, dict) and "event" in event
+        events.append(_migrated(event) if ours else {"event": UNREADABLE, "line": number})
     return events
+
+
+def _migrated(event: dict[str, Any]) -> dict[str, Any]:
+    """A line as this program writes it, whichever program wrote it.
+
+    Programs before the codes wrote their lines about temperature and amplitude compensation without `code`: such an
+    `info` line gets the code that its words stand for. This migration is the only place where words of a journal are
+    read.
+    """
+    if event["event"] != "info" or "code" in event:
+        return event
+    text = str(event.get("text", ""))
+    code = next((code for words, code in EARLIER_WORDS.items() if words in text), None)
+    return event if code is None else {**event, "code": code}

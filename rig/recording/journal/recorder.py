@@ -95,7 +95,7 @@ class PointRecorder:
         """Open the journal of the point in `context` and record from here on.
 
         Args:
-            context: the journal's header; `context.point["id"]` names the file.
+            context: the journal's header; `context.point.id` names the file.
             expected_s: wall time the point will take; so much room is taken on the disk beforehand.
 
         Returns:
@@ -107,7 +107,7 @@ class PointRecorder:
         """
         if self._journal is not None:
             raise RuntimeError(f"point {self._id} is still being recorded: call end() first")
-        self._id = str(context.point["id"])
+        self._id = context.point.id
         path = self.folder / f"{self._id}{JOURNAL}"
         try:
             journal = JournalWriter(path, context.to_json(), reserve_bytes=self._room(context, expected_s))

@@ -26,6 +26,8 @@ from rig.signals.loop_shape import LoopShape
 if TYPE_CHECKING:
     from rig.recording.alignment.alignment import Alignment
     from rig.recording.context import PointContext
+    from rig.recording.quality.judgement import PointEvidence
+    from rig.recording.quality.quality_checks import Overview
 
 
 
@@ -84,7 +86,7 @@ def motion_quality(context: PointContext, motion: MeasuredMotion | None, alignme
     if setpoint_rad is not None:
         lags_deg = np.degrees([wrapped(phase - setpoint_rad) for phase in cycles.phase_rad.tolist()])
     return MotionQuality(
-        commanded_amplitude_m=context.wanted.commanded_amplitude_m, cycles=motion.cycles,
+        commanded_amplitude_m=context.point.commanded_amplitude_m, cycles=motion.cycles,
         amplitude_m=motion.amplitude_m, amplitude_std_m=motion.amplitude_std_m,
         fundamental_amplitude_m=motion.fundamental_amplitude_m, mean_m=motion.mean_m,
         frequency_Hz=motion.frequency_Hz, start_s=motion.start_s, end_s=motion.end_s,
@@ -353,3 +355,33 @@ class PointQuality(Section):
     def sensor(self, name: str) -> SensorQuality:
         """The section of `force` or `displacement`."""
         return {"force": self.force, "displacement": self.displacement}[name]
+
+
+def measured_quality(
+    context: PointContext, alignment: Alignment, seen: Overview, motion: MeasuredMotion | None,
+    evidence: PointEvidence, shape: LoopShape | None,
+) -> PointQuality:
+    """What is known of a point's quality before it is judged: everything but the verdict and how its end came."""
+    low_degC, high_degC = evidence.temperature_degC or (None, None)
+    light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
+    calibration = PointQuality.read(context.calibration)
+    return PointQuality(
+        lost_samples=alignment.lost_samples, loss_counted_by=_loss_counted_by(alignment, context),
+        skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
+        current=current_quality(motion, light), force=sensor_quality("force", alignment),
+        displacement=sensor_quality("displacement", alignment),
+        loop=loop_quality(shape),
+        tolerances=calibration.tolerances, rest=calibration.rest, coil_low_degC=low_degC, coil_high_degC=high_degC,
+    )
+
+
+def _loss_counted_by(alignment: Alignment, context: PointContext) -> str:
+    """How a lost sample of load cell or LVDT would have been seen: `sequence`, `rate`, or `nothing`.
+
+    A format without a sequence is counted against its rate, which only says something where clocks run at wall speed.
+    """
+    numbered = all(
+        len(alignment.timed[name].records) == 0 or int(alignment.timed[name].records["device_us"][0]) >= 0
+        for name in ("force", "displacement")
+    )
+    return "sequence" if numbered else "rate" if context.device_rate == 1.0 else "nothing"

@@ -1,12 +1,12 @@
 """What a point's samples show before it is judged: losses, standing values, motion, current, temperature, loop shape.
 
-`examine` collects the evidence for the verdict, `measured_quality` what the file says of the point.
+`examine` collects the evidence for the verdict; what the file says of the point is `point_quality.measured_quality`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,14 +18,6 @@ from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.journal.journal_file import JournalContent
 from rig.recording.point_names import OUT_OF_TOLERANCE
 from rig.recording.quality.judgement import PointEvidence, SensorCounts
-from rig.recording.quality.point_quality import (
-    PointQuality,
-    current_quality,
-    loop_quality,
-    motion_quality,
-    sensor_quality,
-    skew_quality,
-)
 from rig.recording.quality.verdict import Kind, Reason
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Values, parts
@@ -82,7 +74,7 @@ def examine(
 ) -> tuple[PointEvidence, LoopShape | None]:
     """Everything a verdict is given by, and the shape of the loop (None where it cannot be told)."""
     end = content.end or {}
-    wanted = context.wanted
+    wanted = context.point
     motion = None if wanted.standing else motion
     inside = np.ones(len(seen.time_s), bool)
     starts = np.array([seen.time_s[0], np.nextafter(seen.time_s[-1], np.inf)])
@@ -96,7 +88,7 @@ def examine(
     findings = PointEvidence(
         sensors={name: _counts(alignment.timed[name], sensor, alignment, motion) if name in alignment.timed
                  else SensorCounts(0) for name, sensor in context.sensors.items()},
-        wanted_cycles=0.0 if wanted.standing else wanted.cycles, wanted_amplitude_m=wanted.amplitude_m,
+        wanted_cycles=0.0 if wanted.standing else float(wanted.cycles), wanted_amplitude_m=wanted.amplitude_m,
         wanted_frequency_Hz=frequency_Hz, current_tolerance_A=context.current_tolerance_A,
         measured_cycles=None if motion is None else motion.cycles,
         measured_amplitude_m=None if motion is None else motion.amplitude_m,
@@ -104,7 +96,7 @@ def examine(
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
         current_error_A=_steps_error_A(seen, wanted) if wanted.standing
         else loop_error_A(seen.time_s, seen.current_A, wanted.current_A, starts),
-        amplitude_tolerance=wanted.amplitude_tolerance if wanted.kind == "loop" else None,
+        amplitude_tolerance=wanted.amplitude_tolerance if wanted.loop else None,
         extra=[
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
               if event.code in VERDICT_REMARKS),
@@ -154,7 +146,7 @@ def _range(values: FloatArray) -> tuple[float, float] | None:
 
 
 def _steps_error_A(seen: Overview, wanted: WantedPoint) -> float | None:
-    return steps_error_A(seen.time_s, seen.current_A, wanted.steps_A, 1.0 / wanted.frequency_Hz)
+    return steps_error_A(seen.time_s, seen.current_A, wanted.levels_A, 1.0 / wanted.frequency_Hz)
 
 
 def _counts(
@@ -187,33 +179,3 @@ def _counts(
 
 def _marked(flags: Iterable[Any], flag: Quality) -> int:
     return int(np.count_nonzero(np.asarray(flags) & np.uint16(flag)))
-
-
-def measured_quality(
-    context: PointContext, alignment: Alignment, seen: Overview, motion: MeasuredMotion | None,
-    evidence: PointEvidence, shape: LoopShape | None,
-) -> PointQuality:
-    """What is known of a point's quality before it is judged: everything but the verdict and how its end came."""
-    low_degC, high_degC = evidence.temperature_degC or (None, None)
-    light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
-    calibration = PointQuality.read(context.calibration)
-    return PointQuality(
-        lost_samples=alignment.lost_samples, loss_counted_by=_loss_counted_by(alignment, context),
-        skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
-        current=current_quality(motion, light), force=sensor_quality("force", alignment),
-        displacement=sensor_quality("displacement", alignment),
-        loop=loop_quality(shape),
-        tolerances=calibration.tolerances, rest=calibration.rest, coil_low_degC=low_degC, coil_high_degC=high_degC,
-    )
-
-
-def _loss_counted_by(alignment: Alignment, context: PointContext) -> str:
-    """How a lost sample of load cell or LVDT would have been seen: `sequence`, `rate`, or `nothing`.
-
-    A format without a sequence is counted against its rate, which only says something where clocks run at wall speed.
-    """
-    numbered = all(
-        len(alignment.timed[name].records) == 0 or int(alignment.timed[name].records["device_us"][0]) >= 0
-        for name in ("force", "displacement")
-    )
-    return "sequence" if numbered else "rate" if context.device_rate == 1.0 else "nothing"

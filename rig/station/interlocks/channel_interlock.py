@@ -7,6 +7,7 @@ past. The common case (nothing unusual) costs a minimum and a maximum over the b
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from itertools import islice, pairwise
 from operator import eq
 
@@ -21,6 +22,23 @@ MOST_OF_A_RUN = 20
 """A run of equal values counts as no more than this many: one is no proof of a coarse resolution, many are."""
 
 
+@dataclass(frozen=True, slots=True)
+class ChannelLimits:
+    """What a channel may show, in its SI unit.
+
+    Attributes:
+        low: least allowed value.
+        high: greatest allowed value.
+        span: where the sensor is at its end, either side of 0.
+        spike_jump: largest step between two samples that physics can make.
+        unit: for messages.
+    """
+
+    low: float
+    high: float
+    span: float
+    spike_jump: float = math.inf
+    unit: str = ""
 
 
 class ChannelInterlock:
@@ -28,26 +46,17 @@ class ChannelInterlock:
 
     A value beyond a limit trips at once, unless it is a jump that physics cannot make: then it is flagged as a spike
     and trips when `CONSECUTIVE` samples stay there.
+
+    Args:
+        name: the sensor's, for messages.
+        slug: what a value beyond the limits is called.
+        limits: what the channel may show.
     """
 
-    def __init__(
-        self,
-        name: str,
-        slug: str,
-        *,
-        low: float,
-        high: float,
-        span: float,
-        spike_jump: float = math.inf,
-        unit: str = "",
-    ) -> None:
+    def __init__(self, name: str, slug: str, limits: ChannelLimits) -> None:
         self.name = name
         self.slug = slug
-        self.low = low
-        self.high = high
-        self.span = span
-        self.spike_jump = spike_jump
-        self.unit = unit
+        self.limits = limits
         self.last_value = math.nan
         self.repeats = 0
         self.step = math.inf
@@ -111,14 +120,16 @@ class ChannelInterlock:
     def _quiet(self, lowest: float, highest: float) -> bool:
         if self._jumps or self._saturated or self._faulty:
             return False
-        if lowest < self.low or highest > self.high or max(highest, -lowest) >= self.span:
+        limits = self.limits
+        if lowest < limits.low or highest > limits.high or max(highest, -lowest) >= limits.span:
             return False
         if math.isnan(self.last_value):
-            return highest - lowest <= self.spike_jump
-        return max(highest, self.last_value) - min(lowest, self.last_value) <= self.spike_jump
+            return highest - lowest <= limits.spike_jump
+        return max(highest, self.last_value) - min(lowest, self.last_value) <= limits.spike_jump
 
     def _one(self, record: Record, findings: list[Finding]) -> Record:
         host_ns, device_us, value, sequence, channel, flags = record
+        limits = self.limits
         if flags & Quality.GAP_BEFORE:
             findings.append(Finding("sample-gap", f"{self.name}: samples lost before sequence {sequence}", host_ns))
         self._follow_flags(record, findings)
@@ -126,14 +137,14 @@ class ChannelInterlock:
             findings.append(Finding("sensor-nan", f"{self.name}: sample {sequence} is not a number", host_ns))
             return record
         # Over lost samples the value may have gone anywhere; its limits are judged all the same.
-        if not flags & Quality.GAP_BEFORE and abs(value - self.last_value) > self.spike_jump:
+        if not flags & Quality.GAP_BEFORE and abs(value - self.last_value) > limits.spike_jump:
             self._jumps += 1
             if self._jumps < CONSECUTIVE:
-                detail = f"{self.name}: sample {sequence} jumps from {self.last_value:g} to {value:g} {self.unit}"
-                findings.append(Finding("sensor-spike", detail, host_ns, value, self.spike_jump, warns=True))
+                detail = f"{self.name}: sample {sequence} jumps from {self.last_value:g} to {value:g} {limits.unit}"
+                findings.append(Finding("sensor-spike", detail, host_ns, value, limits.spike_jump, warns=True))
                 return (host_ns, device_us, value, sequence, channel, flags | int(Quality.SPIKE))
-            detail = f"{self.name}: jumped from {self.last_value:g} to {value:g} {self.unit} and stayed"
-            findings.append(Finding("sensor-spike", detail, host_ns, value, self.spike_jump))
+            detail = f"{self.name}: jumped from {self.last_value:g} to {value:g} {limits.unit} and stayed"
+            findings.append(Finding("sensor-spike", detail, host_ns, value, limits.spike_jump))
         self._jumps = 0
         self.last_value = value
         self._check_limits(host_ns, value, findings)
@@ -148,18 +159,19 @@ class ChannelInterlock:
             self._faulty = 0
         if self._faulty >= CONSECUTIVE:
             findings.append(Finding("sensor-fault", f"{self.name}: the sensor reports a fault", host_ns, value))
-        if flags & Quality.OVERLOAD or abs(value) >= self.span:
+        if flags & Quality.OVERLOAD or abs(value) >= self.limits.span:
             self._saturated += 1
         elif not math.isnan(value):
             self._saturated = 0
         if self._saturated >= CONSECUTIVE:
-            findings.append(Finding("sensor-saturated", f"{self.name}: at its end", host_ns, value, self.span))
+            findings.append(Finding("sensor-saturated", f"{self.name}: at its end", host_ns, value, self.limits.span))
 
     def _check_limits(self, host_ns: int, value: float, findings: list[Finding]) -> None:
-        if self.low <= value <= self.high:
+        low, high, unit = self.limits.low, self.limits.high, self.limits.unit
+        if low <= value <= high:
             return
-        limit = self.low if value < self.low else self.high
-        detail = f"{self.name} {value:.6g} {self.unit}, allowed {self.low:.6g} to {self.high:.6g} {self.unit}"
+        limit = low if value < low else high
+        detail = f"{self.name} {value:.6g} {unit}, allowed {low:.6g} to {high:.6g} {unit}"
         findings.append(Finding(self.slug, detail, host_ns, value, limit))
 
 

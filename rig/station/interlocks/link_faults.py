@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from drivers.connection import LinkKind
 from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
+from drivers.roles import CountingLink
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
 BUSY_POLLS = 4
@@ -26,26 +25,6 @@ def link_slug(error: DriverError, kind: LinkKind) -> str:
     if isinstance(error, NoAnswer):
         return "modbus-halfopen"
     return "modbus-reset" if isinstance(error, (LinkLost, PortClosed)) else "actuator-reboot"
-
-
-class CountingLink(Protocol):
-    """What is asked of the driver."""
-
-    @property
-    def link_kind(self) -> LinkKind:
-        """What the connection is made of."""
-
-    @property
-    def is_open(self) -> bool:
-        """The connection stands, as far as is known."""
-
-    @property
-    def stale(self) -> int:
-        """Answers to other requests that were recognised and thrown away."""
-
-    @property
-    def busy(self) -> int:
-        """"Busy" answers that were asked again."""
 
 
 class LinkFaults:

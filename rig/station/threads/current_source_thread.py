@@ -20,14 +20,13 @@ from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterl
 from rig.station.interlocks.finding import Finding
 from rig.station.log import say
 from rig.station.supervisor import Supervisor
-from rig.station.threads.device_thread import DeviceThread
+from rig.station.threads.device_thread import ReadingThread
 from rig.station.watchdogs import Listener
 
-BACKSTOP_NS = 250_000_000
 STALE_FOR_SURE_S = 0.0002
 
 
-class CurrentSourceThread(DeviceThread):
+class CurrentSourceThread(ReadingThread):
     """Owns the reading side of the ECU's driver; commands may come from any thread."""
 
     def __init__(
@@ -38,16 +37,13 @@ class CurrentSourceThread(DeviceThread):
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
     ) -> None:
-        super().__init__("ecu", "ecu-silent")
+        super().__init__("ecu", "ecu-silent", config.stale_after_s)
         self.config = config
         self.judge = judge
-        self.port_lost: str | None = None
         self._driver = driver
         self._supervisor = supervisor
         self._append = append
-        self._stale_ns = int(config.stale_after_s * 1e9)
         self._timeout_s = min(0.05, config.stale_after_s)
-        self._last_ns = monotonic_ns()
         self._listener = Listener(supervisor.host, self._last_ns)
         self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
         self._zero_error: DriverError | None = None
@@ -60,7 +56,6 @@ class CurrentSourceThread(DeviceThread):
         self._zeroed_ns = 0
         self._command_lock = threading.Lock()
         self._progress = threading.Condition()
-        self._again = threading.Event()
 
     def open(self) -> None:
         """Join the bus; before the thread starts.
@@ -85,8 +80,7 @@ class CurrentSourceThread(DeviceThread):
             self._driver.send_error = None
             self._zero_error = None
             self._driver.open()
-            self.port_lost = None
-            self._again.set()
+            self._reopened()
 
     # Commands, from any thread
 
@@ -183,10 +177,6 @@ class CurrentSourceThread(DeviceThread):
         state = SourceState(status.state).name if status.state in set(SourceState) else str(status.state)
         return f"in state {state}, faults {SourceFault(status.faults)!r}"
 
-    def silent_ns(self, now_ns: int) -> tuple[int, int]:
-        """Age of the last status, and the age at which the supervisor itself calls it stale (ns)."""
-        return now_ns - self._last_ns, self._stale_ns + BACKSTOP_NS
-
     def counters(self, now_ns: int) -> dict[str, object]:
         """Age of the last status and what was counted."""
         counted = self._driver.counters
@@ -202,19 +192,6 @@ class CurrentSourceThread(DeviceThread):
         }
 
     # On the thread
-
-    def wake(self) -> None:
-        """Interrupt the wait for a lost bus."""
-        self._again.set()
-
-    def work(self) -> None:
-        """Read until the end; wait where the bus is gone."""
-        while not self._ending.is_set():
-            self._again.clear()
-            self._last_ns = monotonic_ns()
-            self._read()
-            if not self._ending.is_set():
-                self._again.wait()
 
     def _read(self) -> None:
         self._listener.restart(monotonic_ns())

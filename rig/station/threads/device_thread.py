@@ -5,7 +5,11 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 
+from rig.clock import monotonic_ns
 from rig.station.log import say_error
+
+BACKSTOP_NS = 250_000_000
+"""By which a silence is older than stale when the supervisor names it, should the thread itself not have."""
 
 
 class DeviceThread(ABC):
@@ -50,3 +54,49 @@ class DeviceThread(ABC):
         except Exception as error:  # noqa: BLE001 - whatever ends a thread must become a trip, not a silent death
             self.failure = f"{type(error).__name__}: {error}"
             say_error()
+
+
+class ReadingThread(DeviceThread):
+    """A thread that reads its port until that is lost, and goes on when it has been opened again.
+
+    Args:
+        name: of the device.
+        slug: of its silence or loss.
+        stale_after_s: age at which its last value is stale.
+
+    Attributes:
+        port_lost: why the port is gone; None while it is not.
+    """
+
+    def __init__(self, name: str, slug: str, stale_after_s: float) -> None:
+        super().__init__(name, slug)
+        self.port_lost: str | None = None
+        self._stale_ns = int(stale_after_s * 1e9)
+        self._last_ns = monotonic_ns()
+        self._again = threading.Event()
+
+    def silent_ns(self, now_ns: int) -> tuple[int, int]:
+        """Age of the last value, and the age at which the supervisor itself calls it stale (ns)."""
+        return now_ns - self._last_ns, self._stale_ns + BACKSTOP_NS
+
+    def wake(self) -> None:
+        """Interrupt the wait for a lost port."""
+        self._again.set()
+
+    def work(self) -> None:
+        """Read until the end; wait where the port is gone."""
+        while not self._ending.is_set():
+            self._again.clear()
+            self._last_ns = monotonic_ns()
+            self._read()
+            if not self._ending.is_set():
+                self._again.wait()
+
+    def _reopened(self) -> None:
+        """The port is open again: the thread goes on."""
+        self.port_lost = None
+        self._again.set()
+
+    @abstractmethod
+    def _read(self) -> None:
+        """Read until the port is lost or `_ending` is set."""

@@ -14,7 +14,7 @@ from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import StationConfig
 from rig.station.errors import StationRefused
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
-from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLimits
 from rig.station.interlocks.current_interlock import EcuInterlock
 from rig.station.interlocks.motion_interlock import MotionInterlock
 from rig.station.supervisor import Supervisor
@@ -83,11 +83,10 @@ class Devices:
         return self.actuator.clock.ppm
 
     def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
-        # The bench states the offset as what the sensor shows at zero; the driver adds its own to the scaled value.
-        scale = SampleScale(given.sensitivity, -given.offset, given.rate_Hz, self.config.device_rate)
-        driver = make_sensor(
-            SensorConnection(given.url, given.baudrate, given.label, role.channel, given.format, scale)
-        )
+        driver = make_sensor(SensorConnection(
+            given.url, given.baudrate, given.label, role.channel, given.format,
+            scale_of(given, self.config.device_rate),
+        ))
         return SensorThread(given, driver, role, self._supervisor, append)
 
     @property
@@ -141,6 +140,16 @@ class Devices:
             device.close()
 
 
+def scale_of(given: SensorConfig, device_rate: float) -> SampleScale:
+    """From a sensor's wire to SI as its bench file states it, polarity included, and its samples to time.
+
+    Args:
+        given: the sensor of the bench file.
+        device_rate: device seconds that pass in one second of the host's clock.
+    """
+    return SampleScale(given.sensitivity, given.offset, given.rate_Hz, device_rate)
+
+
 def slug_of(error: Exception) -> str:
     """The refusal's slug for what a driver raised at connect."""
     if isinstance(error, WrongLayout):
@@ -157,5 +166,4 @@ def slug_of(error: Exception) -> str:
 def _interlock(
     config: StationConfig, given: SensorConfig, slug: str, low: float, high: float, unit: str
 ) -> ChannelInterlock:
-    jump = config.spike_jump(given)
-    return ChannelInterlock(given.label, slug, low=low, high=high, span=given.span, spike_jump=jump, unit=unit)
+    return ChannelInterlock(given.label, slug, ChannelLimits(low, high, given.span, config.spike_jump(given), unit))

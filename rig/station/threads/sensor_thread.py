@@ -18,13 +18,12 @@ from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.line_interlock import ClockWatch, LineInterlock, drift
 from rig.station.interlocks.motion_interlock import MotionInterlock, Reference, StandingInterlock
 from rig.station.supervisor import Supervisor
-from rig.station.threads.device_thread import DeviceThread
+from rig.station.threads.device_thread import ReadingThread
 from rig.station.watchdogs import Listener
 
 READ_TIMEOUT_S = 0.05
 LOOK_AGAIN_S = 0.01
 STALE_FOR_SURE_S = 0.0002
-BACKSTOP_NS = 250_000_000
 COUNTED = 1000
 STUCK_S = 0.08
 STUCK_SAMPLES = 10
@@ -53,7 +52,7 @@ class SensorRole:
     reference_ppm: Callable[[], float] | None
 
 
-class SensorThread(DeviceThread):
+class SensorThread(ReadingThread):
     """Owns a sensor's port from the first read on.
 
     Silence is judged here, right after a read that brought no value, so that a station that was kept from running does
@@ -69,14 +68,13 @@ class SensorThread(DeviceThread):
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
     ) -> None:
-        super().__init__(config.label, role.slug)
+        super().__init__(config.label, role.slug, config.stale_after_s)
         device_rate = supervisor.config.device_rate
         self.config = config
         self.judge = role.interlock
         self.motion = role.motion
         self.lost = 0
         self.samples = 0
-        self.port_lost: str | None = None
         self._reference = role.reference
         stuck_samples = max(STUCK_SAMPLES, round(STUCK_S * config.rate_Hz))
         self._standing = StandingInterlock(stuck_samples, STANDING_FLOOR_SHARE * config.span)
@@ -86,7 +84,6 @@ class SensorThread(DeviceThread):
         self._bad_frames = 0
         self._garbage = 0
         self._channel = int(role.channel)
-        self._again = threading.Event()
         self._progress = threading.Condition()
         self._first: Record | None = None
         self._latest: Record | None = None
@@ -94,8 +91,6 @@ class SensorThread(DeviceThread):
         self._driver = driver
         self._supervisor = supervisor
         self._append = append
-        self._stale_ns = int(config.stale_after_s * 1e9)
-        self._last_ns = monotonic_ns()
         self._timeout_s = min(READ_TIMEOUT_S, config.stale_after_s)
         self._listener = Listener(supervisor.host, self._last_ns)
         self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
@@ -124,8 +119,7 @@ class SensorThread(DeviceThread):
         if self.port_lost is not None:
             self._driver.close()
             self._driver.open()
-            self.port_lost = None
-            self._again.set()
+            self._reopened()
 
     @property
     def garbled(self) -> bool:
@@ -162,19 +156,6 @@ class SensorThread(DeviceThread):
             "bad_frames": self._driver.bad_frames,
             "port_lost": self.port_lost,
         }
-
-    def wake(self) -> None:
-        """Interrupt the wait for a lost port."""
-        self._again.set()
-
-    def work(self) -> None:
-        """Read until the end; wait where the port is gone."""
-        while not self._ending.is_set():
-            self._again.clear()
-            self._last_ns = monotonic_ns()
-            self._read()
-            if not self._ending.is_set():
-                self._again.wait()
 
     def _read(self) -> None:
         fresh = False
@@ -279,10 +260,6 @@ class SensorThread(DeviceThread):
         finding = self._supervisor.host.missed(self.name, slug, self._last_ns, self._stale_ns, now_ns)
         if finding is not None:
             self._supervisor.report([finding])
-
-    def silent_ns(self, now_ns: int) -> tuple[int, int]:
-        """Age of the last value, and the age at which the supervisor itself calls it stale (ns)."""
-        return now_ns - self._last_ns, self._stale_ns + BACKSTOP_NS
 
     def fresh(self, now_ns: int) -> bool:
         """The last value is younger than the channel's stale-after, or may be waiting in the port."""

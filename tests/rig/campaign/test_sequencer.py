@@ -237,6 +237,15 @@ def test_no_restart_follows_an_operators_stop_or_a_fault_that_forbids_it(edges: 
                 assert after.phase is edge.after.phase or after.phase in ends
 
 
+def test_what_the_matrix_allows_never_changes_and_a_withdrawn_restart_stays_withdrawn(edges: list[Edge]) -> None:
+    for edge in edges:
+        assert edge.after.retries == edge.before.retries
+        assert edge.after.restart_withdrawn or not edge.before.restart_withdrawn
+        if edge.after.restart_withdrawn:
+            assert not moving(edge)
+            assert not edge.after.recording or edge.after.latch is not None
+
+
 def test_every_fault_or_abort_of_an_armed_rig_latches_or_ends(edges: list[Edge]) -> None:
     for edge in edges:
         if isinstance(edge.event, ev.Fault | ev.Abort | ev.Tripped) and edge.before.armed:

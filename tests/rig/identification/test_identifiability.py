@@ -8,6 +8,7 @@ import pytest
 
 from rig.dampers import model, parameter_set
 from rig.identification import Fit, Measurement, identify
+from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.projection import Weighting
 from rig.identification.uncertainty.alternative_shapes import explain
 from rig.identification.uncertainty.covariance import information
@@ -116,7 +117,7 @@ def test_a_small_part_in_a_direction_without_information_is_enough_to_be_untold(
     values = {**DEMO, "m": 0.0, "beta": 5.0, "delta": 0.0}  # Fya, beside the hundredfold yield force at 1 and 2 A
     names = [name for name in DEMO if name not in {"eta", "m"}]
     tests = triangles(values, (0.2, 0.4), 0)
-    known = information(model("asymmetric"), values, names, tests, Weighting())
+    known = information(FittedModel(model("asymmetric"), values, tuple(names)), tests, Weighting())
     assert set(known.partners) == {"beta", "Fya", "Fyb", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus"}
     assert known.standard_error("F0") < 0.3
     assert known.standard_error("Fya") == np.inf
@@ -157,7 +158,7 @@ def test_a_degenerate_hysteresis_is_warned_of_and_its_parameters_are_not_told(
 def test_a_tanh_without_a_bend_is_called_a_straight_line(make_synthetic: Make) -> None:
     values = {**DEMO, "beta": 0.1, "delta": 0.02, "Fyb": 2000.0}
     tests, names = make_synthetic(values), [name for name in DEMO if name != "eta"]
-    known = information(model("asymmetric"), values, names, tests, Weighting())
+    known = information(FittedModel(model("asymmetric"), values, tuple(names)), tests, Weighting())
     reasons = explain(model("asymmetric"), known, values, tests, Weighting())
     assert {"beta", "delta", "Fya", "Fyb", "Ca_plus", "Ca_minus"} <= set(reasons)
     assert "a straight line here (at most 0.08" in reasons["Fyb"]

@@ -10,6 +10,7 @@ from rig.dampers import model, parameter_set
 from rig.dampers.algebraic import AlgebraicSeparation, AsymmetricModel
 from rig.errors import IdentificationFailed
 from rig.identification import Fit, Measurement, Method, identify
+from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.projection import Projection
 from rig.identification.uncertainty.covariance import information
 from rig.identification.uncertainty.profile import profiles
@@ -136,8 +137,8 @@ def test_a_side_on_which_the_force_is_not_finite_is_open(make_synthetic: Make) -
             force = super().force(parameters, *motion)  # type: ignore[arg-type] - the last one is the interval
             return np.where(parameters["F0"] > fit.values["F0"] + 0.05, np.inf, force)
 
-    known = information(Ending(), fit.values, names, tests, weighting)
-    found = profiles(Ending(), fit.values, known, tests, weighting, ["F0"])["F0"]
+    known = information(FittedModel(Ending(), fit.values, tuple(names)), tests, weighting)
+    found = profiles(FittedModel(Ending(), fit.values, known.names), known, tests, weighting, ["F0"])["F0"]
     assert found.high is None
     assert found.low is not None
     assert np.all(np.isfinite(found.deviance))

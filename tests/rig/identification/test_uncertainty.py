@@ -8,6 +8,7 @@ import pytest
 
 from rig.dampers import model, parameter_set
 from rig.identification import Measurement
+from rig.identification.models.model_slope import FittedModel
 from rig.identification.models.projection import Weighting
 from rig.identification.models.separable import solve_separable
 from rig.identification.uncertainty.covariance import DeclaredErrors, Information, information, quantile
@@ -26,7 +27,7 @@ def thinned(each: Measurement, every: int) -> Measurement:
 def known(tests: list[Measurement], weight: str = "1", declared: DeclaredErrors | None = None) -> Information:
     weighting = Weighting("v" if weight == "v" else "1")
     found = solve_separable(tests, model("asymmetric"), weighting, start=SHAPE)
-    return information(model("asymmetric"), found.values, NAMES, tests, weighting, declared)
+    return information(FittedModel(model("asymmetric"), found.values, tuple(NAMES)), tests, weighting, declared)
 
 
 @pytest.mark.parametrize("weight", ["1", "v"])
@@ -36,7 +37,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say(weight: str, make_synthe
     for seed in range(trials):
         tests = make_synthetic(DEMO, (0.0, 1.0, 2.0), (1.0, 2.0), seed=100 + seed)
         found = solve_separable(tests, model("asymmetric"), weighting, start=SHAPE)
-        told = information(model("asymmetric"), found.values, NAMES, tests, weighting)
+        told = information(FittedModel(model("asymmetric"), found.values, tuple(NAMES)), tests, weighting)
         errors = np.array([(found.values[name] - DEMO[name]) / told.standard_error(name) for name in NAMES])
         inside += int(np.sum(np.abs(errors) < quantile()))
         together += bool(np.all(np.abs(errors) < quantile(len(NAMES))))
@@ -119,6 +120,7 @@ def test_more_cycles_of_the_same_misfit_do_not_narrow_the_intervals(make_synthet
 def test_a_parameter_off_the_solution_is_told_by_how_much(make_synthetic: Make) -> None:
     tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0))
     found = solve_separable(tests, model("asymmetric"), start=SHAPE).values
-    off = information(model("asymmetric"), {**found, "F0": found["F0"] + 3.0}, NAMES, tests, Weighting())
+    beside = FittedModel(model("asymmetric"), {**found, "F0": found["F0"] + 3.0}, tuple(NAMES))
+    off = information(beside, tests, Weighting())
     assert off.step[NAMES.index("F0")] == pytest.approx(-3.0, rel=0.01)
     assert np.max(np.abs(known(tests).step) / np.sqrt(np.diag(known(tests).covariance))) < 0.01

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.ring import Channel, RingWriter
-from rig.recording.context import PointContext, SensorContext
+from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.layout import RECORD_DTYPE
 
 
@@ -141,11 +141,10 @@ class SyntheticRig:
     def context(self, **changes: object) -> PointContext:
         """The journal's header for this point."""
         fields: dict = {
-            "point": {
-                "id": "p001", "waveform": "sine", "amplitude_m": self.amplitude_m, "frequency_Hz": self.frequency_Hz,
-                "current_A": self.current_A, "cycles": self.cycles, "ramp_in_cycles": 1.0, "ramp_out_cycles": 1.0,
-                "centre_m": 0.0, "repeat": 1, "rest_s": 0.0,
-            },
+            "point": WantedPoint(
+                "p001", "sine", self.amplitude_m, self.frequency_Hz, self.current_A, self.cycles, ramp_in_cycles=1.0,
+                ramp_out_cycles=1.0, centre_m=0.0, repeat=1, rest_s=0.0,
+            ),
             "sensors": {
                 "force": SensorContext("load_cell", self.rate_Hz, range_SI=10_000.0, serial_number="LC-1"),
                 "displacement": SensorContext("lvdt", self.rate_Hz, range_SI=0.1, serial_number="LVDT-1"),

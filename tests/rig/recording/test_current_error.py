@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic_rig import SyntheticRig
@@ -105,7 +107,7 @@ def verdict_of(current_A: np.ndarray | None, **point: object) -> Verdict:
     if current_A is not None:
         frames = records["channel"] == Channel.COIL_CURRENT
         records["value"][frames] = current_A[: np.count_nonzero(frames)]
-    context.point.update(point)
+    context = replace(context, point=replace(context.point, **point))
     return build(JournalContent("", records, end={"stopped_by": None, "lost_records": 0}), context)[1].verdict
 
 
@@ -126,7 +128,8 @@ def test_a_point_whose_current_sags_over_four_of_ten_cycles_is_invalid() -> None
 def test_a_window_without_a_temperature_is_said(lost: slice, expected: list[str]) -> None:
     rig = SyntheticRig(cycles=10)
     records, context = rig.records(), rig.context()
-    context.point.update(temperature_low_degC=15.0, temperature_high_degC=45.0)
+    wanted = replace(context.point, temperature_low_degC=15.0, temperature_high_degC=45.0)
+    context = replace(context, point=wanted)
     frames = np.flatnonzero(records["channel"] == Channel.COIL_TEMPERATURE)
     content = JournalContent("", np.delete(records, frames[lost]), end={"stopped_by": None, "lost_records": 0})
     found = build(content, context)[1].verdict
@@ -137,7 +140,9 @@ def test_a_window_without_a_temperature_is_said(lost: slice, expected: list[str]
 def test_a_current_step_point_is_judged_by_its_own_levels() -> None:
     rig = SyntheticRig(amplitude_m=0.0, cycles=len(LEVELS_A) - 2, frequency_Hz=1.0 / HOLD_S)
     context = rig.context()
-    context.point.update(kind="current_step", waveform="hold", steps_A=" ".join(map(str, LEVELS_A)), current_A=2.0)
+    levels = " ".join(map(str, LEVELS_A))
+    wanted = replace(context.point, kind="current_step", waveform="hold", steps_A=levels, current_A=2.0)
+    context = replace(context, point=wanted)
     time_s, current_A = staircase(LEVELS_A)
     records = rig.records()
     frames = records["channel"] == Channel.COIL_CURRENT

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -40,7 +41,7 @@ def write_points(
             for name, sensor, unit in (("force", "load_cell", 10_000.0), ("displacement", "lvdt", 0.1))
         }
         context = rig.context(controller_delay_s=0.0, sensors=sensors, provenance={"bench_hash": "one bench"})
-        context.point["id"] = f"p{number:03}"
+        context = replace(context, point=replace(context.point, id=f"p{number:03}"))
         noted = (Event(int(records["host_ns"][900]), "note", "halfway, über alles"),)
         content = JournalContent("", records[keep], noted, end={"stopped_by": None, "lost_records": 0})
         file, _ = build(content, context)

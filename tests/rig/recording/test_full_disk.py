@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -45,7 +46,7 @@ def campaign_on(disk: Path, *names: str) -> Path:
     """A campaign with one closed journal a name."""
     (disk / "c" / "points").mkdir(parents=True)
     for name in names:
-        point = {**RIG.context().point, "id": name}
+        point = replace(RIG.context().point, id=name)
         writer = JournalWriter(disk / "c" / "points" / f"{name}.journal", RIG.context(point=point).to_json())
         writer.append(RIG.records())
         writer.close(stopped_by=None, lost_records=0)

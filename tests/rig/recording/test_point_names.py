@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,7 +37,7 @@ IDS = st.sampled_from(LIKE_EACH_OTHER) | st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-
 
 
 def journal_of(folder: Path, point_id: str, *, name: str = "", provenance: bool = True) -> Path:
-    point = {**RIG.context().point, "id": name or point_id}
+    point = replace(RIG.context().point, id=name or point_id)
     context = RIG.context(point=point, provenance={"point": point_id, "attempt": "1"} if provenance else {})
     path = folder / f"{name or point_id}.journal"
     writer = JournalWriter(path, context.to_json())

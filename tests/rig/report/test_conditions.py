@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.recording.journal.campaign_log import CampaignLog
 from rig.recording.quality.point_quality import PointQuality
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
@@ -47,3 +48,16 @@ def test_what_the_campaign_waited_for_is_told_in_its_own_words(tmp_path: Path) -
 @pytest.mark.parametrize("commanded_mm", [None, 0.0])
 def test_tests_without_a_command_have_no_such_section(tmp_path: Path, commanded_mm: float | None) -> None:
     assert conditions(Run(tmp_path, (a_point(commanded_mm),))) == ""
+
+
+def test_a_campaign_of_an_earlier_program_shows_its_waits_and_corrections(tmp_path: Path) -> None:
+    waited, corrected = "warming up from 24.1 degC: 12 s of motion", "p001: 9.1 mm of 10 mm reached; correction 1"
+    log = CampaignLog(tmp_path)
+    log.write("info", text=waited)
+    log.write("info", text="paused before p001")
+    log.write("info", text=corrected)
+    log.close()
+    page = conditions(Run(tmp_path, (a_point(30.0),)))
+    assert waited in page
+    assert corrected in page
+    assert "paused before" not in page

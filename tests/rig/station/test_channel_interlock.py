@@ -9,7 +9,7 @@ import pytest
 
 from drivers.ring import Channel, Record
 from protocols.quality import Quality
-from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLimits
 from rig.station.interlocks.motion_interlock import MotionInterlock
 
 PERIOD_US = 4000
@@ -20,9 +20,8 @@ def record(number: int, value: float, flags: int = 0) -> Record:
 
 
 def force_judge(spike_jump: float = 5000.0) -> ChannelInterlock:
-    return ChannelInterlock(
-        "load_cell", "force-limit", low=-5000.0, high=5000.0, span=10_000.0, spike_jump=spike_jump, unit="N"
-    )
+    limits = ChannelLimits(low=-5000.0, high=5000.0, span=10_000.0, spike_jump=spike_jump, unit="N")
+    return ChannelInterlock("load_cell", "force-limit", limits)
 
 
 def motion_of(positions_m: list[float], judge: MotionInterlock) -> list[str]:
@@ -74,7 +73,7 @@ def test_three_spikes_in_a_row_trip_at_the_third() -> None:
 
 
 def test_saturation_trips_at_the_third_sample_in_a_row_and_starts_over_after_a_good_one() -> None:
-    judge = ChannelInterlock("aux", "sensor-saturated", low=-1e9, high=1e9, span=10.0)
+    judge = ChannelInterlock("aux", "sensor-saturated", ChannelLimits(low=-1e9, high=1e9, span=10.0))
     overloaded = int(Quality.OVERLOAD)
     flags = [overloaded, overloaded, 0, overloaded, overloaded, overloaded]
     found = [bool(judge.judge([record(i, 1.0, flag)])[1]) for i, flag in enumerate(flags)]
@@ -94,7 +93,7 @@ def test_a_value_that_repeats_is_an_amplifiers_end_only_where_nothing_greater_or
 
 
 def test_value_at_the_end_of_the_span_counts_as_saturated() -> None:
-    judge = ChannelInterlock("aux", "sensor-saturated", low=-10.0, high=10.0, span=10.0)
+    judge = ChannelInterlock("aux", "sensor-saturated", ChannelLimits(low=-10.0, high=10.0, span=10.0))
     assert [f.slug for f in judge.judge([record(i, -10.0) for i in range(3)])[1]] == ["sensor-saturated"]
 
 

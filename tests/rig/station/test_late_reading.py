@@ -11,7 +11,7 @@ from station_bench import Told, config_for
 from drivers.ring import Channel, Record
 from drivers.sample_stream import Batch
 from protocols.quality import Quality
-from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLimits
 from rig.station.supervisor import Supervisor
 from rig.station.threads import sensor_thread
 from rig.station.threads.sensor_thread import SensorRole, SensorThread
@@ -86,7 +86,7 @@ class Outcome:
         self.supervisor = Supervisor(config_for(), self.told.append, self.ring.extend, lambda now_ns: None, lambda: 0.0)
         self.supervisor.host.watch(0)
         given = replace(self.supervisor.config.load_cell, stale_after_s=1e-3 * STALE_MS)
-        judge = ChannelInterlock("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
+        judge = ChannelInterlock("load_cell", "force-limit", ChannelLimits(low=-5e3, high=5e3, span=10e3, unit="N"))
         role = SensorRole("loadcell-pulled", Channel.FORCE, judge, None, None, None)
         self.thread = SensorThread(given, port, role, self.supervisor, self.ring.extend)
         port.ended, port.ticks = self.thread.end, self.supervisor.host.awake

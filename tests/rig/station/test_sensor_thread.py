@@ -16,7 +16,7 @@ from drivers.ring import Channel
 from drivers.serial_sensor import DEFAULT_FORMAT, SerialSensor
 from protocols.frame_format import encode
 from rig.bench.sensor_settings import Calibration, LoadCell
-from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLimits
 from rig.station.supervisor import Supervisor
 from rig.station.threads.sensor_thread import SensorRole, SensorThread
 
@@ -44,7 +44,7 @@ class Cable:
             calibration=Calibration(serial_number="LC-1"),
         )
         driver = SerialSensor(url, name="load_cell", channel=Channel.FORCE, line_format=line_format)
-        judge = ChannelInterlock("load_cell", "force-limit", low=-5e3, high=5e3, span=10e3, unit="N")
+        judge = ChannelInterlock("load_cell", "force-limit", ChannelLimits(low=-5e3, high=5e3, span=10e3, unit="N"))
         role = SensorRole("loadcell-pulled", Channel.FORCE, judge, None, None, None)
         self.thread = SensorThread(given, driver, role, self.supervisor, lambda records: None)
         self.thread.open()

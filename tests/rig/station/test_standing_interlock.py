@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from rig.station.interlocks.channel_interlock import ChannelInterlock
+from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLimits
 from rig.station.interlocks.motion_interlock import Reference, StandingInterlock
 
 RATE_HZ = 250.0
@@ -26,7 +26,7 @@ def first_stuck(
 ) -> float | None:
     """When a load cell is called stuck (s); its value stands from `stuck_s` on. The rod rests for the first second."""
     random = np.random.default_rng(3)
-    channel = ChannelInterlock("load_cell", "force-limit", low=-1e5, high=1e5, span=1e5)
+    channel = ChannelInterlock("load_cell", "force-limit", ChannelLimits(low=-1e5, high=1e5, span=1e5))
     judge = StandingInterlock(SAMPLES, FLOOR_N)
     path_m, before_m, held, reference = 0.0, 0.0, math.nan, Reference(0, 0.0, 0.0)
     for number in range(int((1.0 + 4.0 / frequency_Hz) * RATE_HZ)):
