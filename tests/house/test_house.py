@@ -40,8 +40,6 @@ MANY_PARAMETERS = {
     "rig.identification.runs:identify_run": PUBLIC,
     "rig.optimisers.methods:minimise": PUBLIC,
     "rig.optimisers.search:make_search": PUBLIC,
-    "rig.dampers.parameter:linear_parameter": "a parameter's columns, one row a call",
-    "rig.dampers.parameter:shape_parameter": "a parameter's columns, one row a call",
 }
 MANY_PARAMETERS_WHERE = {
     "rig.dampers.": COMPILED,
