@@ -62,9 +62,14 @@ def rig(*arguments: str, search: Path | None) -> tuple[int, dict[str, Any], str]
 
 
 def decided(code: int, answer: dict[str, Any]) -> dict[str, object]:
-    """What a machine reads of an answer: everything but words, times and paths."""
+    """What a machine reads of an answer: everything but words, times and paths.
+
+    Of a point's reasons the first: what else the last samples before a stop show depends on the instant it came.
+    """
     stop = answer.get("stop") or {}
-    points = [(point["id"], point["verdict"], point["blamed"], slugs(point)) for point in answer.get("points", ())]
+    points = [
+        (point["id"], point["verdict"], point["blamed"][:1], slugs(point)[:1]) for point in answer.get("points", ())
+    ]
     found = [finding["slug"] for finding in answer.get("findings", ())]
     return {"code": code, **{key: answer.get(key) for key in CODES}, "stop": stop, "points": points, "findings": found}
 
