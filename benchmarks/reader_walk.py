@@ -6,9 +6,12 @@ Runs a campaign of one point on the simulated rig with the application's Python 
 does who reads the code for the first time: into each function where it is first called, depth first, and back to the
 caller. Only functions of this project count, each once; what runs on import does not.
 
-files: project files entered. returns: how often the walk comes back to a file that it had already left. The walk of the
-point is that of its finishing (journal to judged HDF5 file), the walk of the campaign is that of the application's main
-thread from `run_campaign` to its result, without what the finishing and the station do in processes of their own.
+files: project files entered. doors: from which file into which other one, each pair once. climbs: doors that lead back
+up, into a file met before the one they start from. returns: how often the walk comes back to a file that it had already
+left. `own` counts the same inside the room in which the walk begins, whose other rooms are words to a reader. The walk
+of the point is that of its finishing (journal to judged HDF5 file), the walk of the campaign is that of the
+application's main thread from `run_campaign` to its result, without what the finishing and the station do in processes
+of their own.
 """
 
 from __future__ import annotations
@@ -56,18 +59,24 @@ class Walk:
 
     def __init__(self) -> None:
         self.visits: list[str] = []
+        self.calls: set[tuple[str, str]] = set()
         self._read: set[object] = set()
-        self._stack: list[bool] = []
 
     @property
     def files(self) -> list[str]:
         """Files by the order of their first visit."""
         return list(dict.fromkeys(self.visits))
 
-    @property
-    def returns(self) -> int:
-        """How often the walk comes back to a file that it had left."""
-        return len(self.visits) - len(self.files)
+    def counts(self, room: str = "") -> dict[str, int]:
+        """Files, doors, climbs and returns among the files below a folder."""
+        visits = [visit for visit in self.visits if visit.startswith(room)]
+        visits = [visit for visit, before in zip(visits, ["", *visits], strict=False) if visit != before]
+        order = {name: place for place, name in enumerate(dict.fromkeys(visits))}
+        doors = [(start, end) for start, end in self.calls if start in order and end in order]
+        return {
+            "files": len(order), "doors": len(doors),
+            "climbs": sum(order[end] < order[start] for start, end in doors), "returns": len(visits) - len(order),
+        }  # fmt: skip
 
     def run(self, function: Callable[[], T]) -> T:
         """Call a function with this thread's calls followed."""
@@ -87,6 +96,8 @@ class Walk:
                 if caller:
                     self._visit(caller)
                 self._visit(name)
+                if caller and caller != name:
+                    self.calls.add((_short(caller), _short(name)))
 
     def _caller(self, frame: FrameType) -> str:
         """The project's file from which the call comes, "" where there is none."""
@@ -96,9 +107,12 @@ class Walk:
         return above.f_code.co_filename if above is not None else ""
 
     def _visit(self, name: str) -> None:
-        relative = str(Path(name).relative_to(ROOT))
-        if not self.visits or self.visits[-1] != relative:
-            self.visits.append(relative)
+        if not self.visits or self.visits[-1] != _short(name):
+            self.visits.append(_short(name))
+
+
+def _short(name: str) -> str:
+    return str(Path(name).relative_to(ROOT))
 
 
 class Silent:
@@ -154,13 +168,13 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         campaign, journal = walk_campaign(Path(name))
         point = walk_point(journal)
-    walks = {"campaign": campaign, "point": point}
-    if asked.json:
-        print(json.dumps({key: {"files": len(walk.files), "returns": walk.returns, "walk": walk.visits}
-                          for key, walk in walks.items()}, indent=1))  # fmt: skip
-        return
-    for key, walk in walks.items():
-        print(f"{key}: {len(walk.files)} files, {walk.returns} returns")
+    for key, walk, room in (("campaign", campaign, "rig/campaign/"), ("point", point, "rig/recording/")):
+        counted = {"all": walk.counts(), "own": walk.counts(room)}
+        if asked.json:
+            print(json.dumps({"walk": key, **counted, "visits": walk.visits}))
+            continue
+        for scope, numbers in counted.items():
+            print(f"{key:8}  {scope}  " + ", ".join(f"{count} {name}" for name, count in numbers.items()))
         if asked.walk:
             print("".join(f"  {visit}\n" for visit in walk.visits), end="")
 
