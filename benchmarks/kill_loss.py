@@ -23,9 +23,9 @@ import numpy as np
 
 from drivers.ring import Channel, RingWriter
 from rig.clock import monotonic_ns
-from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.journal.journal_file import read_journal
 from rig.recording.journal.recorder import PointRecorder
+from rig.recording.layout import PointContext, SensorContext, WantedPoint
 
 TICK_S = 0.004
 STATUS_CHANNELS = (Channel.POSITION, Channel.STATE, Channel.COIL_CURRENT, Channel.COIL_TEMPERATURE)

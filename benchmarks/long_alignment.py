@@ -22,11 +22,10 @@ from campaign_process import machine
 
 from rig.clock import utc_now
 from rig.recording.alignment.alignment import align
-from rig.recording.channel_split import ChannelSplit
-from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.conversion.conversion import finish_point
 from rig.recording.journal.journal_file import JournalWriter, scan_journal
-from rig.recording.layout import NUMBER, RECORD_DTYPE
+from rig.recording.journal.point_journal import ChannelSplit
+from rig.recording.layout import NUMBER, RECORD_DTYPE, PointContext, SensorContext, WantedPoint
 from rig.signals.chunked_column import parts
 from simulators.controller_firmware import ProgramPhase
 

@@ -16,11 +16,10 @@ import numpy as np
 from drivers.ring import Channel
 from drivers.sample_stream import SampleScale, SampleStream
 from protocols.frame_format import FrameDecoder
-from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.conversion.conversion import build
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext, WantedPoint
 from rig.recording.recorded_point import RecordedPoint
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s

@@ -33,9 +33,9 @@ from rig.bench.model import Bench
 from rig.campaign.setup import station_config
 from rig.clock import monotonic_ns
 from rig.matrix.model import load_matrix
-from rig.recording.context import PointContext, WantedPoint
 from rig.recording.journal.recorder import PointRecorder
 from rig.recording.journal.ring_reader import RingReader
+from rig.recording.layout import PointContext, WantedPoint
 from rig.station.client import StationClient
 
 RATE_HZ = 250.0

@@ -61,7 +61,7 @@ def _show(runs: list[dict[str, Any]], folder: Path) -> None:
 
 def _summary(place: Path) -> dict[str, Any]:
     """One run in a few numbers; what cannot be read is said in `remark`, so that one bad run hides no others."""
-    from rig.recording.point_names import unfinished
+    from rig.recording.point_files import unfinished
     from rig.recording.run import Run, read_campaign
 
     summary: dict[str, Any] = {

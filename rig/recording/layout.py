@@ -1,10 +1,14 @@
-"""The layout of a recorded point (`docs/files.md`, "A point's file"); HDF5 is made by `hdf5_image`."""
+"""What is recorded of a point: its journal's header and the contents of its file (`docs/files.md`, "A point's file").
+
+HDF5 is made of it by `hdf5_image`.
+"""
 
 from __future__ import annotations
 
+import json
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,7 +29,7 @@ Attribute = str | int | float | bool | Sequence[str] | None
 
 
 class Records(Protocol):
-    """Ring records (n,) of `RECORD_DTYPE`: an array, or a file read in parts (`rig.recording.channel_split`)."""
+    """Ring records (n,) of `RECORD_DTYPE`: an array, or a file read in parts (`point_journal`)."""
 
     def __len__(self) -> int: ...
 
@@ -154,3 +158,154 @@ def good_values(records: NDArray[Any]) -> FloatArray:
     """Values (n,) in SI, NaN where the flags say that the value is not the physical quantity."""
     bad = (records["flags"] & np.uint16(NO_VALUE)) != 0
     return np.where(bad, np.nan, records["value"])
+
+
+LOOP = "loop"
+CURRENT_STEP = "current_step"
+
+
+@dataclass(frozen=True)
+class SensorContext:
+    """One sensor channel as the bench file declares it (SI units).
+
+    `delay_s` is the declared group delay of its conditioner (None: not stated, taken as 0); `range_SI` the full scale
+    (None: unknown); `sensitivity` is SI per unit on the wire, `offset` in SI; dates are ISO 8601 text.
+    `bandwidth_Hz` is what its conditioner passes (-3 dB; None: not stated). `uncertainty_percent` is the standard
+    uncertainty of the sensitivity (None: not stated); `overdue`: the calibration was past its due date. `format` names
+    what it sends: a preset of `protocols.line_format`, or `frame16`.
+    """
+
+    sensor: str
+    rate_Hz: float
+    delay_s: float | None = 0.0
+    range_SI: float | None = None
+    unit: str = ""
+    long_name: str = ""
+    sensitivity: float = 1.0
+    offset: float = 0.0
+    serial_number: str = ""
+    certificate: str = ""
+    due: str = ""
+    uncertainty_percent: float | None = None
+    overdue: bool = False
+    format: str = ""
+    bandwidth_Hz: float | None = None
+
+    @property
+    def declared_s(self) -> float:
+        """The delay to take off, s."""
+        return 0.0 if self.delay_s is None else self.delay_s
+
+
+@dataclass(frozen=True)
+class WantedPoint:
+    """What the matrix asked of a point and how its motion was commanded. What nobody stated is None.
+
+    Attributes:
+        id: name of the point's files.
+        waveform: as in `rig.matrix.point.TestPoint`, like all up to `steps_A`.
+        amplitude_m, frequency_Hz, current_A, cycles: the wanted values, 0 where there is none.
+        ramp_in_cycles, ramp_out_cycles, centre_m, repeat, rest_s: the rest of the program.
+        kind: `loop` where it is not stated.
+        steps_A: levels of a current that is stepped, as one text.
+        commanded_amplitude_m, commanded_centre_m: of the program that made the motion.
+        amplitude_tolerance: relative, of a command that was compensated; None: the usual limits.
+        temperature_low_degC, temperature_high_degC: window of the coil's temperature; None: any.
+    """
+
+    id: str
+    waveform: str
+    amplitude_m: float
+    frequency_Hz: float
+    current_A: float
+    cycles: float
+    ramp_in_cycles: float | None = None
+    ramp_out_cycles: float | None = None
+    centre_m: float | None = None
+    repeat: int | None = None
+    rest_s: float | None = None
+    kind: str | None = None
+    steps_A: str | None = None
+    commanded_amplitude_m: float | None = None
+    commanded_centre_m: float | None = None
+    amplitude_tolerance: float | None = None
+    temperature_low_degC: float | None = None
+    temperature_high_degC: float | None = None
+
+    @property
+    def loop(self) -> bool:
+        """Whether it is a loop at a constant current."""
+        return self.kind is None or self.kind == LOOP
+
+    @property
+    def standing(self) -> bool:
+        """Whether the rod stands still while the current is stepped."""
+        return self.kind == CURRENT_STEP
+
+    @property
+    def levels_A(self) -> tuple[float, ...]:
+        """Levels of a current that is stepped, in turn; none of any other point."""
+        return tuple(map(float, (self.steps_A or "").split())) if self.standing else ()
+
+    @property
+    def temperature_window_degC(self) -> tuple[float, float] | None:
+        """What the coil's temperature had to lie in; None: any."""
+        low_degC, high_degC = self.temperature_low_degC, self.temperature_high_degC
+        return None if low_degC is None or high_degC is None else (low_degC, high_degC)
+
+    def to_json(self) -> dict[str, Any]:
+        """What was stated, by name."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+
+@dataclass(frozen=True)
+class PointContext:
+    """The header of a point's journal.
+
+    Attributes:
+        point: what the matrix asked of it.
+        sensors: sensor by channel name: `force`, `displacement`, `auxiliary_1` ... as in `rig.recording.channel`.
+        device_rate: seconds of device clock per second of wall time (bench `[clock] device_rate`).
+        controller_delay_s: delay of the controller's own position and force inputs (bench `[actuator] input_delay`),
+            against which the sensors' delays are checked; None when it may not be relied on.
+        mid_stroke_m: the specimen's mid-stroke in the displacement sensor's coordinate; None when unknown.
+        moving_mass_kg: mass between load cell and damper; its inertia is part of the measured force.
+        current_tolerance_A: largest deviation of measured from wanted current in a valid point.
+        simulated: True when no real damper was tested.
+        calibration: what is known of the instruments before the point, by attribute of `/entry/quality`: what the bench
+            allows them to differ by, and what they showed at rest before the first motion.
+        provenance: flat text attributes: software version, bench and matrix names and hashes, device identities,
+            start time (UTC, ISO 8601), operator.
+    """
+
+    point: WantedPoint
+    sensors: Mapping[str, SensorContext]
+    device_rate: float = 1.0
+    controller_delay_s: float | None = None
+    mid_stroke_m: float | None = None
+    moving_mass_kg: float = 0.0
+    current_tolerance_A: float = 0.02
+    simulated: bool = False
+    calibration: Mapping[str, float] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        """One line of JSON that `from_json` turns back into an equal context."""
+        return json.dumps({**asdict(self), "point": self.point.to_json()}, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> PointContext:
+        """Read `to_json`'s line again.
+
+        Raises:
+            ValueError: the text is not JSON of this shape; the message says what is wrong.
+        """
+        try:
+            raw = json.loads(text)
+            sensors = {name: SensorContext(**entry) for name, entry in raw.pop("sensors").items()}
+            context = cls(point=WantedPoint(**raw.pop("point")), sensors=sensors, **raw)
+        except (AttributeError, KeyError, RecursionError, TypeError) as error:
+            raise ValueError(f"journal header is not a point's context: {error}") from error
+        if not isinstance(context.provenance, dict):
+            raise ValueError("journal header is not a point's context: provenance is no object")
+        return context

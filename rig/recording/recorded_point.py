@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import FileProblem
-from rig.recording.point_names import OUT_OF_TOLERANCE
+from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.point_quality import PointQuality
 from rig.signals.arrays import FloatArray
 

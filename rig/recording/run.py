@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.errors import FileProblem
-from rig.recording.point_names import campaign_in, unfinished
+from rig.recording.point_files import campaign_in, unfinished
 from rig.recording.recorded_point import RecordedPoint
 from rig.text_file import read_json
 

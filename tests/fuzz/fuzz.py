@@ -33,12 +33,11 @@ from protocols.errors import RemoteProtocolError
 from rig.bench.model import Bench
 from rig.errors import FileProblem
 from rig.matrix.model import load_matrix
-from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.conversion.conversion import finish_alone
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.importing import import_tests
 from rig.recording.journal.journal_file import JournalWriter, parse_journal
-from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointFile
+from rig.recording.layout import RECORD_DTYPE, AlignedChannel, PointContext, PointFile, SensorContext, WantedPoint
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from simulators import ecu_firmware as ecu

@@ -29,10 +29,10 @@ from rig.matrix.point import TestPoint
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.conversion.recovery import set_aside
 from rig.recording.journal.recorder import PointRecorder, RecorderFailed, kept_apart
-from rig.recording.point_names import OUT_OF_TOLERANCE
+from rig.recording.point_files import OUT_OF_TOLERANCE
 
 if TYPE_CHECKING:
-    from rig.recording.conversion.finished_point import FinishedPoint
+    from rig.recording.point_files import FinishedPoint
 
 RETIMING_TIMEOUT_S = 120.0
 ASK_AGAIN_S = 0.25

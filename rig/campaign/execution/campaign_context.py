@@ -19,9 +19,9 @@ from rig.clock import utc_now
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
-from rig.recording.context import PointContext, SensorContext, WantedPoint
 from rig.recording.journal.campaign_log import CampaignLog
-from rig.recording.point_names import attempt_name
+from rig.recording.layout import PointContext, SensorContext, WantedPoint
+from rig.recording.point_files import attempt_name
 from rig.recording.quality.point_quality import Tolerances
 from rig.station.client import StationClient
 

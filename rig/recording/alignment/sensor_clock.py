@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.roles import ProgramPhase
 from protocols.quality import DOUBTFUL
-from rig.recording.context import PointContext, SensorContext
-from rig.recording.layout import Records
+from rig.recording.layout import PointContext, Records, SensorContext
 from rig.signals.arrays import FloatArray, TimeSeries
 from rig.signals.chunked_column import Values, mapped, parts
 from rig.signals.clock_model import (

@@ -6,10 +6,7 @@ How values got from the wire into SI and onto the common time base is written be
 from __future__ import annotations
 
 import json
-import mmap
-import zlib
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,37 +17,29 @@ import rig
 from rig.errors import FileProblem
 from rig.recording.alignment.alignment import Alignment, TimedChannel, align
 from rig.recording.atomic_write import FULL, flush_directory
-from rig.recording.channel_split import ChannelSplit
-from rig.recording.context import PointContext, SensorContext, check_records, checked_context
-from rig.recording.conversion.finished_point import FinishedPoint
 from rig.recording.hdf5.hdf5_image import write_file
-from rig.recording.journal.journal_file import JournalContent, release, scan_journal
+from rig.recording.journal.journal_file import JournalContent
 from rig.recording.journal.journal_lock import journal_claimed
+from rig.recording.journal.point_journal import opened
 from rig.recording.layout import (
     RING_CHANNELS,
     AlignedChannel,
     Attribute,
     Description,
     Event,
+    PointContext,
     PointFile,
     RawChannel,
     Records,
+    SensorContext,
 )
-from rig.recording.point_names import (
-    FILE,
-    OLD_JOURNAL,
-    free_attempt_file,
-    journal_name,
-)
-from rig.recording.quality.cross_checks import point_reasons
-from rig.recording.quality.judgement import judge
-from rig.recording.quality.point_quality import PointQuality, measured_quality
-from rig.recording.quality.quality_checks import examine, overview
+from rig.recording.point_files import FILE, OLD_JOURNAL, FinishedPoint, free_attempt_file, journal_name
+from rig.recording.quality.point_quality import PointQuality
+from rig.recording.quality.quality_checks import judged
 from rig.recording.quality.verdict import Reason
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.arrays import FloatArray
 from rig.signals.chunked_column import Column, Values, mapped, parts
-from rig.signals.cycles import measured_motion
 from rig.signals.delay_estimation.delay_model import Skew
 from rig.signals.derivatives import MARGIN, METHOD, velocity_of
 
@@ -80,7 +69,6 @@ FROM_WIRE: dict[str, str] = {
     "loop_late": "value = measured by the station",
 }
 """Channel -> how its SI values were made of what was on the wire."""
-CHECKED_BYTES = 1 << 22
 
 
 class ReadBackDiffers(OSError):
@@ -148,15 +136,11 @@ def finish_point(journal: Path, *, recovered: bool = False) -> FinishedPoint:
         ValueError: something in it fits nothing; so may any other error a library has for values that cannot be.
     """
     name = journal_name(journal)
-    with ExitStack() as held:
-        sorter = held.enter_context(ChannelSplit(journal.parent))
-        data = _mapped(journal, held)
-        content = scan_journal(data, str(journal), sorter.take)
-        context = checked_context(PointContext.from_json(content.context_json), name)
-        check = f"{_check_of(data):08x}-{len(data)}"
-        records = sorter.channels()
-        check_records(records)
-        point, quality = build(content, context, records, recovered=recovered, journal_check=check)
+    with opened(journal, name) as recorded:
+        point, quality = build(
+            recorded.content, recorded.context, recorded.records, recovered=recovered, journal_check=recorded.check
+        )
+        check = recorded.check
         final = journal.with_name(name + FILE)
         if journal.name.endswith(OLD_JOURNAL) and final.exists() and not _made_from(final, check):
             final = free_attempt_file(journal.parent, name)
@@ -165,22 +149,6 @@ def finish_point(journal: Path, *, recovered: bool = False) -> FinishedPoint:
     journal.unlink()
     flush_directory(journal.parent)
     return FinishedPoint.of(name, final, quality)
-
-
-def _mapped(journal: Path, held: ExitStack) -> bytes | mmap.mmap:
-    """The journal's bytes, mapped; an empty file cannot be."""
-    file = held.enter_context(journal.open("rb"))
-    if journal.stat().st_size == 0:
-        return b""
-    return held.enter_context(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-
-
-def _check_of(data: bytes | mmap.mmap) -> int:
-    check = released = 0
-    for start in range(0, len(data), CHECKED_BYTES):
-        check = zlib.crc32(data[start : start + CHECKED_BYTES], check)
-        released = release(data, released, start)
-    return check
 
 
 def _made_from(final: Path, journal_check: str) -> bool:
@@ -216,12 +184,6 @@ def build(
     delays, instruments = (correction.delays, correction.instruments) if correction else (None, None)
     alignment = align(content.records if records is None else records, context, delays)
     wanted = context.point
-    seen = overview(alignment, wanted.frequency_Hz)
-    motion = None if wanted.standing else measured_motion(seen.time_s, seen.displacement_m, wanted.waveform)
-    findings, shape = examine(content, context, alignment, seen, motion)
-    quality = replace(
-        measured_quality(context, alignment, seen, motion, findings, shape), recovered=recovered,
-    )
     test: dict[str, Attribute] = {
         **wanted.to_json(), "mid_stroke_m": context.mid_stroke_m, "simulated": context.simulated,
         "moving_mass_kg": context.moving_mass_kg, "controller_input_delay_s": context.controller_delay_s,
@@ -229,9 +191,7 @@ def build(
         **{f"{name}_uncertainty_percent": context.sensors[name].uncertainty_percent
            for name in ("force", "displacement")},
     }
-    if instruments is None:
-        instruments = point_reasons(wanted.id, test, quality)
-    quality = replace(quality, verdict=judge(replace(findings, extra=(*findings.extra, *instruments))))
+    quality = replace(judged(content, context, alignment, test, instruments), recovered=recovered)
     provenance: dict[str, Attribute] = {
         "software": f"mr-damper-rig {rig.__version__}", **context.provenance, "journal_check": journal_check,
         "context": context.to_json(), "journal_end": json.dumps(content.end),

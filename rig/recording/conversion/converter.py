@@ -25,8 +25,7 @@ from types import TracebackType
 from typing import Any, Self, TextIO
 
 from rig.clock import monotonic_ns
-from rig.recording.conversion.finished_point import FinishedPoint
-from rig.recording.point_names import journal_name
+from rig.recording.point_files import FinishedPoint, journal_name
 
 NICENESS = 5
 MEMORY_BYTES = 2 << 30

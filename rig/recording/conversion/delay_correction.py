@@ -23,14 +23,13 @@ from numpy.typing import NDArray
 from rig.clock import utc_now
 from rig.errors import FileProblem
 from rig.recording.atomic_write import ReservedFile, write_whole
-from rig.recording.channel_split import ChannelSplit
-from rig.recording.context import PointContext
 from rig.recording.conversion.conversion import Correction, build, prove
-from rig.recording.conversion.finished_point import FinishedPoint
 from rig.recording.hdf5.hdf5_image import set_attributes, write_file
 from rig.recording.hdf5.reading import opened
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.layout import NUMBER, RECORD_DTYPE, Attribute, Event
+from rig.recording.journal.point_journal import ChannelSplit
+from rig.recording.layout import NUMBER, RECORD_DTYPE, Attribute, Event, PointContext
+from rig.recording.point_files import FinishedPoint
 from rig.recording.quality.campaign_delay import PointSkew, pooled_skews
 from rig.recording.quality.cross_checks import campaign_verdicts
 from rig.recording.quality.instrument_checks import SLUGS

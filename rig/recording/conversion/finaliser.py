@@ -26,7 +26,7 @@ from typing import IO, TYPE_CHECKING, cast
 
 from rig.clock import monotonic_ns
 from rig.recording.conversion.converter import ConversionEnded, Converter
-from rig.recording.conversion.finished_point import FinishedPoint
+from rig.recording.point_files import FinishedPoint
 
 if TYPE_CHECKING:
     from rig.recording.journal.recorder import PointJournal

@@ -13,16 +13,16 @@ from pathlib import Path
 
 from rig.errors import FileProblem
 from rig.recording.atomic_write import flush_directory
-from rig.recording.context import PointContext
 from rig.recording.conversion.converter import Converter
-from rig.recording.conversion.finished_point import FinishedPoint
 from rig.recording.journal.journal_file import read_header
 from rig.recording.journal.journal_lock import campaign_held
-from rig.recording.point_names import (
+from rig.recording.layout import PointContext
+from rig.recording.point_files import (
     ATTEMPT,
     FILE,
     JOURNAL,
     PARTIAL,
+    FinishedPoint,
     free_attempt_file,
     free_old_journal,
     partial_files,

@@ -11,11 +11,10 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rig.recording.context import PointContext
 from rig.recording.journal.journal_file import JournalWriter
 from rig.recording.journal.ring_reader import RingReader
-from rig.recording.layout import RECORD_DTYPE
-from rig.recording.point_names import JOURNAL, free_out_of_tolerance_name, journal_name
+from rig.recording.layout import RECORD_DTYPE, PointContext
+from rig.recording.point_files import JOURNAL, free_out_of_tolerance_name, journal_name
 
 WRITE_PERIOD_S = 0.02
 JOIN_TIMEOUT_S = 5.0

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from rig.recording.layout import Attribute
-from rig.recording.quality.section import Attributes, Section, Stored, estimate, section, stored
-from rig.recording.quality.verdict import Verdict
+from rig.recording.quality.verdict import Attributes, Section, Stored, Verdict, estimate, section, stored
 from rig.signals.arrays import FloatArray
 from rig.signals.clock_model import EDGES
 from rig.signals.cycles import MeasuredMotion, fundamental_phase, wrapped
@@ -24,10 +23,9 @@ from rig.signals.estimate import Estimate
 from rig.signals.loop_shape import LoopShape
 
 if TYPE_CHECKING:
-    from rig.recording.alignment.alignment import Alignment
-    from rig.recording.context import PointContext
+    from rig.recording.alignment.alignment import Alignment, Overview
+    from rig.recording.layout import PointContext
     from rig.recording.quality.judgement import PointEvidence
-    from rig.recording.quality.quality_checks import Overview
 
 
 

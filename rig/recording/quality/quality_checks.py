@@ -1,72 +1,61 @@
 """What a point's samples show before it is judged: losses, standing values, motion, current, temperature, loop shape.
 
-`examine` collects the evidence for the verdict; what the file says of the point is `point_quality.measured_quality`.
+`judged` is the whole way: `examine` collects the evidence, `point_quality.measured_quality` what the file says of the
+point, `judgement.judge` gives the verdict.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from protocols.quality import Quality
-from rig.recording.alignment.alignment import Alignment, TimedChannel
-from rig.recording.context import PointContext, SensorContext, WantedPoint
+from rig.recording.alignment.alignment import Alignment, Overview, TimedChannel, overview
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.point_names import OUT_OF_TOLERANCE
-from rig.recording.quality.judgement import PointEvidence, SensorCounts
+from rig.recording.layout import Attribute, PointContext, SensorContext, WantedPoint
+from rig.recording.point_files import OUT_OF_TOLERANCE
+from rig.recording.quality.cross_checks import point_reasons
+from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
+from rig.recording.quality.point_quality import PointQuality, measured_quality
 from rig.recording.quality.verdict import Kind, Reason
 from rig.signals.arrays import FloatArray
-from rig.signals.chunked_column import Values, parts
+from rig.signals.chunked_column import parts
 from rig.signals.current_error import loop_error_A, steps_error_A
-from rig.signals.cycles import MeasuredMotion
+from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
 
 SATURATION_SHARE = 0.999
-MOST_OVERVIEW_SAMPLES = 400_000
-FEWEST_A_CYCLE = 200
 TEMPERATURE_REACH_S = 0.5
 LARGEST_DISORDER = 0.001
 VERDICT_REMARKS = {"machine-cannot": Kind.SUSPECT, OUT_OF_TOLERANCE: Kind.INVALID}
 """Remarks of the campaign in a point's journal that its verdict must know of."""
 
 
-@dataclass(frozen=True)
-class Overview:
-    """The aligned point thinned to what an examination needs, as arrays (n,): every sample of an ordinary point."""
-
-    time_s: FloatArray
-    displacement_m: FloatArray
-    force_N: FloatArray
-    current_A: FloatArray
-    temperature_degC: FloatArray
-
-
-def overview(alignment: Alignment, frequency_Hz: float) -> Overview:
-    """Every k-th sample of a point too long to hold, every sample of any other.
+def judged(
+    content: JournalContent, context: PointContext, alignment: Alignment, test: Mapping[str, Attribute],
+    instruments: Sequence[Reason] | None = None,
+) -> PointQuality:
+    """The quality of an aligned point, its verdict in it.
 
     Args:
-        alignment: the aligned point.
-        frequency_Hz: of its cycles; at least 200 samples of each are kept.
+        content: its journal.
+        context: the journal's header.
+        alignment: its channels on one clock.
+        test: what `/entry/test` says of it.
+        instruments: what is said of the instruments; None: what the point alone says.
     """
-    count = len(alignment.time_s)
-    every = 1
-    if count > MOST_OVERVIEW_SAMPLES:
-        rate_Hz = (count - 1) / max(float(alignment.time_s[-1]), 1e-9)
-        enough = int(rate_Hz / (FEWEST_A_CYCLE * max(frequency_Hz, 1e-3)))
-        every = max(1, min(-(-count // MOST_OVERVIEW_SAMPLES), enough))
-    names = ("displacement", "force", "current", "coil_temperature")
-    time_s, *values = (_every(column, every) for column in (alignment.time_s, *(alignment.values[n] for n in names)))
-    return Overview(time_s, *values)
-
-
-def _every(values: Values, every: int) -> FloatArray:
-    if every == 1:
-        return np.asarray(values, np.float64)
-    return np.concatenate([np.asarray(values[rows])[-rows.start % every :: every] for rows in parts(len(values))])
+    wanted = context.point
+    seen = overview(alignment, wanted.frequency_Hz)
+    motion = None if wanted.standing else measured_motion(seen.time_s, seen.displacement_m, wanted.waveform)
+    evidence, shape = examine(content, context, alignment, seen, motion)
+    quality = measured_quality(context, alignment, seen, motion, evidence, shape)
+    if instruments is None:
+        instruments = point_reasons(wanted.id, test, quality)
+    return replace(quality, verdict=judge(replace(evidence, extra=(*evidence.extra, *instruments))))
 
 
 def examine(
@@ -75,7 +64,6 @@ def examine(
     """Everything a verdict is given by, and the shape of the loop (None where it cannot be told)."""
     end = content.end or {}
     wanted = context.point
-    motion = None if wanted.standing else motion
     inside = np.ones(len(seen.time_s), bool)
     starts = np.array([seen.time_s[0], np.nextafter(seen.time_s[-1], np.inf)])
     shape = None

@@ -9,7 +9,7 @@ from rig.dampers import model
 from rig.errors import FileProblem
 from rig.identification.runs import write_fit
 from rig.identification.uncertainty.fit import INTERVAL, ErrorSummary, Fit
-from rig.recording.point_names import campaign_in
+from rig.recording.point_files import campaign_in
 
 
 def fit(name: str) -> Fit:

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.ring import Channel, RingWriter
-from rig.recording.context import PointContext, SensorContext, WantedPoint
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.layout import RECORD_DTYPE, PointContext, SensorContext, WantedPoint
 
 
 @dataclass(frozen=True)

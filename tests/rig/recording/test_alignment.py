@@ -13,11 +13,10 @@ from protocols.line_format import LineDecoder, preset
 from protocols.quality import Quality
 from rig.recording.alignment.alignment import Alignment, NothingRecorded, align, lost_samples
 from rig.recording.alignment.sensor_clock import matched_edges
-from rig.recording.context import SensorContext
 from rig.recording.conversion.conversion import build
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.layout import RECORD_DTYPE
+from rig.recording.layout import RECORD_DTYPE, SensorContext
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.clock_model import by_edges
 

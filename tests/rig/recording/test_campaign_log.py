@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from synthetic_rig import SyntheticRig
 
-from rig.recording.context import PointContext, WantedPoint
 from rig.recording.journal.campaign_log import CampaignLog, read_log
+from rig.recording.layout import PointContext, WantedPoint
 
 
 def test_events_are_appended_one_readable_line_each(tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ import pytest
 from synthetic_rig import SyntheticRig
 
 from rig.recording.conversion.conversion import finish_alone
-from rig.recording.conversion.finished_point import FinishedPoint
 from rig.recording.conversion.recovery import recover_with
 from rig.recording.journal.journal_file import JournalWriter
+from rig.recording.point_files import FinishedPoint
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 

@@ -11,13 +11,12 @@ import pytest
 from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
-from rig.recording.context import SensorContext
 from rig.recording.conversion.conversion import ReadBackDiffers, build
 from rig.recording.conversion.delay_correction import retime
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.hdf5.reading import read_events
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.layout import Event
+from rig.recording.layout import Event, SensorContext
 from rig.recording.recorded_point import RecordedPoint
 
 LAG_S = 2e-3

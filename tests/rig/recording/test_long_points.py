@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from synthetic_rig import SyntheticRig
 
-from rig.recording import channel_split
 from rig.recording.conversion.conversion import finish_point
+from rig.recording.journal import point_journal as channel_split
 from rig.recording.journal.journal_file import JournalWriter
 from rig.signals import chunked_column
 from rig.signals.chunked_column import Column, first_after, mapped, thinned

@@ -13,8 +13,7 @@ import pytest
 from rig.recording.hdf5.hdf5_image import write_file
 from rig.recording.layout import AlignedChannel, PointFile
 from rig.recording.quality.point_quality import MotionQuality, PointQuality, SensorQuality, Tolerances
-from rig.recording.quality.section import Section, Stored
-from rig.recording.quality.verdict import Verdict, invalid, suspect
+from rig.recording.quality.verdict import Section, Stored, Verdict, invalid, suspect
 from rig.recording.recorded_point import RecordedPoint
 
 VALUES = {

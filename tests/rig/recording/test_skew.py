@@ -7,9 +7,9 @@ from synthetic_rig import SyntheticRig, with_controller_record
 from drivers.ring import Channel
 from drivers.roles import ProgramPhase
 from rig.recording.alignment.alignment import align
-from rig.recording.context import SensorContext
 from rig.recording.conversion.conversion import build
 from rig.recording.journal.journal_file import JournalContent
+from rig.recording.layout import SensorContext
 from rig.signals.arrays import FloatArray, TimeSeries
 from rig.signals.clock_model import by_order
 from rig.signals.delay_estimation.cycle_match import CycleStretch, cycle_series, match_cycles

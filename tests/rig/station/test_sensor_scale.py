@@ -11,8 +11,8 @@ from drivers.ring import Channel
 from drivers.sample_stream import SampleStream
 from protocols.frame_format import FrameDecoder, encode
 from rig.bench.sensor_settings import Calibration, LoadCell
-from rig.recording.context import SensorContext
 from rig.recording.conversion.conversion import wire_attributes
+from rig.recording.layout import SensorContext
 from rig.station.threads.devices import scale_of
 
 NOW = 10**12

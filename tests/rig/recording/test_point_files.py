@@ -17,7 +17,7 @@ from rig.recording.conversion.conversion import finish_alone
 from rig.recording.conversion.recovery import set_aside
 from rig.recording.journal.journal_file import JournalWriter
 from rig.recording.journal.recorder import PointJournal, kept_apart
-from rig.recording.point_names import (
+from rig.recording.point_files import (
     attempt_name,
     free_old_journal,
     free_out_of_tolerance_name,
