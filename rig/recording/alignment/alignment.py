@@ -107,6 +107,18 @@ class Alignment:
         """Samples that were not delivered, all channels together."""
         return sum(channel.lost for channel in self.timed.values())
 
+    def loss_counted_by(self, device_rate: float) -> str:
+        """How a lost sample of load cell or LVDT would have been seen: `sequence`, `rate`, or `nothing`.
+
+        A format without a sequence is counted against its rate, which only says something where clocks run at wall
+        speed.
+        """
+        numbered = all(
+            len(self.timed[name].records) == 0 or int(self.timed[name].records["device_us"][0]) >= 0
+            for name in ("force", "displacement")
+        )
+        return "sequence" if numbered else "rate" if device_rate == 1.0 else "nothing"
+
 
 def align(
     records: NDArray[Any] | Mapping[str, Records], context: PointContext, delays: Skew | None = None,

@@ -18,7 +18,6 @@ from rig.recording.quality.instrument_checks import (
     FORCE,
     SLUGS,
     ZERO_RETURN,
-    Agreement,
     Checked,
     Instruments,
     deviations,
@@ -26,7 +25,7 @@ from rig.recording.quality.instrument_checks import (
     trusted,
     zero_change,
 )
-from rig.recording.quality.point_quality import PointQuality, SensorQuality, Tolerances
+from rig.recording.quality.point_quality import PointQuality, Tolerances
 from rig.recording.quality.verdict import Reason, Verdict
 from rig.recording.recorded_point import RecordedPoint
 from rig.signals.estimate import Estimate, pooled
@@ -47,7 +46,7 @@ def checked(name: str, test: Attributes, quality: PointQuality) -> Checked:
     rest = quality.rest
     return Checked(
         id=name, time_s=_number(test, "controller_clock_at_zero_s") or 0.0, current_A=_number(test, "current_A") or 0.0,
-        force=_agreement(quality.force), displacement=_agreement(quality.displacement),
+        force=quality.force.agreement, displacement=quality.displacement.agreement,
         tolerances=quality.tolerances or Tolerances(), current_zero=rest.current,
         colder_K=None if rest.coil_degC is None or rest.ecu_degC is None else rest.ecu_degC - rest.coil_degC,
     )
@@ -94,11 +93,6 @@ def doubts(points: Iterable[RecordedPoint]) -> tuple[str, ...]:
             if reason.slug in SLUGS or reason.slug == ZERO_RETURN:
                 told.setdefault(reason.slug, str(reason))
     return tuple(told.values())
-
-
-def _agreement(sensor: SensorQuality) -> Agreement:
-    # The lag as the signals show it, whatever the load train's stiffness: what is usual of that proves nothing here.
-    return Agreement(gain=sensor.gain, offset=sensor.offset, lag=sensor.lag, declared_s=sensor.declared_delay_s or 0.0)
 
 
 def _number(attributes: Attributes, name: str) -> float | None:

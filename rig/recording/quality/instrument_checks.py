@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import Literal, NamedTuple
 
-from rig.recording.quality.point_quality import Tolerances
+from rig.recording.quality.point_quality import Agreement, Tolerances
 from rig.recording.quality.verdict import Kind, Reason
 from rig.signals.estimate import Estimate, ZeroChange, ZeroSeen, outlying, pooled, zero_changes
 
@@ -44,23 +44,6 @@ ZERO_RETURN = "zero-return"
 
 
 @dataclass(frozen=True)
-class Agreement:
-    """How a sensor lies over the controller's input at one point; None where the point cannot tell.
-
-    Attributes:
-        gain: of the sensor relative to the input, 1 when they agree.
-        offset: what the sensor shows where the input shows 0 (SI).
-        lag: by how much the sensor is later than the input beyond both declared delays (s).
-        declared_s: the sensor's own declared delay (s): it cannot be earlier than that.
-    """
-
-    gain: Estimate | None = None
-    offset: Estimate | None = None
-    lag: Estimate | None = None
-    declared_s: float = 0.0
-
-
-@dataclass(frozen=True)
 class Checked:
     """One point as this judgement sees it.
 
@@ -77,8 +60,8 @@ class Checked:
     id: str
     time_s: float
     current_A: float
-    force: Agreement = Agreement()
-    displacement: Agreement = Agreement()
+    force: Agreement = field(default_factory=Agreement)
+    displacement: Agreement = field(default_factory=Agreement)
     tolerances: Tolerances = field(default_factory=Tolerances)
     current_zero: Estimate | None = None
     colder_K: float | None = None

@@ -160,6 +160,23 @@ class SkewQuality(Section):
 
 
 @dataclass(frozen=True)
+class Agreement:
+    """How a sensor lies over the controller's input at one point; None where the point cannot tell.
+
+    Attributes:
+        gain: of the sensor relative to the input, 1 when they agree.
+        offset: what the sensor shows where the input shows 0 (SI).
+        lag: by how much the sensor is later than the input beyond both declared delays (s).
+        declared_s: the sensor's own declared delay (s): it cannot be earlier than that.
+    """
+
+    gain: Estimate | None = None
+    offset: Estimate | None = None
+    lag: Estimate | None = None
+    declared_s: float = 0.0
+
+
+@dataclass(frozen=True)
 class SensorQuality(Section):
     """A sensor's clock, its delays, and how it lies over the controller's own input of the same quantity.
 
@@ -203,6 +220,11 @@ class SensorQuality(Section):
     def lag(self) -> Estimate | None:
         """By how much the sensor is later than the input beyond both declared delays (s), by the signals alone."""
         return estimate(self.matched_lag_s, self.matched_lag_std_s)
+
+    @property
+    def agreement(self) -> Agreement:
+        """How it lies over the input; the lag by the signals alone: a load train's usual stiffness proves nothing."""
+        return Agreement(self.gain, self.offset, self.lag, self.declared_delay_s or 0.0)
 
 
 FORCE = section(SensorQuality, sensor="force", unit="N")
@@ -364,22 +386,10 @@ def measured_quality(
     light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
     calibration = PointQuality.read(context.calibration)
     return PointQuality(
-        lost_samples=alignment.lost_samples, loss_counted_by=_loss_counted_by(alignment, context),
+        lost_samples=alignment.lost_samples, loss_counted_by=alignment.loss_counted_by(context.device_rate),
         skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
         current=current_quality(motion, light), force=sensor_quality("force", alignment),
         displacement=sensor_quality("displacement", alignment),
         loop=loop_quality(shape),
         tolerances=calibration.tolerances, rest=calibration.rest, coil_low_degC=low_degC, coil_high_degC=high_degC,
     )
-
-
-def _loss_counted_by(alignment: Alignment, context: PointContext) -> str:
-    """How a lost sample of load cell or LVDT would have been seen: `sequence`, `rate`, or `nothing`.
-
-    A format without a sequence is counted against its rate, which only says something where clocks run at wall speed.
-    """
-    numbered = all(
-        len(alignment.timed[name].records) == 0 or int(alignment.timed[name].records["device_us"][0]) >= 0
-        for name in ("force", "displacement")
-    )
-    return "sequence" if numbered else "rate" if context.device_rate == 1.0 else "nothing"

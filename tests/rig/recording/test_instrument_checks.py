@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig.recording.quality.instrument_checks import SLUGS, Agreement, Checked, judge
-from rig.recording.quality.point_quality import Tolerances
+from rig.recording.quality.instrument_checks import SLUGS, Checked, judge
+from rig.recording.quality.point_quality import Agreement, Tolerances
 from rig.recording.quality.verdict import Reason
 from rig.signals.estimate import Estimate
 
