@@ -92,11 +92,11 @@ def main() -> int:
         path = Path(folder) / "p001.journal"
         write_journal(path, 60.0 * given.minutes)
         before_mb = peak_mb()
-        with ChannelSplit(Path(folder)) as sorter:
+        with ChannelSplit(Path(folder)) as split:
             began_s = time.process_time()
             with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as journal:
-                content = scan_journal(journal, str(path), sorter.take)
-            alignment = align(sorter.channels(), PointContext.from_json(content.context_json))
+                content = scan_journal(journal, str(path), split.take)
+            alignment = align(split.channels(), PointContext.from_json(content.context_json))
             for values in (alignment.time_s, alignment.flags, *alignment.values.values()):
                 for rows in parts(len(values)):
                     np.asarray(values[rows])

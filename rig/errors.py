@@ -47,7 +47,7 @@ class FileProblems(FileProblem):
 
     def __init__(self, files: list[FileProblem]) -> None:
         self.files = files
-        problems = [text for error in files for text in str(error).split("\n")]
+        problems = [f"{error.file}: {problem}" for error in files for problem in error.problems]
         super().__init__(", ".join(error.file for error in files), problems, files[0].slug)
         self.args = ("\n".join(str(error) for error in files),)
 

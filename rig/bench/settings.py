@@ -44,7 +44,6 @@ Current = Annotated[float, Quantity("current", "0 A", "20 A", above=True)]
 Temperature = Annotated[float, Quantity("temperature", "20 degC", "250 degC")]
 
 
-
 def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     if not value[0] < value[1]:
         raise ValueError("the first must be below the second")

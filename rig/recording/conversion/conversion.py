@@ -140,11 +140,10 @@ def finish_point(journal: Path, *, recovered: bool = False) -> FinishedPoint:
         point, quality = build(
             recorded.content, recorded.context, recorded.records, recovered=recovered, journal_check=recorded.check
         )
-        check = recorded.check
         final = journal.with_name(name + FILE)
-        if journal.name.endswith(OLD_JOURNAL) and final.exists() and not _made_from(final, check):
+        if journal.name.endswith(OLD_JOURNAL) and final.exists() and not _made_from(final, recorded.check):
             final = free_attempt_file(journal.parent, name)
-        if not (final.exists() and _made_from(final, check)):
+        if not (final.exists() and _made_from(final, recorded.check)):
             _write_proved(final, point)
     journal.unlink()
     flush_directory(journal.parent)

@@ -108,11 +108,11 @@ def make_again(path: Path, change: Change) -> FinishedPoint:
     content = _journal_of(path, old)
     context = PointContext.from_json(content.context_json)
     with ExitStack() as held:
-        sorter = held.enter_context(ChannelSplit(path.parent))
+        split = held.enter_context(ChannelSplit(path.parent))
         for records in _received(path):
-            sorter.take(records)
+            split.take(records)
         file, quality = build(
-            content, context, sorter.channels(), recovered=bool(old.quality.recovered),
+            content, context, split.channels(), recovered=bool(old.quality.recovered),
             journal_check=str(old.provenance.get("journal_check", "")),
             correction=Correction(change.skew.delays, change.instruments, _rewritten(old, change)),
         )

@@ -192,7 +192,7 @@ class ChannelSplit:
             self._blocks.setdefault(number, []).append(part)
 
     def channels(self) -> Mapping[str, Records]:
-        """Records by channel name; usable until the sorter is closed.
+        """Records by channel name; usable until the split is closed.
 
         Raises:
             OSError: there is no room for the temporary files.

@@ -108,7 +108,6 @@ class CheckState(StrEnum):
     UNCHECKED = "not cross-checked"
 
 
-
 @dataclass(frozen=True)
 class CrossCheck:
     """One property of one instrument.

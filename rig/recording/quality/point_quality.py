@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from rig.recording.quality.judgement import PointEvidence
 
 
-
 @dataclass(frozen=True)
 class MotionQuality(Section):
     """The motion over the full cycles, as `rig.signals.cycles` measures it, and one value a cycle (k,).

@@ -222,8 +222,6 @@ class ActuatorInterlock:
             findings.append(Finding("position-disagreement", detail, t_ns, apart_m, allowed_m))
 
 
-
-
 SLUG = "second-master"
 UNASKED = 2
 """Statuses in a row: a controller may show what it does one status before it says why."""

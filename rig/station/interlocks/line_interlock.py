@@ -101,7 +101,3 @@ def drift(name: str, ppm: float, reference_ppm: float, t_ns: int) -> list[Findin
     return [Finding("clock-drift", detail, t_ns, apart_ppm, DRIFT_PPM)]
 
 
-
-
-
-
