@@ -13,7 +13,7 @@ from typing import Any
 from drivers.connection import ActuatorConnection
 from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
-from drivers.devices.source import current_source_names
+from drivers.devices.source import current_source, current_source_names
 from drivers.errors import UnknownDevice
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
@@ -24,6 +24,8 @@ from protocols.line_format import PRESETS, from_description
 __all__ = [
     "SensorConnection",
     "actuator_names",
+    "check_actuator",
+    "check_current_source",
     "clocked_format_names",
     "current_source_names",
     "make_actuator",
@@ -47,6 +49,25 @@ def register_actuator(name: str, maker: ActuatorMaker) -> None:
 def actuator_names() -> tuple[str, ...]:
     """Every name that `register_map` may have."""
     return (*controller_names(), *_REGISTERED)
+
+
+def check_actuator(name: str) -> None:
+    """Hold a known actuator's description against what its driver needs; one with a driver of its own has none.
+
+    Raises:
+        LocalProtocolError: it cannot be read, contradicts itself, or lacks what it declares.
+    """
+    if name not in _REGISTERED:
+        controller(name)
+
+
+def check_current_source(name: str) -> None:
+    """Hold a known current source's description and DBC against what its driver needs.
+
+    Raises:
+        LocalProtocolError: they cannot be read, or contradict each other.
+    """
+    current_source(name)
 
 
 def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
@@ -77,7 +98,6 @@ def make_current_source(name: str, interface: str, channel: str, bitrate: int) -
             "ecu", channel, f"dbc {name!r} is not known; known: {', '.join(current_source_names())}"
         )
     from drivers.can_current_source import CanCurrentSource
-    from drivers.devices.source import current_source
 
     return CanCurrentSource(interface, channel, current_source(name), bitrate=bitrate)
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from enum import IntEnum, IntFlag
 from pathlib import Path
 from typing import Any
 
-from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.devices import controller_check
+from drivers.devices.description_file import read_description
 from drivers.roles import (
     UNNAMED,
     ActuatorIdentity,
@@ -122,13 +122,8 @@ class ControllerDescription:
 
     def __init__(self, name: str, data: Mapping[str, Any]) -> None:
         self.name = name
-        given = dict(data["capabilities"])
-        self.capabilities = Capabilities(watchdog=WatchdogKind(given.pop("watchdog")), **given)
-        self.map = RegisterMap(name, [_block(entry) for entry in data["block"]])
-        self.expected_identity: dict[str, Value] = dict(data.get("identity", {}))
-        self._has = {register.name for register in self.map.block("status").registers}
-        self._complete = self._has.issuperset(_STATUS)
-        codes, bits = data["codes"], data["bits"]
+        self.capabilities = controller_check.declared(data)
+        codes, bits = controller_check.meanings(data)
         self._states = _Codes(State, codes["state"])
         self._commands = _Codes(Command, codes["command"])
         self._results = _Codes(Result, codes["result"])
@@ -137,6 +132,15 @@ class ControllerDescription:
         self._actions = _Codes(WatchdogAction, codes["watchdog_action"])
         self._faults = _Bits(FaultBit, bits["fault"])
         self._inputs = _Bits(Input, bits["input"])
+        self.map = RegisterMap(name, [_block(entry) for entry in controller_check.blocks(data)])
+        controller_check.check_map(self.map)
+        controller_check.check_served(self.capabilities, self.map, codes, bits)
+        controller_check.check_widths(self.map, bits)
+        self.expected_identity: dict[str, Value] = dict(data.get("identity", {}))
+        controller_check.check_identity(self.expected_identity, self.map)
+        self._has = {register.name for register in self.map.block("status").registers}
+        self._complete = self._has.issuperset(_STATUS)
+        self._commanded = {register.name for register in self.map.block("command").registers}
 
     def decode_identity(self, words: Sequence[int]) -> ActuatorIdentity:
         """Identity from the words of its block.
@@ -207,9 +211,9 @@ class ControllerDescription:
         Raises:
             LocalProtocolError: the controller knows no such command, or a value does not fit its register.
         """
-        values: dict[str, Value] = {
-            "command": self._commands.code(command), "sequence": sequence, "owner_id": owner_id,
-        }
+        values: dict[str, Value] = {"command": self._commands.code(command)}
+        own = {"sequence": sequence, "owner_id": owner_id}
+        values |= {name: value for name, value in own.items() if name in self._commanded}
         if isinstance(order, Move):
             values |= {"target_position": order.target_m, "speed": order.speed_m_s}
         elif order is not None:
@@ -236,10 +240,14 @@ def controller(name: str) -> ControllerDescription:
     Raises:
         LocalProtocolError: there is none, or it contradicts itself.
     """
-    path = FOLDER / f"{name}_controller.toml"
-    if not path.exists():
+    if name not in controller_names():
         raise LocalProtocolError(f"no controller {name!r}; known: {', '.join(controller_names())}")
-    return ControllerDescription(name, tomllib.loads(path.read_text(encoding="utf-8")))
+    path = FOLDER / f"{name}_controller.toml"
+    data = read_description(path)
+    try:
+        return ControllerDescription(name, data)
+    except LocalProtocolError as error:
+        raise LocalProtocolError(f"{path}: {error}") from error
 
 
 def controller_names() -> tuple[str, ...]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Callable
 from urllib.parse import urlsplit
 
-from drivers.catalogue import actuator_names, current_source_names
+from drivers.catalogue import actuator_names, check_actuator, check_current_source, current_source_names
 from drivers.connection import ActuatorAddress, LinkKind
+from protocols.errors import ProtocolError
 
 SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
 """What pyserial's `serial_for_url` takes before "://"; a test compares this list with it."""
@@ -62,26 +64,34 @@ def modbus_url(text: str) -> str:
 
 
 def known_actuator(name: str) -> str:
-    """Check the name of a kind of actuator against those there are a description or a driver of.
+    """Check the name of a kind of actuator against those there are a description or a driver of, and its description.
 
     Raises:
-        ValueError: unknown; the known ones are named.
+        ValueError: unknown; the known ones are named. Or its description cannot be used.
     """
-    return _known(name, actuator_names())
+    return _described(_known(name, actuator_names()), check_actuator)
 
 
 def known_current_source(name: str) -> str:
-    """Check the name of a kind of current source against those there is a description of.
+    """Check the name of a kind of current source against those there is a description of, and that description.
 
     Raises:
-        ValueError: unknown; the known ones are named.
+        ValueError: unknown; the known ones are named. Or its description cannot be used.
     """
-    return _known(name, current_source_names())
+    return _described(_known(name, current_source_names()), check_current_source)
 
 
 def _known(name: str, known: tuple[str, ...]) -> str:
     if name not in known:
         raise ValueError(f"{name!r} is not known; known: {', '.join(known)}")
+    return name
+
+
+def _described(name: str, check: Callable[[str], None]) -> str:
+    try:
+        check(name)
+    except ProtocolError as error:
+        raise ValueError(f"its description cannot be used: {error}") from error
     return name
 
 

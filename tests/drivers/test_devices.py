@@ -73,10 +73,12 @@ def test_the_firmware_of_the_simulated_devices_and_their_descriptions_agree() ->
 def another_vendor() -> ControllerDescription:
     """The demo controller's registers moved, swapped and renumbered, with fewer talents."""
     data: dict[str, Any] = copy.deepcopy(CONTROLLER)
-    data["capabilities"] |= {"lease": False, "watchdog": "timeout"}
+    data["capabilities"] |= {
+        "lease": False, "watchdog": "timeout", "hydraulics": False, "phase": False, "table": False,
+    }
     data["codes"]["state"] = {"off": 10, "hold": 0, "running": 7, "tripped": 2}
     data["codes"]["watchdog_action"] = {"none": 7, "fade-and-hold": 0}
-    data["codes"]["command"] = {"start": 100, "halt": 101, "fade-stop": 102, "move-to": 103}
+    data["codes"]["command"] = {"start": 100, "halt": 101, "fade-stop": 102, "move-to": 103, "reset": 104}
     data["bits"]["fault"] = {"watchdog": 3, "e-stop": 0}
     data["bits"]["input"] = {"e-stop-closed": 2}
     for block in data["block"]:
@@ -104,9 +106,12 @@ def test_another_vendors_controller_is_another_file_and_speaks_the_same_words() 
 
 def test_what_a_controller_does_not_show_is_nothing_or_the_hosts_time() -> None:
     data: dict[str, Any] = copy.deepcopy(CONTROLLER)
-    data["capabilities"] = {"watchdog": "timeout", "hydraulics": True, "acknowledge": True}
+    data["capabilities"] = {"watchdog": "timeout", "hydraulics": False, "acknowledge": True, "generator": True}
     del data["identity"]
-    shown = {"state", "position", "velocity", "acked_sequence", "result", "acked_command", "serial_number"}
+    shown = {
+        "state", "fault_bits", "position", "velocity", "cycles_done", "acked_sequence", "result", "acked_command",
+        "serial_number",
+    }
     blocks = [block for block in data["block"] if block["name"] in {"identity", "status", "command"}]
     for block in blocks[:2]:
         block["registers"] = [register for register in block["registers"] if register["name"] in shown]

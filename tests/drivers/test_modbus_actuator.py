@@ -183,16 +183,16 @@ def test_text_that_is_not_text_in_a_status_is_a_wrong_answer(device: ModbusDevic
     for block in data["block"]:
         if block["name"] in {"status", "config"}:
             at = {"status": 140, "config": 216}[block["name"]]
-            block["registers"].append({"address": at, "name": "note", "type": "string", "length": 1})
+            block["registers"].append({"address": at, "name": "reserved_note", "type": "string", "length": 1})
     connection = ActuatorConnection(device.url, timeout_s=TIMEOUT_S)
     actuator = ModbusActuator(connection, ControllerDescription("mine", data))
     actuator.open()
     assert actuator.read_status().state == 0
     device.put(140, [0xFFFF])
     device.put(216, [0xFFFF])
-    with pytest.raises(WrongAnswer, match="status block: register 'note'"):
+    with pytest.raises(WrongAnswer, match="status block: register 'reserved_note'"):
         actuator.read_status()
-    with pytest.raises(WrongAnswer, match="config block: register 'note'"):
+    with pytest.raises(WrongAnswer, match="config block: register 'reserved_note'"):
         actuator.read_limits()
     actuator.close()
 
