@@ -264,7 +264,7 @@ class PointContext:
 
     Attributes:
         point: what the matrix asked of it.
-        sensors: sensor by channel name: `force`, `displacement`, `auxiliary_1` ... as in `rig.recording.channel`.
+        sensors: sensor by channel name: `force`, `displacement`, `auxiliary_1` ... as in `rig.recording.layout`.
         device_rate: seconds of device clock per second of wall time (bench `[clock] device_rate`).
         controller_delay_s: delay of the controller's own position and force inputs (bench `[actuator] input_delay`),
             against which the sensors' delays are checked; None when it may not be relied on.

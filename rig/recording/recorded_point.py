@@ -129,7 +129,7 @@ class RecordedPoint:
         Args:
             table: one row a sample; columns `displacement` (m), `force` (N) and, where there are, `current` (A,
                 measured), `commanded_current` (A) and any other channel. The time is the index, or a column `time_s`
-                (`rig.recording.table_time`); row numbers are not taken for it.
+                (`rig.recording.recorded_point.table_time`); row numbers are not taken for it.
             id: the point's id.
             current_A: the wanted coil current (A).
             waveform: `sine` or `triangle`.

@@ -15,7 +15,9 @@ REFERENCE = [path for path in READER if path.parent.name not in {"decisions"} an
 """Decisions and the changelog tell of names as they were."""
 LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)\s]+)\)")
 NAME = re.compile(r"`((?:rig|drivers|protocols|simulators)(?:\.\w+)+)(?=[`(])")
-PATH = re.compile(r"`((?:rig|drivers|protocols|simulators|tests|docs|examples|benchmarks)/[\w./-]+)`")
+ROOMS = "rig|drivers|protocols|simulators|tests|docs|examples|benchmarks"
+PATH = re.compile(rf"`(?:[\w./-]+ )*((?:{ROOMS})/[\w./-]+)(?=[` ])")
+SOURCES = sorted(path for room in ("rig", "drivers", "protocols", "simulators") for path in (ROOT / room).rglob("*.py"))
 IMPORT = re.compile(r"^[ +]*from ((?:rig|drivers|protocols|simulators)[\w.]*) import (.+)$", re.MULTILINE)
 TRIALS = {"rig/dampers/dahl.py", "protocols/counted_format.py"}
 """Files that a how-to adds and takes out again."""
@@ -59,6 +61,15 @@ def resolves(name: str) -> bool:
     return False
 
 
+def annotations_of(name: str) -> dict[str, object]:
+    """Annotations of a class by its dotted name; none where there is no such class."""
+    module, _, thing = name.rpartition(".")
+    try:
+        return dict(getattr(getattr(import_module(module), thing, None), "__annotations__", {}))
+    except ModuleNotFoundError:
+        return {}
+
+
 def page(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
@@ -72,6 +83,19 @@ def test_every_relative_link_leads_to_a_file_and_a_heading(path: Path) -> None:
 def test_every_dotted_name_imports(path: Path) -> None:
     names = [name for name in NAME.findall(prose(path)) if not name.endswith(FILE_ENDS)]
     assert [name for name in names if not resolves(name)] == []
+
+
+def test_every_dotted_name_in_a_docstring_imports() -> None:
+    """Fields of a class without a default are no attributes of it: what they belong to is looked up."""
+    wrong = []
+    for path in SOURCES:
+        for name in NAME.findall(path.read_text(encoding="utf-8")):
+            owner, _, field = name.rpartition(".")
+            if name.endswith(FILE_ENDS) or resolves(name):
+                continue
+            if field not in annotations_of(owner):
+                wrong.append(f"{page(path)}: {name}")
+    assert wrong == []
 
 
 @pytest.mark.parametrize("path", REFERENCE, ids=page)

@@ -3,7 +3,7 @@
 Objective: a damper loop of five parameters, sum of squares, in a box about twenty times its size. "Within the spread"
 means that over eight seeds our median lies between the best and the worst that the independent implementations find.
 
-    python tests/rig/algorithms/test_independent_references.py      all of them side by side
+    python tests/rig/optimisers/test_independent_references.py      all of them side by side
 """
 
 from __future__ import annotations
