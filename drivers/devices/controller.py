@@ -140,7 +140,7 @@ class ControllerDescription:
         controller_check.check_identity(self.expected_identity, self.map)
         self._has = {register.name for register in self.map.block("status").registers}
         self._complete = self._has.issuperset(_STATUS)
-        self._commanded = {register.name for register in self.map.block("command").registers}
+        self._names_owner = any(register.name == "owner_id" for register in self.map.block("command").registers)
 
     def decode_identity(self, words: Sequence[int]) -> ActuatorIdentity:
         """Identity from the words of its block.
@@ -211,9 +211,9 @@ class ControllerDescription:
         Raises:
             LocalProtocolError: the controller knows no such command, or a value does not fit its register.
         """
-        values: dict[str, Value] = {"command": self._commands.code(command)}
-        own = {"sequence": sequence, "owner_id": owner_id}
-        values |= {name: value for name, value in own.items() if name in self._commanded}
+        values: dict[str, Value] = {"command": self._commands.code(command), "sequence": sequence}
+        if self._names_owner:
+            values["owner_id"] = owner_id
         if isinstance(order, Move):
             values |= {"target_position": order.target_m, "speed": order.speed_m_s}
         elif order is not None:

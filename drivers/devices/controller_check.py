@@ -60,7 +60,7 @@ Need = tuple[str, tuple[str, ...]]
 _ALWAYS: tuple[Need, ...] = (
     ("identity", ()),
     ("status", ("state", "position", "velocity")),
-    ("command", ("command", *_MOVE)),
+    ("command", ("command", "sequence", *_MOVE)),
     ("codes.state", ("hold",)),
     ("codes.command", ("move-to", "fade-stop", "halt")),
 )
@@ -71,8 +71,7 @@ _SERVED: Mapping[str, tuple[Need, ...]] = {
     ),
     "lease": (("status", ("owner",)), ("command", ("owner_id",)), ("codes.command", ("acquire", "release"))),
     "acknowledge": (
-        ("status", ("acked_sequence", "result", "acked_command")), ("command", ("sequence",)),
-        ("codes.result", ("done",)),
+        ("status", ("acked_sequence", "result", "acked_command")), ("codes.result", ("done",)),
     ),
     "echo": (("status", ("watchdog_echo",)),),
     "limits_read_back": (("config", _CONFIG), ("codes.watchdog_action", ("fade-and-hold",))),

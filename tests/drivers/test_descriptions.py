@@ -117,12 +117,25 @@ def test_a_controllers_description_that_cannot_serve_it_is_refused_by_place(
         ControllerDescription("other", data)
 
 
-def test_a_controller_without_lease_or_acknowledgement_needs_no_register_for_them() -> None:
-    data = tomllib.loads(CONTROLLER)
-    data["capabilities"] |= {"lease": False, "acknowledge": False}
+def commanded_without(data: dict[str, Any], name: str) -> dict[str, Any]:
     command = next(block for block in data["block"] if block["name"] == "command")
-    command["registers"] = [item for item in command["registers"] if item["name"] not in {"sequence", "owner_id"}]
-    assert ControllerDescription("plain", data).encode_command(Command.HALT, 7, 9)[0] == Command.HALT
+    command["registers"] = [item for item in command["registers"] if item["name"] != name]
+    return data
+
+
+def test_a_controller_without_leases_needs_no_register_for_an_owner() -> None:
+    data = commanded_without(tomllib.loads(CONTROLLER), "owner_id")
+    with pytest.raises(LocalProtocolError, match=r"'owner_id' is missing; \[capabilities\] lease"):
+        ControllerDescription("plain", data)
+    data["capabilities"]["lease"] = False
+    assert ControllerDescription("plain", data).encode_command(Command.HALT, 7, 9)[:2] == [Command.HALT, 7]
+
+
+def test_a_command_without_a_sequence_could_be_carried_out_twice_and_is_refused() -> None:
+    data = commanded_without(tomllib.loads(CONTROLLER), "sequence")
+    data["capabilities"] |= {"acknowledge": False}
+    with pytest.raises(LocalProtocolError, match="'sequence' is missing; every controller needs it"):
+        ControllerDescription("plain", data)
 
 
 @pytest.mark.parametrize(
