@@ -27,7 +27,7 @@ from campaign_process import machine
 from recorded_rig import RecordedRig, Truth
 
 from rig.bench.model import Bench
-from rig.campaign.execution.motion_measurement import MotionMeasurement, WantedMotion
+from rig.campaign.execution.observer import MotionMeasurement, WantedMotion
 from rig.campaign.sequencer.amplitude_compensation import (
     MOST_STEPS,
     Ceiling,
