@@ -23,7 +23,7 @@ from rig import __version__
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop, resume_command
 from rig.campaign.results import CampaignOptions, Display
-from rig.campaign.sequencer.amplitude_compensation import MOST_STEPS
+from rig.campaign.sequencer.point_preparation import MOST_STEPS
 from rig.campaign.stop_cause import disk_slug
 from rig.campaign.words import say
 from rig.clock import utc_now

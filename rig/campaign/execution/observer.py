@@ -20,7 +20,7 @@ from drivers.ring import Channel
 from drivers.roles import Input
 from drivers.roles import State as ControllerState
 from rig.campaign.sequencer import event as ev
-from rig.campaign.sequencer.amplitude_compensation import MeasuredMotion
+from rig.campaign.sequencer.event import MeasuredMotion
 from rig.recording.layout import good_values
 from rig.signals.clock_model import unwrapped
 from rig.signals.cycles import measured_motion

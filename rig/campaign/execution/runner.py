@@ -32,7 +32,7 @@ from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer import stopping
-from rig.campaign.sequencer.state import Latch, Phase, State, conditions_of, start_state
+from rig.campaign.sequencer.state import Latch, Phase, State, campaign_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.stop_cause import SPOIL, StopCause, because, cause_of, disk_slug
 from rig.campaign.words import say
@@ -70,8 +70,7 @@ class Runner:
         points = tuple(item.point for item in campaign.plan.points)
         remaining = {point.id for point in campaign.stock.remaining}
         queue = tuple(point for point in points if point.id in remaining)
-        conditions = conditions_of(campaign.matrix, campaign.bench)
-        self.state = start_state(queue, campaign.matrix.campaign.retries, conditions)
+        self.state = campaign_state(queue, campaign.matrix, campaign.bench)
         self._campaign = campaign
         self._signals = signals
         self._finaliser = finaliser
