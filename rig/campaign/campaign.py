@@ -15,7 +15,7 @@ from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, r
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.runner import Runner
 from rig.campaign.machine_resources import locked, station_in_use
-from rig.campaign.operator_link import GuardedDisplay, Signals, operator_signals
+from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
 from rig.campaign.preflight.zero_return import zeros_returned
 from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResults, RigState, StopReport
@@ -24,9 +24,7 @@ from rig.campaign.setup import (
     accepted,
     campaign_folder,
     check_calibrations,
-    check_room,
     copy_into,
-    keep_files,
     note_session,
     write_description,
 )
@@ -39,7 +37,6 @@ from rig.matrix.plan import Plan
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.campaign_log import CampaignLog
 
-DISPLAY_ENDS_S = 5.0
 DISK = frozenset({"disk-full", "dir-readonly", "fsync-error"})
 TRUTH_AFTER_STOP_S = 1.0
 """What a simulated rig's truth still shows after a stop (s, its own clock): the coil empty, the rod at rest."""
@@ -67,15 +64,6 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         options = resume.as_before(earlier, replace(options, resume_path=earlier))
     if (options.bench_path is None) != options.simulate:
         raise RigError("give either a bench file or --simulate, not both and not neither")
-    shown = GuardedDisplay(display)
-    try:
-        return _campaign(options, shown)
-    finally:
-        shown.close(DISPLAY_ENDS_S)
-
-
-def _campaign(options: CampaignOptions, display: Display) -> CampaignResult:
-    """The campaign with a display that cannot hold it up; raises as `run_campaign`."""
     matrix = load_matrix(options.matrix_path)
     known = None
     if options.bench_path is not None:
@@ -83,29 +71,25 @@ def _campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         if options.resume_path is not None:
             resume.same_campaign(options.resume_path, known, matrix)
         accepted(matrix, known)
-    with operator_signals() as signals, contextlib.ExitStack() as ends:
-        log = ends.enter_context(campaign_folder(options, matrix.specimen.serial_number, display))
+    with operator_link(display) as (signals, shown), contextlib.ExitStack() as ends:
+        log, locks = ends.enter_context(campaign_folder(options, matrix, known, shown))
         folder = log.path.parent
-        locks = () if known is None else ends.enter_context(locked(known))
-        if options.resume_path is None:
-            keep_files(folder, options, known, matrix)
-        stock = _stock(folder, options, matrix, log, display)
+        stock = _stock(folder, options, matrix, log, shown)
         if not stock.remaining:
             return _nothing_left(folder, matrix, stock)
         signals.check()
         finaliser = Finaliser.start(folder)
-        ends.callback(_or_say, display, finaliser.close)
+        ends.callback(_or_say, shown, finaliser.close)
         if options.simulate:
-            display.phase("starting the simulated rig")
-        rig = ends.enter_context(rig_in_use(folder, options, matrix.specimen, display, signals.check))
+            shown.phase("starting the simulated rig")
+        rig = ends.enter_context(rig_in_use(folder, options, matrix.specimen, shown, signals.check))
         bench = Bench.load(rig.bench_path)
-        start = _Start(folder, matrix, bench, accepted(matrix, bench), options, stock)
-        check_room(folder, start.plan, bench, matrix)
+        start = _Start(folder, matrix, bench, accepted(matrix, bench, folder), options, stock)
         _describe(start, rig.bench_path)
-        _show_start(start, log, display)
+        _show_start(start, log, shown)
         locks = locks or ends.enter_context(locked(bench))
         signals.check()
-        ended = _run(start, locks, log, finaliser, signals, display)
+        ended = _run(start, locks, log, finaliser, signals, shown)
         if ended.rig_state is RigState.UNKNOWN:
             rig.settle_s = _dead_men_s(bench, start.plan)
         elif ended.stopped_by is not None:
@@ -226,6 +210,7 @@ def _run(
             bench=start.bench,
             matrix=start.matrix,
             plan=start.plan,
+            point_ids=tuple(point.id for point in points),
             config=config,
             client=client,
             log=log,

@@ -97,6 +97,7 @@ def operator_signals() -> Iterator[Signals]:
 
 log = logging.getLogger(__name__)
 
+DISPLAY_ENDS_S = 5.0
 MOST_WAITING = 10_000
 """Calls kept for a display that is slow or stands still (Ctrl-S, a pipe that nobody reads); further ones are lost."""
 
@@ -147,3 +148,14 @@ class GuardedDisplay:
             except Exception as error:
                 self.failed = f"{type(error).__name__}: {error}"
                 log.exception("the display failed and stays dark; the campaign goes on")
+
+
+@contextmanager
+def operator_link(display: Display) -> Iterator[tuple[Signals, GuardedDisplay]]:
+    """The operator's signals, and a display that cannot hold the campaign up; what still waits is shown at the end."""
+    shown = GuardedDisplay(display)
+    try:
+        with operator_signals() as signals:
+            yield signals, shown
+    finally:
+        shown.close(DISPLAY_ENDS_S)

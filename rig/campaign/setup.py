@@ -22,6 +22,7 @@ from drivers.catalogue import clocked_format_names
 from rig import __version__
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop, resume_command
+from rig.campaign.machine_resources import locked
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.sequencer.point_preparation import MOST_STEPS
 from rig.campaign.stop_cause import disk_slug
@@ -46,26 +47,32 @@ STATUS_RECORDS_Hz = 1500.0
 
 
 @contextmanager
-def campaign_folder(options: CampaignOptions, specimen: str, display: Display) -> Iterator[CampaignLog]:
-    """Hold the campaign's directory, a new one or the resumed one, and keep its journal while the block runs.
+def campaign_folder(
+    options: CampaignOptions, matrix: Matrix, bench: Bench | None, display: Display
+) -> Iterator[tuple[CampaignLog, tuple[int, ...]]]:
+    """Hold the campaign's directory, a new one or the resumed one, keep its journal and the rig's locks meanwhile.
 
-    A refusal before the start is kept in the journal too, where the disk takes it.
+    A new one gets the user's files. A refusal before the start is kept in the journal too, where the disk takes it.
 
     Args:
         options: which campaign.
-        specimen: the damper's serial number.
+        matrix: the matrix.
+        bench: the rig; None while it is not known yet: nothing is locked then.
         display: told of a disk that refuses the journal's end; that takes nothing from the result.
 
     Raises:
-        Refused: the directory cannot be made or written, is in use, or the block refused.
+        Refused: the directory cannot be made or written, directory or rig are in use, or the block refused.
+        FileProblem: one of the user's files cannot be read.
         Stopped: the operator's stop before the rig was connected.
     """
-    folder = options.resume_path or make_campaign_folder(options.out, specimen)
+    folder = options.resume_path or make_campaign_folder(options.out, matrix.specimen.serial_number)
     with campaign_held(folder):
         log = _journal(folder)
         try:
-            with _refusals_in(log):
-                yield log
+            with _refusals_in(log), contextlib.nullcontext(()) if bench is None else locked(bench) as locks:
+                if options.resume_path is None:
+                    _keep_files(folder, options, bench, matrix)
+                yield log, locks
         finally:
             try:
                 log.close()
@@ -144,7 +151,7 @@ def copy_into(source: Path, folder: Path, name: str) -> None:
         raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
 
 
-def keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, matrix: Matrix) -> None:
+def _keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, matrix: Matrix) -> None:
     """Keep the files of a new campaign as they were, and describe it, so that it can be resumed from here on.
 
     Raises:
@@ -157,12 +164,12 @@ def keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, matr
     write_description(folder, bench, matrix, options)
 
 
-def accepted(matrix: Matrix, bench: Bench) -> Plan:
-    """The plan, when every point of it is feasible on this bench.
+def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
+    """The plan, when every point of it is feasible on this bench, and there is room for it in `folder`, if given.
 
     Raises:
         Refused: some point is not: each is named with its reason and the amplitude that would fit. Or the bench file
-            does not promise what `check_calibrations` and `check_clocks` want.
+            does not promise what `check_calibrations` and `check_clocks` want, or as `check_room`.
     """
     check_calibrations(bench, utc_now().date())
     if matrix.campaign.require_skew:
@@ -175,6 +182,8 @@ def accepted(matrix: Matrix, bench: Bench) -> Plan:
             lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")
     if lines:
         raise Refused("matrix-infeasible", "the matrix does not fit the rig, nothing was moved:\n" + "\n".join(lines))
+    if folder is not None:
+        check_room(folder, judged, bench, matrix)
     return judged
 
 

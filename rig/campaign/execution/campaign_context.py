@@ -25,6 +25,7 @@ class CampaignContext:
         bench: the rig.
         matrix: the test matrix.
         plan: the accepted plan.
+        point_ids: of all its points.
         config: what the station was told.
         client: the station.
         log: the campaign's journal.
@@ -41,6 +42,7 @@ class CampaignContext:
     bench: Bench
     matrix: Matrix
     plan: Plan
+    point_ids: tuple[str, ...]
     config: StationConfig
     client: StationClient
     log: CampaignLog

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import traceback
 from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rig import __version__
@@ -31,24 +32,21 @@ FILES_TIMEOUT_S = 120.0
 """Beside the recorded time itself: a file of ten minutes at 10 kHz takes minutes to make."""
 
 
+@dataclass
 class PointRecording:
     """The recorder of the running point, and the points whose files are being made.
 
-    Args:
+    Attributes:
         campaign: what the campaign works with; results are entered there.
         finaliser: the process that writes the points' files.
-
-    Attributes:
         recorder: recording's thread on the station's ring; None before the station is connected.
+        handed_in: points whose files are being made, by the name of their files.
     """
 
-    def __init__(self, campaign: CampaignContext, finaliser: Finaliser) -> None:
-        self.recorder: PointRecorder | None = None
-        self._campaign = campaign
-        self._finaliser = finaliser
-        self._handed_in: dict[str, TestPoint] = {}
-        self._points = campaign.folder / "points"
-        self._ids = tuple(item.point.id for item in campaign.plan.points)
+    campaign: CampaignContext
+    finaliser: Finaliser
+    recorder: PointRecorder | None = None
+    handed_in: dict[str, TestPoint] = field(default_factory=dict)
 
     def begin(self, action: act.BeginRecording) -> None:
         """Open the journal of a point's attempt.
@@ -57,13 +55,13 @@ class PointRecording:
             RecorderFailed: there is no recorder, or it has ended.
             OSError: the disk refused the journal; the point is given up.
         """
-        recorder, point, campaign = self._connected(), action.point, self._campaign
+        recorder, point, campaign = self._connected(), action.point, self.campaign
         try:
             if action.attempt == 1:
                 # What an earlier session left of the point makes room for this one's.
-                set_aside(self._points, point.id, self._ids)
+                set_aside(self.campaign.folder / "points", point.id, self.campaign.point_ids)
             expected_s = point.motion_s / campaign.bench.clock.device_rate
-            name = attempt_name(point.id, action.attempt, self._ids)
+            name = attempt_name(point.id, action.attempt, self.campaign.point_ids)
             recorder.begin(point_context(campaign, action, name), expected_s=expected_s)
         except Exception as error:
             self.give_up(point, cause_of(error))
@@ -79,7 +77,7 @@ class PointRecording:
             RecorderFailed: as `begin`.
             OSError: the disk refused the journal's end; the point is given up.
         """
-        recorder, results = self._connected(), self._campaign.results
+        recorder, results = self._connected(), self.campaign.results
         results.ended_ns = monotonic_ns()
         results.motion_s += action.point.motion_s
         try:
@@ -87,8 +85,8 @@ class PointRecording:
         except Exception as error:
             self.give_up(action.point, cause_of(error))
             raise
-        self._handed_in[journal.id] = action.point
-        self._finaliser.submit(journal)
+        self.handed_in[journal.id] = action.point
+        self.finaliser.submit(journal)
 
     def drop(self, action: act.DropRecording) -> None:
         """Close the journal and keep it apart from the points.
@@ -99,12 +97,12 @@ class PointRecording:
         recorder = self._connected()
         recorder.note(OUT_OF_TOLERANCE, action.reason, monotonic_ns())
         try:
-            kept = kept_apart(recorder.end(), self._ids)
+            kept = kept_apart(recorder.end(), self.campaign.point_ids)
         except OSError as error:
-            raise RecorderFailed(f"{self._points}: {error}") from error
-        self._finaliser.submit(kept)
+            raise RecorderFailed(f"{self.campaign.folder / 'points'}: {error}") from error
+        self.finaliser.submit(kept)
         text = say("dropped", kept=kept.id)
-        self._campaign.log.note("dropped", point=action.point.id, kept=kept.id, text=text)
+        self.campaign.log.note("dropped", point=action.point.id, kept=kept.id, text=text)
 
     def _connected(self) -> PointRecorder:
         if self.recorder is None:
@@ -118,11 +116,11 @@ class PointRecording:
 
     def give_up(self, point: TestPoint, cause: StopCause) -> PointResult:
         """Enter a point that could not be begun or whose file could not be written."""
-        return self._announced(self._campaign.results.given_up(point, cause))
+        return self._announced(self.campaign.results.given_up(point, cause))
 
     def _announced(self, result: PointResult) -> PointResult:
-        self._campaign.log.note("judged", **result.to_json())
-        self._campaign.display.point_done(result)
+        self.campaign.log.note("judged", **result.to_json())
+        self.campaign.display.point_done(result)
         return result
 
     def verdicts(self, attempts: tuple[str, ...]) -> list[ev.Event]:
@@ -132,24 +130,24 @@ class PointRecording:
             attempts: point ids, one entry for each attempt begun; a late verdict on an earlier attempt decides nothing.
         """
         events: list[ev.Event] = []
-        for finished in self._finaliser.results():
+        for finished in self.finaliser.results():
             result = self._entered(finished)
             if result is None:
                 continue
-            if finished.id == attempt_name(result.id, max(1, attempts.count(result.id)), self._ids):
+            if finished.id == attempt_name(result.id, max(1, attempts.count(result.id)), self.campaign.point_ids):
                 events.append(ev.Judged(result.id, result.verdict == VALID))
         return events
 
     def _entered(self, finished: FinishedPoint) -> PointResult | None:
         """Enter what the finaliser says about a point; None when it was not handed in here."""
-        campaign, point = self._campaign, self._handed_in.pop(finished.id, None)
+        campaign, point = self.campaign, self.handed_in.pop(finished.id, None)
         if point is None:
             if finished.error:
                 campaign.log.note("warning", slug=finished.error_slug, text=f"{finished.id}: {finished.error}")
             return None
         if finished.error or not finished.file:
             return self.give_up(point, because("not-written", "said", text=finished.error))
-        file = self._points / finished.file
+        file = self.campaign.folder / "points" / finished.file
         return self._announced(
             campaign.results.judged(
                 point, file, finished.verdict, finished.reasons, finished.lost_samples, finished.quality
@@ -169,30 +167,30 @@ class PointRecording:
         try:
             self._collect(enough)
         except Exception as error:  # noqa: BLE001 - the rig is at rest: whatever fails here costs no safety
-            self._campaign.log.note("error", text=f"the points' files: {error!r}", trace=traceback.format_exc())
-            self._campaign.display.message("error", say("points-files", error=error))
+            self.campaign.log.note("error", text=f"the points' files: {error!r}", trace=traceback.format_exc())
+            self.campaign.display.message("error", say("points-files", error=error))
         return enough.abort
 
     def _collect(self, enough: _Enough) -> None:
-        recorded_s = sum(point.motion_s for point in self._handed_in.values())
+        recorded_s = sum(point.motion_s for point in self.handed_in.values())
         deadline_ns = monotonic_ns() + int(1e9 * (FILES_TIMEOUT_S + recorded_s))
-        for name, point in tuple(self._handed_in.items()):
-            while name in self._handed_in:
+        for name, point in tuple(self.handed_in.items()):
+            while name in self.handed_in:
                 try:
-                    self._entered(self._finaliser.wait(name, ASK_AGAIN_S))
+                    self._entered(self.finaliser.wait(name, ASK_AGAIN_S))
                 except TimeoutError:
                     if enough() or monotonic_ns() > deadline_ns:
-                        self._handed_in.pop(name)
+                        self.handed_in.pop(name)
                         self.give_up(point, because("not-written", "file-unfinished"))
-        results = self._campaign.results.results
-        if all(name in results for name in self._ids) and not enough():
+        results = self.campaign.results.results
+        if all(name in results for name in self.campaign.point_ids) and not enough():
             self._bring_to_one_skew(enough)
 
     def _bring_to_one_skew(self, enough: _Enough) -> None:
         """All points together know the sensors' delays better than each alone; files certainly wrong are mended."""
-        log, thread = self._campaign.log, ThreadPoolExecutor(1, thread_name_prefix="one-skew")
+        log, thread = self.campaign.log, ThreadPoolExecutor(1, thread_name_prefix="one-skew")
         try:
-            waiting = thread.submit(self._finaliser.retime, self._points, RETIMING_TIMEOUT_S)
+            waiting = thread.submit(self.finaliser.retime, self.campaign.folder / "points", RETIMING_TIMEOUT_S)
             while not waiting.done() and not enough():
                 wait((waiting,), ASK_AGAIN_S)
             if not waiting.done():
@@ -209,7 +207,7 @@ class PointRecording:
                 "retimed", file=finished.id, skew_s=finished.skew_s, skew_std_s=finished.skew_std_s,
                 verdict=finished.verdict,
             )
-            self._campaign.results.mended(Path(finished.file), finished.verdict, finished.reasons, finished.quality)
+            self.campaign.results.mended(Path(finished.file), finished.verdict, finished.reasons, finished.quality)
 
     def close(self) -> None:
         """Let go of the ring; a point still open is closed as interrupted, where the disk allows it."""
@@ -217,7 +215,7 @@ class PointRecording:
             try:
                 self.recorder.close()
             except OSError as error:
-                self._campaign.log.note("warning", text=say("recorder-left", error=error))
+                self.campaign.log.note("warning", text=say("recorder-left", error=error))
 
 
 class _Enough:
