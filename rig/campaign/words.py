@@ -78,8 +78,8 @@ MESSAGES = {
     "cooling": "{point}: cooling down from {from_degC:.1f} to {to_degC:.1f} degC, about {planned_s:.0f} s of the rig's "
     "time",
     # Compensation of the amplitude
-    "cannot-reach": "{reached_mm:.4g} mm of {wanted_mm:.4g} mm reached ({off:+.1f} %) with a command of "
-    "{command_mm:.4g} mm: {why}",
+    "cannot-reach": "{reached_mm:.4g} mm of {wanted_mm:.4g} mm reached ({off:+.1f} %), {aside_mm:+.3f} mm beside the "
+    "centre, with a command of {command_mm:.4g} mm: {why}",
     "machine-cannot": "machine cannot: {why}",
     "within-tolerance": "{point}: {reached_mm:.4g} mm of {wanted_mm:.4g} mm reached; within tolerance",
     "corrected": "{point}: {reached_mm:.4g} mm of {wanted_mm:.4g} mm reached; correction {step}: command "

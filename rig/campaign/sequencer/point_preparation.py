@@ -314,6 +314,7 @@ def _given_up(drive: Drive, point: TestPoint, seen: ev.MeasuredMotion, why: str)
     text = say(
         "cannot-reach", reached_mm=1e3 * seen.amplitude_m, wanted_mm=1e3 * point.amplitude_m,
         off=100.0 * (seen.amplitude_m / point.amplitude_m - 1.0), command_mm=1e3 * drive.command_m, why=why,
+        aside_mm=1e3 * (seen.mean_m - point.centre_m),
     )
     return replace(drive, settled=True, cannot=text)
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import math
 import socket
+import sys
 import time
 from collections import deque
 
@@ -22,6 +23,7 @@ from drivers.errors import LinkLost, NoAnswer, PortClosed
 from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, Move, Program, State
 from drivers.setpoint_generator import SetpointGenerator
 
+LATE_S = 0.03
 PRESSURES = {Command.HYDRAULICS_OFF: 0, Command.HYDRAULICS_LOW: 1, Command.HYDRAULICS_ON: 2}
 INPUTS = (Input(0), Input.HYDRAULICS_LOW, Input.HYDRAULICS_ON)
 
@@ -45,6 +47,7 @@ class PlainActuator:
         self._pressure = 0
         self._sequence = 0
         self._program_id = 0
+        self._last_s = 0.0
         self.sent: deque[tuple[int, int]] = deque(maxlen=64)
 
     @property
@@ -72,6 +75,9 @@ class PlainActuator:
         now_s = time.monotonic()
         setpoint = self._generator.at(now_s)
         moves = self._pressure == 2
+        if self._generator.state is State.RUNNING and now_s - self._last_s > LATE_S:
+            sys.stderr.write(f"late set-point: {1e3 * (now_s - self._last_s):.0f} ms after the one before\n")
+        self._last_s = now_s
         line = f"S {setpoint.position_m:.9f} {setpoint.velocity_m_s:.9f}" if moves else "?"
         clock_us, position_m, velocity_m_s, force_N, pressure = self._ask(line)
         if not moves:
