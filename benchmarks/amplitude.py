@@ -27,13 +27,10 @@ from campaign_process import machine
 from recorded_rig import RecordedRig, Truth
 
 from rig.bench.model import Bench
-from rig.campaign.execution.motion_measurement import MotionMeasurement, WantedMotion
-from rig.campaign.sequencer.amplitude_compensation import (
+from rig.campaign.execution.observer import MotionMeasurement, WantedMotion
+from rig.campaign.sequencer.event import MeasuredMotion
+from rig.campaign.sequencer.point_preparation import (
     MOST_STEPS,
-    Ceiling,
-    Drive,
-    Drives,
-    MeasuredMotion,
     commanded,
     drive_for,
     learned,
@@ -41,7 +38,7 @@ from rig.campaign.sequencer.amplitude_compensation import (
     trial,
     wants_trial,
 )
-from rig.campaign.sequencer.state import conditions_of
+from rig.campaign.sequencer.state import Ceiling, Drive, Drives, conditions_of
 from rig.clock import utc_now
 from rig.matrix.model import Matrix
 from rig.matrix.plan import plan
@@ -143,7 +140,7 @@ def drawn_point(random: np.random.Generator, number: int, bench: Bench) -> tuple
         })
         if plan(matrix, bench).feasible:
             (point,) = matrix.points()
-            return replace(point, id=f"p{number:03d}"), conditions_of(matrix, bench).ceiling(point)
+            return replace(point, id=f"p{number:03d}"), conditions_of(matrix, bench).ceilings[point.id]
 
 
 def adapted(machine_under_test: Machine, point: TestPoint, ceiling: Ceiling, known: Drives) -> tuple[Drive, Truth, int]:

@@ -30,7 +30,7 @@ import numpy as np
 
 from protocols import frame_format
 from rig.bench.model import Bench
-from rig.campaign.setup import station_config
+from rig.campaign.machine_resources import station_config
 from rig.clock import monotonic_ns
 from rig.matrix.model import load_matrix
 from rig.recording.journal.recorder import PointRecorder

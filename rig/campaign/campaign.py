@@ -4,45 +4,39 @@ from __future__ import annotations
 
 import contextlib
 import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from rig.bench.model import Bench
 from rig.campaign import resume
-from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class, resume_command
-from rig.campaign.execution.action_executor import disk_slug
+from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.runner import Runner
-from rig.campaign.machine_resources import locked, ring_path_for
-from rig.campaign.operator_link import GuardedDisplay, Signals
-from rig.campaign.preflight.baseline import read_baseline
-from rig.campaign.preflight.zero_return import doubt_points
+from rig.campaign.machine_resources import locked, station_in_use
+from rig.campaign.operator_link import Signals, operator_link
+from rig.campaign.preflight.proof_move import read_baseline
+from rig.campaign.preflight.zero_return import zeros_returned
 from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResults, RigState, StopReport
 from rig.campaign.resume import Stock
 from rig.campaign.setup import (
+    accepted,
+    campaign_folder,
     check_calibrations,
-    check_clocks,
-    check_room,
     copy_into,
-    make_campaign_folder,
-    station_config,
+    note_session,
     write_description,
 )
 from rig.campaign.simulated_rig import rig_in_use
 from rig.campaign.words import say
 from rig.clock import utc_now
-from rig.errors import FileProblem, Refused, RigError, Stopped, UnknownRigState
+from rig.errors import FileProblem, RigError, UnknownRigState
 from rig.matrix.model import Matrix, load_matrix
-from rig.matrix.plan import Plan, plan
+from rig.matrix.plan import Plan
 from rig.recording.conversion.finaliser import Finaliser
 from rig.recording.journal.campaign_log import CampaignLog
-from rig.recording.journal.journal_lock import campaign_held
-from rig.station.client import StationClient, StationLost
 
-DISPLAY_ENDS_S = 5.0
 DISK = frozenset({"disk-full", "dir-readonly", "fsync-error"})
 TRUTH_AFTER_STOP_S = 1.0
 """What a simulated rig's truth still shows after a stop (s, its own clock): the coil empty, the rod at rest."""
@@ -70,54 +64,32 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         options = resume.as_before(earlier, replace(options, resume_path=earlier))
     if (options.bench_path is None) != options.simulate:
         raise RigError("give either a bench file or --simulate, not both and not neither")
-    shown = GuardedDisplay(display)
-    try:
-        return _campaign(options, shown)
-    finally:
-        shown.close(DISPLAY_ENDS_S)
-
-
-def _campaign(options: CampaignOptions, display: Display) -> CampaignResult:
-    """The campaign with a display that cannot hold it up; raises as `run_campaign`."""
     matrix = load_matrix(options.matrix_path)
     known = None
     if options.bench_path is not None:
-        known = bench = Bench.load(options.bench_path)
+        known = Bench.load(options.bench_path)
         if options.resume_path is not None:
-            resume.same_campaign(options.resume_path, bench, matrix)
-        _accepted(matrix, bench)
-    with Signals() as signals, contextlib.ExitStack() as ends:
-        folder = options.resume_path or make_campaign_folder(options.out, matrix.specimen.serial_number)
-        ends.enter_context(campaign_held(folder))
-        log = _journal(folder)
-        ends.callback(_or_say, display, log.close)
-        ends.enter_context(_refusals_in(log))
-        locks = () if known is None else ends.enter_context(locked(known))
-        if options.resume_path is None:
-            copy_into(options.matrix_path, folder, "matrix.toml")
-            if options.bench_path is not None:
-                copy_into(options.bench_path, folder, "bench.toml")
-            write_description(folder, known, matrix, options)
-        stock = _stock(folder, options, matrix, log, display)
+            resume.same_campaign(options.resume_path, known, matrix)
+        accepted(matrix, known)
+    with operator_link(display) as (signals, shown), contextlib.ExitStack() as ends:
+        log, locks = ends.enter_context(campaign_folder(options, matrix, known, shown))
+        folder = log.path.parent
+        stock = _stock(folder, options, matrix, log, shown)
         if not stock.remaining:
             return _nothing_left(folder, matrix, stock)
         signals.check()
         finaliser = Finaliser.start(folder)
-        ends.callback(_or_say, display, finaliser.close)
-        rig = ends.enter_context(rig_in_use(folder, options, matrix.specimen, display, signals.check))
+        ends.callback(_or_say, shown, finaliser.close)
+        if options.simulate:
+            shown.phase("starting the simulated rig")
+        rig = ends.enter_context(rig_in_use(folder, options, matrix.specimen, shown, signals.check))
         bench = Bench.load(rig.bench_path)
-        start = _Start(folder, matrix, bench, _accepted(matrix, bench), options, stock)
-        check_room(folder, start.plan, bench, matrix)
+        start = _Start(folder, matrix, bench, accepted(matrix, bench, folder), options, stock)
         _describe(start, rig.bench_path)
-        display.planned(start.plan)
-        for warning in check_calibrations(bench, utc_now().date()):
-            log.write("warning", slug="calibration-overdue", text=warning)
-            display.message("warning", f"calibration-overdue: {warning}")
-        for result in stock.results:
-            display.point_done(result)
+        _show_start(start, log, shown)
         locks = locks or ends.enter_context(locked(bench))
         signals.check()
-        ended = _run(start, locks, log, finaliser, signals, display)
+        ended = _run(start, locks, log, finaliser, signals, shown)
         if ended.rig_state is RigState.UNKNOWN:
             rig.settle_s = _dead_men_s(bench, start.plan)
         elif ended.stopped_by is not None:
@@ -126,28 +98,26 @@ def _campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         return ended
 
 
-def _journal(folder: Path) -> CampaignLog:
-    """The campaign's journal.
-
-    Raises:
-        Refused: it cannot be opened.
-    """
-    try:
-        return CampaignLog(folder)
-    except OSError as error:
-        raise Refused(disk_slug(error), f"{folder / 'journal.jsonl'}: {error}; nothing was connected") from error
+def _show_start(start: _Start, log: CampaignLog, display: Display) -> None:
+    """Show the plan, overdue calibrations, and the points that are kept."""
+    display.planned(start.plan)
+    for warning in check_calibrations(start.bench, utc_now().date()):
+        log.write("warning", slug="calibration-overdue", text=warning)
+        display.message("warning", f"calibration-overdue: {warning}")
+    for result in start.stock.results:
+        display.point_done(result)
 
 
 def _stock(
     folder: Path, options: CampaignOptions, matrix: Matrix, log: CampaignLog, display: Display
-) -> resume.Stock:
+) -> Stock:
     """What is there and what remains: all of a new campaign; what is not valid yet of an earlier one.
 
     Raises:
         Refused: the matrix is not the earlier campaign's, or a stop of an earlier session demands a requalification.
     """
     if options.resume_path is None:
-        return resume.Stock(matrix.points())
+        return Stock(matrix.points())
     resume.same_matrix(folder, matrix)
     stops = open_stops(folder)
     confirm(stops, options.requalified)
@@ -174,13 +144,9 @@ def _stock(
     return stock
 
 
-def _nothing_left(folder: Path, matrix: Matrix, stock: resume.Stock) -> CampaignResult:
+def _nothing_left(folder: Path, matrix: Matrix, stock: Stock) -> CampaignResult:
     results = PointResults(matrix.points(), {result.id: result for result in stock.results})
-    return CampaignResult(
-        folder, results.all_results(), results.valid, len(results.points), RigState.SAFE, None, "", False, 0.0,
-        0.0,
-        confirmed=tuple(stop.to_json() for stop in stock.confirmed),
-    )
+    return replace(results.session(folder), confirmed=tuple(stop.to_json() for stop in stock.confirmed))
 
 
 def _describe(start: _Start, bench_path: Path) -> None:
@@ -196,7 +162,7 @@ def _describe(start: _Start, bench_path: Path) -> None:
         write_description(folder, start.bench, start.matrix, start.options)
         return
     resume.same_campaign(folder, start.bench, start.matrix)
-    session = resume.note_session(folder, start.options, start.stock.confirmed)
+    session = note_session(folder, start.options, start.stock.confirmed)
     copy_into(bench_path, folder, f"bench-session{session}.toml")
 
 
@@ -209,27 +175,7 @@ class _Start:
     bench: Bench
     plan: Plan
     options: CampaignOptions
-    stock: resume.Stock
-
-
-def _accepted(matrix: Matrix, bench: Bench) -> Plan:
-    """The plan, when every point of it is feasible.
-
-    Raises:
-        Refused: some point is not; each is named with its reason and the amplitude that would fit.
-    """
-    check_calibrations(bench, utc_now().date())
-    if matrix.campaign.require_skew:
-        check_clocks(bench)
-    judged = plan(matrix, bench)
-    lines = []
-    for item in judged.judged:
-        if not item.feasible:
-            fit = "" if item.would_fit_m is None else f"; an amplitude of {1e3 * item.would_fit_m:g} mm would fit"
-            lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")
-    if lines:
-        raise Refused("matrix-infeasible", "the matrix does not fit the rig, nothing was moved:\n" + "\n".join(lines))
-    return judged
+    stock: Stock
 
 
 def _or_say(display: Display, what: Callable[[], None]) -> None:
@@ -240,34 +186,9 @@ def _or_say(display: Display, what: Callable[[], None]) -> None:
         display.message("error", say("at-the-end", error=error))
 
 
-@contextmanager
-def _refusals_in(log: CampaignLog) -> Iterator[None]:
-    """Keep a refusal before the start in the campaign's journal too, where the disk takes it.
-
-    Raises:
-        Refused: the same one, or that of a disk on which nothing can be begun.
-        Stopped: the operator's stop before the rig was connected.
-    """
-    try:
-        try:
-            yield
-        except OSError as error:
-            text = f"the campaign cannot be begun: {error}; nothing was connected"
-            raise Refused(disk_slug(error), text) from error
-    except Refused as refusal:
-        with contextlib.suppress(OSError):
-            log.write("refused", slug=refusal.slug, text=str(refusal))
-        raise
-    except Stopped as stop:
-        text = f"{stop}: nothing moved. Continue with: {resume_command(log.path.parent)}"
-        with contextlib.suppress(OSError):
-            log.write("refused", slug=stop.slug, text=text)
-        raise Stopped(stop.slug, text) from stop
-
-
-def _dead_men_s(bench: Bench, accepted: Plan) -> float:
+def _dead_men_s(bench: Bench, plan: Plan) -> float:
     """How long the controller needs to notice a silent host, fade out and hold (wall s), with a second to spare."""
-    period_s = max(1.0 / item.point.frequency_Hz for item in accepted.points)
+    period_s = max(1.0 / item.point.frequency_Hz for item in plan.points)
     fade_s = (bench.actuator.fade_out_cycles + 1.0) * period_s
     return bench.actuator.watchdog_s + fade_s / bench.clock.device_rate + 1.0
 
@@ -280,29 +201,26 @@ def _run(
     signals: Signals,
     display: Display,
 ) -> CampaignResult:
-    with ring_path_for(start.folder.name) as ring_path:
-        config = station_config(start.bench, start.matrix, ring_path)
-        baseline = read_baseline(start.folder)
-        display.phase("starting the station")
-        try:
-            client = StationClient.start(config, start.folder, inherited=locks)
-        except StationLost as error:
-            raise Refused("task-dies", str(error)) from error
+    baseline = read_baseline(start.folder)
+    points = tuple(item.point for item in start.plan.points)
+    display.phase("starting the station")
+    with station_in_use(start.bench, start.matrix, start.folder, locks) as (client, config):
         campaign = CampaignContext(
             folder=start.folder,
             bench=start.bench,
             matrix=start.matrix,
             plan=start.plan,
+            point_ids=tuple(point.id for point in points),
             config=config,
             client=client,
             log=log,
             display=display,
             simulated=start.options.simulate,
             stock=start.stock,
-            baseline=baseline,
+            results=PointResults(points, {result.id: result for result in start.stock.results}),
         )
         try:
-            runner = Runner(campaign, signals, finaliser)
+            runner = Runner(campaign, signals, finaliser, baseline)
             runner.run()
         except Exception as error:
             client.close()
@@ -310,12 +228,7 @@ def _run(
             _or_say(display, lambda: log.write("ended", rig_state="unknown", text=text))
             raise UnknownRigState(text) from error
         client.close()
-    if runner.zeros.start is not None:
-        _or_say(display, lambda: resume.note_zeros(start.folder, runner.zeros.to_json()))
-    doubt_points(
-        runner.results, runner.zeros.findings(), partial(display.message, "warning"), start.stock.results,
-    )
-    result = result_of(runner, start.folder, start.stock)
+    result = _result_of(runner, campaign)
     for finding in result.findings:
         fields = finding.to_json()
         _or_say(display, partial(log.write, "finding", **fields))
@@ -327,32 +240,20 @@ def _run(
     return result
 
 
-def result_of(runner: Runner, folder: Path, stock: Stock) -> CampaignResult:
-    """The result of a session that has ended.
-
-    Args:
-        runner: what ran it.
-        folder: the campaign's directory.
-        stock: what was kept of earlier sessions.
-    """
-    state, results = runner.state, runner.results
+def _result_of(runner: Runner, campaign: CampaignContext) -> CampaignResult:
+    """The result of a session that has ended; the zeros at its end are judged first, for the points' verdicts."""
+    state = runner.state
+    findings = zeros_returned(runner.zeros, campaign)
     cause = state.refused or (None if state.latch is None else state.latch.cause)
-    return CampaignResult(
-        campaign=folder,
-        points=results.all_results(),
-        valid=results.valid,
-        total=len(results.points),
+    return replace(
+        campaign.results.session(campaign.folder),
         rig_state=state.rig_state,
         stopped_by=None if cause is None else cause.slug,
         detail="" if cause is None else cause.detail,
         refused=state.refused is not None,
-        wall_s=results.wall_s,
-        motion_s=results.motion_s,
-        start_temperature_degC=results.start_temperature_degC,
-        waits=tuple(results.waits),
-        findings=runner.zeros.findings(),
+        findings=findings,
         stop=_stop_report(runner),
-        confirmed=tuple(stop.to_json() for stop in stock.confirmed),
+        confirmed=tuple(stop.to_json() for stop in campaign.stock.confirmed),
     )
 
 

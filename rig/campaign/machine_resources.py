@@ -1,4 +1,4 @@
-"""What a campaign takes of this machine: the locks of its devices, and the place of the station's ring.
+"""What a campaign takes of this machine: the locks of its devices, the place of the ring, the station's process.
 
 Locks end with the process that holds them, however it ends. One names the device, not how a bench file writes it:
 `localhost`, `127.0.0.1`, `::1` and this machine's own name are one, a symbolic link is the port it leads to. The files
@@ -26,8 +26,11 @@ from urllib.parse import urlsplit
 
 from drivers.ring import MAGIC
 from rig.bench.model import Bench
+from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.errors import Refused
+from rig.matrix.model import Matrix
+from rig.station.client import StationClient, StationLost
 
 STATION_STOPS_S = 90.0
 """How long the station of a killed campaign may need to bring its rig to rest and give the devices back."""
@@ -245,3 +248,48 @@ def _written(ring: Path) -> bool:
     finally:
         os.close(handle)
     return False
+
+
+def station_config(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConfig:
+    """What the station is told: the bench's settings as they are, its limits narrowed to the specimen's travel.
+
+    Args:
+        bench: the bench.
+        matrix: the matrix, for the specimen.
+        ring_path: where the station makes its ring.
+    """
+    return StationConfig(
+        **vars(bench.station),
+        **vars(bench.clock),
+        actuator=bench.actuator,
+        ecu=bench.ecu,
+        load_cell=bench.load_cell,
+        lvdt=bench.lvdt,
+        auxiliary=bench.auxiliary,
+        limits=bench.limits.within_stroke(matrix.specimen.stroke_m, matrix.specimen.mid_stroke_m),
+        ring_path=str(ring_path),
+    )
+
+
+@contextmanager
+def station_in_use(
+    bench: Bench, matrix: Matrix, folder: Path, locks: tuple[int, ...]
+) -> Iterator[tuple[StationClient, StationConfig]]:
+    """The station's process, and what it was told; the block closes its link.
+
+    Args:
+        bench: the bench.
+        matrix: the matrix, for the specimen.
+        folder: the campaign's directory.
+        locks: of the bench's devices; the station inherits them.
+
+    Raises:
+        Refused: it does not start.
+    """
+    with ring_path_for(folder.name) as ring_path:
+        config = station_config(bench, matrix, ring_path)
+        try:
+            client = StationClient.start(config, folder, inherited=locks)
+        except StationLost as error:
+            raise Refused("task-dies", str(error)) from error
+        yield client, config

@@ -12,16 +12,18 @@ import queue
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
-from types import FrameType, TracebackType
-from typing import Any
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from types import FrameType
+from typing import ParamSpec
 
-from rig.campaign.results import Display, PointResult
+from rig.campaign.results import Display
 from rig.campaign.sequencer import event as ev
 from rig.campaign.stop_cause import because
 from rig.errors import Stopped
 from rig.faults.row import StopKind
-from rig.matrix.plan import Plan
 
 STOPS = {
     signal.SIGINT: (StopKind.FADE_OUT, because("sigint", "said", text="Ctrl-C")),
@@ -31,27 +33,33 @@ STOPS = {
 PAUSES = (signal.SIGTSTP, signal.SIGUSR1)
 """Ctrl-Z, or `kill -USR1`: pause after the running point; once more: go on."""
 
+Given = ParamSpec("Given")
 
+
+@dataclass
 class Signals:
-    """While entered, SIGINT, SIGTERM and SIGHUP become `Abort` events instead of ending the process.
+    """What the operator asked for by signals.
 
-    Ctrl-Z must not suspend a process that a moving rig depends on: it asks for a pause, and the next one ends it.
-    Outside the main thread Python cannot catch signals; then nothing is caught here and the main thread's handlers act.
+    Attributes:
+        caught: numbers of signals not yet taken, oldest first.
+        paused: an odd number of pauses was asked for.
     """
 
-    def __init__(self) -> None:
-        self._caught: deque[int] = deque()
-        self._before: dict[int, Any] = {}
-        self._paused = False
+    caught: deque[int] = field(default_factory=deque)
+    paused: bool = False
+
+    def catch(self, number: int, _frame: FrameType | None) -> None:
+        """The handler: keeps the number, whatever the process does at this moment."""
+        self.caught.append(number)
 
     def take(self) -> list[ev.Event]:
         """What was asked for since the last call, oldest first."""
         events: list[ev.Event] = []
-        while self._caught:
-            number = signal.Signals(self._caught.popleft())
+        while self.caught:
+            number = signal.Signals(self.caught.popleft())
             if number in PAUSES:
-                self._paused = not self._paused
-                events.append(ev.PauseAsked() if self._paused else ev.ResumeAsked())
+                self.paused = not self.paused
+                events.append(ev.PauseAsked() if self.paused else ev.ResumeAsked())
             else:
                 stop, cause = STOPS[number]
                 events.append(ev.Abort(stop, cause))
@@ -63,30 +71,33 @@ class Signals:
         Raises:
             Stopped: the operator asked for a stop.
         """
-        for number in tuple(self._caught):
+        for number in tuple(self.caught):
             if number in STOPS:
                 _, cause = STOPS[signal.Signals(number)]
                 raise Stopped(cause.slug, f"stopped by operator ({cause.detail}) before the rig was connected")
 
-    def _catch(self, number: int, frame: FrameType | None) -> None:
-        self._caught.append(number)
 
-    def __enter__(self) -> Signals:
-        if threading.current_thread() is threading.main_thread():
-            for number in (*STOPS, *PAUSES):
-                self._before[number] = signal.signal(number, self._catch)
-        return self
+@contextmanager
+def operator_signals() -> Iterator[Signals]:
+    """While the block runs, SIGINT, SIGTERM and SIGHUP become `Abort` events instead of ending the process.
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        for number, handler in self._before.items():
+    Ctrl-Z must not suspend a process that a moving rig depends on: it asks for a pause, and the next one ends it.
+    Outside the main thread Python cannot catch signals; then nothing is caught here and the main thread's handlers act.
+    """
+    signals, before = Signals(), {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (*STOPS, *PAUSES):
+            before[number] = signal.signal(number, signals.catch)
+    try:
+        yield signals
+    finally:
+        for number, handler in before.items():
             signal.signal(number, handler)
-        self._before.clear()
 
 
 log = logging.getLogger(__name__)
 
+DISPLAY_ENDS_S = 5.0
 MOST_WAITING = 10_000
 """Calls kept for a display that is slow or stands still (Ctrl-S, a pipe that nobody reads); further ones are lost."""
 
@@ -98,12 +109,16 @@ class GuardedDisplay:
     """
 
     def __init__(self, display: Display) -> None:
-        self._display = display
         self.failed = ""
         """What the display failed with; empty while it works."""
         self._waiting: queue.Queue[Callable[[], None] | None] = queue.Queue(MOST_WAITING)
         self._thread = threading.Thread(target=self._work, name="display", daemon=True)
         self._thread.start()
+        self.planned = self._later(display.planned)
+        self.phase = self._later(display.phase)
+        self.progress = self._later(display.progress, live=True)
+        self.point_done = self._later(display.point_done)
+        self.message = self._later(display.message)
 
     def close(self, timeout_s: float) -> None:
         """Show what waits, for `timeout_s` at most; nothing is shown after that."""
@@ -111,30 +126,14 @@ class GuardedDisplay:
         self._thread.join(timeout_s)
         self.failed = self.failed or "closed"
 
-    def planned(self, plan: Plan) -> None:
-        """As `Display.planned`."""
-        self._show(lambda: self._display.planned(plan))
+    def _later(self, show: Callable[Given, None], *, live: bool = False) -> Callable[Given, None]:
+        """`show` on the display's thread; what is `live` is left out while anything else waits."""
 
-    def phase(self, text: str) -> None:
-        """As `Display.phase`."""
-        self._show(lambda: self._display.phase(text))
+        def shown_later(*values: Given.args, **named: Given.kwargs) -> None:
+            if not self.failed and (self._waiting.empty() or not live):
+                self._put(partial(show, *values, **named))
 
-    def progress(self, point_id: str, cycles_done: int, time_left_s: float, live: Mapping[str, float]) -> None:
-        """As `Display.progress`."""
-        if self._waiting.empty():
-            self._show(lambda: self._display.progress(point_id, cycles_done, time_left_s, live))
-
-    def point_done(self, result: PointResult) -> None:
-        """As `Display.point_done`."""
-        self._show(lambda: self._display.point_done(result))
-
-    def message(self, level: str, text: str) -> None:
-        """As `Display.message`."""
-        self._show(lambda: self._display.message(level, text))
-
-    def _show(self, show: Callable[[], None]) -> None:
-        if not self.failed:
-            self._put(show)
+        return shown_later
 
     def _put(self, call: Callable[[], None] | None) -> None:
         with contextlib.suppress(queue.Full):
@@ -149,3 +148,14 @@ class GuardedDisplay:
             except Exception as error:
                 self.failed = f"{type(error).__name__}: {error}"
                 log.exception("the display failed and stays dark; the campaign goes on")
+
+
+@contextmanager
+def operator_link(display: Display) -> Iterator[tuple[Signals, GuardedDisplay]]:
+    """The operator's signals, and a display that cannot hold the campaign up; what still waits is shown at the end."""
+    shown = GuardedDisplay(display)
+    try:
+        with operator_signals() as signals:
+            yield signals, shown
+    finally:
+        shown.close(DISPLAY_ENDS_S)

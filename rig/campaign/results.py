@@ -266,7 +266,17 @@ class Display(Protocol):
 
 @dataclass
 class PointResults:
-    """Results by point id; a later attempt replaces an earlier one unless that one had a better verdict."""
+    """Results by point id; a later attempt replaces an earlier one unless that one had a better verdict.
+
+    Attributes:
+        points: the planned points in order.
+        results: those that there are.
+        began_ns: when the first recording of this session began (monotonic); None before.
+        ended_ns: when the last one ended.
+        motion_s: planned motion of the points recorded (s, rig's clock).
+        start_temperature_degC: the coil's first reading in this session; None before.
+        waits: what the damper's temperature cost.
+    """
 
     points: tuple[TestPoint, ...]
     results: dict[str, PointResult] = field(default_factory=dict)
@@ -275,20 +285,6 @@ class PointResults:
     motion_s: float = 0.0
     start_temperature_degC: float | None = None
     waits: list[Wait] = field(default_factory=list)
-
-    def found(self, temperature_degC: float) -> None:
-        """A reading of the coil's temperature, NaN where unknown; the session's first one counts."""
-        if self.start_temperature_degC is None and math.isfinite(temperature_degC):
-            self.start_temperature_degC = temperature_degC
-
-    def begun(self, now_ns: int) -> None:
-        """A point's recording began at `now_ns` (monotonic)."""
-        self.began_ns = now_ns if self.began_ns is None else self.began_ns
-
-    def ended(self, point: TestPoint, now_ns: int) -> None:
-        """A point's recording ended at `now_ns` (monotonic)."""
-        self.ended_ns = now_ns
-        self.motion_s += point.motion_s
 
     def judged(
         self, point: TestPoint, file: Path | None, verdict: str, reasons: Iterable[str], lost_samples: int,
@@ -316,21 +312,27 @@ class PointResults:
         return tuple(self.results.get(point.id) or _result(point, None, NOT_RUN, (), 0) for point in self.points)
 
     @property
-    def complete(self) -> bool:
-        """Whether every planned point was run, whatever its verdict."""
-        return all(point.id in self.results for point in self.points)
-
-    @property
     def valid(self) -> int:
         """How many points are valid."""
         return sum(result.verdict == VALID for result in self.results.values())
 
-    @property
-    def wall_s(self) -> float:
-        """Wall seconds from the first point's start to the last point's end; 0 when none ran."""
-        if self.began_ns is None or self.ended_ns is None:
-            return 0.0
-        return 1e-9 * (self.ended_ns - self.began_ns)
+    def session(self, folder: Path) -> CampaignResult:
+        """What a session leaves that was neither stopped nor refused, of the campaign in this directory."""
+        began_ns, ended_ns = self.began_ns, self.ended_ns
+        return CampaignResult(
+            campaign=folder,
+            points=self.all_results(),
+            valid=self.valid,
+            total=len(self.points),
+            rig_state=RigState.SAFE,
+            stopped_by=None,
+            detail="",
+            refused=False,
+            wall_s=0.0 if began_ns is None or ended_ns is None else 1e-9 * (ended_ns - began_ns),
+            motion_s=self.motion_s,
+            start_temperature_degC=self.start_temperature_degC,
+            waits=tuple(self.waits),
+        )
 
 
 def _result(point: TestPoint, file: Path | None, verdict: str, reasons: tuple[str, ...], lost: int) -> PointResult:

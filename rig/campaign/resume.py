@@ -6,26 +6,20 @@ every proof of the preflight is made again. Valid points stay as they are, all o
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop
-from rig.campaign.preflight.zero_return import ENTRY
 from rig.campaign.results import INVALID, RANKS, CampaignOptions, PointResult
-from rig.campaign.setup import campaign_hash
-from rig.clock import utc_now
+from rig.campaign.setup import campaign_hash, described
 from rig.errors import FileProblem, Refused
 from rig.matrix.model import Matrix
 from rig.matrix.point import TestPoint
-from rig.recording.atomic_write import write_text_durably
 from rig.recording.conversion.recovery import recover_held
 from rig.recording.recorded_point import RecordedPoint
-from rig.recording.run import read_campaign
 
 SLOWEST, FASTEST = 0.01, 1000.0
 """Speeds of a simulated rig."""
@@ -99,20 +93,6 @@ def speed_before(folder: Path) -> float:
     """
     before = _simulated(folder)
     return 1.0 if before is None else before.speed
-
-
-def described(folder: Path) -> dict[str, Any]:
-    """The campaign's description.
-
-    Raises:
-        FileProblem: there is none, or it is damaged.
-    """
-    description = read_campaign(folder) if folder.is_dir() else {}
-    if not isinstance(description.get("hashes"), dict) or not (folder / "matrix.toml").is_file():
-        raise FileProblem(
-            str(folder), ["holds no campaign that was begun; give the directory `rig run` printed (see `rig runs`)"]
-        )
-    return description
 
 
 def same_matrix(folder: Path, matrix: Matrix) -> None:
@@ -213,44 +193,6 @@ def take_stock(folder: Path, points: Iterable[TestPoint]) -> Stock:
         problems=tuple(problems),
         temperatures_degC=tuple(temperatures_degC),
     )
-
-
-def note_session(folder: Path, options: CampaignOptions, confirmed: Iterable[EarlierStop]) -> int:
-    """Enter a further session in `campaign.json`; returns its number, the first one is 1.
-
-    Raises:
-        Refused: it cannot be written.
-    """
-    try:
-        return _append(folder, "sessions", _session(options, confirmed)) + 1
-    except OSError as error:
-        raise Refused("dir-readonly", f"{folder / 'campaign.json'}: cannot be written: {error}") from error
-
-
-def note_zeros(folder: Path, check: Mapping[str, Any]) -> None:
-    """Enter a session's zero check (`ZeroReturn.to_json`) in `campaign.json`.
-
-    Raises:
-        FileProblem: there is no such campaign.
-        OSError: it cannot be written.
-    """
-    _append(folder, ENTRY, check)
-
-
-def _append(folder: Path, name: str, entry: Mapping[str, Any]) -> int:
-    description = described(folder)
-    entries = description.get(name, [])
-    entries = [*(entries if isinstance(entries, list) else ()), entry]
-    write_text_durably(folder / "campaign.json", json.dumps({**description, name: entries}, indent=1) + "\n")
-    return len(entries)
-
-
-def _session(options: CampaignOptions, confirmed: Iterable[EarlierStop]) -> dict[str, Any]:
-    simulated = {"speed": options.speed, "seed": options.seed, "arguments": list(options.simulator_args)}
-    return {
-        "resumed_utc": utc_now().isoformat(timespec="seconds"), "simulated": simulated if options.simulate else None,
-        "confirmed": [stop.to_json() for stop in confirmed], "requalified": options.requalified,
-    }  # fmt: skip
 
 
 def _result(point: TestPoint, recorded: RecordedPoint) -> PointResult:

@@ -1,15 +1,19 @@
-"""Before anything is connected: the campaign's directory, its description, room on the disk, the station's settings.
+"""The campaign's directory and its description, and what must hold before anything is connected.
 
-Also what the bench file must promise: calibrations that are not overdue, and clocks where the matrix asks for the skew.
+The plan must be feasible, the disk must have room, and the bench file must promise calibrations that are not overdue,
+and clocks where the matrix asks for the skew.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
 import secrets
 import shutil
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -17,21 +21,63 @@ from typing import Any
 from drivers.catalogue import clocked_format_names
 from rig import __version__
 from rig.bench.model import Bench
-from rig.bench.settings import StationConfig
-from rig.campaign.results import CampaignOptions
-from rig.campaign.sequencer.amplitude_compensation import MOST_STEPS
+from rig.campaign.confirmation import EarlierStop, resume_command
+from rig.campaign.machine_resources import locked
+from rig.campaign.results import CampaignOptions, Display
+from rig.campaign.sequencer.point_preparation import MOST_STEPS
+from rig.campaign.stop_cause import disk_slug
+from rig.campaign.words import say
 from rig.clock import utc_now
-from rig.errors import FileProblem, Refused
+from rig.errors import FileProblem, Refused, Stopped
 from rig.matrix.model import Matrix
-from rig.matrix.plan import Plan
+from rig.matrix.plan import Plan, plan
 from rig.recording.atomic_write import write_text_durably
+from rig.recording.journal.campaign_log import CampaignLog
+from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.layout import RECORD_DTYPE
+from rig.recording.run import read_campaign
 
+ZERO_CHECKS = "zero_checks"
+"""Entry of `campaign.json`: one for each session."""
 RESERVE_BYTES = 200_000_000
 COPIES_ON_DISK = 2.5
 """Journal, HDF5 file being written beside it, and margin."""
 STATUS_RECORDS_Hz = 1500.0
 """Records of the controller's and the ECU's status a second, above the sensors' samples."""
+
+
+@contextmanager
+def campaign_folder(
+    options: CampaignOptions, matrix: Matrix, bench: Bench | None, display: Display
+) -> Iterator[tuple[CampaignLog, tuple[int, ...]]]:
+    """Hold the campaign's directory, a new one or the resumed one, keep its journal and the rig's locks meanwhile.
+
+    A new one gets the user's files. A refusal before the start is kept in the journal too, where the disk takes it.
+
+    Args:
+        options: which campaign.
+        matrix: the matrix.
+        bench: the rig; None while it is not known yet: nothing is locked then.
+        display: told of a disk that refuses the journal's end; that takes nothing from the result.
+
+    Raises:
+        Refused: the directory cannot be made or written, directory or rig are in use, or the block refused.
+        FileProblem: one of the user's files cannot be read.
+        Stopped: the operator's stop before the rig was connected.
+    """
+    folder = options.resume_path or make_campaign_folder(options.out, matrix.specimen.serial_number)
+    with campaign_held(folder):
+        log = _journal(folder)
+        try:
+            with _refusals_in(log), contextlib.nullcontext(()) if bench is None else locked(bench) as locks:
+                if options.resume_path is None:
+                    _keep_files(folder, options, bench, matrix)
+                yield log, locks
+        finally:
+            try:
+                log.close()
+            except OSError as error:
+                display.message("error", say("at-the-end", error=error))
 
 
 def make_campaign_folder(out: Path, specimen: str) -> Path:
@@ -51,6 +97,43 @@ def make_campaign_folder(out: Path, specimen: str) -> Path:
     return folder
 
 
+def _journal(folder: Path) -> CampaignLog:
+    """The campaign's journal.
+
+    Raises:
+        Refused: it cannot be opened.
+    """
+    try:
+        return CampaignLog(folder)
+    except OSError as error:
+        raise Refused(disk_slug(error), f"{folder / 'journal.jsonl'}: {error}; nothing was connected") from error
+
+
+@contextmanager
+def _refusals_in(log: CampaignLog) -> Iterator[None]:
+    """Keep a refusal before the start in the campaign's journal too, where the disk takes it.
+
+    Raises:
+        Refused: the same one, or that of a disk on which nothing can be begun.
+        Stopped: the operator's stop before the rig was connected.
+    """
+    try:
+        try:
+            yield
+        except OSError as error:
+            text = f"the campaign cannot be begun: {error}; nothing was connected"
+            raise Refused(disk_slug(error), text) from error
+    except Refused as refusal:
+        with contextlib.suppress(OSError):
+            log.write("refused", slug=refusal.slug, text=str(refusal))
+        raise
+    except Stopped as stop:
+        text = f"{stop}: nothing moved. Continue with: {resume_command(log.path.parent)}"
+        with contextlib.suppress(OSError):
+            log.write("refused", slug=stop.slug, text=text)
+        raise Stopped(stop.slug, text) from stop
+
+
 def copy_into(source: Path, folder: Path, name: str) -> None:
     """Keep a user's file with the campaign, as it was.
 
@@ -66,6 +149,42 @@ def copy_into(source: Path, folder: Path, name: str) -> None:
         (folder / name).write_bytes(content)
     except OSError as error:
         raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
+
+
+def _keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, matrix: Matrix) -> None:
+    """Keep the files of a new campaign as they were, and describe it, so that it can be resumed from here on.
+
+    Raises:
+        Refused: they cannot be written.
+        FileProblem: one of them cannot be read.
+    """
+    copy_into(options.matrix_path, folder, "matrix.toml")
+    if options.bench_path is not None:
+        copy_into(options.bench_path, folder, "bench.toml")
+    write_description(folder, bench, matrix, options)
+
+
+def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
+    """The plan, when every point of it is feasible on this bench, and there is room for it in `folder`, if given.
+
+    Raises:
+        Refused: some point is not: each is named with its reason and the amplitude that would fit. Or the bench file
+            does not promise what `check_calibrations` and `check_clocks` want, or as `check_room`.
+    """
+    check_calibrations(bench, utc_now().date())
+    if matrix.campaign.require_skew:
+        check_clocks(bench)
+    judged = plan(matrix, bench)
+    lines = []
+    for item in judged.judged:
+        if not item.feasible:
+            fit = "" if item.would_fit_m is None else f"; an amplitude of {1e3 * item.would_fit_m:g} mm would fit"
+            lines.append(f"{item.point.id}: {'; '.join(item.reasons)}{fit}")
+    if lines:
+        raise Refused("matrix-infeasible", "the matrix does not fit the rig, nothing was moved:\n" + "\n".join(lines))
+    if folder is not None:
+        check_room(folder, judged, bench, matrix)
+    return judged
 
 
 def check_room(folder: Path, plan: Plan, bench: Bench, matrix: Matrix) -> None:
@@ -138,25 +257,56 @@ def write_description(folder: Path, bench: Bench | None, matrix: Matrix, options
         raise Refused("dir-readonly", f"{folder / 'campaign.json'}: cannot be written: {error}") from error
 
 
-def station_config(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConfig:
-    """What the station is told: the bench's settings as they are, its limits narrowed to the specimen's travel.
+def described(folder: Path) -> dict[str, Any]:
+    """The campaign's description.
 
-    Args:
-        bench: the bench.
-        matrix: the matrix, for the specimen.
-        ring_path: where the station makes its ring.
+    Raises:
+        FileProblem: there is none, or it is damaged.
     """
-    return StationConfig(
-        **vars(bench.station),
-        **vars(bench.clock),
-        actuator=bench.actuator,
-        ecu=bench.ecu,
-        load_cell=bench.load_cell,
-        lvdt=bench.lvdt,
-        auxiliary=bench.auxiliary,
-        limits=bench.limits.within_stroke(matrix.specimen.stroke_m, matrix.specimen.mid_stroke_m),
-        ring_path=str(ring_path),
-    )
+    description = read_campaign(folder) if folder.is_dir() else {}
+    if not isinstance(description.get("hashes"), dict) or not (folder / "matrix.toml").is_file():
+        raise FileProblem(
+            str(folder), ["holds no campaign that was begun; give the directory `rig run` printed (see `rig runs`)"]
+        )
+    return description
+
+
+def note_session(folder: Path, options: CampaignOptions, confirmed: Iterable[EarlierStop]) -> int:
+    """Enter a further session in `campaign.json`; returns its number, the first one is 1.
+
+    Raises:
+        Refused: it cannot be written.
+    """
+    try:
+        return _append(folder, "sessions", _session(options, confirmed)) + 1
+    except OSError as error:
+        raise Refused("dir-readonly", f"{folder / 'campaign.json'}: cannot be written: {error}") from error
+
+
+def note_zeros(folder: Path, check: Mapping[str, Any]) -> None:
+    """Enter a session's zero check (`ZeroReturn.to_json`) in `campaign.json`.
+
+    Raises:
+        FileProblem: there is no such campaign.
+        OSError: it cannot be written.
+    """
+    _append(folder, ZERO_CHECKS, check)
+
+
+def _append(folder: Path, name: str, entry: Mapping[str, Any]) -> int:
+    description = described(folder)
+    entries = description.get(name, [])
+    entries = [*(entries if isinstance(entries, list) else ()), entry]
+    write_text_durably(folder / "campaign.json", json.dumps({**description, name: entries}, indent=1) + "\n")
+    return len(entries)
+
+
+def _session(options: CampaignOptions, confirmed: Iterable[EarlierStop]) -> dict[str, Any]:
+    simulated = {"speed": options.speed, "seed": options.seed, "arguments": list(options.simulator_args)}
+    return {
+        "resumed_utc": utc_now().isoformat(timespec="seconds"), "simulated": simulated if options.simulate else None,
+        "confirmed": [stop.to_json() for stop in confirmed], "requalified": options.requalified,
+    }  # fmt: skip
 
 
 def check_calibrations(bench: Bench, today: date) -> tuple[str, ...]:

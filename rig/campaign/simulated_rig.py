@@ -235,7 +235,6 @@ def rig_in_use(
     if options.bench_path is not None:
         yield RigInUse(options.bench_path)
         return
-    display.phase("starting the simulated rig")
 
     def waiting(waited_s: float) -> None:
         check()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -65,3 +66,22 @@ def stop_note(stop: StopKind, cause: StopCause) -> tuple[str, str]:
     if cause.slug in OPERATOR:
         return "info", words.say("operator-stop", detail=cause.detail)
     return "error", words.say("stop", slug=cause.slug, detail=cause.detail, stop=stop)
+
+
+def cause_of(error: Exception) -> StopCause:
+    """Why an action failed, by the kind of its error."""
+    slug = disk_slug(error) if isinstance(error, OSError) else "task-dies"
+    return because(slug, "said", text=str(error) or type(error).__name__)
+
+
+def disk_slug(error: BaseException) -> str:
+    """The fault matrix's slug for an error of the disk: by its error number, also of what caused it."""
+    link: BaseException | None = error
+    while link is not None:
+        number = link.errno if isinstance(link, OSError) else None
+        if number in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
+            return "disk-full"
+        if number in {errno.EROFS, errno.EACCES, errno.EPERM, errno.EEXIST, errno.ENOENT, errno.ENOTDIR}:
+            return "dir-readonly"
+        link = link.__cause__
+    return "fsync-error"

@@ -136,7 +136,7 @@ def _matrix_path(matrix: Path | None, resume: Path | None) -> Path:
         return matrix
     if resume is None:
         raise click.UsageError("which matrix? rig run MATRIX --bench FILE, or rig run --resume RUN")
-    from rig.campaign.resume import described
+    from rig.campaign.setup import described
 
     described(resume)
     return resume / "matrix.toml"

@@ -233,11 +233,6 @@ class WantedPoint:
     temperature_high_degC: float | None = None
 
     @property
-    def loop(self) -> bool:
-        """Whether it is a loop at a constant current."""
-        return self.kind is None or self.kind == LOOP
-
-    @property
     def standing(self) -> bool:
         """Whether the rod stands still while the current is stepped."""
         return self.kind == CURRENT_STEP

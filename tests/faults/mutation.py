@@ -44,10 +44,11 @@ def deaf_station(slug: str) -> Edit:
 
 BLIND_RECORDER = (
     Edit(
-        "rig/campaign/execution/action_executor.py",
-        "if self._recorder is None or self._recorder.healthy:",
-        "if True or self._recorder is None or self._recorder.healthy:",
+        "rig/campaign/execution/runner.py",
+        "if executor.recording.recorder is not None and not executor.recording.recorder.healthy:",
+        "if False and executor.recording.recorder is not None and not executor.recording.recorder.healthy:",
     ),
+    Edit("rig/campaign/execution/runner.py", "recorder is None or recorder.healthy", "True"),
     Edit(
         "rig/campaign/execution/runner.py",
         "failed.append(ev.ActionFailed(action, self.state.phase, cause_of(error)))",
@@ -92,18 +93,18 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
         deaf_station("stop-ignored"),
         Edit("rig/station/safe_stop.py", "    if _late(stop, inputs):\n", "    if False:\n"),
     ),
-    "sigint": (Edit("rig/campaign/operator_link.py", "self._caught.append(number)", "pass"),),
+    "sigint": (Edit("rig/campaign/operator_link.py", "self.caught.append(number)", "pass"),),
     "sigint-storm": (
         Edit(
             "rig/campaign/operator_link.py",
-            "self._caught.append(number)",
-            "if number in self._caught_once:\n            raise KeyboardInterrupt\n"
-            "        self._caught_once.add(number)\n        self._caught.append(number)",
+            "self.caught.append(number)",
+            "if number in self.caught_once:\n            raise KeyboardInterrupt\n"
+            "        self.caught_once.add(number)\n        self.caught.append(number)",
         ),
         Edit(
             "rig/campaign/operator_link.py",
-            "self._paused = False\n\n",
-            "self._paused = False\n        self._caught_once: set[int] = set()\n\n",
+            "    paused: bool = False\n",
+            "    paused: bool = False\n    caught_once: set[int] = field(default_factory=set)\n",
         ),
     ),
     "sigterm": (Edit("rig/campaign/operator_link.py", "for number in (*STOPS, *PAUSES):", "for number in PAUSES:"),),
@@ -120,7 +121,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
         Edit("rig/units.py", "if unit.dimension != dimension:", "if False:"),
         Edit("rig/bench/quantity.py", "if self.high is not None and result", "if False and result"),
     ),
-    "matrix-infeasible": (Edit("rig/campaign/campaign.py", "    if lines:\n", "    if False:\n"),),
+    "matrix-infeasible": (Edit("rig/campaign/setup.py", "    if lines:\n", "    if False:\n"),),
     "matrix-changed": (
         Edit(
             "rig/campaign/resume.py",
@@ -130,7 +131,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     ),
     "wrong-damper": (
         Edit(
-            "rig/campaign/preflight/baseline.py",
+            "rig/campaign/preflight/proof_move.py",
             "if expected is not None and now.peak_N >",
             "if False and expected is not None and now.peak_N >",
         ),

@@ -9,14 +9,14 @@ from pathlib import Path
 
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
-from rig.campaign import campaign as campaign
+from rig.campaign import machine_resources
 from rig.cli.main import run
 from rig.matrix.model import Matrix
 
 STALL_S = 3.2
 RING_RECORDS = 4096
 
-station_config, pwrite, stalled = campaign.station_config, os.pwrite, threading.Event()
+station_config, pwrite, stalled = machine_resources.station_config, os.pwrite, threading.Event()
 
 
 def small_ring(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConfig:
@@ -32,6 +32,6 @@ def slow_pwrite(handle: int, data: bytes, offset: int) -> int:
 
 
 if __name__ == "__main__":
-    campaign.station_config = small_ring
+    machine_resources.station_config = small_ring
     os.pwrite = slow_pwrite
     run()

@@ -1,29 +1,32 @@
 """From ring records to facts: what the sequencer waits for is found here, on the rig's own clocks.
 
 The observer keeps the last value of every channel and at most one thing that is waited for. It reads no clock: the
-controller's clock comes with its status (`device_us` of the channel STATE), arrival times with the records.
+controller's clock comes with its status (`device_us` of the channel STATE), arrival times with the records. What the
+displacement sensor saw of a program is measured while it runs.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
+from drivers.roles import Input
 from drivers.roles import State as ControllerState
-from protocols.quality import NO_VALUE
-from rig.campaign.execution.motion_measurement import MotionMeasurement, WantedMotion
-from rig.campaign.preflight.proof_move import DamperJudge, ProofWatch
-from rig.campaign.preflight.rest_check import AtRest
 from rig.campaign.sequencer import event as ev
+from rig.campaign.sequencer.event import MeasuredMotion
+from rig.recording.layout import good_values
+from rig.signals.clock_model import unwrapped
+from rig.signals.cycles import measured_motion
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
-REST_WINDOW_S = 0.5
 FRESH_TEMPERATURE_NS = 300_000_000
 STILL_WINDOW_S = 0.3
 STILL_M = 0.2e-3
@@ -37,27 +40,96 @@ LIVE = {
     "current_A": Channel.COIL_CURRENT,
     "coil_temperature_degC": Channel.COIL_TEMPERATURE,
 }
+"""Last values for the display."""
 
 Wait = Callable[[NDArray[Any]], ev.Event | None]
 
 
-STATUSES_AT_REST = 10
-"""A fast rig's window is over after one or two, which say little of the controller's own noisy force input."""
-AT_REST = (
-    Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE, Channel.COIL_CURRENT,
-)
+ENOUGH_SAMPLES_A_CYCLE = 500
+"""More are thinned: the loop that watches the rig has no time to waste."""
+MOST_SAMPLES = 10_000
+"""Of a longer program the last ones are measured, twenty cycles or more: a cycle of 500 samples takes 10 ms."""
 
 
+@dataclass(frozen=True)
+class WantedMotion:
+    """What is to be measured: waveform, frequency (Hz), and the displacement sensor's nominal rate (Hz)."""
+
+    waveform: str
+    frequency_Hz: float
+    rate_Hz: float
+
+
+class MotionMeasurement:
+    """Follows one program while it runs: what arrives is thinned at once, so that its end takes no time, however long.
+
+    Args:
+        wanted: the motion asked for.
+    """
+
+    def __init__(self, wanted: WantedMotion) -> None:
+        self._wanted = wanted
+        self._stride = max(1, int(wanted.rate_Hz / (wanted.frequency_Hz * ENOUGH_SAMPLES_A_CYCLE)))
+        self._skip = 0
+        self._parts: deque[NDArray[Any]] = deque()
+        self._kept = 0
+        self._valve_saturated = False
+        self._following_error_m = 0.0
+
+    def add(self, records: NDArray[Any]) -> None:
+        """Take records (n,) of the ring's record type, in the order of arrival, from the program's start on."""
+        samples = records[records["channel"] == Channel.DISPLACEMENT]
+        chosen = samples[self._skip :: self._stride]
+        self._skip = (self._skip - len(samples)) % self._stride
+        self._parts.append(chosen)
+        self._kept += len(chosen)
+        while self._kept - len(self._parts[0]) >= MOST_SAMPLES:
+            self._kept -= len(self._parts.popleft())
+        inputs = records["value"][records["channel"] == Channel.INPUTS].astype(np.int64)
+        self._valve_saturated = self._valve_saturated or bool(np.any(inputs & int(Input.VALVE_SATURATED)))
+        errors_m = np.abs(records["value"][records["channel"] == Channel.SERVO_ERROR])
+        self._following_error_m = max(self._following_error_m, float(np.max(errors_m, initial=0.0)))
+
+    def motion(self) -> MeasuredMotion | None:
+        """The program's motion, of a very long one that of its last cycles.
+
+        Returns:
+            None when there is not one full cycle, or no two cycles beside the ones next to a ramp agree on one.
+        """
+        if self._kept == 0:
+            return None
+        samples, wanted = np.concatenate(self._parts), self._wanted
+        clocked = bool(np.all(samples["device_us"] >= 0))
+        time_s = samples["device_us"] * 1e-6 if clocked else unwrapped(samples["sequence"]) / wanted.rate_Hz
+        order = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0))
+        motion = measured_motion(time_s[order] - time_s[0], good_values(samples[order]), wanted.waveform)
+        if motion is None or not math.isfinite(motion.amplitude_m):
+            return None
+        return MeasuredMotion(
+            amplitude_m=motion.amplitude_m, mean_m=motion.mean_m, valve_saturated=self._valve_saturated,
+            following_error_m=self._following_error_m,
+        )
+
+
+@dataclass
 class Observer:
-    """Turns records into at most one awaited fact at a time."""
+    """Turns records into at most one awaited fact at a time.
 
-    def __init__(self) -> None:
-        self._last: dict[int, float] = {}
-        self._last_host_ns: dict[int, int] = {}
-        self._wait: Wait | None = None
-        self._program_seen = False
-        self.device_s = 0.0
-        """The controller's clock at its last status (s); 0 before the first one."""
+    Attributes:
+        last: the last value of every channel seen, SI.
+        last_host_ns: when that record arrived (monotonic ns).
+        device_s: the controller's clock at its last status (s); 0 before the first one.
+        held_ns: when the last status arrived if it says that the controller holds; else 0.
+        cycles_done: whole cycles done of the program last awaited, ramps included; 0 until it was seen.
+        wait: what finds the awaited fact in new records; None while nothing is waited for.
+    """
+
+    last: dict[int, float] = field(default_factory=dict)
+    last_host_ns: dict[int, int] = field(default_factory=dict)
+    device_s: float = 0.0
+    held_ns: int = 0
+    cycles_done: int = 0
+    wait: Wait | None = None
 
     def observe(self, records: NDArray[Any]) -> ev.Event | None:
         """Take new records of the ring.
@@ -73,73 +145,54 @@ class Observer:
         channels = records["channel"]
         for channel in np.unique(channels).tolist():
             newest = records[np.flatnonzero(channels == channel)[-1]]
-            self._last[channel] = float(newest["value"])
-            self._last_host_ns[channel] = int(newest["host_ns"])
+            self.last[channel] = float(newest["value"])
+            self.last_host_ns[channel] = int(newest["host_ns"])
             if channel == Channel.STATE:
                 self.device_s = 1e-6 * int(newest["device_us"])
-        fact = None if self._wait is None else self._wait(records)
+                self.held_ns = int(newest["host_ns"]) if newest["value"] == ControllerState.HOLD else 0
+        fact = None if self.wait is None else self.wait(records)
         if fact is not None:
-            self._wait = None
+            self.wait = None
         return fact
-
-    def value(self, channel: Channel, default: float = float("nan")) -> float:
-        """Last value of a channel, SI; `default` before its first record."""
-        return self._last.get(channel, default)
-
-    def last_host_ns(self, channel: Channel) -> int | None:
-        """When the last record of a channel arrived (monotonic ns); None before the first."""
-        return self._last_host_ns.get(channel)
-
-    @property
-    def cycles_done(self) -> int:
-        """Whole cycles done of the program last awaited, ramps included; 0 until it was seen."""
-        return int(self.value(Channel.CYCLES_DONE, 0.0)) if self._program_seen else 0
-
-    def live(self) -> dict[str, float]:
-        """Last values for the display, by name, those known."""
-        return {name: self._last[channel] for name, channel in LIVE.items() if channel in self._last}
-
-    def await_nothing(self) -> None:
-        """Forget what was waited for."""
-        self._wait = None
 
     def await_centre(self, target_m: float, since_ns: int) -> None:
         """Wait for `Centred`: HOLD at `target_m` (m) in a status that arrived after `since_ns`."""
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
-            return ev.Centred() if self._holds(since_ns) and self._near(target_m) else None
+            return ev.Centred() if self.held_ns > since_ns and self._near(target_m) else None
 
-        self._wait = wait
+        self.wait = wait
 
     def await_program(self, centre_m: float, since_ns: int, wanted: WantedMotion, ordered_cycles: float) -> None:
         """Wait for `ProgramEnded`: after `since_ns` the controller was seen running, and holds again.
 
-        Whoever stops the rig from here forgets what is awaited first (`await_nothing`): a program that faded out, was
+        Whoever stops the rig from here forgets what is awaited first (`wait`): a program that faded out, was
         halted, or did fewer than `ordered_cycles` (ramps included) while this is awaited was ended by somebody else.
 
         A program too short to be seen running is known by its cycle pulses. It has ended once every sensor was read
         after that: what a busy station had still to read belongs to the test. The `wanted` motion is measured.
         """
-        pulses, held_ns, stopping = self.value(Channel.PULSE, 0.0), 0, ""
-        self._program_seen = False
+        pulses, held_ns, stopping, seen = self.last.get(Channel.PULSE, 0.0), 0, "", False
+        self.cycles_done = 0
         measurement = MotionMeasurement(wanted)
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
-            nonlocal held_ns, stopping
+            nonlocal held_ns, stopping, seen
             states = records["value"][(records["channel"] == Channel.STATE) & (records["host_ns"] > since_ns)]
             stopping = stopping or _stopping(states)
-            seen = bool(np.any(states == ControllerState.RUNNING)) or self.value(Channel.PULSE, 0.0) != pulses
-            self._program_seen = self._program_seen or seen
+            moves = bool(np.any(states == ControllerState.RUNNING)) or self.last.get(Channel.PULSE, 0.0) != pulses
+            seen = seen or moves
+            self.cycles_done = int(self.last.get(Channel.CYCLES_DONE, 0.0)) if seen else 0
             measurement.add(records)
-            holds = self._program_seen and self._holds(since_ns)
+            holds = seen and self.held_ns > since_ns
             if holds and held_ns == 0:
-                held_ns = self._last_host_ns[Channel.STATE]
+                held_ns = self.held_ns
             if holds and self._read_since(held_ns):
                 cut_short = stopping or self._cycles_missing(ordered_cycles)
                 return ev.ProgramEnded(self._near(centre_m), measurement.motion(), cut_short)
             return None
 
-        self._wait = wait
+        self.wait = wait
 
     def await_current(self, target_A: float, tolerance_A: float, since_ns: int) -> None:
         """Wait for `CurrentSettled`: the newest three measured currents after `since_ns` are within `tolerance_A`."""
@@ -152,18 +205,18 @@ class Observer:
             settled = len(newest) == SETTLED_SAMPLES and bool(np.all(np.abs(newest - target_A) <= tolerance_A))
             return ev.CurrentSettled() if settled else None
 
-        self._wait = wait
+        self.wait = wait
 
     def await_temperature(self, now_ns: int) -> None:
         """Wait for `TemperatureRead`: a coil temperature that is at most 0.3 s old at `now_ns`, or the next one."""
         oldest_ns = now_ns - FRESH_TEMPERATURE_NS
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
-            if self._last_host_ns.get(Channel.COIL_TEMPERATURE, 0) < oldest_ns:
+            if self.last_host_ns.get(Channel.COIL_TEMPERATURE, 0) < oldest_ns:
                 return None
-            return ev.TemperatureRead(self.value(Channel.COIL_TEMPERATURE))
+            return ev.TemperatureRead(self.last.get(Channel.COIL_TEMPERATURE, math.nan))
 
-        self._wait = wait
+        self.wait = wait
 
     def await_cooling(self, highest_degC: float) -> None:
         """Wait for `CooledDown`: a coil temperature of at most `highest_degC`."""
@@ -172,7 +225,7 @@ class Observer:
             temperatures = records["value"][records["channel"] == Channel.COIL_TEMPERATURE]
             return ev.CooledDown() if len(temperatures) and float(temperatures[-1]) <= highest_degC else None
 
-        self._wait = wait
+        self.wait = wait
 
     def await_rest(self, rest_s: float) -> None:
         """Wait for `RestOver`: `rest_s` seconds of the controller's clock from its last status on."""
@@ -181,11 +234,11 @@ class Observer:
         def wait(records: NDArray[Any]) -> ev.Event | None:
             return ev.RestOver() if self.device_s >= until_s else None
 
-        self._wait = wait
+        self.wait = wait
 
     def await_standstill(self) -> None:
         """Wait for `Standstill`: the controller's position within 0.2 mm for 0.3 s of its clock."""
-        anchor_m, since_s = self.value(Channel.POSITION), self.device_s
+        anchor_m, since_s = self.last.get(Channel.POSITION, math.nan), self.device_s
 
         def wait(records: NDArray[Any]) -> ev.Event | None:
             nonlocal anchor_m, since_s
@@ -194,63 +247,17 @@ class Observer:
                     anchor_m, since_s = position_m, self.device_s
             return ev.Standstill() if self.device_s >= since_s + STILL_WINDOW_S else None
 
-        self._wait = wait
-
-    def await_proof(self, watch: ProofWatch, target_m: float, since_ns: int) -> None:
-        """Wait for `ProofLegDone` or `ProofJudged`: one way of the proof move, to `target_m` (m)."""
-        self._wait = watch.leg(target_m, since_ns)
-
-    def proof_watch(self, damper: DamperJudge) -> ProofWatch:
-        """A fresh watch for a proof move; `damper` judges both ways once the sensors are proved."""
-        return ProofWatch(
-            lambda at_m, since_ns: self._holds(since_ns) and self._near(at_m), lambda: self.device_s, damper
-        )
-
-    def await_zeros(self, judge: Callable[[AtRest], ev.Event]) -> None:
-        """Wait for what `judge` says of the next 0.5 s of the controller's clock, ten statuses at the least."""
-        until_s = self.device_s + REST_WINDOW_S if self.device_s else math.nan
-        parts: list[NDArray[Any]] = []
-
-        def wait(records: NDArray[Any]) -> ev.Event | None:
-            nonlocal until_s
-            parts.append(records)
-            if math.isnan(until_s) and self.device_s:
-                # The first status since the station was connected: the window begins with it.
-                until_s = self.device_s + REST_WINDOW_S
-            if not self.device_s >= until_s:
-                return None
-            window = np.concatenate(parts)
-            if np.count_nonzero(window["channel"] == Channel.CONTROLLER_FORCE) < STATUSES_AT_REST:
-                return None
-            values = {
-                channel: window["value"][window["channel"] == channel].astype(np.float64) for channel in AT_REST
-            }
-            flagged = (
-                int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(NO_VALUE)))
-                for channel in (Channel.FORCE, Channel.DISPLACEMENT)
-            )
-            force, displacement = flagged
-            seen = AtRest(
-                values[Channel.FORCE], values[Channel.DISPLACEMENT], values[Channel.POSITION],
-                values[Channel.CONTROLLER_FORCE], force, displacement, values[Channel.COIL_CURRENT],
-            )
-            return judge(seen)
-
-        self._wait = wait
+        self.wait = wait
 
     def _cycles_missing(self, ordered_cycles: float) -> str:
         done, ordered = self.cycles_done, math.floor(ordered_cycles + 1e-6)
         return f"{done} of {ordered} ordered cycles done" if done < ordered else ""
 
-    def _holds(self, since_ns: int) -> bool:
-        newer = self._last_host_ns.get(Channel.STATE, 0) > since_ns
-        return newer and self._last.get(Channel.STATE) == ControllerState.HOLD
-
     def _read_since(self, host_ns: int) -> bool:
-        return all(self._last_host_ns.get(channel, host_ns) >= host_ns for channel in SAMPLED)
+        return all(self.last_host_ns.get(channel, host_ns) >= host_ns for channel in SAMPLED)
 
     def _near(self, target_m: float) -> bool:
-        return abs(self.value(Channel.POSITION) - target_m) <= AT_CENTRE_M
+        return abs(self.last.get(Channel.POSITION, math.nan) - target_m) <= AT_CENTRE_M
 
 
 def _stopping(states: NDArray[np.float64]) -> str:

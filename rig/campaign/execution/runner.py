@@ -1,38 +1,40 @@
 """The application's loop: what the rig reports becomes events, the sequencer's actions are carried out.
 
 One turn every few milliseconds: beat, collect events, step, act. Nothing in a turn waits for the rig; requests are
-answered on threads of their own (`requests`), samples are recorded on the recorder's thread, files are written by the
+answered on threads of their own, samples are recorded on the recorder's thread, files are written by the
 finaliser's process. Events of one turn are taken in this order: signals, station, answers, facts, verdicts, faults,
 deadlines; so a trip is always known before the answer or the fact that came with it.
 """
 
 from __future__ import annotations
 
+import math
+import threading
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from numpy.typing import NDArray
 
 from drivers.ring import Channel
-from rig.campaign.execution.action_executor import ActionExecutor, cause_of
+from rig.campaign.execution.action_executor import ActionExecutor, Outcome
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.load_train import LoadTrainWatch
-from rig.campaign.execution.station_requests import LoopWatch, Outcome
+from rig.campaign.execution.observer import LIVE
 from rig.campaign.operator_link import Signals
-from rig.campaign.preflight.zero_return import ZeroReturn
-from rig.campaign.results import VALID, PointResults, RigState
+from rig.campaign.preflight.proof_move import Baseline
+from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer import stopping
-from rig.campaign.sequencer.action import Request
-from rig.campaign.sequencer.state import Latch, Phase, State, conditions_of, start_state
+from rig.campaign.sequencer.state import Latch, Phase, State, campaign_state
 from rig.campaign.sequencer.step import step
-from rig.campaign.stop_cause import SPOIL, StopCause, because
+from rig.campaign.stop_cause import SPOIL, StopCause, because, cause_of, disk_slug
 from rig.campaign.words import say
 from rig.clock import WallClockWatch, monotonic_ns
 from rig.faults.row import StopKind
@@ -47,6 +49,7 @@ STALE_HEARTBEATS = 2.0
 STATION_ENDS_S = 30.0
 MOST_FAILURES = 10
 """So many failed turns of the loop after the first one, and the rig is left to its station."""
+SLOW_MOVES = frozenset({Phase.CENTRING, Phase.PROVING_SENSORS})
 
 Given = TypeVar("Given")
 
@@ -58,24 +61,25 @@ class Runner:
         campaign: what the campaign works with.
         signals: the operator's signals.
         finaliser: the process that writes the points' files.
+        baseline: what the campaign's first session found.
     """
 
-    def __init__(self, campaign: CampaignContext, signals: Signals, finaliser: Finaliser) -> None:
+    def __init__(
+        self, campaign: CampaignContext, signals: Signals, finaliser: Finaliser, baseline: Baseline
+    ) -> None:
         points = tuple(item.point for item in campaign.plan.points)
         remaining = {point.id for point in campaign.stock.remaining}
         queue = tuple(point for point in points if point.id in remaining)
-        conditions = conditions_of(campaign.matrix, campaign.bench)
-        self.state = start_state(queue, campaign.matrix.campaign.retries, conditions)
-        self.results = PointResults(points, {result.id: result for result in campaign.stock.results})
+        self.state = campaign_state(queue, campaign.matrix, campaign.bench)
         self._campaign = campaign
         self._signals = signals
         self._finaliser = finaliser
-        self._executor = ActionExecutor(campaign, self.results, finaliser)
+        self._executor = ActionExecutor(campaign, finaliser, baseline)
+        self.zeros = self._executor.zeros
         self._ring: RingReader | None = None
         self._waiting: deque[ev.Event] = deque()
         self._said: set[str] = set()
         self._failures = 0
-        self._enough = False
         self.current_zero = False
         """The station's last proof of standstill proved 0 A, too."""
         self.stop_causes: set[str] = set()
@@ -84,11 +88,6 @@ class Runner:
         self._recorder_well = True
         self._wall_clock = WallClockWatch()
         self._load_train = LoadTrainWatch()
-
-    @property
-    def zeros(self) -> ZeroReturn:
-        """What the sensors showed at rest, before and after this session's motion."""
-        return self._executor.zeros
 
     def run(self) -> State:
         """Run until the sequencer has ended and every recorded point is judged; returns the last state.
@@ -105,7 +104,9 @@ class Runner:
             watch.end()
             if self.state.armed:
                 self._leave_to_the_station()
-            self._collect_files()
+            abort = self._executor.recording.collect(self._signals)
+            if abort is not None:
+                self.state = replace(self.state, latch=self.state.latch or Latch(abort.stop, abort.cause))
             self._campaign.display.phase(str(Phase.ENDED))
         finally:
             watch.end()
@@ -121,26 +122,11 @@ class Runner:
         stays proved although the pressure may still be on; the operator was told.
         """
         code = self._campaign.client.close(STATION_ENDS_S)
-        self._executor.note("station", what="ended", exit_code=code)
+        self._campaign.log.note("station", what="ended", exit_code=code)
         if code == 0:
             self.state = replace(self.state, armed=False, pressurised=False, powered=False)
         elif not self.state.stopped:
             self.state = replace(self.state, rig_state=RigState.UNKNOWN)
-
-    def _collect_files(self) -> None:
-        """Wait for the points' files, unless the operator has had enough; the rig is at rest, whatever happens here."""
-        try:
-            self._executor.collect_files(self._operator_has_enough)
-        except Exception as error:  # noqa: BLE001 - the rig is at rest: whatever fails here costs no safety
-            self._executor.note("error", text=f"the points' files: {error!r}", trace=traceback.format_exc())
-            self._campaign.display.message("error", say("points-files", error=error))
-
-    def _operator_has_enough(self) -> bool:
-        for event in self._signals.take():
-            if isinstance(event, ev.Abort):
-                self._enough = True
-                self.state = replace(self.state, latch=self.state.latch or Latch(event.stop, event.cause))
-        return self._enough
 
     def _guarded_turn(self) -> None:
         try:
@@ -156,7 +142,7 @@ class Runner:
                 self._carry_out(actions)
 
     def _tell_failure(self, what: str, error: Exception) -> None:
-        self._executor.note("error", text=f"{what} failed: {_named(error)}", trace=traceback.format_exc())
+        self._campaign.log.note("error", text=f"{what} failed: {_named(error)}", trace=traceback.format_exc())
 
     def _collected(self, what: str, source: Callable[[], Iterable[Given]]) -> list[Given]:
         """What a source of events gives; one that fails stops the rig, and the others still count."""
@@ -182,33 +168,19 @@ class Runner:
     def _gather(self) -> None:
         """Collect what happened since the last turn, in the order in which it is to be taken."""
         facts = self._collected("the samples", self._facts)
-        outcomes = self._executor.requests.outcomes()
+        outcomes, overdue = self._executor.outcomes()
         self._waiting.extend(self._signals.take())
         self._waiting.extend(self._station_events(0.0))
-        self._waiting.extend(self._collected("the station's answers", lambda: map(self._answered, outcomes)))
+        self._waiting.extend(self._collected("the station's answers", partial(self._answered, outcomes)))
         self._waiting.extend(facts)
-        self._waiting.extend(self._collected("the verdicts", self._verdicts))
+        verdicts = partial(self._executor.recording.verdicts, self.state.attempts)
+        self._waiting.extend(self._collected("the verdicts", verdicts))
         self._look_for_faults()
-        phase = self._executor.overdue()
-        if phase is not None:
-            self._waiting.append(ev.TimedOut(phase))
+        self._waiting.extend(overdue)
 
     def _facts(self) -> list[ev.Event]:
         fact = None if self._ring is None else self._observe(self._ring.read())
         return [] if fact is None else [fact]
-
-    def _verdicts(self) -> list[ev.Event]:
-        events: list[ev.Event] = []
-        for finished in self._finaliser.results():
-            result = self._executor.enter(finished)
-            if result is not None and self._is_last_attempt(finished.id, result.id):
-                events.append(ev.Judged(result.id, result.verdict == VALID))
-        return events
-
-    def _is_last_attempt(self, name: str, point_id: str) -> bool:
-        """Whether a verdict is on the point's last attempt; a late one on an earlier attempt decides nothing."""
-        attempts = self.state.attempts.count(point_id)
-        return name == self._campaign.attempt_name(point_id, max(1, attempts))
 
     def _take(self, event: ev.Event) -> None:
         before = self.state.phase
@@ -216,7 +188,7 @@ class Runner:
             self._tell_pause(event)
         self.state, actions = step(self.state, event)
         if self.state.phase is not before:
-            self._executor.note("phase", phase=str(self.state.phase), after=type(event).__name__)
+            self._campaign.log.note("phase", phase=str(self.state.phase), after=type(event).__name__)
             if self.state.phase is not Phase.ENDED:
                 self._campaign.display.phase(str(self.state.phase))
         self._carry_out(actions)
@@ -237,13 +209,13 @@ class Runner:
     def _tell_pause(self, event: ev.PauseAsked | ev.ResumeAsked) -> None:
         asked = isinstance(event, ev.PauseAsked)
         text = say("pause-asked" if asked else "pause-over")
-        self._executor.note("info", text=text)
+        self._campaign.log.note("info", text=text)
         self._campaign.display.message("info", text)
 
     def _station_events(self, timeout_s: float) -> list[ev.Event]:
         events: list[ev.Event] = []
         for message in self._campaign.client.events(timeout_s=timeout_s):
-            self._executor.note("station", **{_KEYS.get(key, key): value for key, value in message.items()})
+            self._campaign.log.note("station", **{_KEYS.get(key, key): value for key, value in message.items()})
             events += self._collected(f"the station's {message.get('event')}", partial(self._translated, message))
         if not self._campaign.client.alive and "gone" not in self._said:
             self._said.add("gone")
@@ -273,39 +245,24 @@ class Runner:
             return [ev.Spoiled(because(str(message["slug"]), "said", text=detail))]
         return []
 
-    def _answered(self, outcome: Outcome) -> ev.Event:
-        request, error = outcome.request, outcome.error
-        if isinstance(error, StationLost):
-            return ev.StationGone(str(error))
-        if error is not None:
-            return ev.Declined(request, because(error.slug, "said", text=error.message))
-        if request is Request.CONNECT:
-            self._connected(outcome.answer)
-            other = self._campaign.baseline.other_device(outcome.answer)
-            if other is not None:
-                return ev.Declined(request, other)
-        elif request is Request.MOVE and self.state.phase is Phase.CENTRING:
-            self._executor.observer.await_centre(self._executor.move_target_m, outcome.answered_ns)
-        elif request is Request.MOVE and self.state.phase is Phase.PROVING_SENSORS:
-            self._executor.watch_proof(outcome.answered_ns)
-        return ev.Done(request)
-
-    def _connected(self, identities: dict[str, Any]) -> None:
-        self._campaign.identities.update(identities)
-        self._executor.note("connected", **identities)
-        self._ring = RingReader(Path(self._campaign.config.ring_path))
-        self._executor.open_recorder()
+    def _answered(self, outcomes: Iterable[Outcome]) -> Iterator[ev.Event]:
+        for outcome in outcomes:
+            yield self._executor.answered(outcome, moves=self.state.phase in SLOW_MOVES)
+            if self._ring is None and self._executor.recording.recorder is not None:
+                self._ring = RingReader(Path(self._campaign.config.ring_path))
 
     def _look_for_faults(self) -> None:
         """What the application itself can see: a recorder or disk that refuses, data that stand still."""
-        executor = self._executor
-        if executor.recorder_trouble is not None:
-            self._fault_once(executor.recorder_trouble)
+        campaign, executor = self._campaign, self._executor
+        if executor.recording.recorder is not None and not executor.recording.recorder.healthy:
+            failure, text = executor.recording.recorder.failure, executor.recording.recorder.error
+            self._fault_once(because("task-dies" if failure is None else disk_slug(failure), "said", text=text))
         if not self._finaliser.alive:
             self._fault_once(because("task-dies", "finaliser-ended"))
-        if executor.trouble is not None:
-            self._fault_once(executor.trouble)
-        newest_ns = executor.observer.last_host_ns(Channel.STATE)
+        for file, error in ((campaign.log.path, campaign.log.trouble), ("baseline.json", executor.damper.disk_error)):
+            if error is not None:
+                self._fault_once(because(disk_slug(error), "said", text=f"{file}: {error}"))
+        newest_ns = executor.observer.last_host_ns.get(Channel.STATE)
         stale_s = STALE_HEARTBEATS * self._campaign.config.heartbeat_timeout_s
         # By the time before the ring was read: what this process itself slept through since is nobody's silence.
         if self.state.armed and newest_ns is not None and self._turn_ns - newest_ns > stale_s * 1e9:
@@ -323,11 +280,12 @@ class Runner:
 
     def _observe(self, records: NDArray[Any]) -> ev.Event | None:
         """The awaited fact in new records; a load train that changed is a fault of its own."""
-        if self.results.start_temperature_degC is None:
-            for temperature_degC in records["value"][records["channel"] == Channel.COIL_TEMPERATURE].tolist():
-                self.results.found(temperature_degC)
+        if self._campaign.results.start_temperature_degC is None:
+            temperatures_degC = records["value"][records["channel"] == Channel.COIL_TEMPERATURE]
+            known_degC = temperatures_degC[np.isfinite(temperatures_degC)]
+            self._campaign.results.start_temperature_degC = float(known_degC[0]) if len(known_degC) else None
         if self.state.phase is Phase.RUNNING:
-            self._executor.zeros.watch(records)
+            self.zeros.watch(records)
         changed = self._load_train.watch(records)
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
         if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":
@@ -339,7 +297,7 @@ class Runner:
         stepped_s = self._wall_clock.stepped_s()
         if stepped_s != 0.0:
             text = say("clock-step", stepped_s=stepped_s)
-            self._executor.note("warning", slug="clock-step", text=text, stepped_s=stepped_s)
+            self._campaign.log.note("warning", slug="clock-step", text=text, stepped_s=stepped_s)
             self._campaign.display.message("warning", f"clock-step: {text}")
 
     def _fault_once(self, cause: StopCause, stop: StopKind = StopKind.FADE_OUT) -> None:
@@ -353,7 +311,8 @@ class Runner:
             return
         self._beat_ns = now_ns
         # The stop by its own name goes first; a beat later the station stops the rig should that have been lost.
-        well, self._recorder_well = self._recorder_well, self._executor.recorder_trouble is None
+        recorder = self._executor.recording.recorder
+        well, self._recorder_well = self._recorder_well, recorder is None or recorder.healthy
         try:
             self._campaign.client.beat(well)
         except StationLost as error:
@@ -372,16 +331,17 @@ class Runner:
         left_s = sum(point.motion_s + point.rest_s for point in state.queue)
         left_s -= cycles / state.point.frequency_Hz if running else 0.0
         left_s += self._cooling_left_s()
-        point_id = state.point.id if state.queue else ""
+        point_id = state.queue[0].id if state.queue else ""
         left_s /= self._campaign.bench.clock.device_rate
-        self._campaign.display.progress(point_id, cycles, left_s, observer.live())
+        live = {name: observer.last[channel] for name, channel in LIVE.items() if channel in observer.last}
+        self._campaign.display.progress(point_id, cycles, left_s, live)
 
     def _cooling_left_s(self) -> float:
         """Forecast time (s, rig's clock) until the damper is cool enough; 0 when it is not cooling down."""
         state, thermal = self.state, self.state.conditions.thermal
         if state.phase is not Phase.COOLING or thermal is None:
             return 0.0
-        now_degC = self._executor.observer.value(Channel.COIL_TEMPERATURE)
+        now_degC = self._executor.observer.last.get(Channel.COIL_TEMPERATURE, math.nan)
         highest_degC = state.conditions.highest_start(state.point)
         return thermal.heat.time_to(highest_degC, now_degC) if now_degC > highest_degC else 0.0
 
@@ -392,3 +352,47 @@ def _named(error: Exception) -> str:
 
 _KEYS = {"event": "what"}
 """The campaign's journal has an `event` of its own; the station's is kept beside it."""
+
+
+LONGEST_TURN_S = 10.0
+"""Longer than any disk may keep the campaign's loop from turning (wall s).
+
+The station has stopped the rig long before, but holds it under pressure for an application that may come back.
+"""
+LOOK_S = 0.5
+
+
+class LoopWatch:
+    """Looks on a thread of its own whether the loop still turns.
+
+    Time in which this whole process stood still does not count: the thread counts its own looks.
+
+    Args:
+        let_go: called once, from that thread, when the loop has not turned for `longest_s`.
+        longest_s: how long one turn may take (wall s).
+    """
+
+    def __init__(self, let_go: Callable[[], object], longest_s: float = LONGEST_TURN_S) -> None:
+        self._let_go = let_go
+        self._looks = max(2, round(longest_s / LOOK_S))
+        self._turns = 0
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="loop watch", daemon=True)
+        self._thread.start()
+
+    def turned(self) -> None:
+        """The loop has turned once more."""
+        self._turns += 1
+
+    def end(self) -> None:
+        """Watch no longer."""
+        self._ending.set()
+
+    def _watch(self) -> None:
+        seen, looks = -1, 0
+        while not self._ending.wait(LOOK_S):
+            looks = looks + 1 if self._turns == seen else 0
+            seen = self._turns
+            if looks >= self._looks:
+                self._let_go()
+                return

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.ring import Channel
+from protocols.quality import NO_VALUE
+from rig.bench.model import CHANGE_OF_ZERO, Bench
+from rig.bench.settings import StationConfig
+from rig.campaign.execution.campaign_context import CampaignContext
+from rig.campaign.execution.observer import Observer
+from rig.campaign.sequencer import event as ev
 from rig.campaign.stop_cause import StopCause, because
+from rig.matrix.plan import Plan
+from rig.recording.quality.point_quality import Tolerances
 from rig.signals.estimate import Estimate
 
 FEWEST_SAMPLES = 10
@@ -22,6 +33,9 @@ FEWEST_FOR_SCATTER = 5
 SURE = 5.0
 """Standard errors by which a difference at rest is more than noise."""
 BLOCKS = 5
+REST_WINDOW_S = 0.5
+STATUSES_AT_REST = 10
+"""A fast rig's window is over after one or two, which say little of the controller's own noisy force input."""
 CURRENT_NOISE_A = 0.002
 
 
@@ -54,6 +68,35 @@ class RestLimits:
     displacement_offset_m: float
 
 
+def tolerances_of(bench: Bench, plan: Plan) -> Tolerances:
+    """What two instruments of the bench may differ by; zeros in proportion to the largest force of the matrix."""
+    checks = bench.checks
+    predicted_N = [item.predicted_force_N for item in plan.points if item.predicted_force_N is not None]
+    zero_N = checks.zero_N(bench.load_cell.range_N, max(predicted_N, default=None))
+    return Tolerances(
+        force_gain=checks.force_gain, displacement_gain=checks.displacement_gain, force_zero_N=zero_N,
+        force_zero_change_N=CHANGE_OF_ZERO * zero_N, displacement_zero_m=checks.displacement_zero_m,
+        time_s=checks.time_s, current_zero_A=checks.current_zero_A,
+    )
+
+
+def rest_limits(bench: Bench, config: StationConfig, zero_N: float) -> RestLimits:
+    """What a resting rig is compared with; `zero_N` is the tolerance between the two force inputs."""
+    return RestLimits(
+        force_N=config.limits.force_N,
+        position_min_m=bench.limits.position_m[0],
+        position_max_m=bench.limits.position_m[1],
+        disagreement_m=config.disagreement_m,
+        range_N=bench.load_cell.range_N,
+        zero_N=zero_N,
+        current_zero_A=bench.checks.current_zero_A,
+        force_per_wire=bench.load_cell.sensitivity,
+        displacement_per_wire=bench.lvdt.sensitivity,
+        force_offset_N=bench.load_cell.offset,
+        displacement_offset_m=bench.lvdt.offset,
+    )
+
+
 @dataclass(frozen=True)
 class AtRest:
     """Samples of the rest window.
@@ -74,6 +117,23 @@ class AtRest:
     force_flagged: int = 0
     displacement_flagged: int = 0
     current_A: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def of(cls, window: NDArray[Any]) -> AtRest:
+        """Of the records (n,) of a rest window."""
+        channels = (
+            Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE, Channel.COIL_CURRENT,
+        )
+        force_N, displacement_m, position_m, controller_force_N, current_A = (
+            window["value"][window["channel"] == channel].astype(np.float64) for channel in channels
+        )
+        force_flagged, displacement_flagged = (
+            int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(NO_VALUE)))
+            for channel in (Channel.FORCE, Channel.DISPLACEMENT)
+        )
+        return cls(
+            force_N, displacement_m, position_m, controller_force_N, force_flagged, displacement_flagged, current_A
+        )
 
     def exchanged(self, limits: RestLimits) -> AtRest:
         """What the same bytes mean when each port carries the other sensor."""
@@ -210,3 +270,128 @@ def _outside(mean_m: float, limits: RestLimits) -> StopCause | None:
         return None
     low_mm, high_mm = 1e3 * limits.position_min_m, 1e3 * limits.position_max_m
     return because("not-tared", "rest-position", value_mm=1e3 * mean_m, low_mm=low_mm, high_mm=high_mm)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One quantity over a rest window: mean and standard deviation (of a sample; SI) of `count` samples."""
+
+    mean: float
+    std: float
+    count: int
+
+    @classmethod
+    def of(cls, samples: NDArray[np.float64]) -> Reading:
+        """Of samples (n,); those that are not finite do not count."""
+        finite = samples[np.isfinite(samples)]
+        if len(finite) == 0:
+            return cls(math.nan, math.nan, 0)
+        std = float(np.std(finite, ddof=1)) if len(finite) > 1 else 0.0
+        return cls(float(np.mean(finite)), std, len(finite))
+
+
+@dataclass(frozen=True)
+class RestWindow:
+    """A resting rig as its instruments show it; the controller's own inputs are its `position_m` and force.
+
+    `force_flagged` and `displacement_flagged` count samples that the sensor itself calls overloaded or faulty.
+    """
+
+    force_N: Reading
+    displacement_m: Reading
+    position_m: Reading
+    controller_force_N: Reading
+    force_flagged: int = 0
+    displacement_flagged: int = 0
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields by name, readings as objects."""
+        return asdict(self)
+
+
+def at_rest(seen: AtRest) -> RestWindow:
+    """The rest window of these samples."""
+    return RestWindow(
+        Reading.of(seen.force_N), Reading.of(seen.displacement_m), Reading.of(seen.position_m),
+        Reading.of(seen.controller_force_N), seen.force_flagged, seen.displacement_flagged,
+    )
+
+
+@dataclass
+class RestWindows:
+    """The rig at rest at both ends of a session.
+
+    Attributes:
+        start: before the rig was armed; None when it never came so far.
+        end: at the end, at 0 A and standstill; None when the end did not allow it.
+    """
+
+    start: RestWindow | None = None
+    end: RestWindow | None = None
+
+
+def watch_rest(observer: Observer, judge: Callable[[AtRest], ev.Event]) -> None:
+    """Wait for what `judge` says of the next 0.5 s of the controller's clock, ten statuses at the least."""
+    until_s = observer.device_s + REST_WINDOW_S if observer.device_s else math.nan
+    parts: list[NDArray[Any]] = []
+
+    def wait(records: NDArray[Any]) -> ev.Event | None:
+        nonlocal until_s
+        parts.append(records)
+        if math.isnan(until_s) and observer.device_s:
+            # The first status since the station was connected: the window begins with it.
+            until_s = observer.device_s + REST_WINDOW_S
+        if not observer.device_s >= until_s:
+            return None
+        window = np.concatenate(parts)
+        if np.count_nonzero(window["channel"] == Channel.CONTROLLER_FORCE) < STATUSES_AT_REST:
+            return None
+        return judge(AtRest.of(window))
+
+    observer.wait = wait
+
+
+@dataclass
+class RestCheck:
+    """What the resting rig shows at both ends of a session: kept, written down, and at the start judged.
+
+    Attributes:
+        campaign: what the campaign works with; `at_rest` is entered here.
+        observer: what follows the ring.
+        windows: where both rest windows are entered.
+    """
+
+    campaign: CampaignContext
+    observer: Observer
+    windows: RestWindows
+
+    def begin(self, *, again: bool) -> None:
+        """Wait for `ZerosJudged`; when `again`, at the end, for `ZerosReturned`."""
+        watch_rest(self.observer, self._returned if again else self._judged)
+
+    def _returned(self, seen: AtRest) -> ev.Event:
+        self.windows.end = self._written("end", seen)
+        return ev.ZerosReturned()
+
+    def _judged(self, seen: AtRest) -> ev.Event:
+        self.windows.start = self._written("start", seen)
+        tolerances = tolerances_of(self.campaign.bench, self.campaign.plan)
+        limits = rest_limits(self.campaign.bench, self.campaign.config, tolerances.force_zero_N)
+        cause = judge_rest(seen, limits)
+        if cause is None:
+            self.campaign.at_rest = {**tolerances.numbers, **self._temperatures(), **seen.numbers(limits.range_N)}
+        return ev.ZerosJudged(cause)
+
+    def _written(self, which: str, seen: AtRest) -> RestWindow:
+        shown = at_rest(seen)
+        self.campaign.log.note("rest", which=which, **shown.to_json())
+        return shown
+
+    def _temperatures(self) -> dict[str, float]:
+        """Coil and ECU (degC) before anything was warmed: those of the session's first rest; none where unknown."""
+        names = {"rest_coil_degC": Channel.COIL_TEMPERATURE, "rest_ecu_degC": Channel.ECU_TEMPERATURE}
+        if names.keys() <= self.campaign.at_rest.keys():
+            return {name: self.campaign.at_rest[name] for name in names}
+        temperatures = {name: self.observer.last.get(channel, math.nan) for name, channel in names.items()}
+        cold = self.campaign.results.began_ns is None and all(map(math.isfinite, temperatures.values()))
+        return temperatures if cold else {}

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,10 @@ from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from protocols.quality import NO_VALUE
-from rig.campaign.preflight.rest_check import FEWEST_SAMPLES, AtRest
+from rig.campaign.execution.campaign_context import CampaignContext
+from rig.campaign.preflight.rest_check import FEWEST_SAMPLES, Reading, RestWindow, RestWindows
 from rig.campaign.results import CampaignFinding, PointResult, PointResults
+from rig.campaign.setup import ZERO_CHECKS, note_zeros
 from rig.campaign.words import say
 from rig.errors import FileProblem
 from rig.recording.conversion.delay_correction import finished, write_verdict
@@ -37,83 +40,18 @@ FEW = 4.0
 FEWEST_STATUSES = 3
 REPEATS = 1e-6
 """Of the noise: the scatter that rounding makes of one value many times over."""
-ENTRY = "zero_checks"
-
-
-@dataclass(frozen=True)
-class Reading:
-    """One quantity over a rest window: mean and standard deviation (of a sample; SI) of `count` samples."""
-
-    mean: float
-    std: float
-    count: int
-
-    @classmethod
-    def of(cls, samples: NDArray[np.float64]) -> Reading:
-        """Of samples (n,); those that are not finite do not count."""
-        finite = samples[np.isfinite(samples)]
-        if len(finite) == 0:
-            return cls(math.nan, math.nan, 0)
-        std = float(np.std(finite, ddof=1)) if len(finite) > 1 else 0.0
-        return cls(float(np.mean(finite)), std, len(finite))
-
-
-@dataclass(frozen=True)
-class RestWindow:
-    """A resting rig as its instruments show it; the controller's own inputs are its `position_m` and force.
-
-    `force_flagged` and `displacement_flagged` count samples that the sensor itself calls overloaded or faulty.
-    """
-
-    force_N: Reading
-    displacement_m: Reading
-    position_m: Reading
-    controller_force_N: Reading
-    force_flagged: int = 0
-    displacement_flagged: int = 0
-
-    def to_json(self) -> dict[str, Any]:
-        """The fields by name, readings as objects."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> RestWindow:
-        """The opposite of `to_json`.
-
-        Raises:
-            KeyError, TypeError, ValueError: something is missing or of a wrong type.
-        """
-        names = ("force_N", "displacement_m", "position_m", "controller_force_N")
-        force_N, displacement_m, position_m, controller_force_N = (
-            Reading(float(values[name]["mean"]), float(values[name]["std"]), int(values[name]["count"]))
-            for name in names
-        )
-        flagged = int(values["force_flagged"]), int(values["displacement_flagged"])
-        return cls(force_N, displacement_m, position_m, controller_force_N, *flagged)
-
-
-def at_rest(seen: AtRest) -> RestWindow:
-    """The rest window of these samples."""
-    return RestWindow(
-        Reading.of(seen.force_N), Reading.of(seen.displacement_m), Reading.of(seen.position_m),
-        Reading.of(seen.controller_force_N), seen.force_flagged, seen.displacement_flagged,
-    )
 
 
 @dataclass
-class ZeroReturn:
+class ZeroReturn(RestWindows):
     """Both rest windows of a session, and how much was measured between them.
 
     Attributes:
-        start: before the rig was armed; None when it never came so far.
-        end: at the end, at 0 A and standstill; None when the end did not allow it.
         peak_force_N: largest force while points ran.
         peak_displacement_m: largest distance from the start's rest while points ran.
         force_step_N, displacement_step_m: least difference of two samples: the sensors' resolution.
     """
 
-    start: RestWindow | None = None
-    end: RestWindow | None = None
     peak_force_N: float = 0.0
     peak_displacement_m: float = 0.0
     force_step_N: float = math.inf
@@ -241,10 +179,10 @@ def read_zero_checks(folder: Path) -> tuple[ZeroReturn, ...]:
         FileProblem: an entry is damaged.
     """
     checks = []
-    for entry in read_campaign(folder).get(ENTRY, ()):
+    for entry in read_campaign(folder).get(ZERO_CHECKS, ()):
         try:
             start, end = (
-                None if entry[name] is None else RestWindow.from_json(entry[name]) for name in ("start", "end")
+                None if entry[name] is None else _rest_window(entry[name]) for name in ("start", "end")
             )
             peaks = float(entry["peak_force_N"]), float(entry["peak_displacement_m"])
             steps = (
@@ -253,8 +191,36 @@ def read_zero_checks(folder: Path) -> tuple[ZeroReturn, ...]:
             )
             checks.append(ZeroReturn(start, end, *peaks, *steps))
         except (KeyError, TypeError, ValueError) as error:
-            raise FileProblem(str(folder / "campaign.json"), [f"{ENTRY}: {error!r}"]) from error
+            raise FileProblem(str(folder / "campaign.json"), [f"{ZERO_CHECKS}: {error!r}"]) from error
     return tuple(checks)
+
+
+def _rest_window(values: Mapping[str, Any]) -> RestWindow:
+    """The opposite of `RestWindow.to_json`.
+
+    Raises:
+        KeyError, TypeError, ValueError: something is missing or of a wrong type.
+    """
+    names = ("force_N", "displacement_m", "position_m", "controller_force_N")
+    force_N, displacement_m, position_m, controller_force_N = (
+        Reading(float(values[name]["mean"]), float(values[name]["std"]), int(values[name]["count"]))
+        for name in names
+    )
+    flagged = int(values["force_flagged"]), int(values["displacement_flagged"])
+    return RestWindow(force_N, displacement_m, position_m, controller_force_N, *flagged)
+
+
+def zeros_returned(zeros: ZeroReturn, campaign: CampaignContext) -> tuple[CampaignFinding, ...]:
+    """What the zeros show at a session's end, entered in `campaign.json`, in the points' files and in the books."""
+    findings = zeros.findings()
+    if zeros.start is not None:
+        try:
+            note_zeros(campaign.folder, zeros.to_json())
+        except (OSError, FileProblem) as error:
+            campaign.display.message("error", say("at-the-end", error=error))
+    warn = partial(campaign.display.message, "warning")
+    doubt_points(campaign.results, findings, warn, campaign.stock.results)
+    return findings
 
 
 def doubt_points(

@@ -5,9 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rig.campaign.sequencer.action import Action, Request
-from rig.campaign.sequencer.amplitude_compensation import MeasuredMotion
 from rig.campaign.stop_cause import StopCause
 from rig.faults.row import StopKind
+
+
+@dataclass(frozen=True)
+class MeasuredMotion:
+    """What the sensors saw of a program that has ended.
+
+    Attributes:
+        amplitude_m: mean over the full cycles of half of peak to valley, m.
+        mean_m: mean position, m.
+        valve_saturated: the controller reported full flow.
+        following_error_m: largest reported difference of set-point and position, m.
+    """
+
+    amplitude_m: float
+    mean_m: float
+    valve_saturated: bool = False
+    following_error_m: float = 0.0
 
 
 @dataclass(frozen=True)

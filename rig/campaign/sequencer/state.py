@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from rig.bench.model import Bench
 from rig.campaign.results import RigState
-from rig.campaign.sequencer.amplitude_compensation import Ceiling, Drives
 from rig.campaign.stop_cause import MOST_RETRIES, StopCause
 from rig.faults.row import StopKind
 from rig.matrix.feasibility import command_limit, command_room
@@ -28,6 +28,57 @@ WARM_UP_MARGIN_K = 0.3
 """Warmed a little beyond the window's lower end, so that the rod's return does not cost another program."""
 
 
+@dataclass(frozen=True)
+class Ceiling:
+    """What may be commanded.
+
+    Attributes:
+        amplitude_m: the largest amplitude that speed and acceleration allow, m; `what` limits it, in words.
+        low_m: lowest position that may be commanded, m; `high_m` the highest; `where` they come from, in words.
+    """
+
+    amplitude_m: float = math.inf
+    what: str = ""
+    low_m: float = -math.inf
+    high_m: float = math.inf
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How a motion is commanded.
+
+    Attributes:
+        waveform, amplitude_m, frequency_Hz: the motion wanted.
+        current_A: the coil's current during it.
+        command_m: the amplitude to command, m.
+        shift_m: added to the centre, m.
+        steps: corrections so far.
+        settled: nothing more is to be tried: it is within tolerance, or the machine cannot.
+        cannot: why the machine cannot; empty while it may.
+        tried: commanded and reached amplitude (m) of the program before, None before the first.
+    """
+
+    waveform: str
+    amplitude_m: float
+    frequency_Hz: float
+    current_A: float
+    command_m: float
+    shift_m: float = 0.0
+    steps: int = 0
+    settled: bool = False
+    cannot: str = ""
+    tried: tuple[float, float] | None = None
+
+    @property
+    def gain(self) -> float:
+        """Commanded over wanted amplitude."""
+        return self.command_m / self.amplitude_m
+
+
+Drives = tuple[Drive, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Conditions:
     """What every point of a campaign must find. Made once and the same object ever after.
@@ -43,16 +94,12 @@ class Conditions:
     """
 
     tolerance: float | None = None
-    ceilings: tuple[tuple[str, Ceiling], ...] = ()
+    ceilings: Mapping[str, Ceiling] = field(default_factory=dict)
     thermal: Thermal | None = None
     loads: tuple[tuple[str, Load], ...] = ()
     warm_up: TestPoint | None = None
     longest_s: float = 3600.0
     demagnetise: bool = False
-
-    def ceiling(self, point: TestPoint) -> Ceiling:
-        """What may be commanded for a point."""
-        return dict(self.ceilings).get(point.id, Ceiling())
 
     def highest_start(self, point: TestPoint) -> float:
         """Largest temperature (degC) at which the point may begin; inf without a window."""
@@ -98,7 +145,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
     points, temperature = matrix.points(), matrix.temperature
     conditions = Conditions(
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
-        ceilings=tuple((point.id, _ceiling(point, matrix, bench)) for point in points if point.kind == "loop"),
+        ceilings={point.id: _ceiling(point, matrix, bench) for point in points if point.kind == "loop"},
         demagnetise=matrix.campaign.demagnetise,
     )
     if temperature is None:
@@ -244,15 +291,6 @@ class State:
         """The current point."""
         return self.queue[0]
 
-    @property
-    def attempt(self) -> int:
-        """Attempts of the current point begun so far."""
-        return self.attempts.count(self.point.id)
-
-    def may_repeat(self, point_id: str) -> bool:
-        """Whether another attempt of a point is allowed."""
-        return self.attempts.count(point_id) <= self.retries
-
     def without_last_attempt(self) -> State:
         """The state as if the current point's last attempt had not been begun."""
         last = len(self.attempts) - 1 - self.attempts[::-1].index(self.point.id)
@@ -264,6 +302,15 @@ class State:
             self, latch=None, stopped=False, proved=False, powered=False, held_at_m=None, rest_s=0.0, warming=None,
             warmed_with=None, cooled_s=0.0,
         )
+
+
+def campaign_state(queue: tuple[TestPoint, ...], matrix: Matrix, bench: Bench) -> State:
+    """The state before the points of a queue, under the conditions that the matrix asks for on this bench.
+
+    Raises:
+        ValueError: as `start_state`.
+    """
+    return start_state(queue, matrix.campaign.retries, conditions_of(matrix, bench))
 
 
 def start_state(points: tuple[TestPoint, ...], retries: int, conditions: Conditions = NO_CONDITIONS) -> State:

@@ -16,19 +16,22 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from rig.campaign.sequencer import action as act
-from rig.campaign.sequencer import amplitude_compensation, point_preparation, stopping
 from rig.campaign.sequencer import event as ev
+from rig.campaign.sequencer import point_preparation, stopping
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.state import Phase, State
 from rig.campaign.sequencer.stopping import Handler, Step
 from rig.campaign.stop_cause import because
 from rig.campaign.words import say
 from rig.faults.row import StopKind
+from rig.matrix.point import TestPoint
 
 CENTRING_LIMIT_S = 60.0
 ZEROS_LIMIT_S = 5.0
 PROOF_LIMIT_S = 10.0
 PROGRAM_LIMIT_S = 5.0
+PROGRAM_PATIENCE = 1.25
+PROGRAM_EXTRA_S = 5.0
 JUDGING_LIMIT_S = 120.0
 """Wall time: files are written on the host."""
 REST_EXTRA_S = 5.0
@@ -161,16 +164,23 @@ def _settle(state: State) -> Step:
 def _run(state: State, event: ev.CurrentSettled) -> Step:
     point, program = state.point, point_preparation.program(state)
     if state.warming is not None:
-        return point_preparation.start(state, Phase.WARMING, program)
-    if point_preparation.wants_trial(state):
-        trial = amplitude_compensation.trial(point, point_preparation.drive(state))
-        return point_preparation.start(state, Phase.ADAPTING, trial)
+        return _start(state, Phase.WARMING, program)
+    trial = point_preparation.trial_of(state)
+    if trial is not None:
+        return _start(state, Phase.ADAPTING, trial)
     state = replace(state, attempts=(*state.attempts, point.id), recording=True, spoiled=None)
-    begin = act.BeginRecording(point, state.attempt, program)
+    begin = act.BeginRecording(point, state.attempts.count(point.id), program)
     if point.kind == "current_step":
         state = replace(state, steps_left=point.steps_A[1:])
         return _hold_step(state, begin)
-    return point_preparation.start(state, Phase.RUNNING, program, begin)
+    return _start(state, Phase.RUNNING, program, begin)
+
+
+def _start(state: State, phase: Phase, motion: TestPoint, *actions: Action) -> Step:
+    """Start a program in a phase of its own; `actions` go first."""
+    state = replace(state, moved=True, held_at_m=None)
+    limit_s = PROGRAM_PATIENCE * motion.motion_s + PROGRAM_EXTRA_S
+    return stopping.enter(state, phase, *actions, act.Start(motion), device_s=limit_s)
 
 
 def _hold_step(state: State, *actions: Action) -> Step:
@@ -228,7 +238,7 @@ def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
     if state.spoiled is not None:
         return _recorded(state, held_at_m)
     state = point_preparation.learn(state, event)
-    drive = point_preparation.drive(state) if point_preparation.adapts(state) else None
+    drive = point_preparation.drive_of(state) if point_preparation.adapts(state) else None
     if drive is None or event.motion is None or (drive.settled and not drive.cannot):
         return _recorded(state, held_at_m)
     note = point_preparation.learned_note(state, event)
@@ -242,23 +252,17 @@ def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
 
 def _recorded(state: State, held_at_m: float | None, *remarks: Action) -> Step:
     point, spoiled = state.point, state.spoiled
+    may_repeat = state.attempts.count(point.id) <= state.retries
     state, actions = stopping.end_recording(state, spoiled)
     actions = remarks + actions
     state = replace(state, held_at_m=held_at_m, spoiled=None, rest_s=point.rest_s)
-    if spoiled is None:
-        state = _await_verdict(state)
-    elif not state.may_repeat(point.id):
+    if spoiled is None or not may_repeat:
         state = replace(state, queue=state.queue[1:])
+    if spoiled is None and may_repeat:
+        # Its verdict decides.
+        state = replace(state, unjudged=(*state.unjudged, point.id), given_back=(*state.given_back, point))
     state, more = stopping.enter(state, Phase.CLEARING, act.SetCurrent(0.0), device_s=point_preparation.CURRENT_LIMIT_S)
     return state, actions + more
-
-
-def _await_verdict(state: State) -> State:
-    point = state.point
-    state = replace(state, queue=state.queue[1:])
-    if state.may_repeat(point.id):
-        return replace(state, unjudged=(*state.unjudged, point.id), given_back=(*state.given_back, point))
-    return state
 
 
 def _cleared(state: State, event: ev.CurrentSettled) -> Step:

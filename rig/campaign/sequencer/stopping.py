@@ -49,7 +49,8 @@ def end_recording(state: State, fault: StopCause | None) -> Step:
     """Close the current point's recording if it is open; a `fault` makes the point invalid."""
     if not state.recording:
         return state, ()
-    return replace(state, recording=False), (act.EndRecording(state.point, state.attempt, fault),)
+    attempt = state.attempts.count(state.point.id)
+    return replace(state, recording=False), (act.EndRecording(state.point, attempt, fault),)
 
 
 def latch(state: State, stop: StopKind, cause: StopCause, *actions: Action) -> Step:
@@ -113,7 +114,7 @@ def stopped(state: State, event: ev.Safe) -> Step:
         state = replace(state, attempts=(*state.attempts, state.point.id))
     state, actions = end_recording(state, cause)
     allowed = state.refused is None and not state.restart_withdrawn and may_restart(stop, cause)
-    if allowed and state.queue and state.may_repeat(state.point.id):
+    if allowed and state.queue and state.attempts.count(state.point.id) <= state.retries:
         state, more = cool_down(state) if cause.slug in COOLS_FIRST else reset(state)
     else:
         state, more = finish(state)

@@ -19,7 +19,7 @@ from protocols.quality import Quality
 from rig.recording.alignment.sensor_clock import SensorClock, timed_sensors
 from rig.recording.layout import NUMBER, PointContext, Records, channel_name, good_values
 from rig.signals.arrays import FloatArray
-from rig.signals.chunked_column import Column, Values, first_after, mapped, overlapping, parts, thinned
+from rig.signals.chunked_column import Column, Values, first_after, mapped, overlapping, thinned
 from rig.signals.clock_model import ARRIVAL, EDGES, IDENTITY, ClockModel, HostMap, by_envelope, by_order, host_map
 from rig.signals.delay_estimation.delay_model import Skew
 from rig.signals.interpolation import flags_at, monotone_at, status_at
@@ -32,8 +32,6 @@ MOST_FOR_A_MEDIAN = 20_000
 
 class NothingRecorded(ValueError):
     """A point without displacement or force samples: there is nothing to align."""
-MOST_OVERVIEW_SAMPLES = 400_000
-FEWEST_A_CYCLE = 200
 
 
 @dataclass(frozen=True)
@@ -101,11 +99,6 @@ class Alignment:
     skew_method: str
     arrival_skew_s: float | None
     host: HostMap
-
-    @property
-    def lost_samples(self) -> int:
-        """Samples that were not delivered, all channels together."""
-        return sum(channel.lost for channel in self.timed.values())
 
     def loss_counted_by(self, device_rate: float) -> str:
         """How a lost sample of load cell or LVDT would have been seen: `sequence`, `rate`, or `nothing`.
@@ -316,27 +309,3 @@ class Overview:
     force_N: FloatArray
     current_A: FloatArray
     temperature_degC: FloatArray
-
-
-def overview(alignment: Alignment, frequency_Hz: float) -> Overview:
-    """Every k-th sample of a point too long to hold, every sample of any other.
-
-    Args:
-        alignment: the aligned point.
-        frequency_Hz: of its cycles; at least 200 samples of each are kept.
-    """
-    count = len(alignment.time_s)
-    every = 1
-    if count > MOST_OVERVIEW_SAMPLES:
-        rate_Hz = (count - 1) / max(float(alignment.time_s[-1]), 1e-9)
-        enough = int(rate_Hz / (FEWEST_A_CYCLE * max(frequency_Hz, 1e-3)))
-        every = max(1, min(-(-count // MOST_OVERVIEW_SAMPLES), enough))
-    names = ("displacement", "force", "current", "coil_temperature")
-    time_s, *values = (_every(column, every) for column in (alignment.time_s, *(alignment.values[n] for n in names)))
-    return Overview(time_s, *values)
-
-
-def _every(values: Values, every: int) -> FloatArray:
-    if every == 1:
-        return np.asarray(values, np.float64)
-    return np.concatenate([np.asarray(values[rows])[-rows.start % every :: every] for rows in parts(len(values))])

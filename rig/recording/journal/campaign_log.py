@@ -37,6 +37,8 @@ class CampaignLog:
             # A crash cut the last line off; the next one begins on its own.
             os.write(self._handle, b"\n")
         self._torn = False
+        self.trouble: OSError | None = None
+        """Why `note` could not write, the first time; None while it could."""
         self._reserve = folder / "journal.reserve"
         with contextlib.suppress(OSError):
             self._reserve.write_bytes(bytes(RESERVE_BYTES))
@@ -56,6 +58,13 @@ class CampaignLog:
             # A disk that fills up takes a part first and refuses the rest.
             data = data[self._append(data) :]
         self._torn = False
+
+    def note(self, event: str, **fields: object) -> None:
+        """`write` while a rig is in motion: a disk that refuses the line becomes `trouble` and stops nobody here."""
+        try:
+            self.write(event, **fields)
+        except OSError as error:
+            self.trouble = self.trouble or error
 
     def _append(self, data: bytes) -> int:
         try:

@@ -385,7 +385,8 @@ def measured_quality(
     light = replace(alignment, time_s=seen.time_s, values={"current": seen.current_A})
     calibration = PointQuality.read(context.calibration)
     return PointQuality(
-        lost_samples=alignment.lost_samples, loss_counted_by=alignment.loss_counted_by(context.device_rate),
+        lost_samples=sum(channel.lost for channel in alignment.timed.values()),
+        loss_counted_by=alignment.loss_counted_by(context.device_rate),
         skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
         current=current_quality(motion, light), force=sensor_quality("force", alignment),
         displacement=sensor_quality("displacement", alignment),

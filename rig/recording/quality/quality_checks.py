@@ -14,20 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocols.quality import Quality
-from rig.recording.alignment.alignment import Alignment, Overview, TimedChannel, overview
+from rig.recording.alignment.alignment import Alignment, Overview, TimedChannel
 from rig.recording.journal.journal_file import JournalContent
-from rig.recording.layout import Attribute, PointContext, SensorContext, WantedPoint
+from rig.recording.layout import LOOP, Attribute, PointContext, SensorContext, WantedPoint
 from rig.recording.point_files import OUT_OF_TOLERANCE
 from rig.recording.quality.cross_checks import point_reasons
 from rig.recording.quality.judgement import PointEvidence, SensorCounts, judge
 from rig.recording.quality.point_quality import PointQuality, measured_quality
 from rig.recording.quality.verdict import Kind, Reason
 from rig.signals.arrays import FloatArray
-from rig.signals.chunked_column import parts
+from rig.signals.chunked_column import Values, parts
 from rig.signals.current_error import loop_error_A, steps_error_A
 from rig.signals.cycles import MeasuredMotion, measured_motion
 from rig.signals.loop_shape import LoopShape, Standing, loop_shape, standing
 
+MOST_OVERVIEW_SAMPLES = 400_000
+FEWEST_A_CYCLE = 200
 SATURATION_SHARE = 0.999
 TEMPERATURE_REACH_S = 0.5
 LARGEST_DISORDER = 0.001
@@ -49,13 +51,37 @@ def judged(
         instruments: what is said of the instruments; None: what the point alone says.
     """
     wanted = context.point
-    seen = overview(alignment, wanted.frequency_Hz)
+    seen = _overview(alignment, wanted.frequency_Hz)
     motion = None if wanted.standing else measured_motion(seen.time_s, seen.displacement_m, wanted.waveform)
     evidence, shape = examine(content, context, alignment, seen, motion)
     quality = measured_quality(context, alignment, seen, motion, evidence, shape)
     if instruments is None:
         instruments = point_reasons(wanted.id, test, quality)
     return replace(quality, verdict=judge(replace(evidence, extra=(*evidence.extra, *instruments))))
+
+
+def _overview(alignment: Alignment, frequency_Hz: float) -> Overview:
+    """Every k-th sample of a point too long to hold, every sample of any other.
+
+    Args:
+        alignment: the aligned point.
+        frequency_Hz: of its cycles; at least 200 samples of each are kept.
+    """
+    count = len(alignment.time_s)
+    every = 1
+    if count > MOST_OVERVIEW_SAMPLES:
+        rate_Hz = (count - 1) / max(float(alignment.time_s[-1]), 1e-9)
+        enough = int(rate_Hz / (FEWEST_A_CYCLE * max(frequency_Hz, 1e-3)))
+        every = max(1, min(-(-count // MOST_OVERVIEW_SAMPLES), enough))
+    names = ("displacement", "force", "current", "coil_temperature")
+    time_s, *values = (_every(column, every) for column in (alignment.time_s, *(alignment.values[n] for n in names)))
+    return Overview(time_s, *values)
+
+
+def _every(values: Values, every: int) -> FloatArray:
+    if every == 1:
+        return np.asarray(values, np.float64)
+    return np.concatenate([np.asarray(values[rows])[-rows.start % every :: every] for rows in parts(len(values))])
 
 
 def examine(
@@ -84,7 +110,7 @@ def examine(
         measured_frequency_Hz=None if motion is None else motion.frequency_Hz,
         current_error_A=_steps_error_A(seen, wanted) if wanted.standing
         else loop_error_A(seen.time_s, seen.current_A, wanted.current_A, starts),
-        amplitude_tolerance=wanted.amplitude_tolerance if wanted.loop else None,
+        amplitude_tolerance=wanted.amplitude_tolerance if wanted.kind in {None, LOOP} else None,
         extra=[
             *(Reason(event.code, VERDICT_REMARKS[event.code], event.text) for event in content.events
               if event.code in VERDICT_REMARKS),

@@ -11,7 +11,7 @@ import pytest
 
 from protocols.line_format import from_description
 from rig.bench.model import Bench
-from rig.campaign.execution.campaign_context import sensor_contexts
+from rig.campaign.execution.point_recording import sensor_contexts
 from rig.errors import EXIT_USAGE, FileProblem
 
 EXAMPLES = Path(__file__).parents[3] / "examples"

@@ -7,11 +7,9 @@ from collections.abc import Callable
 
 import pytest
 
-from rig.campaign.sequencer.amplitude_compensation import (
+from rig.campaign.sequencer.event import MeasuredMotion
+from rig.campaign.sequencer.point_preparation import (
     MOST_STEPS,
-    Ceiling,
-    Drive,
-    MeasuredMotion,
     commanded,
     drive_for,
     learned,
@@ -20,6 +18,7 @@ from rig.campaign.sequencer.amplitude_compensation import (
     wants_trial,
     within,
 )
+from rig.campaign.sequencer.state import Ceiling, Drive
 from rig.matrix.point import TestPoint
 
 POINT = TestPoint("p001", "sine", 0.03, 2.0, 1.0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from drivers.roles import Input
-from rig.campaign.execution.motion_measurement import MOST_SAMPLES, MotionMeasurement, WantedMotion
+from rig.campaign.execution.observer import MOST_SAMPLES, MotionMeasurement, WantedMotion
 from rig.recording.layout import RECORD_DTYPE
 
 WANTED = WantedMotion("sine", 2.0, 250.0)

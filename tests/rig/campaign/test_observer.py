@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from drivers.roles import State
 from protocols.quality import Quality
-from rig.campaign.execution.motion_measurement import WantedMotion
-from rig.campaign.execution.observer import Observer
-from rig.campaign.preflight.rest_check import AtRest, RestLimits, judge_rest
+from rig.campaign.execution.observer import Observer, WantedMotion
+from rig.campaign.preflight.rest_check import AtRest, RestLimits, judge_rest, watch_rest
 from rig.campaign.sequencer import event as ev
 from rig.recording.layout import RECORD_DTYPE
 
@@ -160,7 +159,7 @@ def test_standstill_is_a_position_that_stays_for_a_moment_of_the_controllers_clo
 def test_zeros_are_judged_over_the_rest_window() -> None:
     observer = Observer()
     observer.observe(status(1_000_000_000, State.OFF))
-    observer.await_zeros(zeros)
+    watch_rest(observer, zeros)
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     block = [(channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
     assert observer.observe(records(*block)) is None
@@ -169,7 +168,7 @@ def test_zeros_are_judged_over_the_rest_window() -> None:
 
 def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None:
     observer = Observer()
-    observer.await_zeros(zeros)
+    watch_rest(observer, zeros)
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     assert observer.observe(status(7_000_000_000, State.OFF)) is None
     block = [(channel, 7_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
@@ -180,7 +179,7 @@ def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None
 
 def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_they_look_well() -> None:
     observer = Observer()
-    observer.await_zeros(zeros)
+    watch_rest(observer, zeros)
     observer.observe(status(1_000_000_000, State.OFF))
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     block = records(*((channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels))
@@ -195,7 +194,7 @@ def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_th
 def test_live_values_are_the_last_ones() -> None:
     observer = Observer()
     observer.observe(records((Channel.FORCE, 1, 10.0), (Channel.FORCE, 2, 12.0), (Channel.COIL_CURRENT, 2, 0.5)))
-    assert observer.live() == {"force_N": 12.0, "current_A": 0.5}
+    assert observer.last == {Channel.FORCE: 12.0, Channel.COIL_CURRENT: 0.5}
 
 
 def rest(

@@ -10,7 +10,7 @@ import pytest
 from drivers.ring import Channel
 from drivers.roles import State
 from rig.campaign.execution.observer import Observer
-from rig.campaign.preflight.proof_move import PROOF_M, Leg, judge_proof, proof_targets
+from rig.campaign.preflight.proof_move import PROOF_M, Leg, ProofMove, judge_proof, proof_targets
 from rig.campaign.sequencer import event as ev
 from rig.recording.layout import RECORD_DTYPE
 
@@ -74,9 +74,9 @@ def block(t_ms: int, state: State, position_m: float, force_N: float, lvdt_m: fl
 @pytest.mark.parametrize(("sign", "slug"), [(1.0, None), (-1.0, "sensors-swapped")])
 def test_both_ways_are_found_in_the_records(sign: float, slug: str | None) -> None:
     observer = Observer()
-    watch, t_ms, events = observer.proof_watch(lambda up, down: None), 0, []
+    move, t_ms, events = ProofMove(observer, lambda up, down: None), 0, []
     for target_m, force_N in ((0.002, 60.0), (-0.002, -60.0)):
-        observer.await_proof(watch, target_m, t_ms * MS)
+        move.watch(target_m, t_ms * MS)
         for part in np.linspace(0.0, 1.0, 20):
             t_ms += 10
             position_m = -target_m + 2 * target_m * part

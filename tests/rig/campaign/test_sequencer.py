@@ -13,8 +13,8 @@ from rig.campaign.results import RigState
 from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Action, Request
-from rig.campaign.sequencer.amplitude_compensation import Ceiling, MeasuredMotion
-from rig.campaign.sequencer.state import NO_CONDITIONS, Conditions, Phase, State, start_state
+from rig.campaign.sequencer.event import MeasuredMotion
+from rig.campaign.sequencer.state import NO_CONDITIONS, Ceiling, Conditions, Phase, State, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
 from rig.campaign.stop_cause import StopCause
@@ -30,7 +30,7 @@ POINTS = (
 # histories multiply.
 COMPENSATED = (
     (replace(POINTS[0], rest_s=0.0),),
-    Conditions(tolerance=0.01, ceilings=(("p001", Ceiling(0.03, "speed")),)),
+    Conditions(tolerance=0.01, ceilings={"p001": Ceiling(0.03, "speed")}),
 )
 STEP = TestPoint("step1", "hold", 0.0, 2.0, 1.0, 2, 0.0, 0.0, kind="current_step", steps_A=(0.2, 1.0))
 TEMPERED = (

@@ -11,14 +11,13 @@ import pytest
 
 from rig.bench.model import Bench
 from rig.bench.settings_json import from_json
-from rig.campaign.execution.campaign_context import sensor_contexts
-from rig.campaign.machine_resources import locked
+from rig.campaign.execution.point_recording import sensor_contexts
+from rig.campaign.machine_resources import locked, station_config
 from rig.campaign.results import CampaignOptions
 from rig.campaign.setup import (
     campaign_hash,
     check_room,
     make_campaign_folder,
-    station_config,
     write_description,
 )
 from rig.errors import Refused

@@ -6,13 +6,13 @@ import os
 import signal
 import threading
 
-from rig.campaign.operator_link import Signals
+from rig.campaign.operator_link import operator_signals
 from rig.campaign.sequencer import event as ev
 from rig.faults.row import StopKind
 
 
 def test_signals_become_aborts_in_order_and_the_process_lives() -> None:
-    with Signals() as signals:
+    with operator_signals() as signals:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             os.kill(os.getpid(), number)
         aborts = signals.take()
@@ -25,7 +25,7 @@ def test_signals_become_aborts_in_order_and_the_process_lives() -> None:
 
 def test_handlers_are_given_back() -> None:
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-    with Signals():
+    with operator_signals():
         assert signal.getsignal(signal.SIGINT) not in before
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
 
@@ -34,7 +34,7 @@ def test_outside_the_main_thread_nothing_is_caught_and_nothing_breaks() -> None:
     before, seen = signal.getsignal(signal.SIGINT), []
 
     def enter() -> None:
-        with Signals() as signals:
+        with operator_signals() as signals:
             seen.append((signal.getsignal(signal.SIGINT), signals.take()))
 
     thread = threading.Thread(target=enter)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.campaign.preflight.baseline import Baseline, Signature, expected_signature, judge_damper, measured_signature
+from rig.campaign.preflight.proof_move import Baseline, Signature, expected_signature, judge_damper, measured_signature
 from rig.errors import FileProblem
 from rig.matrix.sections import Specimen
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.ring import Channel
-from rig.campaign.preflight.rest_check import AtRest
-from rig.campaign.preflight.zero_return import ZeroReturn, at_rest, read_zero_checks
+from rig.campaign.preflight.rest_check import AtRest, at_rest
+from rig.campaign.preflight.zero_return import ZeroReturn, read_zero_checks
 from rig.errors import FileProblem
 from rig.recording.layout import RECORD_DTYPE
 

@@ -18,7 +18,7 @@ import pytest
 
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
-from rig.campaign.setup import station_config
+from rig.campaign.machine_resources import station_config
 from rig.clock import monotonic_ns
 from rig.matrix.model import load_matrix
 from rig.station.client import StationClient, StationLost

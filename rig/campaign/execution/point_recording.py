@@ -1,0 +1,329 @@
+"""Points as they are recorded: journal begun and ended, file made, verdict entered; in the end all are collected."""
+
+from __future__ import annotations
+
+import traceback
+from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rig import __version__
+from rig.bench.model import Bench
+from rig.bench.sensor_settings import SensorConfig
+from rig.campaign.execution.campaign_context import CampaignContext
+from rig.campaign.operator_link import Signals
+from rig.campaign.results import VALID, PointResult
+from rig.campaign.sequencer import action as act
+from rig.campaign.sequencer import event as ev
+from rig.campaign.setup import campaign_hash
+from rig.campaign.stop_cause import StopCause, because, cause_of
+from rig.campaign.words import say
+from rig.clock import monotonic_ns, utc_now
+from rig.matrix.point import TestPoint
+from rig.recording.conversion.finaliser import Finaliser
+from rig.recording.conversion.recovery import set_aside
+from rig.recording.journal.recorder import PointRecorder, RecorderFailed, kept_apart
+from rig.recording.layout import PointContext, SensorContext, WantedPoint
+from rig.recording.point_files import OUT_OF_TOLERANCE, FinishedPoint, attempt_name
+
+RETIMING_TIMEOUT_S = 120.0
+ASK_AGAIN_S = 0.25
+FILES_TIMEOUT_S = 120.0
+"""Beside the recorded time itself: a file of ten minutes at 10 kHz takes minutes to make."""
+
+
+@dataclass
+class PointRecording:
+    """The recorder of the running point, and the points whose files are being made.
+
+    Attributes:
+        campaign: what the campaign works with; results are entered there.
+        finaliser: the process that writes the points' files.
+        recorder: recording's thread on the station's ring; None before the station is connected.
+        handed_in: points whose files are being made, by the name of their files.
+    """
+
+    campaign: CampaignContext
+    finaliser: Finaliser
+    recorder: PointRecorder | None = None
+    handed_in: dict[str, TestPoint] = field(default_factory=dict)
+
+    def begin(self, action: act.BeginRecording) -> None:
+        """Open the journal of a point's attempt.
+
+        Raises:
+            RecorderFailed: there is no recorder, or it has ended.
+            OSError: the disk refused the journal; the point is given up.
+        """
+        recorder, point, campaign = self._connected(), action.point, self.campaign
+        try:
+            if action.attempt == 1:
+                # What an earlier session left of the point makes room for this one's.
+                set_aside(self.campaign.folder / "points", point.id, self.campaign.point_ids)
+            expected_s = point.motion_s / campaign.bench.clock.device_rate
+            name = attempt_name(point.id, action.attempt, self.campaign.point_ids)
+            recorder.begin(point_context(campaign, action, name), expected_s=expected_s)
+        except Exception as error:
+            self.give_up(point, cause_of(error))
+            raise
+        if campaign.results.began_ns is None:
+            campaign.results.began_ns = monotonic_ns()
+        campaign.log.note("point", point=point.id, attempt=action.attempt)
+
+    def end(self, action: act.EndRecording) -> None:
+        """Close the journal and have the point's file made.
+
+        Raises:
+            RecorderFailed: as `begin`.
+            OSError: the disk refused the journal's end; the point is given up.
+        """
+        recorder, results = self._connected(), self.campaign.results
+        results.ended_ns = monotonic_ns()
+        results.motion_s += action.point.motion_s
+        try:
+            journal = recorder.end(stopped_by=None if action.fault is None else action.fault.slug)
+        except Exception as error:
+            self.give_up(action.point, cause_of(error))
+            raise
+        self.handed_in[journal.id] = action.point
+        self.finaliser.submit(journal)
+
+    def drop(self, action: act.DropRecording) -> None:
+        """Close the journal and keep it apart from the points.
+
+        Raises:
+            RecorderFailed: as `begin`, or the disk refused.
+        """
+        recorder = self._connected()
+        recorder.note(OUT_OF_TOLERANCE, action.reason, monotonic_ns())
+        try:
+            kept = kept_apart(recorder.end(), self.campaign.point_ids)
+        except OSError as error:
+            raise RecorderFailed(f"{self.campaign.folder / 'points'}: {error}") from error
+        self.finaliser.submit(kept)
+        text = say("dropped", kept=kept.id)
+        self.campaign.log.note("dropped", point=action.point.id, kept=kept.id, text=text)
+
+    def _connected(self) -> PointRecorder:
+        if self.recorder is None:
+            raise RecorderFailed("there is no recorder before the station is connected")
+        return self.recorder
+
+    def remark(self, action: act.Remark) -> None:
+        """Put a finding into the running point's journal."""
+        if self.recorder is not None:
+            self.recorder.note(action.code, action.text, monotonic_ns())
+
+    def give_up(self, point: TestPoint, cause: StopCause) -> PointResult:
+        """Enter a point that could not be begun or whose file could not be written."""
+        return self._announced(self.campaign.results.given_up(point, cause))
+
+    def _announced(self, result: PointResult) -> PointResult:
+        self.campaign.log.note("judged", **result.to_json())
+        self.campaign.display.point_done(result)
+        return result
+
+    def verdicts(self, attempts: tuple[str, ...]) -> list[ev.Event]:
+        """What was judged since the last call.
+
+        Args:
+            attempts: point ids, one entry for each attempt begun; a late verdict on an earlier attempt decides nothing.
+        """
+        events: list[ev.Event] = []
+        for finished in self.finaliser.results():
+            result = self._entered(finished)
+            if result is None:
+                continue
+            if finished.id == attempt_name(result.id, max(1, attempts.count(result.id)), self.campaign.point_ids):
+                events.append(ev.Judged(result.id, result.verdict == VALID))
+        return events
+
+    def _entered(self, finished: FinishedPoint) -> PointResult | None:
+        """Enter what the finaliser says about a point; None when it was not handed in here."""
+        campaign, point = self.campaign, self.handed_in.pop(finished.id, None)
+        if point is None:
+            if finished.error:
+                campaign.log.note("warning", slug=finished.error_slug, text=f"{finished.id}: {finished.error}")
+            return None
+        if finished.error or not finished.file:
+            return self.give_up(point, because("not-written", "said", text=finished.error))
+        file = self.campaign.folder / "points" / finished.file
+        return self._announced(
+            campaign.results.judged(
+                point, file, finished.verdict, finished.reasons, finished.lost_samples, finished.quality
+            )
+        )
+
+    def collect(self, signals: Signals) -> ev.Abort | None:
+        """Wait for the files of the points that were recorded; the rig is at rest, whatever happens here.
+
+        Args:
+            signals: the operator's; a stop among them ends the waiting.
+
+        Returns:
+            That stop; None when there was none.
+        """
+        enough = _Enough(signals)
+        try:
+            self._collect(enough)
+        except Exception as error:  # noqa: BLE001 - the rig is at rest: whatever fails here costs no safety
+            self.campaign.log.note("error", text=f"the points' files: {error!r}", trace=traceback.format_exc())
+            self.campaign.display.message("error", say("points-files", error=error))
+        return enough.abort
+
+    def _collect(self, enough: _Enough) -> None:
+        recorded_s = sum(point.motion_s for point in self.handed_in.values())
+        deadline_ns = monotonic_ns() + int(1e9 * (FILES_TIMEOUT_S + recorded_s))
+        for name, point in tuple(self.handed_in.items()):
+            while name in self.handed_in:
+                try:
+                    self._entered(self.finaliser.wait(name, ASK_AGAIN_S))
+                except TimeoutError:
+                    if enough() or monotonic_ns() > deadline_ns:
+                        self.handed_in.pop(name)
+                        self.give_up(point, because("not-written", "file-unfinished"))
+        results = self.campaign.results.results
+        if all(name in results for name in self.campaign.point_ids) and not enough():
+            self._bring_to_one_skew(enough)
+
+    def _bring_to_one_skew(self, enough: _Enough) -> None:
+        """All points together know the sensors' delays better than each alone; files certainly wrong are mended."""
+        log, thread = self.campaign.log, ThreadPoolExecutor(1, thread_name_prefix="one-skew")
+        try:
+            waiting = thread.submit(self.finaliser.retime, self.campaign.folder / "points", RETIMING_TIMEOUT_S)
+            while not waiting.done() and not enough():
+                wait((waiting,), ASK_AGAIN_S)
+            if not waiting.done():
+                log.note("warning", text=say("own-skews", why="the operator did not wait"))
+                return
+            mended = waiting.result()
+        except OSError as error:
+            log.note("warning", text=say("own-skews", why=error))
+            return
+        finally:
+            thread.shutdown(wait=False)
+        for finished in mended:
+            log.note(
+                "retimed", file=finished.id, skew_s=finished.skew_s, skew_std_s=finished.skew_std_s,
+                verdict=finished.verdict,
+            )
+            self.campaign.results.mended(Path(finished.file), finished.verdict, finished.reasons, finished.quality)
+
+    def close(self) -> None:
+        """Let go of the ring; a point still open is closed as interrupted, where the disk allows it."""
+        if self.recorder is not None:
+            try:
+                self.recorder.close()
+            except OSError as error:
+                self.campaign.log.note("warning", text=say("recorder-left", error=error))
+
+
+class _Enough:
+    """Whether the operator does not want to wait any longer: a stop among the signals."""
+
+    def __init__(self, signals: Signals) -> None:
+        self._signals = signals
+        self.abort: ev.Abort | None = None
+
+    def __call__(self) -> bool:
+        for event in self._signals.take():
+            if isinstance(event, ev.Abort):
+                self.abort = self.abort or event
+        return self.abort is not None
+
+
+def point_context(campaign: CampaignContext, action: act.BeginRecording, name: str) -> PointContext:
+    """The header of a point's journal, whose files have this name."""
+    return PointContext(
+        point=_wanted(campaign, action.point, name, action.commanded),
+        sensors=sensor_contexts(campaign.bench),
+        device_rate=campaign.bench.clock.device_rate,
+        controller_delay_s=campaign.bench.actuator.input_delay_s,
+        mid_stroke_m=campaign.matrix.specimen.mid_stroke_m,
+        moving_mass_kg=campaign.bench.fixture.moving_mass_kg,
+        current_tolerance_A=campaign.matrix.campaign.current_settled_A,
+        simulated=campaign.simulated,
+        provenance=_provenance(campaign, action.point, action.attempt),
+        calibration=campaign.at_rest,
+    )
+
+
+def _wanted(campaign: CampaignContext, point: TestPoint, name: str, commanded: TestPoint) -> WantedPoint:
+    """The point's own values, and what it was to find."""
+    sweep, temperature = campaign.matrix.sweep, campaign.matrix.temperature
+    low_degC, high_degC = (None, None) if temperature is None else temperature.window_degC
+    return WantedPoint(
+        id=name,
+        waveform=point.waveform,
+        amplitude_m=point.amplitude_m,
+        frequency_Hz=point.frequency_Hz,
+        current_A=point.current_A,
+        cycles=point.cycles,
+        ramp_in_cycles=point.ramp_in_cycles,
+        ramp_out_cycles=point.ramp_out_cycles,
+        centre_m=point.centre_m,
+        repeat=point.repeat,
+        rest_s=point.rest_s,
+        kind=point.kind,
+        steps_A=" ".join(f"{step_A:g}" for step_A in point.steps_A),
+        commanded_amplitude_m=commanded.amplitude_m,
+        commanded_centre_m=commanded.centre_m,
+        amplitude_tolerance=sweep.amplitude_tolerance if sweep.adapt_amplitude else None,
+        temperature_low_degC=low_degC,
+        temperature_high_degC=high_degC,
+    )
+
+
+def _provenance(campaign: CampaignContext, point: TestPoint, attempt: int) -> dict[str, str]:
+    identities = {f"identity_{name}": _text(value) for name, value in campaign.identities.items()}
+    return {
+        "software": f"mr-damper-rig {__version__}",
+        "campaign": campaign.folder.name,
+        "bench": campaign.bench.name,
+        "bench_hash": campaign.bench.digest,
+        "matrix_hash": campaign.matrix.digest,
+        "campaign_hash": campaign_hash(campaign.bench, campaign.matrix),
+        "specimen": campaign.matrix.specimen.serial_number,
+        "point": point.id,
+        "attempt": str(campaign.stock.attempts.get(point.id, 0) + attempt),
+        "started_utc": utc_now().isoformat(timespec="milliseconds"),
+        **identities,
+    }
+
+
+def sensor_contexts(bench: Bench) -> dict[str, SensorContext]:
+    """The sensors as the recording names them: `force`, `displacement`, `auxiliary_1` ..."""
+    contexts = {
+        "force": _sensor(bench.load_cell, "N", "Force at the load cell"),
+        "displacement": _sensor(bench.lvdt, "m", "Damper extension"),
+    }
+    for number, sensor in enumerate(bench.auxiliary, start=1):
+        contexts[f"auxiliary_{number}"] = _sensor(sensor, sensor.unit, sensor.name)
+    return contexts
+
+
+def _sensor(sensor: SensorConfig, unit: str, long_name: str) -> SensorContext:
+    calibration = sensor.calibration
+    return SensorContext(
+        sensor=sensor.label,
+        rate_Hz=sensor.rate_Hz,
+        delay_s=sensor.delay_s,
+        range_SI=sensor.span,
+        unit=unit,
+        long_name=long_name,
+        sensitivity=sensor.sensitivity,
+        offset=sensor.offset,
+        serial_number=calibration.serial_number,
+        certificate=calibration.certificate,
+        due="" if calibration.due is None else calibration.due.isoformat(),
+        uncertainty_percent=calibration.uncertainty_percent,
+        overdue=calibration.due is not None and calibration.due < utc_now().date(),
+        format=sensor.format if isinstance(sensor.format, str) else "a line described in the bench file",
+        bandwidth_Hz=sensor.bandwidth_Hz,
+    )
+
+
+def _text(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {entry}" for key, entry in value.items())
+    return str(value)
