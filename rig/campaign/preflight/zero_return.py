@@ -26,6 +26,7 @@ from rig.campaign.setup import ZERO_CHECKS, note_zeros
 from rig.campaign.words import say
 from rig.errors import FileProblem
 from rig.recording.conversion.delay_correction import finished, write_verdict
+from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.quality.instrument_checks import ZERO_RETURN
 from rig.recording.quality.verdict import suspect
 from rig.recording.recorded_point import RecordedPoint
@@ -38,6 +39,7 @@ SURE = 5.0
 FEW = 4.0
 """... and so many times more, divided by the degrees of freedom that the noise itself is known by."""
 FEWEST_STATUSES = 3
+_FIRST = np.ones(1, bool)
 REPEATS = 1e-6
 """Of the noise: the scatter that rounding makes of one value many times over."""
 
@@ -57,20 +59,18 @@ class ZeroReturn(RestWindows):
     force_step_N: float = math.inf
     displacement_step_m: float = math.inf
 
-    def watch(self, records: NDArray[Any]) -> None:
+    def watch(self, block: RecordBlock) -> None:
         """Take records of a running point."""
         if self.start is None:
             return
-        good = records[(records["flags"] & int(NO_VALUE)) == 0]
-        force_N, displacement_m = (
-            np.unique(good["value"][good["channel"] == channel]) for channel in (Channel.FORCE, Channel.DISPLACEMENT)
-        )
+        force_N, displacement_m = (_distinct(block.of(channel)) for channel in (Channel.FORCE, Channel.DISPLACEMENT))
         if len(force_N):
             self.peak_force_N = max(self.peak_force_N, abs(float(force_N[0])), abs(float(force_N[-1])))
             self.force_step_N = min(self.force_step_N, _step(force_N))
         if len(displacement_m):
-            apart_m = displacement_m[[0, -1]] - self.start.displacement_m.mean
-            self.peak_displacement_m = max(self.peak_displacement_m, float(np.max(np.abs(apart_m))))
+            rest_m = self.start.displacement_m.mean
+            apart_m = max(abs(float(displacement_m[0]) - rest_m), abs(float(displacement_m[-1]) - rest_m))
+            self.peak_displacement_m = max(self.peak_displacement_m, apart_m)
             self.displacement_step_m = min(self.displacement_step_m, _step(displacement_m))
 
     def findings(self) -> tuple[CampaignFinding, ...]:
@@ -110,6 +110,15 @@ def _noise(first: Reading, last: Reading) -> float:
     freedom = first.count + last.count - 2
     variance = ((first.count - 1) * first.std**2 + (last.count - 1) * last.std**2) / freedom
     return SURE * (1.0 + FEW / freedom) * math.sqrt(variance * (1.0 / first.count + 1.0 / last.count))
+
+
+def _distinct(records: NDArray[Any]) -> NDArray[np.float64]:
+    """Distinct values of the good ones of some records (n,), ascending."""
+    values: NDArray[np.float64] = records["value"][(records["flags"] & int(NO_VALUE)) == 0]
+    if len(values) > 1:
+        values.sort()
+        values = values[np.concatenate((_FIRST, values[1:] != values[:-1]))]
+    return values
 
 
 def _step(values: NDArray[np.float64]) -> float:
