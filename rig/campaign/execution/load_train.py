@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from protocols.quality import Quality
 from rig.recording.journal.ring_reader import RecordBlock
+from rig.recording.layout import RECORD_DTYPE
 from rig.signals.loop_shape import noise_of, resting_travel_m
 
 REFERENCES = 3
@@ -55,7 +56,7 @@ CYCLES_AFTER_CURRENT = 1
 _EDGES = {Channel.FORCE_EDGE: Channel.FORCE, Channel.DISPLACEMENT_EDGE: Channel.DISPLACEMENT}
 _EDGE_MODULUS = 256
 _MOST_KEPT = 200_000
-_MOST_ASIDE = 256
+_MOST_ASIDE_BYTES = 1 << 16
 _MOST_KNOWN = 500
 
 
@@ -132,19 +133,19 @@ class _Track:
         self.times = np.empty(0)
         self.values = np.empty(0)
         self.edges: dict[int, float] = {}
-        self._aside: list[NDArray[Any]] = []
+        self._aside = bytearray()
 
     def take(self, records: NDArray[Any]) -> None:
-        self._aside.append(records.copy())
-        if len(self._aside) >= _MOST_ASIDE:
+        self._aside += records.tobytes()
+        if len(self._aside) > _MOST_ASIDE_BYTES:
             self.gather()
 
     def gather(self) -> None:
         """Make samples of what was put aside."""
         if not self._aside:
             return
-        records = np.concatenate(self._aside)
-        self._aside.clear()
+        records = np.frombuffer(self._aside, RECORD_DTYPE)
+        self._aside = bytearray()
         # A sample that waited in its port is as good as any other.
         good = np.isfinite(records["value"]) & ((records["flags"] & ~np.uint16(Quality.STALE)) == 0)
         records = records[good & (records["device_us"] >= 0)]
@@ -227,12 +228,12 @@ class LoadTrainWatch:
             self._tracks[Channel.SERVO_ERROR].mark(int(record["value"]), float(record["device_us"]))
         if Channel.COMMANDED_CURRENT in block:
             commanded = block.of(Channel.COMMANDED_CURRENT)["value"]
-            if np.ptp(commanded) > 0 or commanded[-1] != self._current_A:
+            if (commanded != self._current_A).any():
                 self._current_A = float(commanded[-1])
                 self._begin_anew()
         if Channel.COIL_CURRENT in block:
             measured = block.of(Channel.COIL_CURRENT)["value"]
-            if np.any(np.abs(measured - self._current_A) > CURRENT_APART_A):
+            if (np.abs(measured - self._current_A) > CURRENT_APART_A).any():
                 # Another current is another damper; that row has a detector of its own.
                 self._begin_anew()
 

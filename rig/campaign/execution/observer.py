@@ -22,7 +22,7 @@ from drivers.roles import State as ControllerState
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.event import MeasuredMotion
 from rig.recording.journal.ring_reader import RecordBlock
-from rig.recording.layout import good_values
+from rig.recording.layout import RECORD_DTYPE, good_values
 from rig.signals.clock_model import unwrapped
 from rig.signals.cycles import measured_motion
 
@@ -72,7 +72,7 @@ class MotionMeasurement:
         self._wanted = wanted
         self._stride = max(1, int(wanted.rate_Hz / (wanted.frequency_Hz * ENOUGH_SAMPLES_A_CYCLE)))
         self._skip = 0
-        self._parts: deque[NDArray[Any]] = deque()
+        self._parts: deque[bytes] = deque()
         self._kept = 0
         self._valve_saturated = False
         self._following_error_m = 0.0
@@ -81,7 +81,7 @@ class MotionMeasurement:
         """Take new records of the ring, in the order of arrival, from the program's start on."""
         if Channel.DISPLACEMENT in block:
             samples = block.of(Channel.DISPLACEMENT)
-            self._keep(samples[self._skip :: self._stride].copy())
+            self._keep(samples[self._skip :: self._stride])
             self._skip = (self._skip - len(samples)) % self._stride
         if Channel.INPUTS in block:
             inputs = block.of(Channel.INPUTS)["value"].astype(np.int64)
@@ -91,10 +91,10 @@ class MotionMeasurement:
             self._following_error_m = max(self._following_error_m, largest_m)
 
     def _keep(self, chosen: NDArray[Any]) -> None:
-        self._parts.append(chosen)
+        self._parts.append(chosen.tobytes())
         self._kept += len(chosen)
-        while self._kept - len(self._parts[0]) >= MOST_SAMPLES:
-            self._kept -= len(self._parts.popleft())
+        while self._kept - len(self._parts[0]) // RECORD_DTYPE.itemsize >= MOST_SAMPLES:
+            self._kept -= len(self._parts.popleft()) // RECORD_DTYPE.itemsize
 
     def motion(self) -> MeasuredMotion | None:
         """The program's motion, of a very long one that of its last cycles.
@@ -104,7 +104,7 @@ class MotionMeasurement:
         """
         if self._kept == 0:
             return None
-        samples, wanted = np.concatenate(self._parts), self._wanted
+        samples, wanted = np.frombuffer(b"".join(self._parts), RECORD_DTYPE), self._wanted
         clocked = bool(np.all(samples["device_us"] >= 0))
         time_s = samples["device_us"] * 1e-6 if clocked else unwrapped(samples["sequence"]) / wanted.rate_Hz
         order = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0))

@@ -154,9 +154,10 @@ class RecordBlock:
         if len(records):
             self._sorted = records.take(records["channel"].argsort(kind="stable"))
             channels = self._sorted["channel"]
-            ends = [*(np.flatnonzero(channels[1:] != channels[:-1]) + 1).tolist(), len(records)]
-            self.newest = self._sorted.take([end - 1 for end in ends])
-            places = map(slice, [0, *ends[:-1]], ends)
+            last = [*(channels[1:] != channels[:-1]).nonzero()[0].tolist(), len(records) - 1]
+            self.newest = self._sorted.take(last)
+            ends = [index + 1 for index in last]
+            places = map(slice, [0, *ends], ends)
             self._places = dict(zip(self.newest["channel"].tolist(), places, strict=True))
 
     def __len__(self) -> int:
