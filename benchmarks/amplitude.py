@@ -43,6 +43,7 @@ from rig.clock import utc_now
 from rig.matrix.model import Matrix
 from rig.matrix.plan import plan
 from rig.matrix.point import TestPoint
+from rig.recording.journal.ring_reader import RecordBlock
 from simulators.options import RigOptions
 
 BENCH = Path(__file__).parents[1] / "examples" / "demo-bench.toml"
@@ -94,7 +95,7 @@ class Machine:
         }
         records, truth = self.rig.run_program(ordered)
         sight = MotionMeasurement(WantedMotion(program.waveform, program.frequency_Hz, self.rate_Hz))
-        sight.add(records)
+        sight.add(RecordBlock(records))
         seen = sight.motion()
         if seen is None:
             raise RuntimeError(f"no full cycle of {program}")

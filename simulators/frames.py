@@ -27,50 +27,42 @@ def _crc_table() -> NDArray[np.uint16]:
 CRC_TABLE = _crc_table()
 
 
-def _seal(frames: NDArray[np.uint8], table: NDArray[np.uint16]) -> None:
-    for i in range(frames.shape[0]):
-        crc = 0xFFFF
-        for j in range(14):
-            crc = ((crc << 8) & 0xFFFF) ^ int(table[(crc >> 8) ^ int(frames[i, j])])
-        frames[i, 14] = crc & 0xFF
-        frames[i, 15] = crc >> 8
+SYNC_BYTES = (0xA5, 0x5A)
 
 
-seal: Any = njit(cache=True)(_seal)
-
-LAYOUT = np.dtype(
-    [("sync", "<u2"), ("status", "u1"), ("edge", "u1"), ("sequence", "<u2"), ("device_us", "<u4"), ("value", "<f4"),
-     ("crc", "<u2")]
-)
-SYNC_WORD = 0x5AA5
-
-
-def encode_frames(
+def _encode(
     status: NDArray[np.uint8],
-    edge_count: NDArray[np.uint8],
+    edge_count: NDArray[np.int64],
     sequence: NDArray[np.int64],
     device_us: NDArray[np.int64],
     value: NDArray[np.float64],
 ) -> NDArray[np.uint8]:
-    """Frames as bytes, shape (n, 16).
+    frames = np.empty((len(value), SIZE), np.uint8)
+    words = value.astype(np.float32).view(np.uint32)
+    for i in range(len(value)):
+        frame = frames[i]
+        frame[0], frame[1] = SYNC_BYTES
+        frame[2] = status[i]
+        frame[3] = edge_count[i] & 0xFF
+        for j in range(2):
+            frame[4 + j] = (sequence[i] >> 8 * j) & 0xFF
+        for j in range(4):
+            frame[6 + j] = (device_us[i] >> 8 * j) & 0xFF
+            frame[10 + j] = (words[i] >> 8 * j) & 0xFF
+        crc = 0xFFFF
+        for j in range(14):
+            crc = ((crc << 8) & 0xFFFF) ^ int(CRC_TABLE[(crc >> 8) ^ int(frame[j])])
+        frame[14] = crc & 0xFF
+        frame[15] = crc >> 8
+    return frames
 
-    Args:
-        status: status bits, shape (n,).
-        edge_count: pulses latched so far modulo 256, shape (n,).
-        sequence: sample numbers, not wrapped, shape (n,).
-        device_us: device clock (us), not wrapped, shape (n,).
-        value: readings in the wire unit, shape (n,).
-    """
-    frames = np.empty(len(value), LAYOUT)
-    frames["sync"] = SYNC_WORD
-    frames["status"] = status
-    frames["edge"] = edge_count
-    frames["sequence"] = sequence & 0xFFFF
-    frames["device_us"] = device_us & 0xFFFFFFFF
-    frames["value"] = value
-    raw = frames.view(np.uint8).reshape(-1, SIZE)
-    seal(raw, CRC_TABLE)
-    return raw
+
+encode_frames: Any = njit(cache=True)(_encode)
+"""`encode_frames(status, edge_count, sequence, device_us, value) -> frames as bytes (n, 16)`, all of shape (n,).
+
+Status bits (uint8); pulses latched so far, sample numbers and device clock (us), integers that are not wrapped;
+readings in the wire unit.
+"""
 
 
 def encode_lines(value: NDArray[np.float64], unit: str) -> NDArray[np.uint8]:

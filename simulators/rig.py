@@ -20,10 +20,8 @@ from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.channel import Channel
 from simulators.clock import DeviceClock, ServedTime
-from simulators.conditioner import condition
 from simulators.controller_firmware import State
 from simulators.ecu import Ecu
-from simulators.frames import encode_frames
 from simulators.injection import INJECTORS, VARIANTS, Undo
 from simulators.modbus_server import ModbusServer
 from simulators.named_port import NamedPort
@@ -120,9 +118,10 @@ class SimulatedRig:
     def warm_up(self) -> None:
         """Compile, or load from the cache, everything the loop calls, before any clock runs."""
         self.plant.advance(1)
-        condition(np.zeros(1), self.plant.dt_s, 1.0, np.zeros(4), 0.0, np.zeros(1))
-        nothing = np.zeros(1, np.int64)
-        encode_frames(np.zeros(1, np.uint8), np.zeros(1, np.uint8), nothing, nothing, np.zeros(1))
+        options = SensorOptions(rate_Hz=self.options.plant_rate_Hz)
+        sensor = Sensor(options, DeviceClock(0.0, 0.0), np.random.default_rng(0), 0.0)
+        for signal in (np.zeros(16), np.zeros((16, 2))[:, 0]):
+            sensor.sample(signal, 0.0, self.plant.dt_s, [])
 
     async def open(self) -> Addresses:
         """Open every socket and port; returns where they are.

@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from protocols.frame_format import STATUS_EDGE, STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 from simulators.clock import DeviceClock
-from simulators.conditioner import condition
+from simulators.conditioner import LARGEST_JITTER, amplify, condition, limit, sampling
 from simulators.delay_line import DelayLine
 from simulators.frames import encode_frames, encode_lines
 from simulators.options import SensorOptions
 
 FloatArray = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
-LARGEST_JITTER = 4.0
 SPIKE_EVERY_S = 0.25
 SPIKE_SHARE = 0.6
 SINGLE_SPIKES = 3
@@ -32,6 +32,7 @@ GAP_EVERY_S = 0.2
 GAP_SAMPLES = 3
 NAN_EVERY_S = 0.2
 GARBLED_SHARE = 0.02
+_NOTHING: FloatArray = np.zeros(0)
 
 
 @dataclass
@@ -48,6 +49,9 @@ class SensorFaults:
     garbage: bool = False
     wrong_baud: bool = False
     zero_offset: float = 0.0
+
+
+HEALTHY = SensorFaults()
 
 
 class Sensor:
@@ -105,66 +109,68 @@ class Sensor:
         if self._delay is not None and self.options.skew_s > 0.0:
             signal = self._delay.delayed(signal)
         end_s = start_s + len(signal) * dt_s
-        ticks = self._due_ticks(end_s)
-        nominal_us = ticks.astype(np.float64) * self._period_us
-        nominal_s = self.clock.time_s(nominal_us)
-        draws = self._random.standard_normal((len(ticks), 2))
-        jitter_s = self.options.jitter_s * np.clip(draws[:, 1], -LARGEST_JITTER, LARGEST_JITTER)
-        times_s = np.maximum.accumulate(nominal_s + jitter_s) if len(ticks) else nominal_s
-        clean = condition(signal, dt_s, 2.0 * math.pi * self.options.bandwidth_Hz, self._filter, start_s, times_s)
-        disturbance = self._disturbance(times_s, start_s, dt_s, current_A)
-        value, status = self._imperfect(clean, draws[:, 0], disturbance)
-        value[nominal_s >= self.options.numbers_until_s] = math.nan
-        frames, frame_s = self._encode(value, status, nominal_us, nominal_s, pulses_s)
-        self._queue(frames, frame_s)
+        first = self._tick
+        draws = self._random.standard_normal((self._count_due(end_s), 2))
+        clock, options = self.clock, self.options
+        device_us, nominal_s, times_s = sampling(
+            first, self._period_us, clock.offset_us, 1e6 + clock.ppm, options.jitter_s, draws
+        )
+        value = condition(signal, dt_s, 2.0 * math.pi * options.bandwidth_Hz, self._filter, start_s, times_s)
+        if len(value) or pulses_s or self.faults != HEALTHY:
+            status = self._imperfect(value, draws, self._disturbance(times_s, start_s, dt_s, current_A))
+            if len(value) and nominal_s[-1] >= options.numbers_until_s:
+                value[nominal_s >= options.numbers_until_s] = math.nan
+            self._queue(*self._encode(value, status, device_us, nominal_s, pulses_s))
         return self._damage(self._released(end_s))
 
     def _disturbance(
         self, times_s: FloatArray, start_s: float, dt_s: float, current_A: FloatArray | None
     ) -> FloatArray:
-        """What creeps or is induced into the signal at the sampling times (n,), in the wire unit, shape (n,)."""
+        """What creeps or is induced into the signal at the sampling times (n,), wire unit, shape (n,) or (0,)."""
         options = self.options
+        if not (options.drift_per_s or options.hum or options.crosstalk_per_A):
+            return _NOTHING
         added = options.drift_per_s * times_s + options.hum * np.sin(2.0 * math.pi * options.hum_Hz * times_s)
         if options.crosstalk_per_A and current_A is not None and len(current_A):
             steps_s = start_s + dt_s * np.arange(1, len(current_A) + 1)
             added += options.crosstalk_per_A * np.interp(times_s, steps_s, current_A)
         return np.asarray(added)
 
-    def _due_ticks(self, end_s: float) -> NDArray[np.int64]:
-        """Numbers of the sensor clock's sampling ticks whose sample, jitter included, lies before `end_s`."""
+    def _count_due(self, end_s: float) -> int:
+        """How many of the sensor clock's ticks have their sample, jitter included, before `end_s`; they are taken."""
         latest_s = end_s - LARGEST_JITTER * self.options.jitter_s
-        last = math.floor(self.clock.unwrapped_us(latest_s) / self._period_us)
-        ticks = np.arange(self._tick, last + 1, dtype=np.int64)
-        self._tick = max(self._tick, last + 1)
-        return ticks
+        after = math.floor(self.clock.unwrapped_us(latest_s) / self._period_us) + 1
+        count = max(0, after - self._tick)
+        self._tick += count
+        return count
 
-    def _imperfect(
-        self, clean: FloatArray, noise: FloatArray, disturbance: FloatArray
-    ) -> tuple[FloatArray, NDArray[np.uint8]]:
-        """Wire values (n,) and status bits (n,) of clean SI values (n,), unit noise (n,) and disturbance (n,, wire)."""
+    def _imperfect(self, value: FloatArray, draws: FloatArray, disturbance: FloatArray) -> NDArray[np.uint8]:
+        """Clean SI values (n,) become wire values in place; returns their status bits (n,).
+
+        Args:
+            value: filtered values (n,).
+            draws: unit noise, in the first of two columns.
+            disturbance: shape (n,), wire unit, or empty.
+        """
         options, faults = self.options, self.faults
-        sign = -1.0 if options.reversed else 1.0
-        value = clean * (sign * options.gain * options.wire_per_si) + options.noise * noise
-        value += options.offset + faults.zero_offset + disturbance
-        if options.resolution > 0:
-            value = np.round(value / options.resolution) * options.resolution
-        value = np.clip(value, -options.clip, options.clip)
+        scale = (-1.0 if options.reversed else 1.0) * options.gain * options.wire_per_si
+        bias = options.offset + faults.zero_offset
+        amplify(value, draws, disturbance, scale, options.noise, bias, options.resolution, options.clip)
         if faults.stuck and len(value):
             value[:] = self._last_value if math.isfinite(self._last_value) else value[0]
         if faults.saturated:
             value[:] = math.inf
         if faults.spikes:
             value[self._spiked(len(value))] += SPIKE_SHARE * options.range
-        status = np.where(np.abs(value) >= options.range, STATUS_OVERLOAD, 0).astype(np.uint8)
-        value = np.clip(value, -options.range, options.range)
-        if faults.sensor_fault:
-            status |= np.uint8(STATUS_SENSOR_FAULT)
+        status: NDArray[np.uint8] = limit(
+            value, options.range, STATUS_OVERLOAD, STATUS_SENSOR_FAULT if faults.sensor_fault else 0
+        )
         if len(value):
             self._last_value = float(value[-1])
         if faults.not_a_number:
             every = max(1, round(NAN_EVERY_S * options.rate_Hz))
             value[self._numbers("not_a_number", len(value)) % every == 0] = math.nan
-        return value, status
+        return status
 
     def _spiked(self, count: int) -> NDArray[np.bool_]:
         """Mask (count,) of the samples in spikes."""
@@ -185,28 +191,24 @@ class Sensor:
         pulses_s: list[float],
     ) -> tuple[Bytes, FloatArray]:
         """Frames (n, size) and the simulated times (n,) they are finished at."""
-        sequence = self.samples + np.arange(len(value))
-        keep = np.ones(len(value), bool)
+        count, keep = len(value), None
+        sequence = np.arange(self.samples, self.samples + count)
         if self.faults.gaps:
             every = max(GAP_SAMPLES + 1, round(GAP_EVERY_S * self.options.rate_Hz))
-            keep = self._numbers("gaps", len(value)) % every >= GAP_SAMPLES
-        self.samples += len(value)
+            keep = self._numbers("gaps", count) % every >= GAP_SAMPLES
+        self.samples += count
         if self.options.format != "frame16":
-            return encode_lines(value[keep], self.options.unit), time_s[keep]
+            kept = slice(None) if keep is None else keep
+            return encode_lines(value[kept], self.options.unit), time_s[kept]
         stamp_us = np.floor(device_us).astype(np.int64)
         if self.faults.time_backwards:
             stamp_us = np.where(self._backwards(sequence), stamp_us - 50_000, stamp_us)
-        edge_count = np.full(len(value), self.edges, np.int64)
-        pulses_s = pulses_s if self.options.latches_edges else []
-        for pulse_s in pulses_s:
-            edge_count[time_s >= pulse_s] += 1
-        columns = [status.astype(np.int64), edge_count, sequence, stamp_us]
-        if pulses_s:
+        columns = [status, np.array([self.edges]).repeat(count), sequence, stamp_us]
+        if pulses_s and self.options.latches_edges:
             value, time_s, columns, keep = self._with_edges(value, time_s, columns, keep, pulses_s)
-        self.edges += len(pulses_s)
-        bits, edges, numbers, stamps = (column[keep] for column in columns)
-        frames = encode_frames(bits.astype(np.uint8), (edges & 0xFF).astype(np.uint8), numbers, stamps, value[keep])
-        return frames, time_s[keep]
+        if keep is not None:
+            columns, value, time_s = [column[keep] for column in columns], value[keep], time_s[keep]
+        return encode_frames(*columns, value), time_s
 
     def _backwards(self, sequence: NDArray[np.int64]) -> NDArray[np.bool_]:
         return np.equal(sequence % max(2, round(GAP_EVERY_S * self.options.rate_Hz)), 1)
@@ -215,18 +217,22 @@ class Sensor:
         self,
         value: FloatArray,
         time_s: FloatArray,
-        columns: list[NDArray[np.int64]],
-        keep: NDArray[np.bool_],
+        columns: list[NDArray[Any]],
+        keep: NDArray[np.bool_] | None,
         pulses_s: list[float],
-    ) -> tuple[FloatArray, FloatArray, list[NDArray[np.int64]], NDArray[np.bool_]]:
+    ) -> tuple[FloatArray, FloatArray, list[NDArray[Any]], NDArray[np.bool_] | None]:
         """The same columns with an edge frame put in for every pulse; its sequence repeats the last sample's."""
+        for pulse_s in pulses_s:
+            columns[1][time_s >= pulse_s] += 1
         at = np.searchsorted(time_s, pulses_s)
         first = self.samples - len(value)
         stamps = [math.floor(self.clock.unwrapped_us(pulse_s)) for pulse_s in pulses_s]
         counts = [self.edges + 1 + i for i in range(len(pulses_s))]
         inserted = [[STATUS_EDGE] * len(pulses_s), counts, [max(0, first + int(i) - 1) for i in at], stamps]
         columns = [np.insert(column, at, new) for column, new in zip(columns, inserted, strict=True)]
-        return np.insert(value, at, 0.0), np.insert(time_s, at, pulses_s), columns, np.insert(keep, at, True)
+        self.edges += len(pulses_s)
+        keep = None if keep is None else np.insert(keep, at, True)
+        return np.insert(value, at, 0.0), np.insert(time_s, at, pulses_s), columns, keep
 
     def _next_burst(self, after_s: float) -> float:
         """When the line next holds everything back (simulated s)."""
@@ -246,11 +252,13 @@ class Sensor:
                 break
             self._burst_s = self._next_burst(self._burst_s + self.options.burst_s)
         self._waiting = np.concatenate((self._waiting, frames)) if len(self._waiting) else frames
-        joined = np.concatenate((self._release_s, release_s))
+        joined = np.concatenate((self._release_s, release_s)) if len(self._release_s) else release_s
         self._release_s = np.maximum.accumulate(joined)
 
     def _released(self, now_s: float) -> bytes:
-        count = int(np.searchsorted(self._release_s, now_s, side="right"))
+        count = int(self._release_s.searchsorted(now_s, side="right"))
+        if not count:
+            return b""
         data = self._waiting[:count].tobytes()
         self._waiting, self._release_s = self._waiting[count:], self._release_s[count:]
         return data

@@ -92,7 +92,7 @@ class Truth:
         # Its lock is held until the HDF5 file is complete or this process dies: others can tell and wait.
         self._rows = Spool(self._rows_path)
         self._events = Spool(self._events_path)
-        self._pending: list[NDArray[Any]] = []
+        self._pending: list[tuple[int, NDArray[np.float64], int]] = []
         self._pending_rows = 0
 
     def slice(self) -> None:
@@ -100,15 +100,11 @@ class Truth:
         plant = self._plant
         first = -(plant.first_step + 1) % self._every
         out = plant.out[first :: self._every]
-        rows = np.empty(len(out), ROW)
-        rows["time"] = (plant.first_step + 1 + first + self._every * np.arange(len(out))) * plant.dt_s
-        for column, (name, _, _) in zip(COLUMNS, CHANNELS[:-1], strict=True):
-            rows[name] = out[:, column]
-        rows["controller_state"] = _states(out[:, step.MODE], int(plant.command["pressure"][0]))
-        self._pending.append(rows)
-        self._pending_rows += len(rows)
-        if self._pending_rows >= BLOCK_ROWS:
-            self._flush()
+        if len(out):
+            self._pending.append((plant.first_step + 1 + first, out.copy(), int(plant.command["pressure"][0])))
+            self._pending_rows += len(out)
+            if self._pending_rows >= BLOCK_ROWS:
+                self._flush()
 
     def note(self, code: str, text: str, time_s: float | None = None) -> None:
         """Log a command, a fault or a trip at simulated time `time_s` (s), now when not given."""
@@ -143,18 +139,31 @@ class Truth:
         self._rows.close()
 
     def _flush(self) -> None:
-        for rows in self._pending:
-            self._rows.write(rows.tobytes())
+        """Write what was collected as rows of the file."""
+        if self._pending:
+            self._rows.write(self._as_rows().tobytes())
         self._pending.clear()
         self._pending_rows = 0
 
+    def _as_rows(self) -> NDArray[Any]:
+        """What was collected: of each slice the number of its first step, outputs and ordered pressure."""
+        firsts, outs, pressures = zip(*self._pending, strict=True)
+        counts = [len(out) for out in outs]
+        steps = [first + self._every * np.arange(count) for first, count in zip(firsts, counts, strict=True)]
+        out = np.concatenate(outs)
+        rows = np.empty(len(out), ROW)
+        rows["time"] = np.concatenate(steps) * self._plant.dt_s
+        for column, (name, _, _) in zip(COLUMNS, CHANNELS[:-1], strict=True):
+            rows[name] = out[:, column]
+        rows["controller_state"] = _states(out[:, step.MODE], np.repeat(pressures, counts))
+        return rows
 
-def _states(mode_and_trip: NDArray[np.float64], pressure: int) -> NDArray[np.int16]:
-    """Controller states (n,) from the plant's last column: mode, plus 16 when tripped."""
+
+def _states(mode_and_trip: NDArray[np.float64], pressure: NDArray[np.int64]) -> NDArray[np.int16]:
+    """Controller states (n,) from the plant's last column: mode, plus 16 when tripped; ordered pressure (n,)."""
     coded = mode_and_trip.astype(np.int64)
     states = STATE_OF_MODE[coded % _TRIPPED]
-    if pressure == 1:
-        states = np.where(states == State.HOLD, np.int16(State.LOW), states)
+    states = np.where((pressure == 1) & (states == State.HOLD), np.int16(State.LOW), states)
     return np.where(coded >= _TRIPPED, np.int16(State.TRIPPED), states)
 
 

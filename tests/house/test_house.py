@@ -44,6 +44,7 @@ MANY_PARAMETERS = {
 MANY_PARAMETERS_WHERE = {
     "rig.dampers.": COMPILED,
     "rig.identification.models.kernels:": COMPILED,
+    "simulators.conditioner:": COMPILED,
     "simulators.plant.": COMPILED,
 }
 """Modules whose functions may take more."""
@@ -60,6 +61,7 @@ CATALOGUES = {
 ONE_IMPORTER = {
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
     "rig.cli.run": "a command; the demo runs it",
+    "simulators.frames": "compiled: what is in the cache stays valid as long as its own file does",
     "rig.study.figures": "loads matplotlib, and only where figures are drawn",
 }
 

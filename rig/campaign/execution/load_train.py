@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from protocols.quality import Quality
+from rig.recording.journal.ring_reader import RecordBlock
+from rig.recording.layout import RECORD_DTYPE
 from rig.signals.loop_shape import noise_of, resting_travel_m
 
 REFERENCES = 3
@@ -54,6 +56,7 @@ CYCLES_AFTER_CURRENT = 1
 _EDGES = {Channel.FORCE_EDGE: Channel.FORCE, Channel.DISPLACEMENT_EDGE: Channel.DISPLACEMENT}
 _EDGE_MODULUS = 256
 _MOST_KEPT = 200_000
+_MOST_ASIDE_BYTES = 1 << 16
 _MOST_KNOWN = 500
 
 
@@ -121,23 +124,39 @@ class Samples(NamedTuple):
 
 
 class _Track:
-    """Samples of one channel, and the cycle edges on the same clock."""
+    """Samples of one channel, and the cycle edges on the same clock.
+
+    What arrives is put aside as it is; a cycle's end, or enough of it, makes samples of it.
+    """
 
     def __init__(self) -> None:
         self.times = np.empty(0)
         self.values = np.empty(0)
         self.edges: dict[int, float] = {}
+        self._aside = bytearray()
 
     def take(self, records: NDArray[Any]) -> None:
+        self._aside += records.tobytes()
+        if len(self._aside) > _MOST_ASIDE_BYTES:
+            self.gather()
+
+    def gather(self) -> None:
+        """Make samples of what was put aside."""
+        if not self._aside:
+            return
+        records = np.frombuffer(self._aside, RECORD_DTYPE)
+        self._aside = bytearray()
         # A sample that waited in its port is as good as any other.
         good = np.isfinite(records["value"]) & ((records["flags"] & ~np.uint16(Quality.STALE)) == 0)
-        self.times = np.concatenate((self.times, records["device_us"][good].astype(float)))[-_MOST_KEPT:]
-        self.values = np.concatenate((self.values, records["value"][good]))[-_MOST_KEPT:]
+        records = records[good & (records["device_us"] >= 0)]
+        self.times = np.concatenate((self.times, records["device_us"].astype(float)))[-_MOST_KEPT:]
+        self.values = np.concatenate((self.values, records["value"]))[-_MOST_KEPT:]
 
     def forget_before(self, first: int) -> None:
         """Drop what lies before the edge `first`."""
         begin = self.edges.get(first % _EDGE_MODULUS)
         if begin is not None:
+            self.gather()
             kept = self.times >= begin
             self.times, self.values = self.times[kept], self.values[kept]
 
@@ -149,7 +168,10 @@ class _Track:
     def between(self, first: int) -> Samples | None:
         """What came from the edge `first` up to the next one; None until that cycle is complete."""
         begin, end = self.edges.get(first % _EDGE_MODULUS), self.edges.get((first + 1) % _EDGE_MODULUS)
-        if begin is None or end is None or end <= begin or len(self.times) == 0 or self.times[-1] < end:
+        if begin is None or end is None or end <= begin:
+            return None
+        self.gather()
+        if len(self.times) == 0 or self.times[-1] < end:
             return None
         inside = (self.times >= begin) & (self.times < end)
         return Samples((self.times[inside] - begin) / (end - begin), self.values[inside], end - begin)
@@ -168,16 +190,13 @@ class LoadTrainWatch:
         self._usual_play_m: float | None = None
         self._known: deque[Known] = deque(maxlen=_MOST_KNOWN)
 
-    def watch(self, records: NDArray[Any]) -> str | None:
+    def watch(self, block: RecordBlock) -> str | None:
         """Take new records of the ring.
-
-        Args:
-            records: (n,) of the ring's record type, oldest first.
 
         Returns:
             What changed, when a cycle differs from those before it.
         """
-        self._sort(records)
+        self._sort(block)
         while self._next is not None:
             parts = [self._tracks[channel].between(self._next) for channel in _EDGES.values()]
             if any(part is None for part in parts):
@@ -196,26 +215,27 @@ class LoadTrainWatch:
                 return change
         return None
 
-    def _sort(self, records: NDArray[Any]) -> None:
-        channels = records["channel"]
+    def _sort(self, block: RecordBlock) -> None:
         for channel, track in self._tracks.items():
-            chosen = records[channels == channel]
-            track.take(chosen[chosen["device_us"] >= 0])
+            if channel in block:
+                track.take(block.of(channel))
         for edge, channel in _EDGES.items():
-            for record in records[channels == edge]:
+            for record in block.of(edge):
                 self._tracks[channel].mark(int(record["sequence"]), float(record["device_us"]))
                 if self._next is None:
                     self._next = int(record["sequence"]) % _EDGE_MODULUS
-        for record in records[channels == Channel.PULSE]:
+        for record in block.of(Channel.PULSE):
             self._tracks[Channel.SERVO_ERROR].mark(int(record["value"]), float(record["device_us"]))
-        commanded = records["value"][channels == Channel.COMMANDED_CURRENT]
-        if len(commanded) and (np.ptp(commanded) > 0 or commanded[-1] != self._current_A):
-            self._current_A = float(commanded[-1])
-            self._begin_anew()
-        measured = records["value"][channels == Channel.COIL_CURRENT]
-        if np.any(np.abs(measured - self._current_A) > CURRENT_APART_A):
-            # Another current is another damper; that row has a detector of its own.
-            self._begin_anew()
+        if Channel.COMMANDED_CURRENT in block:
+            commanded = block.of(Channel.COMMANDED_CURRENT)["value"]
+            if (commanded != self._current_A).any():
+                self._current_A = float(commanded[-1])
+                self._begin_anew()
+        if Channel.COIL_CURRENT in block:
+            measured = block.of(Channel.COIL_CURRENT)["value"]
+            if (np.abs(measured - self._current_A) > CURRENT_APART_A).any():
+                # Another current is another damper; that row has a detector of its own.
+                self._begin_anew()
 
     def _begin_anew(self) -> None:
         self._forget()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +21,8 @@ from drivers.roles import Input
 from drivers.roles import State as ControllerState
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.event import MeasuredMotion
-from rig.recording.layout import good_values
+from rig.recording.journal.ring_reader import RecordBlock
+from rig.recording.layout import RECORD_DTYPE, good_values
 from rig.signals.clock_model import unwrapped
 from rig.signals.cycles import measured_motion
 
@@ -42,7 +43,7 @@ LIVE = {
 }
 """Last values for the display."""
 
-Wait = Callable[[NDArray[Any]], ev.Event | None]
+Wait = Callable[[RecordBlock], ev.Event | None]
 
 
 ENOUGH_SAMPLES_A_CYCLE = 500
@@ -71,24 +72,29 @@ class MotionMeasurement:
         self._wanted = wanted
         self._stride = max(1, int(wanted.rate_Hz / (wanted.frequency_Hz * ENOUGH_SAMPLES_A_CYCLE)))
         self._skip = 0
-        self._parts: deque[NDArray[Any]] = deque()
+        self._parts: deque[bytes] = deque()
         self._kept = 0
         self._valve_saturated = False
         self._following_error_m = 0.0
 
-    def add(self, records: NDArray[Any]) -> None:
-        """Take records (n,) of the ring's record type, in the order of arrival, from the program's start on."""
-        samples = records[records["channel"] == Channel.DISPLACEMENT]
-        chosen = samples[self._skip :: self._stride]
-        self._skip = (self._skip - len(samples)) % self._stride
-        self._parts.append(chosen)
+    def add(self, block: RecordBlock) -> None:
+        """Take new records of the ring, in the order of arrival, from the program's start on."""
+        if Channel.DISPLACEMENT in block:
+            samples = block.of(Channel.DISPLACEMENT)
+            self._keep(samples[self._skip :: self._stride])
+            self._skip = (self._skip - len(samples)) % self._stride
+        if Channel.INPUTS in block:
+            inputs = block.of(Channel.INPUTS)["value"].astype(np.int64)
+            self._valve_saturated = self._valve_saturated or bool(np.any(inputs & int(Input.VALVE_SATURATED)))
+        if Channel.SERVO_ERROR in block:
+            largest_m = float(np.max(np.abs(block.of(Channel.SERVO_ERROR)["value"])))
+            self._following_error_m = max(self._following_error_m, largest_m)
+
+    def _keep(self, chosen: NDArray[Any]) -> None:
+        self._parts.append(chosen.tobytes())
         self._kept += len(chosen)
-        while self._kept - len(self._parts[0]) >= MOST_SAMPLES:
-            self._kept -= len(self._parts.popleft())
-        inputs = records["value"][records["channel"] == Channel.INPUTS].astype(np.int64)
-        self._valve_saturated = self._valve_saturated or bool(np.any(inputs & int(Input.VALVE_SATURATED)))
-        errors_m = np.abs(records["value"][records["channel"] == Channel.SERVO_ERROR])
-        self._following_error_m = max(self._following_error_m, float(np.max(errors_m, initial=0.0)))
+        while self._kept - len(self._parts[0]) // RECORD_DTYPE.itemsize >= MOST_SAMPLES:
+            self._kept -= len(self._parts.popleft()) // RECORD_DTYPE.itemsize
 
     def motion(self) -> MeasuredMotion | None:
         """The program's motion, of a very long one that of its last cycles.
@@ -98,7 +104,7 @@ class MotionMeasurement:
         """
         if self._kept == 0:
             return None
-        samples, wanted = np.concatenate(self._parts), self._wanted
+        samples, wanted = np.frombuffer(b"".join(self._parts), RECORD_DTYPE), self._wanted
         clocked = bool(np.all(samples["device_us"] >= 0))
         time_s = samples["device_us"] * 1e-6 if clocked else unwrapped(samples["sequence"]) / wanted.rate_Hz
         order = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0))
@@ -131,26 +137,23 @@ class Observer:
     cycles_done: int = 0
     wait: Wait | None = None
 
-    def observe(self, records: NDArray[Any]) -> ev.Event | None:
+    def observe(self, block: RecordBlock) -> ev.Event | None:
         """Take new records of the ring.
-
-        Args:
-            records: (n,) of the ring's record type, oldest first.
 
         Returns:
             The awaited fact when these records establish it; it is reported once.
         """
-        if len(records) == 0:
+        if len(block) == 0:
             return None
-        channels = records["channel"]
-        for channel in np.unique(channels).tolist():
-            newest = records[np.flatnonzero(channels == channel)[-1]]
-            self.last[channel] = float(newest["value"])
-            self.last_host_ns[channel] = int(newest["host_ns"])
-            if channel == Channel.STATE:
-                self.device_s = 1e-6 * int(newest["device_us"])
-                self.held_ns = int(newest["host_ns"]) if newest["value"] == ControllerState.HOLD else 0
-        fact = None if self.wait is None else self.wait(records)
+        newest = block.newest
+        channels, arrived_ns = newest["channel"].tolist(), newest["host_ns"].tolist()
+        self.last.update(zip(channels, newest["value"].tolist(), strict=True))
+        self.last_host_ns.update(zip(channels, arrived_ns, strict=True))
+        if Channel.STATE in block:
+            status = block.of(Channel.STATE)[-1]
+            self.device_s = 1e-6 * int(status["device_us"])
+            self.held_ns = int(status["host_ns"]) if status["value"] == ControllerState.HOLD else 0
+        fact = None if self.wait is None else self.wait(block)
         if fact is not None:
             self.wait = None
         return fact
@@ -158,7 +161,7 @@ class Observer:
     def await_centre(self, target_m: float, since_ns: int) -> None:
         """Wait for `Centred`: HOLD at `target_m` (m) in a status that arrived after `since_ns`."""
 
-        def wait(records: NDArray[Any]) -> ev.Event | None:
+        def wait(block: RecordBlock) -> ev.Event | None:
             return ev.Centred() if self.held_ns > since_ns and self._near(target_m) else None
 
         self.wait = wait
@@ -176,14 +179,13 @@ class Observer:
         self.cycles_done = 0
         measurement = MotionMeasurement(wanted)
 
-        def wait(records: NDArray[Any]) -> ev.Event | None:
+        def wait(block: RecordBlock) -> ev.Event | None:
             nonlocal held_ns, stopping, seen
-            states = records["value"][(records["channel"] == Channel.STATE) & (records["host_ns"] > since_ns)]
+            states = set(_since(block.of(Channel.STATE), since_ns).tolist())
             stopping = stopping or _stopping(states)
-            moves = bool(np.any(states == ControllerState.RUNNING)) or self.last.get(Channel.PULSE, 0.0) != pulses
-            seen = seen or moves
+            seen = seen or ControllerState.RUNNING in states or self.last.get(Channel.PULSE, 0.0) != pulses
             self.cycles_done = int(self.last.get(Channel.CYCLES_DONE, 0.0)) if seen else 0
-            measurement.add(records)
+            measurement.add(block)
             holds = seen and self.held_ns > since_ns
             if holds and held_ns == 0:
                 held_ns = self.held_ns
@@ -198,10 +200,10 @@ class Observer:
         """Wait for `CurrentSettled`: the newest three measured currents after `since_ns` are within `tolerance_A`."""
         newest = np.empty(0)
 
-        def wait(records: NDArray[Any]) -> ev.Event | None:
+        def wait(block: RecordBlock) -> ev.Event | None:
             nonlocal newest
-            chosen = (records["channel"] == Channel.COIL_CURRENT) & (records["host_ns"] > since_ns)
-            newest = np.concatenate((newest, records["value"][chosen]))[-SETTLED_SAMPLES:]
+            measured_A = _since(block.of(Channel.COIL_CURRENT), since_ns)
+            newest = np.concatenate((newest, measured_A))[-SETTLED_SAMPLES:]
             settled = len(newest) == SETTLED_SAMPLES and bool(np.all(np.abs(newest - target_A) <= tolerance_A))
             return ev.CurrentSettled() if settled else None
 
@@ -211,7 +213,7 @@ class Observer:
         """Wait for `TemperatureRead`: a coil temperature that is at most 0.3 s old at `now_ns`, or the next one."""
         oldest_ns = now_ns - FRESH_TEMPERATURE_NS
 
-        def wait(records: NDArray[Any]) -> ev.Event | None:
+        def wait(block: RecordBlock) -> ev.Event | None:
             if self.last_host_ns.get(Channel.COIL_TEMPERATURE, 0) < oldest_ns:
                 return None
             return ev.TemperatureRead(self.last.get(Channel.COIL_TEMPERATURE, math.nan))
@@ -221,8 +223,8 @@ class Observer:
     def await_cooling(self, highest_degC: float) -> None:
         """Wait for `CooledDown`: a coil temperature of at most `highest_degC`."""
 
-        def wait(records: NDArray[Any]) -> ev.Event | None:
-            temperatures = records["value"][records["channel"] == Channel.COIL_TEMPERATURE]
+        def wait(block: RecordBlock) -> ev.Event | None:
+            temperatures = block.of(Channel.COIL_TEMPERATURE)["value"]
             return ev.CooledDown() if len(temperatures) and float(temperatures[-1]) <= highest_degC else None
 
         self.wait = wait
@@ -231,7 +233,7 @@ class Observer:
         """Wait for `RestOver`: `rest_s` seconds of the controller's clock from its last status on."""
         until_s = self.device_s + rest_s
 
-        def wait(records: NDArray[Any]) -> ev.Event | None:
+        def wait(block: RecordBlock) -> ev.Event | None:
             return ev.RestOver() if self.device_s >= until_s else None
 
         self.wait = wait
@@ -240,9 +242,9 @@ class Observer:
         """Wait for `Standstill`: the controller's position within 0.2 mm for 0.3 s of its clock."""
         anchor_m, since_s = self.last.get(Channel.POSITION, math.nan), self.device_s
 
-        def wait(records: NDArray[Any]) -> ev.Event | None:
+        def wait(block: RecordBlock) -> ev.Event | None:
             nonlocal anchor_m, since_s
-            for position_m in records["value"][records["channel"] == Channel.POSITION].tolist():
+            for position_m in block.of(Channel.POSITION)["value"].tolist():
                 if not abs(position_m - anchor_m) <= STILL_M:
                     anchor_m, since_s = position_m, self.device_s
             return ev.Standstill() if self.device_s >= since_s + STILL_WINDOW_S else None
@@ -260,7 +262,13 @@ class Observer:
         return abs(self.last.get(Channel.POSITION, math.nan) - target_m) <= AT_CENTRE_M
 
 
-def _stopping(states: NDArray[np.float64]) -> str:
+def _since(records: NDArray[Any], since_ns: int) -> NDArray[np.float64]:
+    """Values of the records (n,) that arrived after `since_ns`."""
+    values: NDArray[np.float64] = records["value"][records["host_ns"] > since_ns]
+    return values
+
+
+def _stopping(states: Set[float]) -> str:
     """How the controller says that it ends a program early; empty where it does not."""
-    early = [state for state in (ControllerState.FADING, ControllerState.HALTING) if np.any(states == state)]
+    early = [state for state in (ControllerState.FADING, ControllerState.HALTING) if state in states]
     return f"the controller was {early[0].name}" if early else ""

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from rig.campaign.execution.action_executor import ActionExecutor, Outcome
@@ -39,7 +38,7 @@ from rig.campaign.words import say
 from rig.clock import WallClockWatch, monotonic_ns
 from rig.faults.row import StopKind
 from rig.recording.conversion.finaliser import Finaliser
-from rig.recording.journal.ring_reader import RingReader
+from rig.recording.journal.ring_reader import RecordBlock, RingReader
 from rig.station.client import StationLost
 
 TURN_S = 0.002
@@ -179,7 +178,7 @@ class Runner:
         self._waiting.extend(overdue)
 
     def _facts(self) -> list[ev.Event]:
-        fact = None if self._ring is None else self._observe(self._ring.read())
+        fact = None if self._ring is None else self._observe(RecordBlock(self._ring.read()))
         return [] if fact is None else [fact]
 
     def _take(self, event: ev.Event) -> None:
@@ -278,19 +277,19 @@ class Runner:
             return because("host-silent", "station-silent", silent_s=stale_s / 2.0)
         return because("data-stale", "no-status", silent_s=stale_s)
 
-    def _observe(self, records: NDArray[Any]) -> ev.Event | None:
+    def _observe(self, block: RecordBlock) -> ev.Event | None:
         """The awaited fact in new records; a load train that changed is a fault of its own."""
         if self._campaign.results.start_temperature_degC is None:
-            temperatures_degC = records["value"][records["channel"] == Channel.COIL_TEMPERATURE]
+            temperatures_degC = block.of(Channel.COIL_TEMPERATURE)["value"]
             known_degC = temperatures_degC[np.isfinite(temperatures_degC)]
             self._campaign.results.start_temperature_degC = float(known_degC[0]) if len(known_degC) else None
         if self.state.phase is Phase.RUNNING:
-            self.zeros.watch(records)
-        changed = self._load_train.watch(records)
+            self.zeros.watch(block)
+        changed = self._load_train.watch(block)
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
         if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":
             self._fault_once(because("load-train", "said", text=changed), StopKind.PRESSURE_OFF)
-        return self._executor.observer.observe(records)
+        return self._executor.observer.observe(block)
 
     def _watch_wall_clock(self) -> None:
         """Log a step of the wall clock; nothing here depends on it, but the times in names and journals do."""

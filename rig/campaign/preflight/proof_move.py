@@ -29,6 +29,7 @@ from rig.campaign.stop_cause import StopCause, because
 from rig.errors import FileProblem
 from rig.matrix.sections import Specimen
 from rig.recording.atomic_write import write_text_durably
+from rig.recording.journal.ring_reader import RecordBlock
 from rig.signals.arrays import FloatArray
 from rig.text_file import read_json
 
@@ -131,18 +132,17 @@ class ProofMove:
         observer = self.observer
         on_the_way: list[NDArray[Any]] = []
         at_end: list[NDArray[Any]] = []
-        held_s = math.inf
-        held_ns = 0
+        held_s, held_ns = math.inf, 0
 
-        def wait(records: NDArray[Any]) -> ev.Event | None:
+        def wait(block: RecordBlock) -> ev.Event | None:
             nonlocal held_s, held_ns
             if held_s == math.inf:
-                on_the_way.append(records[records["host_ns"] > since_ns])
+                on_the_way.append(block.records[block.records["host_ns"] > since_ns])
                 apart_m = abs(observer.last.get(Channel.POSITION, math.nan) - target_m)
                 if observer.held_ns > since_ns and apart_m <= AT_CENTRE_M:
-                    held_s, held_ns = observer.device_s, int(records["host_ns"].max())
+                    held_s, held_ns = observer.device_s, int(block.records["host_ns"].max())
                 return None
-            at_end.append(records[records["host_ns"] > held_ns + SETTLED_NS])
+            at_end.append(block.records[block.records["host_ns"] > held_ns + SETTLED_NS])
             lvdt_m, position_m = _values(at_end, Channel.DISPLACEMENT), _values(at_end, Channel.POSITION)
             if observer.device_s < held_s + QUIET_S or len(lvdt_m) < FEWEST_SAMPLES or len(position_m) == 0:
                 return None

@@ -19,6 +19,7 @@ from rig.campaign.execution.observer import Observer
 from rig.campaign.sequencer import event as ev
 from rig.campaign.stop_cause import StopCause, because
 from rig.matrix.plan import Plan
+from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.quality.point_quality import Tolerances
 from rig.signals.estimate import Estimate
 
@@ -335,9 +336,9 @@ def watch_rest(observer: Observer, judge: Callable[[AtRest], ev.Event]) -> None:
     until_s = observer.device_s + REST_WINDOW_S if observer.device_s else math.nan
     parts: list[NDArray[Any]] = []
 
-    def wait(records: NDArray[Any]) -> ev.Event | None:
+    def wait(block: RecordBlock) -> ev.Event | None:
         nonlocal until_s
-        parts.append(records)
+        parts.append(block.records)
         if math.isnan(until_s) and observer.device_s:
             # The first status since the station was connected: the window begins with it.
             until_s = observer.device_s + REST_WINDOW_S

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from rig.campaign.setup import ZERO_CHECKS, note_zeros
 from rig.campaign.words import say
 from rig.errors import FileProblem
 from rig.recording.conversion.delay_correction import finished, write_verdict
+from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.quality.instrument_checks import ZERO_RETURN
 from rig.recording.quality.verdict import suspect
 from rig.recording.recorded_point import RecordedPoint
@@ -40,6 +41,7 @@ FEW = 4.0
 FEWEST_STATUSES = 3
 REPEATS = 1e-6
 """Of the noise: the scatter that rounding makes of one value many times over."""
+_BAD = np.uint16(NO_VALUE)
 
 
 @dataclass
@@ -57,21 +59,19 @@ class ZeroReturn(RestWindows):
     force_step_N: float = math.inf
     displacement_step_m: float = math.inf
 
-    def watch(self, records: NDArray[Any]) -> None:
+    def watch(self, block: RecordBlock) -> None:
         """Take records of a running point."""
         if self.start is None:
             return
-        good = records[(records["flags"] & int(NO_VALUE)) == 0]
-        force_N, displacement_m = (
-            np.unique(good["value"][good["channel"] == channel]) for channel in (Channel.FORCE, Channel.DISPLACEMENT)
-        )
-        if len(force_N):
-            self.peak_force_N = max(self.peak_force_N, abs(float(force_N[0])), abs(float(force_N[-1])))
-            self.force_step_N = min(self.force_step_N, _step(force_N))
-        if len(displacement_m):
-            apart_m = displacement_m[[0, -1]] - self.start.displacement_m.mean
-            self.peak_displacement_m = max(self.peak_displacement_m, float(np.max(np.abs(apart_m))))
-            self.displacement_step_m = min(self.displacement_step_m, _step(displacement_m))
+        force, displacement = (_spread(block.of(channel)) for channel in (Channel.FORCE, Channel.DISPLACEMENT))
+        if force is not None:
+            self.peak_force_N = max(self.peak_force_N, abs(force.lowest), abs(force.highest))
+            self.force_step_N = min(self.force_step_N, force.step)
+        if displacement is not None:
+            rest_m = self.start.displacement_m.mean
+            apart_m = max(abs(displacement.lowest - rest_m), abs(displacement.highest - rest_m))
+            self.peak_displacement_m = max(self.peak_displacement_m, apart_m)
+            self.displacement_step_m = min(self.displacement_step_m, displacement.step)
 
     def findings(self) -> tuple[CampaignFinding, ...]:
         """What has drifted by more than the tests allow; nothing where a window is missing."""
@@ -112,9 +112,23 @@ def _noise(first: Reading, last: Reading) -> float:
     return SURE * (1.0 + FEW / freedom) * math.sqrt(variance * (1.0 / first.count + 1.0 / last.count))
 
 
-def _step(values: NDArray[np.float64]) -> float:
-    """Least difference between neighbours of sorted distinct values (n,)."""
-    return float(np.min(np.diff(values))) if len(values) > 1 else math.inf
+class _Spread(NamedTuple):
+    """Of some values: the lowest, the highest, and the least difference of two that are not equal (inf: all are)."""
+
+    lowest: float
+    highest: float
+    step: float
+
+
+def _spread(records: NDArray[Any]) -> _Spread | None:
+    """Of the good values of records (n,); None when there are none."""
+    values = records["value"][(records["flags"] & _BAD) == 0]
+    if not len(values):
+        return None
+    values.sort()
+    steps = values[1:] - values[:-1]
+    steps = steps[steps > 0.0]
+    return _Spread(float(values[0]), float(values[-1]), float(steps.min()) if len(steps) else math.inf)
 
 
 @dataclass(frozen=True)

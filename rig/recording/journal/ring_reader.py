@@ -1,4 +1,4 @@
-"""Reading the station's ring with numpy: new records since the last look, and how many were lost.
+"""Reading the station's ring with numpy: new records since the last look, by channel, and how many were lost.
 
 The layout is drawn in `drivers.ring`. The writer raises the reserved index, fills the slots, publishes the write index;
 a reader copies first and looks at the reserved index afterwards: what may have been overwritten meanwhile is lost.
@@ -137,3 +137,35 @@ class RingReader:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+class RecordBlock:
+    """Some records of the ring, divided by channel once for everybody who looks for some of them.
+
+    Attributes:
+        records: (n,) of `RECORD_DTYPE`, oldest first.
+        newest: the last record of every channel in it, by ascending channel.
+    """
+
+    def __init__(self, records: NDArray[Any]) -> None:
+        self.records = records
+        self._sorted = self.newest = records
+        self._places: dict[int, slice] = {}
+        if len(records):
+            self._sorted = records.take(records["channel"].argsort(kind="stable"))
+            channels = self._sorted["channel"]
+            last = [*(channels[1:] != channels[:-1]).nonzero()[0].tolist(), len(records) - 1]
+            self.newest = self._sorted.take(last)
+            ends = [index + 1 for index in last]
+            places = map(slice, [0, *ends], ends)
+            self._places = dict(zip(self.newest["channel"].tolist(), places, strict=True))
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def __contains__(self, channel: int) -> bool:
+        return channel in self._places
+
+    def of(self, channel: int) -> NDArray[Any]:
+        """The records of one channel, oldest first, as a view of all; empty when there are none."""
+        return self._sorted[self._places.get(channel, slice(0, 0))]

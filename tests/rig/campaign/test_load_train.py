@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from rig.campaign.execution.load_train import Cycle, LoadTrainWatch, difference
+from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE
 
 RATE_HZ = 250.0
@@ -52,7 +53,7 @@ def watched(records: NDArray[Any], chunk: int = 40) -> tuple[str | None, int]:
     """What the watch says, and after how many records."""
     watch = LoadTrainWatch()
     for begin in range(0, len(records), chunk):
-        said = watch.watch(records[begin : begin + chunk])
+        said = watch.watch(RecordBlock(records[begin : begin + chunk]))
         if said is not None:
             return said, begin + chunk
     return None, len(records)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from rig import dampers
 from rig.campaign.execution.load_train import LoadTrainWatch
+from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE
 
 RATE_HZ = 250.0
@@ -94,7 +95,7 @@ class Bench:
 
 
 def watched(watch: LoadTrainWatch, records: NDArray[Any], chunk: int = 60) -> str | None:
-    said = (watch.watch(records[at : at + chunk]) for at in range(0, len(records), chunk))
+    said = (watch.watch(RecordBlock(records[at : at + chunk])) for at in range(0, len(records), chunk))
     return next((change for change in said if change is not None), None)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from drivers.roles import Input
 from rig.campaign.execution.observer import MOST_SAMPLES, MotionMeasurement, WantedMotion
+from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE
 
 WANTED = WantedMotion("sine", 2.0, 250.0)
@@ -37,10 +38,10 @@ def test_it_does_not_matter_in_which_batches_the_samples_arrive(rate_Hz: float) 
     records = lvdt(np.full(int(6 * rate_Hz), 0.02), rate_Hz, 2.0)
     wanted = replace(WANTED, rate_Hz=rate_Hz)
     whole, pieces = MotionMeasurement(wanted), MotionMeasurement(wanted)
-    whole.add(records)
+    whole.add(RecordBlock(records))
     cuts = np.sort(np.random.default_rng(1).integers(0, len(records), 300))
     for batch in np.split(records, cuts):
-        pieces.add(batch)
+        pieces.add(RecordBlock(batch))
     assert whole.motion() == pieces.motion()
     found = whole.motion()
     assert found is not None
@@ -51,7 +52,7 @@ def test_of_a_very_long_program_the_last_cycles_are_measured() -> None:
     early, late = np.full(MOST_SAMPLES, 0.03), np.full(MOST_SAMPLES + 1000, 0.02)
     sight = MotionMeasurement(WANTED)
     for batch in np.array_split(lvdt(np.concatenate((early, late)), 250.0, 2.0), 400):
-        sight.add(batch)
+        sight.add(RecordBlock(batch))
     found = sight.motion()
     assert found is not None
     assert found.amplitude_m == pytest.approx(0.02, rel=1e-3)
@@ -59,10 +60,10 @@ def test_of_a_very_long_program_the_last_cycles_are_measured() -> None:
 
 def test_what_the_machine_could_not_do_is_seen_in_the_whole_program() -> None:
     sight = MotionMeasurement(WANTED)
-    sight.add(other(Channel.INPUTS, float(Input.VALVE_SATURATED)))
-    sight.add(other(Channel.SERVO_ERROR, -0.004))
-    sight.add(lvdt(np.full(1500, 0.02), 250.0, 2.0))
-    sight.add(other(Channel.SERVO_ERROR, 0.001))
+    sight.add(RecordBlock(other(Channel.INPUTS, float(Input.VALVE_SATURATED))))
+    sight.add(RecordBlock(other(Channel.SERVO_ERROR, -0.004)))
+    sight.add(RecordBlock(lvdt(np.full(1500, 0.02), 250.0, 2.0)))
+    sight.add(RecordBlock(other(Channel.SERVO_ERROR, 0.001)))
     found = sight.motion()
     assert found is not None
     assert (found.valve_saturated, found.following_error_m) == (True, 0.004)
@@ -71,5 +72,5 @@ def test_what_the_machine_could_not_do_is_seen_in_the_whole_program() -> None:
 def test_without_a_full_cycle_there_is_no_motion() -> None:
     assert MotionMeasurement(WANTED).motion() is None
     short = MotionMeasurement(WANTED)
-    short.add(lvdt(np.full(60, 0.02), 250.0, 2.0))
+    short.add(RecordBlock(lvdt(np.full(60, 0.02), 250.0, 2.0)))
     assert short.motion() is None

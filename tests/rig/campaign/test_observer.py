@@ -16,6 +16,7 @@ from protocols.quality import Quality
 from rig.campaign.execution.observer import Observer, WantedMotion
 from rig.campaign.preflight.rest_check import AtRest, RestLimits, judge_rest, watch_rest
 from rig.campaign.sequencer import event as ev
+from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE
 
 LIMITS = RestLimits(
@@ -45,53 +46,57 @@ def status(host_ns: int, state: State, position_m: float = 0.0, pulses: int = 0)
     )
 
 
+def show(observer: Observer, records: NDArray[Any]) -> ev.Event | None:
+    return observer.observe(RecordBlock(records))
+
+
 def test_the_centre_is_reached_when_the_actuator_holds_there_after_the_move() -> None:
     observer = Observer()
     observer.await_centre(0.010, since_ns=100)
-    assert observer.observe(status(50, State.HOLD, 0.010)) is None
-    assert observer.observe(status(150, State.MOVING, 0.010)) is None
-    assert observer.observe(status(200, State.HOLD, 0.004)) is None
-    assert observer.observe(status(300, State.HOLD, 0.0101)) == ev.Centred()
-    assert observer.observe(status(400, State.HOLD, 0.010)) is None, "a fact is reported once"
+    assert show(observer, status(50, State.HOLD, 0.010)) is None
+    assert show(observer, status(150, State.MOVING, 0.010)) is None
+    assert show(observer, status(200, State.HOLD, 0.004)) is None
+    assert show(observer, status(300, State.HOLD, 0.0101)) == ev.Centred()
+    assert show(observer, status(400, State.HOLD, 0.010)) is None, "a fact is reported once"
 
 
 def test_a_program_has_ended_when_it_was_seen_running_and_holds_again() -> None:
     observer = Observer()
-    observer.observe(status(50, State.HOLD))
+    show(observer, status(50, State.HOLD))
     observer.await_program(0.0, 100, WANTED, 0.0)
-    assert observer.observe(status(150, State.HOLD)) is None, "still the hold from before the start"
-    assert observer.observe(status(200, State.RUNNING, 0.01)) is None
-    assert observer.observe(status(300, State.HOLD, 0.002)) == ev.ProgramEnded(at_centre=False)
+    assert show(observer, status(150, State.HOLD)) is None, "still the hold from before the start"
+    assert show(observer, status(200, State.RUNNING, 0.01)) is None
+    assert show(observer, status(300, State.HOLD, 0.002)) == ev.ProgramEnded(at_centre=False)
 
 
 def test_a_program_too_short_to_be_seen_is_known_by_its_pulses() -> None:
     observer = Observer()
-    observer.observe(status(50, State.HOLD, pulses=7))
+    show(observer, status(50, State.HOLD, pulses=7))
     observer.await_program(0.0, 100, WANTED, 0.0)
-    assert observer.observe(status(150, State.HOLD, pulses=7)) is None
-    assert observer.observe(status(200, State.HOLD, pulses=12)) == ev.ProgramEnded(at_centre=True)
+    assert show(observer, status(150, State.HOLD, pulses=7)) is None
+    assert show(observer, status(200, State.HOLD, pulses=12)) == ev.ProgramEnded(at_centre=True)
 
 
 def test_a_program_has_ended_only_when_every_sensor_was_read_after_it() -> None:
     observer = Observer()
-    observer.observe(status(50, State.HOLD))
-    observer.observe(records((Channel.FORCE, 50, 1.0), (Channel.DISPLACEMENT, 50, 0.0)))
+    show(observer, status(50, State.HOLD))
+    show(observer, records((Channel.FORCE, 50, 1.0), (Channel.DISPLACEMENT, 50, 0.0)))
     observer.await_program(0.0, 100, WANTED, 0.0)
-    assert observer.observe(status(200, State.RUNNING, 0.01)) is None
-    assert observer.observe(status(300, State.HOLD)) is None, "the sensors' samples of the last cycles are still unread"
-    assert observer.observe(records((Channel.FORCE, 310, 1.0))) is None
-    assert observer.observe(records((Channel.DISPLACEMENT, 330, 0.0))) == ev.ProgramEnded(at_centre=True)
+    assert show(observer, status(200, State.RUNNING, 0.01)) is None
+    assert show(observer, status(300, State.HOLD)) is None, "the sensors' samples of the last cycles are still unread"
+    assert show(observer, records((Channel.FORCE, 310, 1.0))) is None
+    assert show(observer, records((Channel.DISPLACEMENT, 330, 0.0))) == ev.ProgramEnded(at_centre=True)
 
 
 def ended(done: float, *early: State) -> ev.ProgramEnded:
     """How a program of 1 + 6 + 1 cycles ends that went through these states and shows so many cycles at its end."""
     observer = Observer()
-    observer.observe(status(50, State.HOLD))
+    show(observer, status(50, State.HOLD))
     observer.await_program(0.0, 100, WANTED, 8.0)
     for host_ns, state in enumerate((State.RUNNING, *early), start=200):
-        assert observer.observe(status(host_ns, state)) is None
-    observer.observe(records((Channel.CYCLES_DONE, 299, done)))
-    event = observer.observe(status(300, State.HOLD))
+        assert show(observer, status(host_ns, state)) is None
+    show(observer, records((Channel.CYCLES_DONE, 299, done)))
+    event = show(observer, status(300, State.HOLD))
     assert isinstance(event, ev.ProgramEnded)
     return event
 
@@ -115,77 +120,77 @@ def test_a_program_that_nobody_here_stopped_shows_when_it_was_cut_short(
 
 def test_cycles_of_the_program_before_are_not_counted() -> None:
     observer = Observer()
-    observer.observe(records((Channel.STATE, 50, State.HOLD), (Channel.CYCLES_DONE, 50, 12.0)))
+    show(observer, records((Channel.STATE, 50, State.HOLD), (Channel.CYCLES_DONE, 50, 12.0)))
     observer.await_program(0.0, 100, WANTED, 0.0)
-    observer.observe(records((Channel.STATE, 150, State.HOLD), (Channel.CYCLES_DONE, 150, 12.0)))
+    show(observer, records((Channel.STATE, 150, State.HOLD), (Channel.CYCLES_DONE, 150, 12.0)))
     assert observer.cycles_done == 0
-    observer.observe(records((Channel.STATE, 200, State.RUNNING), (Channel.CYCLES_DONE, 200, 1.0)))
+    show(observer, records((Channel.STATE, 200, State.RUNNING), (Channel.CYCLES_DONE, 200, 1.0)))
     assert observer.cycles_done == 1
 
 
 def test_a_program_that_tripped_has_not_ended() -> None:
     observer = Observer()
     observer.await_program(0.0, 100, WANTED, 0.0)
-    assert observer.observe(status(150, State.RUNNING)) is None
-    assert observer.observe(status(200, State.TRIPPED)) is None
+    assert show(observer, status(150, State.RUNNING)) is None
+    assert show(observer, status(200, State.TRIPPED)) is None
 
 
 def test_the_current_is_settled_after_three_samples_in_a_row_within_tolerance() -> None:
     observer = Observer()
     observer.await_current(1.0, 0.02, since_ns=100)
     current = Channel.COIL_CURRENT
-    assert observer.observe(records((current, 50, 1.0), (current, 110, 1.0), (current, 120, 0.99))) is None
-    assert observer.observe(records((current, 130, 1.03), (current, 140, 1.0), (current, 150, 1.01))) is None
-    assert observer.observe(records((current, 160, 0.985))) == ev.CurrentSettled()
+    assert show(observer, records((current, 50, 1.0), (current, 110, 1.0), (current, 120, 0.99))) is None
+    assert show(observer, records((current, 130, 1.03), (current, 140, 1.0), (current, 150, 1.01))) is None
+    assert show(observer, records((current, 160, 0.985))) == ev.CurrentSettled()
 
 
 def test_a_rest_passes_on_the_controllers_clock() -> None:
     observer = Observer()
-    observer.observe(status(1_000_000_000, State.HOLD))
+    show(observer, status(1_000_000_000, State.HOLD))
     observer.await_rest(2.0)
-    assert observer.observe(status(2_900_000_000, State.HOLD)) is None
-    assert observer.observe(status(3_000_000_000, State.HOLD)) == ev.RestOver()
+    assert show(observer, status(2_900_000_000, State.HOLD)) is None
+    assert show(observer, status(3_000_000_000, State.HOLD)) == ev.RestOver()
 
 
 def test_standstill_is_a_position_that_stays_for_a_moment_of_the_controllers_clock() -> None:
     observer = Observer()
-    observer.observe(status(1_000_000_000, State.HOLD, 0.010))
+    show(observer, status(1_000_000_000, State.HOLD, 0.010))
     observer.await_standstill()
-    assert observer.observe(status(1_200_000_000, State.HOLD, 0.0090)) is None
-    assert observer.observe(status(1_400_000_000, State.HOLD, 0.0091)) is None
-    assert observer.observe(status(1_500_000_000, State.HOLD, 0.0090)) == ev.Standstill()
+    assert show(observer, status(1_200_000_000, State.HOLD, 0.0090)) is None
+    assert show(observer, status(1_400_000_000, State.HOLD, 0.0091)) is None
+    assert show(observer, status(1_500_000_000, State.HOLD, 0.0090)) == ev.Standstill()
 
 
 def test_zeros_are_judged_over_the_rest_window() -> None:
     observer = Observer()
-    observer.observe(status(1_000_000_000, State.OFF))
+    show(observer, status(1_000_000_000, State.OFF))
     watch_rest(observer, zeros)
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     block = [(channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
-    assert observer.observe(records(*block)) is None
-    assert observer.observe(status(1_600_000_000, State.OFF)) == ev.ZerosJudged(None)
+    assert show(observer, records(*block)) is None
+    assert show(observer, status(1_600_000_000, State.OFF)) == ev.ZerosJudged(None)
 
 
 def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None:
     observer = Observer()
     watch_rest(observer, zeros)
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
-    assert observer.observe(status(7_000_000_000, State.OFF)) is None
+    assert show(observer, status(7_000_000_000, State.OFF)) is None
     block = [(channel, 7_100_000_000 + n, 0.0) for n in range(20) for channel in channels]
-    assert observer.observe(records(*block)) is None
-    assert observer.observe(status(7_450_000_000, State.OFF)) is None
-    assert observer.observe(status(7_510_000_000, State.OFF)) == ev.ZerosJudged(None)
+    assert show(observer, records(*block)) is None
+    assert show(observer, status(7_450_000_000, State.OFF)) is None
+    assert show(observer, status(7_510_000_000, State.OFF)) == ev.ZerosJudged(None)
 
 
 def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_they_look_well() -> None:
     observer = Observer()
     watch_rest(observer, zeros)
-    observer.observe(status(1_000_000_000, State.OFF))
+    show(observer, status(1_000_000_000, State.OFF))
     channels = (Channel.FORCE, Channel.DISPLACEMENT, Channel.CONTROLLER_FORCE)
     block = records(*((channel, 1_100_000_000 + n, 0.0) for n in range(20) for channel in channels))
     block["flags"][block["channel"] == Channel.FORCE] = Quality.SENSOR_FAULT
-    observer.observe(block)
-    judged = observer.observe(status(1_600_000_000, State.OFF))
+    show(observer, block)
+    judged = show(observer, status(1_600_000_000, State.OFF))
     assert isinstance(judged, ev.ZerosJudged)
     assert judged.cause is not None
     assert "load cell: 20 samples at rest" in judged.cause.detail
@@ -193,7 +198,7 @@ def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_th
 
 def test_live_values_are_the_last_ones() -> None:
     observer = Observer()
-    observer.observe(records((Channel.FORCE, 1, 10.0), (Channel.FORCE, 2, 12.0), (Channel.COIL_CURRENT, 2, 0.5)))
+    show(observer, records((Channel.FORCE, 1, 10.0), (Channel.FORCE, 2, 12.0), (Channel.COIL_CURRENT, 2, 0.5)))
     assert observer.last == {Channel.FORCE: 12.0, Channel.COIL_CURRENT: 0.5}
 
 

@@ -12,10 +12,15 @@ from drivers.roles import State
 from rig.campaign.execution.observer import Observer
 from rig.campaign.preflight.proof_move import PROOF_M, Leg, ProofMove, judge_proof, proof_targets
 from rig.campaign.sequencer import event as ev
+from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE
 
 RANDOM = np.random.default_rng(5)
 MS = 1_000_000
+
+
+def show(observer: Observer, records: np.ndarray) -> ev.Event | None:
+    return observer.observe(RecordBlock(records))
 
 
 def way(lvdt_m: float, position_m: float, force_N: float, coarse_N: float | None = None) -> Leg:
@@ -80,10 +85,10 @@ def test_both_ways_are_found_in_the_records(sign: float, slug: str | None) -> No
         for part in np.linspace(0.0, 1.0, 20):
             t_ms += 10
             position_m = -target_m + 2 * target_m * part
-            events.append(observer.observe(block(t_ms, State.MOVING, position_m, force_N, sign * position_m)))
+            events.append(show(observer, block(t_ms, State.MOVING, position_m, force_N, sign * position_m)))
         for _ in range(20):
             t_ms += 10
-            events.append(observer.observe(block(t_ms, State.HOLD, target_m, 0.3 * force_N, sign * target_m)))
+            events.append(show(observer, block(t_ms, State.HOLD, target_m, 0.3 * force_N, sign * target_m)))
     found = [event for event in events if event is not None]
     assert found[0] == ev.ProofLegDone()
     (_, judged) = found

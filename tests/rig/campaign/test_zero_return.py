@@ -13,6 +13,7 @@ from drivers.ring import Channel
 from rig.campaign.preflight.rest_check import AtRest, at_rest
 from rig.campaign.preflight.zero_return import ZeroReturn, read_zero_checks
 from rig.errors import FileProblem
+from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE
 
 
@@ -39,7 +40,7 @@ def session(
     records = np.zeros(800, RECORD_DTYPE)
     records["channel"] = np.repeat([Channel.FORCE, Channel.DISPLACEMENT], 400)
     records["value"] = np.concatenate((peak_N * np.cos(motion), stroke_m * np.sin(motion)))
-    check.watch(records)
+    check.watch(RecordBlock(records))
     check.end = at_rest(end)
     return check
 

@@ -3,10 +3,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drivers.ring import RingWriter
-from rig.recording.journal.ring_reader import RingProblem, RingReader
+from rig.recording.journal.ring_reader import RecordBlock, RingProblem, RingReader
+from rig.recording.layout import RECORD_DTYPE
 
 
 def record(number: int) -> tuple[int, int, float, int, int, int]:
@@ -63,3 +65,18 @@ def test_a_ring_cut_short_is_refused(tmp_path: Path) -> None:
     (tmp_path / "ring").write_bytes(data[:5000])
     with pytest.raises(RingProblem, match="5000 bytes"):
         RingReader(tmp_path / "ring")
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 500])
+def test_a_block_divides_records_by_channel_and_keeps_their_order(count: int) -> None:
+    random = np.random.default_rng(count)
+    records = np.zeros(count, RECORD_DTYPE)
+    records["channel"], records["sequence"] = random.integers(0, 50, count), np.arange(count)
+    block = RecordBlock(records)
+    assert len(block) == count
+    for channel in range(50):
+        chosen = records[records["channel"] == channel]
+        assert np.array_equal(block.of(channel), chosen)
+        assert (channel in block) == (len(chosen) > 0)
+        assert np.array_equal(block.newest[block.newest["channel"] == channel], chosen[-1:])
+    assert np.all(np.diff(block.newest["channel"].astype(int)) > 0)
