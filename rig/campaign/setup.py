@@ -31,7 +31,7 @@ from rig.clock import utc_now
 from rig.errors import FileProblem, Refused, Stopped
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan, plan
-from rig.recording.atomic_write import write_text_durably
+from rig.recording.atomic_write import write_durably, write_text_durably
 from rig.recording.journal.campaign_log import CampaignLog
 from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.layout import RECORD_DTYPE
@@ -135,7 +135,7 @@ def _refusals_in(log: CampaignLog) -> Iterator[None]:
 
 
 def copy_into(source: Path, folder: Path, name: str) -> None:
-    """Keep a user's file with the campaign, as it was.
+    """Keep a user's file with the campaign, as it was, also through a power cut.
 
     Raises:
         Refused: it cannot be copied.
@@ -146,7 +146,7 @@ def copy_into(source: Path, folder: Path, name: str) -> None:
     except OSError as error:
         raise FileProblem(str(source), [f"cannot be read: {error.strerror}"]) from error
     try:
-        (folder / name).write_bytes(content)
+        write_durably(folder / name, content)
     except OSError as error:
         raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
 

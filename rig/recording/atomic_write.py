@@ -190,11 +190,20 @@ def write_text_durably(path: Path, text: str) -> None:
     Raises:
         OSError: the place cannot be written.
     """
-    write_whole(path, lambda file: _write_all(file, text.encode()))
+    write_durably(path, text.encode())
 
 
-def _write_all(file: ReservedFile, data: bytes) -> None:
-    file.write(data)
+def write_durably(path: Path, data: bytes) -> None:
+    """Write a small file complete or not at all.
+
+    Raises:
+        OSError: the place cannot be written.
+    """
+
+    def fill(file: ReservedFile) -> None:
+        file.write(data)
+
+    write_whole(path, fill)
 
 
 def flush_directory(folder: Path) -> None:

@@ -16,6 +16,10 @@ EARLIER_WORDS = {"warming up": "temperature", "cooling down": "temperature", "re
 """Codes of `info` lines, by words that the programs before the codes wrote in them."""
 
 
+KEPT_AT_ONCE = frozenset({"connected", "requalified", "resumed"})
+"""What the next session must know even after a power cut; all of it is told before anything moves."""
+
+
 class CampaignLog:
     """Appends events to `journal.jsonl`; each line is one unbuffered write, so a kill never leaves half of an old one.
 
@@ -58,6 +62,8 @@ class CampaignLog:
             # A disk that fills up takes a part first and refuses the rest.
             data = data[self._append(data) :]
         self._torn = False
+        if event in KEPT_AT_ONCE:
+            self.flush()
 
     def note(self, event: str, **fields: object) -> None:
         """`write` while a rig is in motion: a disk that refuses the line becomes `trouble` and stops nobody here."""

@@ -17,6 +17,7 @@ from rig.campaign.results import CampaignOptions
 from rig.campaign.setup import (
     campaign_hash,
     check_room,
+    copy_into,
     make_campaign_folder,
     write_description,
 )
@@ -179,3 +180,18 @@ def test_the_recording_knows_each_sensors_calibration(tmp_path: Path) -> None:
         1e4,
         "LC-1",
     )
+
+
+def test_a_users_file_is_on_the_disk_before_the_rig_is_connected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut a moment later must not leave a torn bench file: the campaign could never be resumed."""
+    flushed: list[str] = []
+    monkeypatch.setattr(os, "fsync", lambda handle: flushed.append(os.readlink(f"/proc/self/fd/{handle}")))
+    source = tmp_path / "mine.toml"
+    source.write_bytes(b"format = 1\r\n")
+    folder = tmp_path / "campaign"
+    folder.mkdir()
+    copy_into(source, folder, "bench.toml")
+    assert (folder / "bench.toml").read_bytes() == b"format = 1\r\n"
+    assert flushed == [str(folder / "bench.toml.tmp"), str(folder)]
