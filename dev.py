@@ -7,6 +7,7 @@ python3 dev.py test tests/rig  some of the tests only
 python3 dev.py faults          the fault suite: every row of the fault matrix, on real processes
 python3 dev.py faults --mutate [SLUG...]   each detector switched off: its test must fail
 python3 dev.py faults --schedules [FIRST:LAST]   random fault schedules of these seeds, each must end as its rows say
+python3 dev.py worlds [--seeds FIRST:END]   whole campaigns in virtual time, drawn from seeds; what must hold is checked
 python3 dev.py coverage        branch coverage of all tests, processes they start included (slower than `test`)
 python3 dev.py rig ...         any `rig` command
 python3 dev.py install         set up only
@@ -188,7 +189,7 @@ def main(arguments: list[str]) -> int:
     if command == "clean":
         shutil.rmtree(VENV, ignore_errors=True)
         return 0
-    if command not in {"demo", "test", "faults", "coverage", "rig", "install"}:
+    if command not in {"demo", "test", "faults", "worlds", "coverage", "rig", "install"}:
         print(__doc__)
         return 0 if command in {"help", "-h", "--help"} else 2
     install(peers=command == "test")
@@ -198,6 +199,8 @@ def main(arguments: list[str]) -> int:
         return run(program("rig"), *rest)
     if command == "faults":
         return faults(rest)
+    if command == "worlds":
+        return run(program("python"), "-m", "simulators.world", *rest)
     if command == "coverage":
         return coverage()
     return checks(rest) if command == "test" else 0

@@ -152,10 +152,12 @@ def drawn_faults(seed: int, kinds: frozenset[str], within_s: float = WITHIN_S) -
     chance = random.Random(seed)
     possible = [slug for slug in INJECTORS if ONLY_ON.get(slug) is None or ONLY_ON[slug] in kinds]
     slugs = chance.sample(sorted(possible), chance.randint(1, MOST_DRAWN))
-    return tuple(sorted((_drawn(slug, chance, within_s) for slug in slugs), key=lambda fault: fault.after_s or 0.0))
+    faults = (drawn_fault(slug, chance, within_s) for slug in slugs)
+    return tuple(sorted(faults, key=lambda fault: fault.after_s or 0.0))
 
 
-def _drawn(slug: str, chance: random.Random, within_s: float) -> ScheduledFault:
+def drawn_fault(slug: str, chance: random.Random, within_s: float) -> ScheduledFault:
+    """A fault of a row: when it begins, whether it passes, which of its variants."""
     after_s, lasts_s = round(chance.uniform(0.0, within_s), 2), round(chance.uniform(SHORTEST_S, LONGEST_S), 2)
     variant = _variant(slug, random.Random(f"{slug} {after_s}"))
     passes = slug in PASSING and chance.random() < PASSING_SHARE

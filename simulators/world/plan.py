@@ -1,0 +1,163 @@
+"""What a seed makes of a world: the matrix, the rig, and what happens to it."""
+
+from __future__ import annotations
+
+import errno
+import json
+import random
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+
+from rig.errors import FileProblem
+from rig.faults.matrix import MATRIX
+from simulators.injection import INJECTORS, NEEDS_AUXILIARY
+from simulators.schedule import ONLY_ON, drawn_fault, parse_fault
+
+DISK = {"disk-full": errno.ENOSPC, "dir-readonly": errno.EROFS, "fsync-error": errno.EIO}
+SIGNALS = {"sigint": "SIGINT", "sigterm": "SIGTERM", "sighup": "SIGHUP"}
+DEATHS = {
+    "application-killed": "application", "station-killed": "rig.station",
+    "finaliser-killed": "rig.recording.conversion.finaliser", "converter-killed": "rig.recording.conversion.converter",
+}  # fmt: skip
+STALLS = {"application-stalled": "application", "station-stalled": "rig.station"}
+OTHERS = ("power-cut", "clock-step", "slow-disk", "pause")
+AROUND = (*DISK, *SIGNALS, *DEATHS, *STALLS, *OTHERS)
+"""What happens around the devices; the rows of the fault matrix happen in them."""
+MOST_HAPPENINGS = 5
+LATEST_S = 22.0
+LATEST_FAULT_S = 14.0
+NEVER_DRAWN = frozenset(NEEDS_AUXILIARY) | {"usb-renumber"}
+
+
+@dataclass(frozen=True)
+class Happening:
+    """One thing that happens in a world.
+
+    Attributes:
+        what: a row of the fault matrix (`SLUG` or `SLUG:VARIANT`), or one of `AROUND`.
+        at_s: when: a fault of the devices so long after the first cycle begins (None: it is there from the start),
+            anything else so long after the application was started.
+        lasts_s: for how long; None for ever, or where that has no meaning.
+    """
+
+    what: str
+    at_s: float | None
+    lasts_s: float | None = None
+
+    @property
+    def around(self) -> bool:
+        """It happens around the devices."""
+        return self.what in AROUND
+
+    def __str__(self) -> str:
+        at = "" if self.at_s is None else f"@{self.at_s:g}"
+        return self.what + at + ("" if self.lasts_s is None else f"+{self.lasts_s:g}")
+
+    @classmethod
+    def parse(cls, text: str) -> Happening:
+        """`WHAT@T` or `WHAT@T+D`.
+
+        Raises:
+            FileProblem: nothing of that name happens in worlds, or the times are none.
+        """
+        name = text.partition("@")[0]
+        if name in AROUND:
+            times = text.partition("@")[2].partition("+")
+            try:
+                return cls(name, float(times[0]), float(times[2]) if times[1] else None)
+            except ValueError:
+                expected = f"{text!r}: write {name}@SECONDS or {name}@SECONDS+DURATION"
+                raise FileProblem("--happening", [expected]) from None
+        if name.partition(":")[0] not in MATRIX:
+            raise FileProblem("--happening", [
+                f"{name!r} is no row of the fault matrix and none of {', '.join(AROUND)}; `rig faults` lists the rows"
+            ])
+        fault = parse_fault(text)
+        return cls(fault.name, fault.after_s, None if fault.lasts_s == float("inf") else fault.lasts_s)
+
+
+@dataclass(frozen=True)
+class WorldPlan:
+    """Everything that one world begins with.
+
+    Attributes:
+        seed: of scheduling, latencies, noise and clocks.
+        matrix: the matrix file's text.
+        happenings: what happens, by time.
+        actuator: "tcp" or "rtu".
+        options: constants of the simulated rig, as `TABLE.KEY=VALUE`.
+        tick_s: how often the devices hand over what they have sent (s).
+        turn_s: how often the application looks at what has come (s).
+    """
+
+    seed: int
+    matrix: str
+    happenings: tuple[Happening, ...] = ()
+    actuator: str = "tcp"
+    options: tuple[str, ...] = ()
+    tick_s: float = 0.005
+    turn_s: float = 0.005
+
+    def without(self, happening: Happening) -> WorldPlan:
+        """The same world without one thing."""
+        return replace(self, happenings=tuple(kept for kept in self.happenings if kept is not happening))
+
+    def to_json(self) -> str:
+        """As one line."""
+        return json.dumps({**asdict(self), "happenings": [str(happening) for happening in self.happenings]})
+
+    @classmethod
+    def from_json(cls, text: str) -> WorldPlan:
+        """From `to_json`."""
+        fields: Mapping[str, object] = json.loads(text)
+        happenings = tuple(Happening.parse(str(entry)) for entry in fields["happenings"])  # type: ignore[attr-defined]
+        return cls(**{**fields, "happenings": happenings, "options": tuple(fields["options"])})  # type: ignore[arg-type]
+
+
+def drawn(seed: int, matrix: str | None = None) -> WorldPlan:
+    """The world of a seed.
+
+    Args:
+        seed: what everything is drawn from.
+        matrix: a user's matrix file in place of a drawn one.
+    """
+    chance = random.Random(f"plan {seed}")
+    actuator = "rtu" if chance.random() < 0.25 else "tcp"
+    happenings = _happenings(chance, actuator)
+    tick_s, turn_s = chance.choice((0.003, 0.005, 0.008)), chance.choice((0.004, 0.006, 0.008))
+    return WorldPlan(seed, matrix or _matrix(chance), happenings, actuator, tick_s=tick_s, turn_s=turn_s)
+
+
+def _happenings(chance: random.Random, actuator: str) -> tuple[Happening, ...]:
+    """One to five things; rarely none at all."""
+    chosen: list[Happening] = []
+    possible = [
+        slug for slug in sorted(INJECTORS) if ONLY_ON.get(slug, actuator) == actuator and slug not in NEVER_DRAWN
+    ]
+    for _ in range(chance.choice((0, 1, 1, 1, 2, 2, 3, 4, MOST_HAPPENINGS))):
+        if chance.random() < 0.6:
+            slug = chance.choice(possible)
+            fault = drawn_fault(slug, chance, LATEST_FAULT_S)
+            lasts_s = None if fault.lasts_s == float("inf") else fault.lasts_s
+            chosen.append(Happening(fault.name, fault.after_s, lasts_s))
+        else:
+            what = chance.choice(AROUND)
+            lasts_s = round(chance.uniform(0.02, 1.5), 3) if what in STALLS or what in OTHERS else None
+            chosen.append(Happening(what, round(chance.uniform(0.0, LATEST_S), 3), lasts_s))
+    unique = {happening.what: happening for happening in chosen}
+    return tuple(sorted(unique.values(), key=lambda happening: (happening.at_s or 0.0, happening.what)))
+
+
+def _matrix(chance: random.Random) -> str:
+    amplitudes = [f"{chance.choice((4, 5, 6, 8, 10))} mm"]
+    frequencies = [f"{frequency} Hz" for frequency in sorted(chance.sample((2, 2.5, 3, 4), 2))]
+    chosen_A = chance.sample((0, 0.25, 0.5, 0.75, 1.0), chance.choice((1, 2, 2)))
+    currents = [f"{current_A} A" for current_A in sorted(chosen_A)]
+    cycles = chance.choice((8, 10, 12)) if len(currents) == 1 else chance.choice((5, 6, 8))
+    return "\n".join((
+        "format = 1", "[specimen]", 'serial_number = "MR-001"', 'stroke = "170 mm"', 'prior = "demo"', "[matrix]",
+        f'waveform = ["{chance.choice(("sine", "sine", "triangle"))}"]', f"amplitude = {json.dumps(amplitudes)}",
+        f"frequency = {json.dumps(frequencies)}", f"current = {json.dumps(currents)}", f"cycles = {cycles}",
+        chance.choice(('order = "as written"', 'order = "as written"', 'order = "random"\nseed = 1')),
+        "[campaign]", f"retries = {chance.choice((0, 0, 1, 2))}", "[identify]", "enabled = false", "",
+    ))  # fmt: skip

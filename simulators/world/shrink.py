@@ -1,0 +1,48 @@
+"""The smallest world in which something still goes wrong."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from simulators.world.plan import WorldPlan
+from simulators.world.runs import Ended, live
+
+
+def shrunk(plan: WorldPlan, ended: Ended, tell: Callable[[str], None]) -> tuple[WorldPlan, Ended]:
+    """Leave out one thing after the other, and points of the matrix, as long as an invariant of the same name breaks.
+
+    Args:
+        plan: a world that fails.
+        ended: how it ended.
+        tell: is told what is tried.
+    """
+    wanted = {invariant for invariant, _, _ in ended.failed}
+    again = True
+    while again:
+        again = False
+        for smaller, words in _smaller(plan):
+            with tempfile.TemporaryDirectory(prefix="world-") as name:
+                _, tried = live(smaller, Path(name))
+            if wanted & {invariant for invariant, _, _ in tried.failed}:
+                tell(f"without {words}: still fails")
+                plan, ended, again = smaller, tried, True
+                break
+            tell(f"without {words}: holds")
+    return plan, ended
+
+
+def _smaller(plan: WorldPlan) -> list[tuple[WorldPlan, str]]:
+    """Worlds with one thing less: one that happens, or the last value of one axis of the matrix."""
+    worlds = [(plan.without(happening), str(happening)) for happening in plan.happenings]
+    for key in ("current", "frequency", "amplitude"):
+        lines = plan.matrix.splitlines()
+        for place, line in enumerate(lines):
+            values = line.partition("= [")[2].rstrip("]").split(", ")
+            if line.startswith(f"{key} = [") and len(values) > 1:
+                fewer = f"{key} = [{', '.join(values[:-1])}]"
+                matrix = "\n".join([*lines[:place], fewer, *lines[place + 1 :], ""])
+                worlds.append((replace(plan, matrix=matrix), f"{key} {values[-1]}"))
+    return worlds
