@@ -254,8 +254,8 @@ def _threading(machine: Machine) -> Stand:
 
 
 def _queue(kernel: Kernel) -> Stand:
-    queues = partial(threads.Queue, kernel)
-    return Stand("queue", {"Queue": queues, "SimpleQueue": queues}, real_queue, "Empty Full")
+    own: dict[str, object] = dict.fromkeys(("Queue", "SimpleQueue"), partial(threads.Queue, kernel))
+    return Stand("queue", own, real_queue, "Empty Full")
 
 
 def _subprocess(machine: Machine) -> Stand:
@@ -302,10 +302,8 @@ def _mapped(handle: int, *given: Any, **named: Any) -> mmap.mmap:  # noqa: ANN40
     """`mmap.mmap` of the file in a way that a killed process leaves no lock behind: the map keeps its file open."""
     access = real_fcntl.fcntl(handle, real_fcntl.F_GETFL) & (real_os.O_RDWR | real_os.O_WRONLY)
     again = real_os.open(f"/proc/self/fd/{handle}", access)
-    try:
+    with real_os.fdopen(again, "rb", buffering=0):
         return mmap.mmap(again, *given, **named)
-    finally:
-        real_os.close(again)
 
 
 def _flock(machine: Machine, handle: int, way: int) -> None:
