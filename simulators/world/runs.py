@@ -10,7 +10,8 @@ from typing import Any
 
 from simulators.world.invariants import judged
 from simulators.world.plan import Happening, WorldPlan, drawn
-from simulators.world.world import World, load_everything
+from simulators.world.stage import load_everything
+from simulators.world.world import World
 
 
 @dataclass(frozen=True)

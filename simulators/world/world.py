@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 import json
 import os
-import pkgutil
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-from rig.errors import RigError
 from simulators.options import RigOptions, with_option
-from simulators.schedule import ScheduledFault, parse_fault
-from simulators.world import device_loop
-from simulators.world.disk import Disk
-from simulators.world.kernel import Kernel, NothingHappens
-from simulators.world.machine import Machine, Process
+from simulators.rig import RunOptions, SimulatedRig
+from simulators.schedule import parse_fault
+from simulators.world.kernel import NothingHappens
+from simulators.world.machine import Process
 from simulators.world.plan import DEATHS, DISK, SIGNALS, STALLS, Happening, WorldPlan
-from simulators.world.stands import Installed
+from simulators.world.stage import Application, Stage
 from simulators.world.truth import WorldTruth
 
 MOST_SESSIONS = 6
@@ -30,19 +25,6 @@ SESSION_S = 400.0
 """A campaign of a world that has not ended by then never will (virtual s)."""
 REST_S = 90.0
 """So long after the end of the application everything must be at rest (virtual s)."""
-LOADED = (
-    "protocols", "drivers", "rig.bench", "rig.station", "rig.campaign", "rig.recording", "rig.matrix", "rig.signals",
-    "rig.faults", "rig.dampers", "simulators",
-)
-
-
-def load_everything() -> None:
-    """Import every module of the program, so that none finds the real machine when it is imported later."""
-    for place in LOADED:
-        package = importlib.import_module(place)
-        for module in pkgutil.walk_packages(package.__path__, f"{place}."):
-            if not module.name.endswith("__main__"):
-                importlib.import_module(module.name)
 
 
 @dataclass
@@ -68,7 +50,6 @@ class Session:
     answer: Any = None
     refusal: tuple[str, str] = ("", "")
     happened: list[tuple[int, Happening]] = field(default_factory=list)
-    journal_lines: int = 0
 
 
 class Silent:
@@ -91,14 +72,11 @@ class World:
         self.plan = plan
         self.root = root
         self.display = display or Silent()
-        self.kernel = Kernel(plan.seed)
-        self.disk = Disk(self.kernel, root, plan.seed)
-        self.machine = Machine(self.kernel, self.disk, plan.seed)
+        self.stage = Stage(plan.seed, root, plan.tick_s, plan.turn_s)
+        self.kernel, self.machine = self.stage.kernel, self.stage.machine
         self.sessions: list[Session] = []
         self.ended = ""
         """Why the world ended before its campaign was complete; empty otherwise."""
-        self._devices: Process | None = None
-        self._rig: Any = None
         self._pending: list[Happening] = list(plan.happenings)
         self._fate = Process(self.machine, "fate", None, None)
 
@@ -106,41 +84,12 @@ class World:
 
     def run(self, until_s: float | None = None) -> None:
         """From the first session to a complete campaign, or to the world's end."""
-        from rig.recording.conversion import converter, finaliser
-        from rig.station import process
-
-        self.machine.programs = {
-            "rig.station": process.main,
-            "rig.recording.conversion.finaliser": lambda _: finaliser.main(),
-            "rig.recording.conversion.converter": lambda _: converter.main(),
-        }
         (self.root / "matrix.toml").write_text(self.plan.matrix, encoding="utf-8")
-        with Installed(self.machine) as installed:
-            import rig.campaign.execution.runner
-            import rig.campaign.machine_resources
-            import rig.clock
-            import simulators.rig
-            import simulators.slcan_bus
-
-            memory = self.root / "memory"
-            memory.mkdir()
-            installed.put(rig.campaign.machine_resources, "SHARED_MEMORY", memory)
-            installed.put(rig.campaign.machine_resources, "LOCK_FOLDERS", (memory,))
-            installed.put(
-                simulators.rig, "open_port", lambda _: device_loop.WirePort(self.kernel, self.machine.network)
-            )
-            installed.put(simulators.slcan_bus, "PeerQueue", device_loop.Queue)
-            installed.put(rig.clock, "datetime", SimpleNamespace(now=lambda zone: self.machine.now().astimezone(zone)))
-            # Coarser than in production: adapters that hand over every few milliseconds, a busy application.
-            installed.put(simulators.rig, "TICK_S", self.plan.tick_s)
-            installed.put(rig.campaign.execution.runner, "TURN_S", self.plan.turn_s)
+        with self.stage:
             try:
                 self._sessions(until_s)
             except NothingHappens as stuck:
                 self.ended = f"nothing can happen any more: {stuck}"
-            finally:
-                for left in list(self.machine.processes.values()):
-                    self.machine.end(left, -int(signal.SIGKILL))
 
     def _sessions(self, until_s: float | None) -> None:
         for number in range(1, MOST_SESSIONS + 1):
@@ -158,12 +107,11 @@ class World:
         )
 
     def _session(self, number: int, until_s: float | None) -> Session:
-        self._serve_devices(self._device_faults() if number == 1 else ())
-        session = Session(number, self.kernel.now_ns, self._rig.truth)
+        truth = self._serve_devices(with_faults=number == 1)
+        session = Session(number, self.kernel.now_ns, truth)
         self.sessions.append(session)
-        application = self.machine.start(
-            "application", lambda: self._application(session), stderr=self.root / "application.log"
-        )
+        ran = Application(self.stage, self._options(), self.display)
+        application = ran.process
         if number == 1:
             for happening in self.plan.happenings:
                 if happening.around:
@@ -172,6 +120,7 @@ class World:
         last_ns = end_ns if until_s is None else self.kernel.start_ns + int(until_s * 1e9)
         self.kernel.run(lambda: not application.alive or self.kernel.now_ns > min(end_ns, last_ns))
         session.exit_code, session.ended_ns = application.exit_code, self.kernel.now_ns
+        session.answer, session.refusal = ran.answer, ran.refusal
         if until_s is not None and self.kernel.now_ns > last_ns:
             self.ended = "as asked"
             return session
@@ -180,26 +129,19 @@ class World:
             return session
         self._pending.clear()
         rest_ns = self.kernel.now_ns + int(REST_S * 1e9)
-        self.kernel.run(lambda: self._at_rest() or self.kernel.now_ns > rest_ns)
+        self.kernel.run(lambda: self.stage.at_rest or self.kernel.now_ns > rest_ns)
         session.rest_ns = self.kernel.now_ns
-        self._repair()
+        self.stage.repair()
         return session
 
-    def _application(self, session: Session) -> int:
-        from rig.campaign import CampaignOptions, run_campaign
+    def _options(self) -> Any:  # noqa: ANN401
+        """A new campaign, or the one that was begun."""
+        from rig.campaign import CampaignOptions
 
-        options = CampaignOptions(self.root / "matrix.toml", self.root / "out", bench_path=self.root / "bench.toml")
-        folder = self.folder
+        matrix, out, folder = self.root / "matrix.toml", self.root / "out", self.folder
         if folder is not None and (folder / "campaign.json").exists():
-            options = CampaignOptions(
-                self.root / "matrix.toml", self.root / "out", resume_path=folder, requalified="looked at in this world",
-            )
-        try:
-            session.answer = run_campaign(options, self.display)
-        except RigError as error:
-            session.refusal = (getattr(error, "slug", ""), str(error))
-            return int(getattr(error, "exit_code", 1))
-        return int(session.answer.exit_code)
+            return CampaignOptions(matrix, out, resume_path=folder, requalified="looked at in this world")
+        return CampaignOptions(matrix, out, bench_path=self.root / "bench.toml")
 
     @property
     def folder(self) -> Path | None:
@@ -208,61 +150,21 @@ class World:
         folders = sorted(out.iterdir()) if out.exists() else []
         return max(folders, key=lambda folder: len(list((folder / "points").glob("*"))), default=None)
 
-    # Devices
-
-    def _device_faults(self) -> tuple[ScheduledFault, ...]:
-        return tuple(parse_fault(str(happening)) for happening in self.plan.happenings if not happening.around)
-
-    def _serve_devices(self, faults: tuple[ScheduledFault, ...]) -> None:
-        """A rig as new at the addresses of the one before."""
-        from simulators.rig import RunOptions, SimulatedRig
-
-        options = RigOptions()
-        for assignment in self.plan.options:
+    def _serve_devices(self, *, with_faults: bool) -> WorldTruth:
+        plan, options = self.plan, RigOptions()
+        for assignment in plan.options:
             options = with_option(options, assignment)
-        plan = self.plan
+        faulty = plan.happenings if with_faults else ()
+        faults = tuple(parse_fault(str(happening)) for happening in faulty if not happening.around)
         run = RunOptions(seed=plan.seed, ports="socket", actuator=plan.actuator, faults=faults, drop_unread=True)
-        self.machine.network.restart()
-        rig = SimulatedRig(options, run)
-        rig.truth = WorldTruth(rig.plant, self.kernel)  # type: ignore[assignment]  # stands where one would
-        bench = self.root / "bench.toml"
-        opened: list[str] = []
+        kept: list[WorldTruth] = []
 
-        def devices() -> None:
-            loop = device_loop.WorldLoop(self.kernel, self.machine.network)
+        def keep(rig: SimulatedRig) -> WorldTruth:
+            kept.append(WorldTruth(rig.plant, self.kernel))
+            return kept[0]
 
-            async def serve() -> None:
-                addresses = await rig.open()
-                opened.append(rig.bench(addresses, real_time=True))
-                await rig.run()
-
-            loop.run_until_complete(serve())
-
-        self._rig = rig
-        rig.warm_up()
-        self._devices = self.machine.start("devices", devices, stderr=self.root / "devices.log")
-        self.kernel.run(lambda: bool(opened))
-        bench.write_text(opened[0], encoding="utf-8")
-
-    def _repair(self) -> None:
-        """Everything is as it should be again: other devices, room on the disk, clocks."""
-        if self._devices is not None:
-            self.machine.end(self._devices, -int(signal.SIGKILL))
-        self.disk.refuses, self.disk.flush_fails, self.disk.slow_ns = 0, False, 0
-
-    def _at_rest(self) -> bool:
-        """No process of the host is left, and the rig has neither pressure nor motion nor current."""
-        processes = self.machine.processes.values()
-        return self.still and not any(process.alive and process is not self._devices for process in processes)
-
-    @property
-    def still(self) -> bool:
-        """The rig has neither pressure nor motion nor current."""
-        plant = self._rig.plant
-        return (
-            int(plant.command["pressure"][0]) == 0 and abs(plant.value("velocity_m_s")) < 1e-3
-            and abs(plant.value("current_A")) < 0.02
-        )
+        self.stage.serve(options, run, keep)
+        return kept[0]
 
     # What happens around the devices
 
@@ -279,36 +181,27 @@ class World:
         self.kernel.spawn(str(happening), self._fate, do, after_ns)
 
     def _happen(self, happening: Happening) -> None:
-        what, lasts_ns = happening.what, int((happening.lasts_s or 0.0) * 1e9)
+        what, lasts_ns, stage = happening.what, int((happening.lasts_s or 0.0) * 1e9), self.stage
         if what == "pause":
-            self._signal("application", signal.SIGTSTP)
-            self.kernel.spawn("resume", self._fate, lambda: self._signal("application", signal.SIGTSTP), lasts_ns)
+            stage.signal("application", signal.SIGTSTP)
+            self.kernel.spawn("resume", self._fate, lambda: stage.signal("application", signal.SIGTSTP), lasts_ns)
         elif what in SIGNALS:
-            self._signal("application", getattr(signal, SIGNALS[what]))
+            stage.signal("application", getattr(signal, SIGNALS[what]))
         elif what in DEATHS:
-            self._signal(DEATHS[what], signal.SIGKILL)
+            stage.signal(DEATHS[what], signal.SIGKILL)
         elif what in STALLS:
-            for process in self._named(STALLS[what]):
+            for process in stage.named(STALLS[what]):
                 process.stalled_ns = self.kernel.now_ns + lasts_ns
         elif what == "fsync-error":
-            self.disk.flush_fails = True
+            stage.disk.flush_fails = True
         elif what in DISK:
-            self.disk.refuses = DISK[what]
+            stage.disk.refuses = DISK[what]
         elif what == "slow-disk":
-            self.disk.slow_ns = lasts_ns
+            stage.disk.slow_ns = lasts_ns
         elif what == "clock-step":
             self.machine.wall_step_s += 3600.0 * (happening.lasts_s or 1.0)
         elif what == "power-cut":
-            for process in [process for process in self.machine.processes.values() if process is not self._devices]:
-                self.machine.end(process, -int(signal.SIGKILL))
-            self.disk.power_cut()
-
-    def _named(self, name: str) -> list[Process]:
-        return [process for process in self.machine.processes.values() if process.alive and process.name == name]
-
-    def _signal(self, name: str, number: int) -> None:
-        for process in self._named(name):
-            self.machine.signal(process, number)
+            stage.power_cut()
 
     # What came of it
 

@@ -17,7 +17,7 @@ from rig.station.safe_stop import StopAction
 from simulators.world.plan import AROUND, Happening, WorldPlan, drawn
 from simulators.world.runs import live
 from simulators.world.shrink import shrunk
-from simulators.world.world import load_everything
+from simulators.world.stage import load_everything
 
 MATRIX = """format = 1
 [specimen]
@@ -58,7 +58,7 @@ def test_a_seed_is_a_world_bit_by_bit_wherever_it_lives(tmp_path: Path) -> None:
     """In another process, another folder and with other hashes too."""
     script = (
         "import sys; from pathlib import Path; from simulators.world.runs import live\n"
-        "from simulators.world.plan import WorldPlan; from simulators.world.world import load_everything\n"
+        "from simulators.world.plan import WorldPlan; from simulators.world.stage import load_everything\n"
         "load_everything()\n"
         "print(live(WorldPlan.from_json(sys.argv[1]), Path(sys.argv[2]))[1].digest)"
     )

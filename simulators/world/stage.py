@@ -1,0 +1,192 @@
+"""Where a world happens: the machine with its stand-ins installed, the devices' process, the application's process."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import signal
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import rig.campaign.execution.runner
+import rig.campaign.machine_resources
+import rig.clock
+import simulators.rig
+import simulators.slcan_bus
+from rig.errors import RigError
+from rig.recording.conversion import converter, finaliser
+from rig.station import process as station
+from simulators.options import RigOptions
+from simulators.rig import RunOptions, SimulatedRig
+from simulators.world import device_loop
+from simulators.world.disk import Disk
+from simulators.world.kernel import Kernel
+from simulators.world.machine import Machine, Process
+from simulators.world.stands import Installed
+
+LOADED = (
+    "protocols", "drivers", "rig.bench", "rig.station", "rig.campaign", "rig.recording", "rig.matrix", "rig.signals",
+    "rig.faults", "rig.dampers", "simulators",
+)
+STILL_M_S = 1e-3
+NO_CURRENT_A = 0.02
+
+
+def load_everything() -> None:
+    """Import every module of the program, so that none finds the real machine when it is imported later."""
+    for place in LOADED:
+        package = importlib.import_module(place)
+        for module in pkgutil.walk_packages(package.__path__, f"{place}."):
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
+
+
+class Application:
+    """One run of `run_campaign` in a process of its own.
+
+    Attributes:
+        process: in which it runs.
+        answer: what it returned; None when it raised or was killed.
+        refusal: slug and words of what it raised.
+    """
+
+    def __init__(self, stage: Stage, options: Any, display: Any) -> None:  # noqa: ANN401
+        self.answer: Any = None
+        self.refusal: tuple[str, str] = ("", "")
+        self._options = options
+        self._display = display
+        self.process = stage.machine.start("application", self._run, stderr=stage.root / "application.log")
+
+    def _run(self) -> int:
+        from rig.campaign import run_campaign
+
+        try:
+            self.answer = run_campaign(self._options, self._display)
+        except RigError as error:
+            self.refusal = (getattr(error, "slug", ""), str(error))
+            return int(getattr(error, "exit_code", 1))
+        return int(self.answer.exit_code)
+
+
+class Stage:
+    """A machine in virtual time, its stand-ins installed while it is entered.
+
+    Args:
+        seed: of everything that is drawn.
+        root: an empty folder, the machine's disk.
+        tick_s: how often the devices hand over what they have sent (s).
+        turn_s: how often the application looks at what has come (s).
+
+    Attributes:
+        devices: the process of the simulated devices; None before the first.
+        rig: what runs in it.
+    """
+
+    def __init__(self, seed: int, root: Path, tick_s: float = 0.005, turn_s: float = 0.005) -> None:
+        self.root = root
+        self.kernel = Kernel(seed)
+        self.disk = Disk(self.kernel, root, seed)
+        self.machine = Machine(self.kernel, self.disk, seed)
+        self.devices: Process | None = None
+        self.rig: SimulatedRig
+        self._steps_s = tick_s, turn_s
+        self._ends = ExitStack()
+
+    def __enter__(self) -> Stage:
+        self.machine.programs = {
+            "rig.station": station.main,
+            "rig.recording.conversion.finaliser": lambda _: finaliser.main(),
+            "rig.recording.conversion.converter": lambda _: converter.main(),
+        }
+        installed = self._ends.enter_context(Installed(self.machine))
+        kernel, machine, memory = self.kernel, self.machine, self.root / "memory"
+        memory.mkdir()
+        installed.put(rig.campaign.machine_resources, "SHARED_MEMORY", memory)
+        installed.put(rig.campaign.machine_resources, "LOCK_FOLDERS", (memory,))
+        installed.put(rig.clock, "datetime", SimpleNamespace(now=lambda zone: machine.now().astimezone(zone)))
+        installed.put(simulators.rig, "open_port", lambda _: device_loop.WirePort(kernel, machine.network))
+        installed.put(simulators.slcan_bus, "PeerQueue", device_loop.Queue)
+        # Coarser than in production: adapters that hand over every few milliseconds, a busy application.
+        installed.put(simulators.rig, "TICK_S", self._steps_s[0])
+        installed.put(rig.campaign.execution.runner, "TURN_S", self._steps_s[1])
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for left in list(self.machine.processes.values()):
+            self.machine.end(left, -int(signal.SIGKILL))
+        self._ends.close()
+
+    def serve(
+        self, options: RigOptions, run: RunOptions, truth: Callable[[SimulatedRig], Any] | None = None,
+        *, real_time: bool = True,
+    ) -> Path:
+        """A rig as new, at the addresses of the one before; its bench file.
+
+        Args:
+            options: what it is made of.
+            run: how it runs; `ports` counts for nothing.
+            truth: makes what keeps its true state; None leaves that to `run`.
+            real_time: the bench file's time limits are those of hardware.
+        """
+        self.machine.network.restart()
+        self.rig = simulated = SimulatedRig(options, run)
+        if truth is not None:
+            simulated.truth = truth(simulated)
+        opened: list[str] = []
+
+        def devices() -> None:
+            loop = device_loop.WorldLoop(self.kernel, self.machine.network)
+
+            async def serve() -> None:
+                addresses = await simulated.open()
+                opened.append(simulated.bench(addresses, real_time))
+                await simulated.run()
+                await simulated.close()
+
+            loop.run_until_complete(serve())
+
+        simulated.warm_up()
+        self.devices = self.machine.start("devices", devices, stderr=self.root / "devices.log")
+        self.kernel.run(lambda: bool(opened))
+        bench = self.root / "bench.toml"
+        bench.write_text(opened[0], encoding="utf-8")
+        return bench
+
+    def repair(self) -> None:
+        """Everything is as it should be again: no devices, room on the disk."""
+        if self.devices is not None:
+            self.machine.end(self.devices, -int(signal.SIGKILL))
+        self.disk.refuses, self.disk.flush_fails, self.disk.slow_ns = 0, False, 0
+
+    def named(self, name: str) -> list[Process]:
+        """The processes of that name that run."""
+        return [process for process in self.machine.processes.values() if process.alive and process.name == name]
+
+    def signal(self, name: str, number: int) -> None:
+        """Send every process of that name a signal."""
+        for process in self.named(name):
+            self.machine.signal(process, number)
+
+    def power_cut(self) -> None:
+        """Every process of the host is gone, and what its disk had not flushed."""
+        for process in [process for process in self.machine.processes.values() if process is not self.devices]:
+            self.machine.end(process, -int(signal.SIGKILL))
+        self.disk.power_cut()
+
+    @property
+    def at_rest(self) -> bool:
+        """No process of the host is left, and the rig has neither pressure nor motion nor current."""
+        processes = self.machine.processes.values()
+        return self.still and not any(process.alive and process is not self.devices for process in processes)
+
+    @property
+    def still(self) -> bool:
+        """The rig has neither pressure nor motion nor current."""
+        plant = self.rig.plant
+        return (
+            int(plant.command["pressure"][0]) == 0 and abs(plant.value("velocity_m_s")) < STILL_M_S
+            and abs(plant.value("current_A")) < NO_CURRENT_A
+        )
