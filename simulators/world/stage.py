@@ -177,16 +177,17 @@ class Stage:
         self.disk.power_cut()
 
     @property
-    def at_rest(self) -> bool:
-        """No process of the host is left, and the rig has neither pressure nor motion nor current."""
-        processes = self.machine.processes.values()
-        return self.still and not any(process.alive and process is not self.devices for process in processes)
+    def alone(self) -> bool:
+        """No process of the host is left."""
+        return not any(process.alive and process is not self.devices for process in self.machine.processes.values())
 
     @property
-    def still(self) -> bool:
-        """The rig has neither pressure nor motion nor current."""
+    def stands(self) -> bool:
+        """The rod stands, and no current flows."""
         plant = self.rig.plant
-        return (
-            int(plant.command["pressure"][0]) == 0 and abs(plant.value("velocity_m_s")) < STILL_M_S
-            and abs(plant.value("current_A")) < NO_CURRENT_A
-        )
+        return abs(plant.value("velocity_m_s")) < STILL_M_S and abs(plant.value("current_A")) < NO_CURRENT_A
+
+    @property
+    def at_rest(self) -> bool:
+        """No process of the host is left, and the rig has neither pressure nor motion nor current."""
+        return self.alone and self.stands and int(self.rig.plant.command["pressure"][0]) == 0

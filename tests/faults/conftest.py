@@ -5,6 +5,7 @@ A test of a row is marked `row("slug")` and named in `rig.faults.matrix`; `test_
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import subprocess
@@ -16,9 +17,11 @@ import pytest
 from matrices import BRISK_POINTS, PERIOD_S, TWO_POINTS
 from true_states import Happening, Truth
 from watched_campaign import FINISH_S, RIG, Campaign, Ending
+from world_campaign import SEED, begin
 
 from rig.faults.matrix import MATRIX
 from simulators.controller_firmware import State
+from simulators.world.stage import Stage, load_everything
 
 COIL_LAG_S = 0.250
 NO_CURRENT_A = 0.05
@@ -62,15 +65,25 @@ def start(tmp_path: Path) -> Iterator[Start]:
             campaign.process.communicate(timeout=FINISH_S)
 
 
+@pytest.fixture(scope="session")
+def program() -> None:
+    """Every module of the program is loaded: a world replaces what they found of the machine."""
+    load_everything()
+
+
 @pytest.fixture
-def run(start: Start) -> Run:
-    """Runs a campaign with faults of the simulated rig to its end: `run("estop@6")`."""
+def run(program: None, tmp_path: Path) -> Run:
+    """Runs a campaign in virtual time, with faults of the simulated rig, to its end: `run("estop@6")`."""
+    worlds = itertools.count()
 
     def to_the_end(
         *faults: str, simulator: tuple[str, ...] = (), matrix: str = TWO_POINTS, speed: float = 5.0
     ) -> Ending:
         injected = [part for fault in faults for part in ("--fault", fault)]
-        return start(*injected, *simulator, matrix=matrix, speed=speed).finish()
+        folder = tmp_path / f"world{next(worlds)}"
+        folder.mkdir()
+        with Stage(SEED, folder) as stage:
+            return begin(stage, folder, (*injected, *simulator), matrix, speed).finish()
 
     return to_the_end
 
@@ -95,14 +108,9 @@ def start_brisk(start: Start) -> Start:
 
 
 @pytest.fixture
-def run_brisk(start_brisk: Start) -> Run:
-    """Runs such a campaign with faults of the simulated rig to its end."""
-
-    def to_the_end(*faults: str, simulator: tuple[str, ...] = ()) -> Ending:
-        injected = [part for fault in faults for part in ("--fault", fault)]
-        return start_brisk(*injected, *simulator).finish()
-
-    return to_the_end
+def run_brisk(run: Run) -> Run:
+    """Runs a short one at speed 1, where the rows' times are meant."""
+    return lambda *faults, simulator=(): run(*faults, simulator=simulator, matrix=BRISK_POINTS, speed=1.0)
 
 
 def settles_within_s(kind: str, speed: float, period_s: float) -> float:
