@@ -89,6 +89,17 @@ def run(program: None, tmp_path: Path) -> Run:
 
 
 @pytest.fixture
+def run_wired(start: Start) -> Run:
+    """The same on real processes and wires, where only they have what a row is about."""
+
+    def to_the_end(*faults: str, simulator: tuple[str, ...] = ()) -> Ending:
+        injected = [part for fault in faults for part in ("--fault", fault)]
+        return start(*injected, *simulator).finish()
+
+    return to_the_end
+
+
+@pytest.fixture
 def in_motion(start: Start) -> InMotion:
     """Starts a campaign and lets its second point run for a while (simulated s): `in_motion(seconds=1.6)`."""
 

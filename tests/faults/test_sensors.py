@@ -51,10 +51,10 @@ def test_without_its_lvdt_the_host_proves_standstill_by_the_controller(run: Run,
 @pytest.mark.row("usb-renumber")
 @pytest.mark.parametrize("fault", ["usb-renumber", "usb-renumber:lvdt"])
 def test_an_adapter_that_comes_up_elsewhere_stops_the_rig_and_is_not_reopened(
-    run: Run, assert_stopped: Judge, fault: str
+    run_wired: Run, assert_stopped: Judge, fault: str
 ) -> None:
     """Its port was found by the serial number of the adapter (`--ports by-id`)."""
-    ending = run(f"{fault}@6.3", simulator=("--ports", "by-id"))
+    ending = run_wired(f"{fault}@6.3", simulator=("--ports", "by-id"))
     assert_stopped(ending, "usb-renumber")
     point = ending.point("p002")
     happened = ending.truth.first("FAULT", text=fault)
@@ -173,6 +173,6 @@ def test_exchanged_plugs_are_refused_by_name_before_arming(run: Run, assert_refu
 @pytest.mark.row("sensors-swapped")
 @pytest.mark.parametrize("wrong", ["lvdt.gain=-1", "lvdt.gain=0.8", "load_cell.gain=-1"])
 def test_wrong_sign_and_scale_are_refused_by_the_slow_proof_move(run: Run, assert_refused: Judge, wrong: str) -> None:
-    ending = run(simulator=("--option", wrong), speed=20.0)
+    ending = run(simulator=("--option", wrong))
     assert_refused(ending, "sensors-swapped", still_m=4.5e-3)
     assert ending.truth.state[-1] == 0, "hydraulics are off again"
