@@ -68,7 +68,7 @@ def row_of(cause: str, injected: list[str]) -> str:
 
 def drawn(ending: Ending) -> list[str]:
     """The schedule as the truth keeps it, in the words of `--fault`."""
-    with h5py.File(ending.folder / "truth.h5") as file:
+    with h5py.File(ending.truth_path) as file:
         faults = file["entry/test"].attrs["faults"]
     return [each.decode() if isinstance(each, bytes) else str(each) for each in np.atleast_1d(faults)]
 
