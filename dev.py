@@ -4,7 +4,7 @@
 python3 dev.py demo            the whole story on the simulated rig
 python3 dev.py test            every check this project has
 python3 dev.py test tests/rig  some of the tests only
-python3 dev.py faults          the fault suite: every row of the fault matrix, on real processes
+python3 dev.py faults          the fault suite: every row of the fault matrix, in virtual time or on real processes
 python3 dev.py faults --mutate [SLUG...]   each detector switched off: its test must fail
 python3 dev.py faults --schedules [FIRST:LAST]   random fault schedules of these seeds, each must end as its rows say
 python3 dev.py worlds [--seeds FIRST:END]   whole campaigns in virtual time, drawn from seeds; what must hold is checked

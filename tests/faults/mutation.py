@@ -1,6 +1,6 @@
 """Switches each row's detector off and expects the row's test to fail: `python3 dev.py faults --mutate [SLUG...]`.
 
-A detector is switched off in a copy of the four packages, which the test's processes load instead of the real ones.
+A detector is switched off in a copy of the four packages, which the test and its processes load instead of the real ones.
 Most are one slug that the station reports; the others are a changed line. A mutation that no longer applies, or that
 its test survives, fails the check.
 """
@@ -186,7 +186,8 @@ def survives(slug: str) -> str:
         except ValueError as error:
             return f"the mutation no longer applies: {error}"
         command = [
-            sys.executable, "-m", "pytest", f"tests/faults/{test_of(slug)}", "-q", "-x", "-p", "no:cacheprovider",
+            # -P: not the folder it is started in, the copy is what the test itself loads too.
+            sys.executable, "-P", "-m", "pytest", f"tests/faults/{test_of(slug)}", "-q", "-x", "-p", "no:cacheprovider",
             f"--timeout={TIMEOUT_S:g}",
         ]  # fmt: skip
         try:
