@@ -22,6 +22,8 @@ HANDOVER_NS = (3_000, 40_000)
 """Between waking a task and its run."""
 TIMER_LATE_NS = (10_000, 90_000)
 """By which a timer is late."""
+STALLED_LOOK_NS = 2_000_000
+"""How often a stalled process is looked at: it may go on earlier than was thought."""
 HELD_UP_SHARE = 0.01
 HELD_UP_NS = (20_000, 600_000)
 """How often a task is held up at a system call, as on a machine where others run, and for how long."""
@@ -247,7 +249,8 @@ class Kernel:
             if task.finished or not task.waiting or task.wait != wait:
                 continue
             if task.process.stalled_ns > at_ns:
-                heappush(due, (task.process.stalled_ns, self.chance.random(), self._next(), task, wait, woken))
+                again_ns = min(task.process.stalled_ns, at_ns + STALLED_LOOK_NS)
+                heappush(due, (again_ns, self.chance.random(), self._next(), task, wait, woken))
                 continue
             if task.notified and not woken:
                 continue  # woken before its time-out; the hand-over is under way

@@ -10,6 +10,7 @@ import os
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ import pytest
 from matrices import BRISK_POINTS, PERIOD_S, TWO_POINTS
 from true_states import Happening, Truth
 from watched_campaign import FINISH_S, RIG, Campaign, Ending
-from world_campaign import SEED, begin
+from world_campaign import SEED, WorldCampaign, begin
 
 from rig.faults.matrix import MATRIX
 from simulators.controller_firmware import State
@@ -110,6 +111,32 @@ def in_motion(start: Start) -> InMotion:
         return campaign
 
     return begin
+
+
+@pytest.fixture
+def begin_world(program: None, tmp_path: Path) -> Iterator[Start]:
+    """Starts a campaign in virtual time that waits to be looked at; one a test."""
+    with ExitStack() as ends:
+
+        def start_there(*simulator: str, matrix: str = TWO_POINTS, speed: float = 5.0) -> WorldCampaign:
+            folder = tmp_path / "world"
+            folder.mkdir()
+            return begin(ends.enter_context(Stage(SEED, folder)), folder, simulator, matrix, speed)
+
+        yield start_there
+
+
+@pytest.fixture
+def moving(begin_world: Start) -> InMotion:
+    """The same in virtual time, its second point running for a while (simulated s): `moving(seconds=1.6)`."""
+
+    def begun(seconds: float = 1.6, **options: object) -> Campaign:
+        campaign = begin_world(**options)
+        campaign.wait_for("START", count=2)
+        campaign.run_on(seconds)
+        return campaign
+
+    return begun
 
 
 @pytest.fixture

@@ -18,8 +18,8 @@ FULL_AT_BYTES = 1 << 16
 
 def signalled(campaign: Campaign, number: int) -> Ending:
     """Send the application a signal and wait for the end."""
-    sent_ns = monotonic_ns()
-    campaign.process.send_signal(number)
+    sent_ns = campaign.now_ns
+    campaign.send(number)
     return campaign.finish(sent_ns)
 
 

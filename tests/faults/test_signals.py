@@ -52,9 +52,9 @@ def test_ctrl_c_stops_and_a_storm_of_further_ones_changes_nothing_and_cuts_nothi
 @pytest.mark.row("sigterm")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["sigterm", "sighup"])
 def test_the_end_of_the_session_also_takes_the_pressure_away(
-    in_motion: InMotion, assert_stopped: Judge, number: int
+    moving: InMotion, assert_stopped: Judge, number: int
 ) -> None:
-    assert_stopped(signalled(in_motion(), number), "sigterm")
+    assert_stopped(signalled(moving(), number), "sigterm")
 
 
 @pytest.mark.row("sigkill")
@@ -78,10 +78,10 @@ def test_a_killed_application_leaves_a_rig_at_rest_and_a_campaign_that_resumes(
 
 
 @pytest.mark.row("sigkill")
-def test_a_killed_station_leaves_controller_and_ecu_to_stop_by_themselves(in_motion: InMotion) -> None:
-    campaign = in_motion()
-    killed_ns = monotonic_ns()
-    os.kill(campaign.station_pid(), signal.SIGKILL)
+def test_a_killed_station_leaves_controller_and_ecu_to_stop_by_themselves(moving: InMotion) -> None:
+    campaign = moving()
+    killed_ns = campaign.now_ns
+    campaign.send(signal.SIGKILL, "rig.station")
     ending = campaign.finish(killed_ns)
     assert ending.exit_code == 7
     trip = next(each for each in ending.truth.all("TRIP", text="WATCHDOG") if each.host_ns > killed_ns)
@@ -89,7 +89,7 @@ def test_a_killed_station_leaves_controller_and_ecu_to_stop_by_themselves(in_mot
     assert (trip.host_ns - killed_ns) / 1e9 < 5.0
     quiet_after(ending, trip.time_s, silent.time_s)
     assert (ending.point("p001").verdict, ending.point("p002").verdict) == ("valid", "invalid")
-    assert_completed(ending.folder)
+    campaign.assert_completed()
 
 
 @pytest.mark.row("sigkill")
@@ -107,26 +107,26 @@ def test_a_killed_simulated_rig_is_a_rig_of_unknown_state_with_its_files_intact(
 
 @pytest.mark.row("host-stalled")
 def test_an_application_that_stands_still_is_stopped_by_the_station_and_finds_it_so(
-    in_motion: InMotion, assert_stopped: Judge
+    moving: InMotion, assert_stopped: Judge
 ) -> None:
-    campaign = in_motion(seconds=1.0, matrix=LONG_SECOND_POINT)
-    stalled_ns = monotonic_ns()
-    campaign.process.send_signal(signal.SIGSTOP)
+    campaign = moving(seconds=1.0, matrix=LONG_SECOND_POINT)
+    stalled_ns = campaign.now_ns
+    campaign.send(signal.SIGSTOP)
     campaign.wait_for("FADE_STOP")
-    campaign.process.send_signal(signal.SIGCONT)
+    campaign.send(signal.SIGCONT)
     assert_stopped(campaign.finish(stalled_ns), "host-stalled")
 
 
 @pytest.mark.row("host-stalled")
 def test_a_station_that_stands_still_leaves_controller_and_ecu_to_stop_by_themselves(
-    in_motion: InMotion,
+    moving: InMotion,
 ) -> None:
-    campaign = in_motion(seconds=1.0, matrix=LONG_SECOND_POINT)
-    stalled_ns, station = monotonic_ns(), campaign.station_pid()
-    os.kill(station, signal.SIGSTOP)
+    campaign = moving(seconds=1.0, matrix=LONG_SECOND_POINT)
+    stalled_ns = campaign.now_ns
+    campaign.send(signal.SIGSTOP, "rig.station")
     campaign.wait_for("TRIP", "WATCHDOG", count=2)
     campaign.wait_for("ECU_FAULT", "COMMAND_TIMEOUT")
-    os.kill(station, signal.SIGCONT)
+    campaign.send(signal.SIGCONT, "rig.station")
     ending = campaign.finish(stalled_ns)
     assert ending.exit_code in {4, 7}
     trip = next(each for each in ending.truth.all("TRIP", text="WATCHDOG") if each.host_ns > stalled_ns)

@@ -126,6 +126,15 @@ class Campaign:
         found = subprocess.check_output(["pgrep", "-P", str(self.process.pid), "-f", role], text=True)
         return int(found.split()[0])
 
+    @property
+    def now_ns(self) -> int:
+        """The host's clock."""
+        return monotonic_ns()
+
+    def send(self, number: int, role: str = "") -> None:
+        """Send the application a signal, or one of its processes: "rig.station", "finaliser", "simulators"."""
+        os.kill(self.child(role) if role else self.process.pid, number)
+
     def station_pid(self) -> int:
         """Process id of the station."""
         return self.child("rig.station")

@@ -13,6 +13,8 @@ from watched_campaign import Campaign, Ending
 from rig.campaign import CampaignOptions
 from simulators.__main__ import collect
 from simulators.__main__ import main as simulators_command
+from simulators.options import RigOptions
+from simulators.rig import RunOptions
 from simulators.world.machine import Process
 from simulators.world.stage import Application, Stage
 
@@ -54,6 +56,8 @@ class WorldCampaign(Campaign):
 
     stage: Stage = None  # type: ignore[assignment]  # fields of the base have defaults
     application: Application = None  # type: ignore[assignment]
+    rig_options: RigOptions = None  # type: ignore[assignment]
+    rig_run: RunOptions = None  # type: ignore[assignment]
 
     def until(self, true: Callable[[], bool], what: str) -> None:
         """Let the world go on until something is true."""
@@ -84,10 +88,24 @@ class WorldCampaign(Campaign):
         )
         assert self.process.poll() is None
 
-    def handle(self, name: str) -> Handle:
-        """One of its processes: "rig.station", "rig.recording.conversion.finaliser"."""
-        (process,) = self.stage.named(name)
-        return Handle(self.stage, process)
+    def send(self, number: int, role: str = "application") -> None:
+        (process,) = self.stage.named(role)
+        Handle(self.stage, process).send_signal(number)
+
+    def assert_completed(self, kept: str = "p001") -> None:
+        """Resuming on a mended rig finishes the campaign: the finished point is not touched, all points are valid."""
+        folder, stage = next(iter(self.out.iterdir())), self.stage
+        file = folder / "points" / f"{kept}.h5"
+        before = file.read_bytes() if file.exists() else None
+        stage.repair()
+        stage.serve(self.rig_options, dataclasses.replace(self.rig_run, faults=(), truth=None), real_time=False)
+        again = Application(stage, CampaignOptions(self.out.parent / "matrix.toml", self.out, resume_path=folder), Silent())
+        self.until(lambda: not again.process.alive, "the resumed campaign's end")
+        assert again.process.exit_code == 0, again.refusal or again.answer
+        assert [(point.id, point.verdict) for point in again.answer.points] == [("p001", "valid"), ("p002", "valid")]
+        assert sorted(path.name for path in (folder / "points").glob("*.h5")) == ["p001.h5", "p002.h5"]
+        assert before is None or file.read_bytes() == before
+        assert not list((folder / "points").glob("*.journal"))
 
     def finish(self, stopped_from_ns: int | None = None) -> Ending:
         self.until(lambda: self.process.poll() is not None, "the end")
@@ -122,4 +140,4 @@ def begin(
     bench = stage.serve(asked["options"], run, real_time=False)
     application = Application(stage, CampaignOptions(folder / "matrix.toml", out, bench_path=bench), Silent())
     process: Any = Handle(stage, application.process)
-    return WorldCampaign(process, out, folder / "truth.h5", stage, application)
+    return WorldCampaign(process, out, folder / "truth.h5", stage, application, asked["options"], run)
