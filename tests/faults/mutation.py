@@ -1,8 +1,8 @@
 """Switches each row's detector off and expects the row's test to fail: `python3 dev.py faults --mutate [SLUG...]`.
 
 A detector is switched off in a copy of the four packages, which the test and its processes load instead of the real
-ones. Most are one slug that the station reports; the others are a changed line. A mutation that no longer applies, or that
-its test survives, fails the check.
+ones. Most are one slug that the station reports; the others are a changed line. A mutation that no longer applies, or
+that its test survives, fails the check.
 """
 
 from __future__ import annotations

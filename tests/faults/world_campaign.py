@@ -99,7 +99,8 @@ class WorldCampaign(Campaign):
         before = file.read_bytes() if file.exists() else None
         stage.repair()
         stage.serve(self.rig_options, dataclasses.replace(self.rig_run, faults=(), truth=None), real_time=False)
-        again = Application(stage, CampaignOptions(self.out.parent / "matrix.toml", self.out, resume_path=folder), Silent())
+        options = CampaignOptions(self.out.parent / "matrix.toml", self.out, resume_path=folder)
+        again = Application(stage, options, Silent())
         self.until(lambda: not again.process.alive, "the resumed campaign's end")
         assert again.process.exit_code == 0, again.refusal or again.answer
         assert [(point.id, point.verdict) for point in again.answer.points] == [("p001", "valid"), ("p002", "valid")]
