@@ -16,7 +16,8 @@ import click
 
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_USAGE, FileProblem, RigError
 from rig.text_file import read_text
-from simulators.world.runs import begin_worker, memory, one, plan_of
+from simulators.world.runs import memory, one, plan_of
+from simulators.world.stage import load_everything
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -108,7 +109,7 @@ def _trace(seed: int, asked: dict[str, Any]) -> None:
     from simulators.world.invariants import judged
     from simulators.world.world import World
 
-    begin_worker()
+    load_everything()
     with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name, asked["trace"].open("w") as file:
         told = Told()
         world = told.world = World(plan_of(seed, asked), Path(name), told)
@@ -142,7 +143,7 @@ def _run(seeds: range, asked: dict[str, Any]) -> dict[str, Any]:
     context = multiprocessing.get_context("spawn")
     jobs = min(asked["jobs"], len(seeds))
     with ProcessPoolExecutor(
-        jobs, mp_context=context, initializer=begin_worker, max_tasks_per_child=WORLDS_A_WORKER
+        jobs, mp_context=context, initializer=load_everything, max_tasks_per_child=WORLDS_A_WORKER
     ) as pool:
         for future in as_completed([pool.submit(one, seed, asked) for seed in seeds]):
             ended.append(future.result())
@@ -188,7 +189,7 @@ def _shrink(seed: int, asked: dict[str, Any]) -> None:
     from simulators.world.runs import live
     from simulators.world.shrink import shrunk
 
-    begin_worker()
+    load_everything()
     plan = plan_of(seed, asked)
     with tempfile.TemporaryDirectory(prefix="world-") as name:
         _, ended = live(plan, Path(name))

@@ -90,7 +90,6 @@ class Machine:
         self.ends: dict[int, End] = {}
         self.wall_step_s = 0.0
         self.suspended_ns = 0
-        self.on_death: Callable[[Process], None] = lambda _process: None
         self._next_descriptor = FIRST_DESCRIPTOR
 
     # Processes
@@ -141,7 +140,6 @@ class Machine:
         for descriptor in sorted(process.descriptors):
             self.close(descriptor, process)
         process.ended.wake()
-        self.on_death(process)
         current = self.kernel.current
         if current is not None and current.process is process and code < 0:
             self.kernel.block()  # killed by itself: it never returns

@@ -10,7 +10,6 @@ from typing import Any
 
 from simulators.world.invariants import judged
 from simulators.world.plan import Happening, WorldPlan, drawn
-from simulators.world.stage import load_everything
 from simulators.world.world import World
 
 
@@ -53,11 +52,6 @@ def plan_of(seed: int, asked: dict[str, Any]) -> WorldPlan:
     if asked["happening"]:
         plan = replace(plan, happenings=tuple(Happening.parse(text) for text in asked["happening"]))
     return plan
-
-
-def begin_worker() -> None:
-    """Load the program once for all worlds of a worker."""
-    load_everything()
 
 
 def one(seed: int, asked: dict[str, Any]) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import signal
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,11 +15,11 @@ import rig.campaign.machine_resources
 import rig.clock
 import simulators.rig
 import simulators.slcan_bus
+from rig.campaign import CampaignOptions, run_campaign
 from rig.errors import RigError
 from rig.recording.conversion import converter, finaliser
 from rig.station import process as station
-from simulators.options import RigOptions
-from simulators.rig import RunOptions, SimulatedRig
+from simulators.rig import SimulatedRig
 from simulators.world import device_loop
 from simulators.world.disk import Disk
 from simulators.world.kernel import Kernel
@@ -53,7 +52,7 @@ class Application:
         refusal: slug and words of what it raised.
     """
 
-    def __init__(self, stage: Stage, options: Any, display: Any) -> None:  # noqa: ANN401
+    def __init__(self, stage: Stage, options: CampaignOptions, display: Any) -> None:  # noqa: ANN401
         self.answer: Any = None
         self.refusal: tuple[str, str] = ("", "")
         self._options = options
@@ -61,8 +60,6 @@ class Application:
         self.process = stage.machine.start("application", self._run, stderr=stage.root / "application.log")
 
     def _run(self) -> int:
-        from rig.campaign import run_campaign
-
         try:
             self.answer = run_campaign(self._options, self._display)
         except RigError as error:
@@ -119,22 +116,15 @@ class Stage:
             self.machine.end(left, -int(signal.SIGKILL))
         self._ends.close()
 
-    def serve(
-        self, options: RigOptions, run: RunOptions, truth: Callable[[SimulatedRig], Any] | None = None,
-        *, real_time: bool = True,
-    ) -> Path:
+    def serve(self, simulated: SimulatedRig, *, real_time: bool = True) -> Path:
         """A rig as new, at the addresses of the one before; its bench file.
 
         Args:
-            options: what it is made of.
-            run: how it runs; `ports` counts for nothing.
-            truth: makes what keeps its true state; None leaves that to `run`.
+            simulated: the rig, made while the stage is entered; the kind of its ports counts for nothing.
             real_time: the bench file's time limits are those of hardware.
         """
         self.machine.network.restart()
-        self.rig = simulated = SimulatedRig(options, run)
-        if truth is not None:
-            simulated.truth = truth(simulated)
+        self.rig = simulated
         opened: list[str] = []
 
         def devices() -> None:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.campaign import CampaignOptions
 from simulators.options import RigOptions, with_option
 from simulators.plant import step
 from simulators.plant.plant import Plant
@@ -30,8 +31,6 @@ SESSION_S = 400.0
 """A campaign of a world that has not ended by then never will (virtual s)."""
 REST_S = 90.0
 """So long after the end of the application everything must be at rest (virtual s)."""
-
-
 COLUMNS = (step.VELOCITY, step.CURRENT, step.DISPLACEMENT, step.FORCE)
 EVERY_S = 1e-3
 
@@ -85,10 +84,6 @@ class WorldTruth:
             return np.empty((0, 6))
         return np.column_stack((np.concatenate(self._times), np.concatenate(self._rows)))
 
-    def first(self, code: str) -> int | None:
-        """When the first line of that code was written (ns)."""
-        return next((line.host_ns for line in self.log if line.code == code), None)
-
 
 @dataclass
 class Session:
@@ -140,7 +135,6 @@ class World:
         self.sessions: list[Session] = []
         self.ended = ""
         """Why the world ended before its campaign was complete; empty otherwise."""
-        self._pending: list[Happening] = list(plan.happenings)
         self._fate = Process(self.machine, "fate", None, None)
 
     # The course of things
@@ -190,17 +184,14 @@ class World:
         if application.alive:
             self.ended = f"session {number} does not end"
             return session
-        self._pending.clear()
         rest_ns = self.kernel.now_ns + int(REST_S * 1e9)
         self.kernel.run(lambda: self.stage.at_rest or self.kernel.now_ns > rest_ns)
         session.rest_ns = self.kernel.now_ns
         self.stage.repair()
         return session
 
-    def _options(self) -> Any:  # noqa: ANN401
+    def _options(self) -> CampaignOptions:
         """A new campaign, or the one that was begun."""
-        from rig.campaign import CampaignOptions
-
         matrix, out, folder = self.root / "matrix.toml", self.root / "out", self.folder
         if folder is not None and (folder / "campaign.json").exists():
             return CampaignOptions(matrix, out, resume_path=folder, requalified="looked at in this world")
@@ -220,14 +211,11 @@ class World:
         faulty = plan.happenings if with_faults else ()
         faults = tuple(parse_fault(str(happening)) for happening in faulty if not happening.around)
         run = RunOptions(seed=plan.seed, ports="socket", actuator=plan.actuator, faults=faults, drop_unread=True)
-        kept: list[WorldTruth] = []
-
-        def keep(rig: SimulatedRig) -> WorldTruth:
-            kept.append(WorldTruth(rig.plant, self.kernel))
-            return kept[0]
-
-        self.stage.serve(options, run, keep)
-        return kept[0]
+        rig = SimulatedRig(options, run)
+        truth = WorldTruth(rig.plant, self.kernel)
+        rig.truth = truth  # type: ignore[assignment]  # stands where one would that writes a file
+        self.stage.serve(rig)
+        return truth
 
     # What happens around the devices
 
@@ -236,10 +224,9 @@ class World:
         after_ns = int((happening.at_s or 0.0) * 1e9)
 
         def do() -> None:
-            if session.exit_code is not None or happening not in self._pending:
-                return
-            session.happened.append((self.kernel.now_ns, happening))
-            self._happen(happening)
+            if session.exit_code is None:
+                session.happened.append((self.kernel.now_ns, happening))
+                self._happen(happening)
 
         self.kernel.spawn(str(happening), self._fate, do, after_ns)
 

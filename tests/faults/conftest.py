@@ -66,6 +66,11 @@ def start(tmp_path: Path) -> Iterator[Start]:
             campaign.process.communicate(timeout=FINISH_S)
 
 
+def injected(faults: tuple[str, ...]) -> tuple[str, ...]:
+    """Arguments of the simulated rig for these faults."""
+    return tuple(part for fault in faults for part in ("--fault", fault))
+
+
 @pytest.fixture(scope="session")
 def program() -> None:
     """Every module of the program is loaded: a world replaces what they found of the machine."""
@@ -80,11 +85,10 @@ def run(program: None, tmp_path: Path) -> Run:
     def to_the_end(
         *faults: str, simulator: tuple[str, ...] = (), matrix: str = TWO_POINTS, speed: float = 5.0
     ) -> Ending:
-        injected = [part for fault in faults for part in ("--fault", fault)]
         folder = tmp_path / f"world{next(worlds)}"
         folder.mkdir()
         with Stage(SEED, folder) as stage:
-            return begin(stage, folder, (*injected, *simulator), matrix, speed).finish()
+            return begin(stage, folder, (*injected(faults), *simulator), matrix, speed).finish()
 
     return to_the_end
 
@@ -94,23 +98,27 @@ def run_wired(start: Start) -> Run:
     """The same on real processes and wires, where only they have what a row is about."""
 
     def to_the_end(*faults: str, simulator: tuple[str, ...] = ()) -> Ending:
-        injected = [part for fault in faults for part in ("--fault", fault)]
-        return start(*injected, *simulator).finish()
+        return start(*injected(faults), *simulator).finish()
 
     return to_the_end
 
 
-@pytest.fixture
-def in_motion(start: Start) -> InMotion:
-    """Starts a campaign and lets its second point run for a while (simulated s): `in_motion(seconds=1.6)`."""
+def second_point_running(start: Start) -> InMotion:
+    """Starts campaigns that way, and lets their second point run for a while (simulated s)."""
 
-    def begin(seconds: float = 1.6, **options: object) -> Campaign:
+    def begun(seconds: float = 1.6, **options: object) -> Campaign:
         campaign = start(**options)
         campaign.wait_for("START", count=2)
         campaign.run_on(seconds)
         return campaign
 
-    return begin
+    return begun
+
+
+@pytest.fixture
+def in_motion(start: Start) -> InMotion:
+    """Starts a campaign whose second point runs for a while (simulated s): `in_motion(seconds=1.6)`."""
+    return second_point_running(start)
 
 
 @pytest.fixture
@@ -128,15 +136,8 @@ def begin_world(program: None, tmp_path: Path) -> Iterator[Start]:
 
 @pytest.fixture
 def moving(begin_world: Start) -> InMotion:
-    """The same in virtual time, its second point running for a while (simulated s): `moving(seconds=1.6)`."""
-
-    def begun(seconds: float = 1.6, **options: object) -> Campaign:
-        campaign = begin_world(**options)
-        campaign.wait_for("START", count=2)
-        campaign.run_on(seconds)
-        return campaign
-
-    return begun
+    """The same in virtual time: `moving(seconds=1.6)`."""
+    return second_point_running(begin_world)
 
 
 @pytest.fixture

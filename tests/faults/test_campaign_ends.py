@@ -180,8 +180,8 @@ def test_ctrl_c_is_told_as_what_it_is_and_how_to_go_on(in_motion: InMotion) -> N
     assert [stop["slug"] for stop in answer["confirmed"]] == ["sigint"]
 
 
-def test_after_an_e_stop_a_campaign_is_only_resumed_once_the_specimen_is_requalified(run: Run) -> None:
-    ending = run("estop@5")
+def test_after_an_e_stop_a_campaign_is_only_resumed_once_the_specimen_is_requalified(run_wired: Run) -> None:
+    ending = run_wired("estop@5")
     assert ending.exit_code == 4, ending.said
     assert "--requalified" in ending.said
     code, refused = resumed(ending.folder)

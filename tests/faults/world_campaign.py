@@ -11,23 +11,18 @@ from typing import Any
 from watched_campaign import Campaign, Ending
 
 from rig.campaign import CampaignOptions
+from rig.cli import words
 from simulators.__main__ import collect
 from simulators.__main__ import main as simulators_command
 from simulators.options import RigOptions
-from simulators.rig import RunOptions
+from simulators.rig import RunOptions, SimulatedRig
 from simulators.world.machine import Process
 from simulators.world.stage import Application, Stage
+from simulators.world.world import Silent
 
 LONGEST_S = 600.0
 REST_S = 60.0
 SEED = 1
-
-
-class Silent:
-    """A display nobody looks at."""
-
-    def __getattr__(self, _name: str) -> Callable[..., None]:
-        return lambda *_arguments, **_named: None
 
 
 class Handle:
@@ -98,7 +93,8 @@ class WorldCampaign(Campaign):
         file = folder / "points" / f"{kept}.h5"
         before = file.read_bytes() if file.exists() else None
         stage.repair()
-        stage.serve(self.rig_options, dataclasses.replace(self.rig_run, faults=(), truth=None), real_time=False)
+        mended = dataclasses.replace(self.rig_run, faults=(), truth=None)
+        stage.serve(SimulatedRig(self.rig_options, mended), real_time=False)
         options = CampaignOptions(self.out.parent / "matrix.toml", self.out, resume_path=folder)
         again = Application(stage, options, Silent())
         self.until(lambda: not again.process.alive, "the resumed campaign's end")
@@ -120,10 +116,11 @@ class WorldCampaign(Campaign):
         self.until(lambda: devices is None or not devices.alive, "the truth file")
         ran = self.application
         answer: dict[str, Any] = {} if ran.answer is None else ran.answer.to_json()
+        said = ran.refusal[1] if ran.answer is None else "\n".join(text for _, text in words.ending(ran.answer))
         folders = list(self.out.iterdir())
         return Ending(
-            int(self.process.poll() or 0), answer, folders[0] if folders else self.out, ran.refusal[1],
-            self.truth_path, stopped_from_ns,
+            int(self.process.poll() or 0), answer, folders[0] if folders else self.out, said, self.truth_path,
+            stopped_from_ns,
         )
 
 
@@ -138,7 +135,7 @@ def begin(
     with simulators_command.make_context("simulators", arguments) as context:
         asked = collect({**context.params})
     run = dataclasses.replace(asked["run"], ports="socket", truth=folder / "truth.h5")
-    bench = stage.serve(asked["options"], run, real_time=False)
+    bench = stage.serve(SimulatedRig(asked["options"], run), real_time=False)
     application = Application(stage, CampaignOptions(folder / "matrix.toml", out, bench_path=bench), Silent())
     process: Any = Handle(stage, application.process)
     return WorldCampaign(process, out, folder / "truth.h5", stage, application, asked["options"], run)
