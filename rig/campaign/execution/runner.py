@@ -23,8 +23,7 @@ import numpy as np
 from drivers.ring import Channel
 from rig.campaign.execution.action_executor import ActionExecutor, Outcome
 from rig.campaign.execution.campaign_context import CampaignContext
-from rig.campaign.execution.load_train import LoadTrainWatch
-from rig.campaign.execution.observer import LIVE
+from rig.campaign.execution.observer import LIVE, LoadTrainWatch
 from rig.campaign.operator_link import Signals
 from rig.campaign.preflight.proof_move import Baseline
 from rig.campaign.results import RigState
