@@ -133,6 +133,7 @@ class Observer:
         held_ns: when the last status arrived if it says that the controller holds; else 0.
         cycles_done: whole cycles done of the program last awaited, ramps included; 0 until it was seen.
         wait: what finds the awaited fact in new records; None while nothing is waited for.
+        load_train_change: what the newest records tell of a load train that gives way; None where they do not.
     """
 
     last: dict[int, float] = field(default_factory=dict)
@@ -141,6 +142,8 @@ class Observer:
     held_ns: int = 0
     cycles_done: int = 0
     wait: Wait | None = None
+    load_train_change: str | None = None
+    _load_train: LoadTrainWatch = field(default_factory=lambda: LoadTrainWatch())
 
     def observe(self, block: RecordBlock) -> ev.Event | None:
         """Take new records of the ring.
@@ -148,6 +151,7 @@ class Observer:
         Returns:
             The awaited fact when these records establish it; it is reported once.
         """
+        self.load_train_change = self._load_train.watch(block)
         if len(block) == 0:
             return None
         newest = block.newest
