@@ -45,6 +45,7 @@ class Ended:
         digest: of everything it made.
         rig_s: virtual seconds; `wall_s` the real ones it took, `cpu_s` those of the processor.
         happenings: what was to happen in it.
+        moved_s: for how long the rod moved (s).
     """
 
     seed: int
@@ -55,6 +56,7 @@ class Ended:
     sessions: tuple[int | None, ...]
     cpu_s: float = 0.0
     happenings: tuple[str, ...] = ()
+    moved_s: float = 0.0
 
 
 def live(plan: WorldPlan, root: Path, until_s: float | None = None) -> tuple[World, Ended]:
@@ -66,8 +68,9 @@ def live(plan: WorldPlan, root: Path, until_s: float | None = None) -> tuple[Wor
     wall_s, cpu_s = time.perf_counter() - began_s, time.process_time() - cpu_s
     codes = tuple(session.exit_code for session in world.sessions)
     happenings = tuple(map(str, plan.happenings))
+    moved_s = sum(session.truth.moved_s for session in world.sessions)
     return world, Ended(
-        plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes, cpu_s, happenings
+        plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes, cpu_s, happenings, moved_s
     )  # fmt: skip
 
 

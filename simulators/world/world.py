@@ -35,6 +35,7 @@ REST_S = 90.0
 """So long after the end of the application everything must be at rest (virtual s)."""
 COLUMNS = (step.VELOCITY, step.CURRENT, step.DISPLACEMENT, step.FORCE)
 EVERY_S = 1e-3
+MOVES_M_S = 2e-3
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,11 @@ class WorldTruth:
         if not self._rows:
             return np.empty((0, 6))
         return np.column_stack((np.concatenate(self._times), np.concatenate(self._rows)))
+
+    @property
+    def moved_s(self) -> float:
+        """For how long the rod moved (s)."""
+        return float(np.count_nonzero(np.abs(self.arrays[:, 1]) > MOVES_M_S)) * EVERY_S
 
 
 @dataclass
