@@ -101,7 +101,7 @@ class Telling:
             worlds += f" of {self._count}"
         line = Text(f"{worlds}, {duration(self.rig_s)} on the rig, in {duration(self.wall_s)}: ")
         seeds = self.failed_seeds
-        if not self.worlds or self._asked.until_s is not None:
+        if not seeds and (not self.worlds or self._asked.until_s is not None):
             return line.append("nothing was judged", style=LOOK)
         if not seeds:
             return line.append("everything held in every one", style=GOOD)
