@@ -200,7 +200,7 @@ def main(arguments: list[str]) -> int:
     if command == "faults":
         return faults(rest)
     if command == "worlds":
-        return run(program("python"), "-m", "simulators.world", *rest)
+        return run(program("rig"), "worlds", *rest)
     if command == "coverage":
         return coverage()
     return checks(rest) if command == "test" else 0

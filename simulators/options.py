@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from protocols.line_format import LineFormat
 from rig.errors import FileProblem
 
 if TYPE_CHECKING:
@@ -167,13 +168,14 @@ class SensorOptions:
     show; `clip` is where the amplifier saturates without saying so; without `latches_edges` there are no edge frames.
     After `numbers_until_s` (simulated s) every value is NaN. `drift_per_s` is a zero that creeps from the start (wire
     unit per simulated s), `hum` the amplitude of what the mains induce, `crosstalk_per_A` what the coil's current does.
-    With `reversed` it counts the other way round, which the written bench file does not say.
+    With `reversed` it counts the other way round, which the written bench file does not say. `format` is "frame16",
+    "signed-decimal", or any format of lines.
     """
 
     unit: str = "N"
     wire_per_si: float = 1.0
     rate_Hz: float = 250.0
-    format: str = "frame16"
+    format: str | LineFormat = "frame16"
     range: float = 10e3
     noise: float = 5.0
     resolution: float = 0.05

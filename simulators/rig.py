@@ -64,6 +64,8 @@ class RunOptions:
     ports: str = "pty"
     actuator: str = "tcp"
     auxiliary: int = 0
+    auxiliaries: tuple[SensorOptions, ...] = ()
+    """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
     truth: Path | None = None
     exit_when_idle: bool = False
     drop_unread: bool = False
@@ -86,7 +88,7 @@ class SimulatedRig:
         self.plant = Plant(options)
         self.truth = Truth(run.truth, self.plant, options.truth_rate_Hz) if run.truth is not None else None
         random = np.random.default_rng(run.seed)
-        self._draws = iter(random.spawn(16))
+        self._draws = iter(random.spawn(24))
         controller, coil = options.controller, options.coil
         self.actuator = Actuator(
             self.plant, controller,
@@ -134,8 +136,9 @@ class SimulatedRig:
         kind, options = self.run_options.ports, self.options
         self._add("load_cell", options.load_cell, plant_step.FORCE, kind)
         self._add("lvdt", options.lvdt, plant_step.DISPLACEMENT, kind)
-        for number in range(1, self.run_options.auxiliary + 1):
-            self._add(f"auxiliary_{number}", options.auxiliary, plant_step.DISPLACEMENT, kind)
+        alike = (options.auxiliary,) * self.run_options.auxiliary
+        for number, auxiliary in enumerate(self.run_options.auxiliaries or alike, start=1):
+            self._add(f"auxiliary_{number}", auxiliary, plant_step.DISPLACEMENT, kind)
         self._inject_due()
         urls = [channel.port.url for channel in self.channels]
         return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:])

@@ -8,17 +8,21 @@ latency of the line, with bursts in which everything waits and arrives together.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from protocols.frame_format import STATUS_EDGE, STATUS_OVERLOAD, STATUS_SENSOR_FAULT
+from protocols.line_format import LineFormat
 from simulators.clock import DeviceClock
 from simulators.conditioner import LARGEST_JITTER, amplify, condition, limit, sampling
 from simulators.delay_line import DelayLine
 from simulators.frames import encode_frames, encode_lines
+from simulators.line_writer import LineWriter
 from simulators.options import SensorOptions
 
 FloatArray = NDArray[np.float64]
@@ -69,7 +73,11 @@ class Sensor:
         self.faults = SensorFaults()
         self.samples = 0
         self.edges = 0
+        self._lines: Callable[[FloatArray], Bytes] = partial(encode_lines, unit=options.unit)
         self.frame_size = 16 if options.format == "frame16" else 13 + len(options.unit)
+        if isinstance(options.format, LineFormat):
+            self._lines = lines = LineWriter(options.format, options.range)
+            self.frame_size = lines.size
         self._random, self._line_random = random.spawn(2)
         self._period_us = 1e6 / options.rate_Hz
         self._tick = math.ceil(clock.unwrapped_us(start_s) / self._period_us)
@@ -199,7 +207,7 @@ class Sensor:
         self.samples += count
         if self.options.format != "frame16":
             kept = slice(None) if keep is None else keep
-            return encode_lines(value[kept], self.options.unit), time_s[kept]
+            return self._lines(value[kept]), time_s[kept]
         stamp_us = np.floor(device_us).astype(np.int64)
         if self.faults.time_backwards:
             stamp_us = np.where(self._backwards(sequence), stamp_us - 50_000, stamp_us)

@@ -32,6 +32,7 @@ COMMANDS = {
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
     "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
+    "worlds": ("rig.cli.worlds", "Try a matrix in simulated worlds, each with a bad day of its own."),
 }
 
 EXAMPLES = (
@@ -95,10 +96,15 @@ def main(arguments: Sequence[str]) -> int:
 
     Errors a user can mend are one clear message on standard error; with `--json` also one object on standard output.
     """
+    return answered(cli, arguments, "rig")
+
+
+def answered(command: click.Command, arguments: Sequence[str], name: str) -> int:
+    """Run a command under a name as `main` does; return its exit code."""
     take_every_character()
     as_json = "--json" in (arguments[: arguments.index("--")] if "--" in arguments else arguments)
     try:
-        return int(cli.main(args=list(arguments), prog_name="rig", standalone_mode=False) or EXIT_DONE)
+        return int(command.main(args=list(arguments), prog_name=name, standalone_mode=False) or EXIT_DONE)
     except click.ClickException as error:
         error.show(sys.stderr)
         return _ended("", {"error": error.format_message(), "slug": RigError.slug}, EXIT_USAGE, as_json=as_json)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import random
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -88,6 +89,8 @@ class WorldPlan:
         options: constants of the simulated rig, as `TABLE.KEY=VALUE`.
         tick_s: how often the devices hand over what they have sent (s).
         turn_s: how often the application looks at what has come (s).
+        bench: a user's bench file's text; empty where the rig is the usual one.
+        lasts_s: how long a user's campaign lasts at most (s); 0 for a drawn one.
     """
 
     seed: int
@@ -97,6 +100,8 @@ class WorldPlan:
     options: tuple[str, ...] = ()
     tick_s: float = 0.005
     turn_s: float = 0.005
+    bench: str = ""
+    lasts_s: float = 0.0
 
     def without(self, happening: Happening) -> WorldPlan:
         """The same world without one thing."""
@@ -114,22 +119,47 @@ class WorldPlan:
         return cls(**{**fields, "happenings": happenings, "options": tuple(fields["options"])})  # type: ignore[arg-type]
 
 
-def drawn(seed: int, matrix: str | None = None) -> WorldPlan:
+@dataclass(frozen=True)
+class Given:
+    """What a user gives in place of what a seed draws.
+
+    Attributes:
+        matrix, bench: texts of the files; empty where none is given.
+        actuator: "tcp" or "rtu", as the bench says; empty: drawn.
+        motion_s: forecast of the campaign (s), over which things happen.
+        lasts_s: how long it lasts at most (s).
+        tick_s: how often the devices hand over what they have sent, at most (s).
+    """
+
+    matrix: str = ""
+    bench: str = ""
+    actuator: str = ""
+    motion_s: float = 0.0
+    lasts_s: float = 0.0
+    tick_s: float = math.inf
+
+
+def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     """The world of a seed.
 
     Args:
         seed: what everything is drawn from.
-        matrix: a user's matrix file in place of a drawn one.
+        given: what a user gives in its place.
     """
     chance = random.Random(f"plan {seed}")
     actuator = "rtu" if chance.random() < 0.25 else "tcp"
-    happenings = _happenings(chance, actuator)
+    actuator = given.actuator or actuator
+    happenings = _happenings(chance, actuator, given.motion_s)
     tick_s, turn_s = chance.choice((0.003, 0.005, 0.008)), chance.choice((0.004, 0.006, 0.008))
-    return WorldPlan(seed, matrix or _matrix(chance), happenings, actuator, tick_s=tick_s, turn_s=turn_s)
+    return WorldPlan(
+        seed, given.matrix or _matrix(chance), happenings, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s,
+        bench=given.bench, lasts_s=given.lasts_s,
+    )  # fmt: skip
 
 
-def _happenings(chance: random.Random, actuator: str) -> tuple[Happening, ...]:
+def _happenings(chance: random.Random, actuator: str, motion_s: float) -> tuple[Happening, ...]:
     """One to five things; rarely none at all."""
+    latest_s, latest_fault_s = max(LATEST_S, motion_s), max(LATEST_FAULT_S, motion_s)
     chosen: list[Happening] = []
     possible = [
         slug for slug in sorted(INJECTORS) if ONLY_ON.get(slug, actuator) == actuator and slug not in NEVER_DRAWN
@@ -137,13 +167,13 @@ def _happenings(chance: random.Random, actuator: str) -> tuple[Happening, ...]:
     for _ in range(chance.choice((0, 1, 1, 1, 2, 2, 3, 4, MOST_HAPPENINGS))):
         if chance.random() < 0.6:
             slug = chance.choice(possible)
-            fault = drawn_fault(slug, chance, LATEST_FAULT_S)
+            fault = drawn_fault(slug, chance, latest_fault_s)
             lasts_s = None if fault.lasts_s == float("inf") else fault.lasts_s
             chosen.append(Happening(fault.name, fault.after_s, lasts_s))
         else:
             what = chance.choice(AROUND)
             lasts_s = round(chance.uniform(0.02, 1.5), 3) if what in STALLS or what in OTHERS else None
-            chosen.append(Happening(what, round(chance.uniform(0.0, LATEST_S), 3), lasts_s))
+            chosen.append(Happening(what, round(chance.uniform(0.0, latest_s), 3), lasts_s))
     unique = {happening.what: happening for happening in chosen}
     return tuple(sorted(unique.values(), key=lambda happening: (happening.at_s or 0.0, happening.what)))
 

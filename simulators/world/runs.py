@@ -2,15 +2,38 @@
 
 from __future__ import annotations
 
+import concurrent.futures
+import contextlib
+import gc
+import multiprocessing
+import os
+import shutil
+import signal
 import tempfile
 import time
-from dataclasses import dataclass, replace
+import traceback
+from collections.abc import Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
+from rig.errors import RigError
+from simulators.world.asked import Asked
 from simulators.world.invariants import judged
-from simulators.world.plan import Happening, WorldPlan, drawn
+from simulators.world.plan import WorldPlan
+from simulators.world.stage import load_everything
 from simulators.world.world import World
+
+WORLDS_A_WORKER = 100
+"""A worker begins anew after so many: what killed processes held is given back with it."""
+AHEAD = 4
+"""So many worlds wait for each worker."""
+ROOM = 256 << 20
+"""A worker's worlds take no more than that (bytes)."""
+SELDOM = 50_000
+"""A world makes much and keeps it: the garbage collector looks after so many objects."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +43,9 @@ class Ended:
     Attributes:
         failed: invariant and words of everything that did not hold, with the virtual time (s).
         digest: of everything it made.
-        rig_s: virtual seconds; `wall_s` the real ones it took.
+        rig_s: virtual seconds; `wall_s` the real ones it took, `cpu_s` those of the processor.
+        happenings: what was to happen in it.
+        moved_s: for how long the rod moved (s).
     """
 
     seed: int
@@ -29,45 +54,88 @@ class Ended:
     rig_s: float
     wall_s: float
     sessions: tuple[int | None, ...]
+    cpu_s: float = 0.0
+    happenings: tuple[str, ...] = ()
+    moved_s: float = 0.0
 
 
 def live(plan: WorldPlan, root: Path, until_s: float | None = None) -> tuple[World, Ended]:
     """Run a world and judge it."""
-    began_s = time.perf_counter()
+    began_s, cpu_s = time.perf_counter(), time.process_time()
     world = World(plan, root)
     world.run(until_s)
     failed = () if until_s is not None else tuple(judged(world))
-    wall_s = time.perf_counter() - began_s
+    wall_s, cpu_s = time.perf_counter() - began_s, time.process_time() - cpu_s
     codes = tuple(session.exit_code for session in world.sessions)
-    return world, Ended(plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes)
+    happenings = tuple(map(str, plan.happenings))
+    moved_s = sum(session.truth.moved_s for session in world.sessions)
+    return world, Ended(
+        plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes, cpu_s, happenings, moved_s
+    )  # fmt: skip
 
 
-def plan_of(seed: int, asked: dict[str, Any]) -> WorldPlan:
-    """The world of a seed, with what was asked for in place of what is drawn.
-
-    Raises:
-        FileProblem: the matrix or a happening cannot be used.
-    """
-    plan = drawn(seed, asked["matrix"])
-    if asked["happening"]:
-        plan = replace(plan, happenings=tuple(Happening.parse(text) for text in asked["happening"]))
-    return plan
-
-
-def one(seed: int, asked: dict[str, Any]) -> dict[str, Any]:
-    """Run the world of a seed; what is to be told of it."""
-    plan = plan_of(seed, asked)
+def one(seed: int, asked: Asked) -> Ended:
+    """Run the world of a seed; one that breaks the simulation itself has failed."""
+    plan = asked.plan(seed)
     with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
-        _, ended = live(plan, Path(name), asked["until"])
-    failed = [
-        {"seed": seed, "invariant": invariant, "at_s": at_s, "words": words} for invariant, words, at_s in ended.failed
-    ]
-    return {
-        "seed": seed, "failed": failed, "digest": ended.digest, "rig_s": ended.rig_s, "wall_s": ended.wall_s,
-        "sessions": list(ended.sessions), "happenings": [str(happening) for happening in plan.happenings],
-    }  # fmt: skip
+        try:
+            _, ended = live(plan, Path(name), asked.until_s)
+        except Exception:  # noqa: BLE001 - told as this world's failure, the others go on
+            words = traceback.format_exc(limit=-6)
+            return Ended(seed, (("world", words, 0.0),), "", 0.0, 0.0, (), happenings=tuple(map(str, plan.happenings)))
+    return ended
 
 
 def memory() -> str | None:
-    """A folder in memory, where there is one: worlds write much and keep nothing."""
-    return "/dev/shm" if Path("/dev/shm").is_dir() else None
+    """A folder in memory, where there is one with room: worlds write much and keep nothing."""
+    shared = Path("/dev/shm")
+    roomy = shared.is_dir() and shutil.disk_usage(shared).free > ROOM * (os.cpu_count() or 1)
+    return str(shared) if roomy else None
+
+
+def begin_worker() -> None:
+    """What a process does before its first world; an interrupt is its parent's business."""
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    load_everything()
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(SELDOM, 20, 100)
+
+
+def every(seeds: range, asked: Asked, jobs: int) -> Iterator[Ended]:
+    """The worlds of these seeds as they end, in so many processes.
+
+    Raises:
+        RigError: a process was ended from outside.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: one world is one thread
+    waiting, under_way = iter(seeds), set[Future[Ended]]()
+    pool = ProcessPoolExecutor(
+        min(jobs, len(seeds)), mp_context=multiprocessing.get_context("spawn"), initializer=begin_worker,
+        max_tasks_per_child=WORLDS_A_WORKER,
+    )  # fmt: skip
+    try:
+        while True:
+            free = AHEAD * jobs - len(under_way)
+            under_way |= {pool.submit(one, seed, asked) for seed in islice(waiting, free)}
+            if not under_way:
+                break
+            done, under_way = concurrent.futures.wait(
+                under_way, return_when=concurrent.futures.FIRST_COMPLETED
+            )
+            yield from sorted((future.result() for future in done), key=lambda ended: ended.seed)
+    except BrokenProcessPool as error:
+        raise RigError("a process that ran worlds was killed (out of memory?); try fewer --jobs") from error
+    except BaseException:
+        _end(pool)
+        raise
+    pool.shutdown()
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """End a pool now, whatever its processes do."""
+    workers = list(multiprocessing.active_children())
+    pool.shutdown(wait=False, cancel_futures=True)
+    for worker in workers:
+        worker.kill()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import signal
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,6 +20,7 @@ from rig.campaign import CampaignOptions, run_campaign
 from rig.errors import RigError
 from rig.recording.conversion import converter, finaliser
 from rig.station import process as station
+from simulators.bench import Addresses
 from simulators.rig import SimulatedRig
 from simulators.world import device_loop
 from simulators.world.disk import Disk
@@ -116,12 +118,16 @@ class Stage:
             self.machine.end(left, -int(signal.SIGKILL))
         self._ends.close()
 
-    def serve(self, simulated: SimulatedRig, *, real_time: bool = True) -> Path:
+    def serve(
+        self, simulated: SimulatedRig, *, real_time: bool = True,
+        bench: Callable[[SimulatedRig, Addresses], str] | None = None,
+    ) -> Path:
         """A rig as new, at the addresses of the one before; its bench file.
 
         Args:
             simulated: the rig, made while the stage is entered; the kind of its ports counts for nothing.
             real_time: the bench file's time limits are those of hardware.
+            bench: writes the bench file of a rig at its addresses; by default the rig writes its own.
         """
         self.machine.network.restart()
         self.rig = simulated
@@ -132,7 +138,7 @@ class Stage:
 
             async def serve() -> None:
                 addresses = await simulated.open()
-                opened.append(simulated.bench(addresses, real_time))
+                opened.append(bench(simulated, addresses) if bench else simulated.bench(addresses, real_time))
                 await simulated.run()
                 await simulated.close()
 
@@ -141,9 +147,9 @@ class Stage:
         simulated.warm_up()
         self.devices = self.machine.start("devices", devices, stderr=self.root / "devices.log")
         self.kernel.run(lambda: bool(opened))
-        bench = self.root / "bench.toml"
-        bench.write_text(opened[0], encoding="utf-8")
-        return bench
+        path = self.root / "bench.toml"
+        path.write_text(opened[0], encoding="utf-8")
+        return path
 
     def repair(self) -> None:
         """Everything is as it should be again: no devices, room on the disk."""

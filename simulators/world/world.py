@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.campaign import CampaignOptions
+from rig.matrix.model import load_matrix
 from simulators.options import RigOptions, with_option
 from simulators.plant import step
 from simulators.plant.plant import Plant
@@ -25,6 +26,7 @@ from simulators.world.kernel import Kernel, NothingHappens
 from simulators.world.machine import Process
 from simulators.world.plan import DEATHS, DISK, SIGNALS, STALLS, Happening, WorldPlan
 from simulators.world.stage import Application, Stage
+from simulators.world.user_bench import UserBench
 
 MOST_SESSIONS = 6
 SESSION_S = 400.0
@@ -33,6 +35,7 @@ REST_S = 90.0
 """So long after the end of the application everything must be at rest (virtual s)."""
 COLUMNS = (step.VELOCITY, step.CURRENT, step.DISPLACEMENT, step.FORCE)
 EVERY_S = 1e-3
+MOVES_M_S = 2e-3
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,11 @@ class WorldTruth:
         if not self._rows:
             return np.empty((0, 6))
         return np.column_stack((np.concatenate(self._times), np.concatenate(self._rows)))
+
+    @property
+    def moved_s(self) -> float:
+        """For how long the rod moved (s)."""
+        return float(np.count_nonzero(np.abs(self.arrays[:, 1]) > MOVES_M_S)) * EVERY_S
 
 
 @dataclass
@@ -173,7 +181,7 @@ class World:
             for happening in self.plan.happenings:
                 if happening.around:
                     self._arrange(happening, session)
-        end_ns = session.began_ns + int(SESSION_S * 1e9)
+        end_ns = session.began_ns + int((SESSION_S + self.plan.lasts_s) * 1e9)
         last_ns = end_ns if until_s is None else self.kernel.start_ns + int(until_s * 1e9)
         self.kernel.run(lambda: not application.alive or self.kernel.now_ns > min(end_ns, last_ns))
         session.exit_code, session.ended_ns = application.exit_code, self.kernel.now_ns
@@ -205,17 +213,31 @@ class World:
         return max(folders, key=lambda folder: len(list((folder / "points").glob("*"))), default=None)
 
     def _serve_devices(self, *, with_faults: bool) -> WorldTruth:
-        plan, options = self.plan, RigOptions()
+        plan, options, user = self.plan, RigOptions(), self._user
+        if user is not None:
+            options = user.options
         for assignment in plan.options:
             options = with_option(options, assignment)
         faulty = plan.happenings if with_faults else ()
         faults = tuple(parse_fault(str(happening)) for happening in faulty if not happening.around)
-        run = RunOptions(seed=plan.seed, ports="socket", actuator=plan.actuator, faults=faults, drop_unread=True)
+        run = RunOptions(
+            seed=plan.seed, ports="socket", actuator=plan.actuator, faults=faults, drop_unread=True,
+            auxiliaries=() if user is None else user.auxiliaries,
+        )
         rig = SimulatedRig(options, run)
         truth = WorldTruth(rig.plant, self.kernel)
         rig.truth = truth  # type: ignore[assignment]  # stands where one would that writes a file
-        self.stage.serve(rig)
+        self.stage.serve(rig, bench=None if user is None else user.text)
         return truth
+
+    @cached_property
+    def _user(self) -> UserBench | None:
+        """The rig of the user's bench file; None where the rig is the usual one."""
+        if not self.plan.bench:
+            return None
+        path = self.root / "user-bench.toml"
+        path.write_text(self.plan.bench, encoding="utf-8")
+        return UserBench.load(path, load_matrix(self.root / "matrix.toml"))
 
     # What happens around the devices
 
@@ -270,15 +292,22 @@ class World:
                 continue
         return lines
 
-    def digest(self) -> str:
-        """One number for everything that the world has made: files, their names, the truth."""
-        whole = hashlib.sha256()
+    def digests(self) -> dict[str, str]:
+        """A number for each of what the world has made: the journals, all files and their names, the truth."""
+        journal, files, truth = hashlib.sha256(), hashlib.sha256(), hashlib.sha256()
         place = os.fsencode(str(self.root))
         for path in sorted(self.root.rglob("*")):
             if path.is_file():
-                whole.update(os.fsencode(str(path.relative_to(self.root))) + b"\0")
-                whole.update(path.read_bytes().replace(place, b"ROOT"))
+                content = path.read_bytes().replace(place, b"ROOT")
+                files.update(os.fsencode(str(path.relative_to(self.root))) + b"\0" + content)
+                if path.name == "journal.jsonl":
+                    journal.update(content)
         for session in self.sessions:
-            whole.update(session.truth.arrays.tobytes())
-            whole.update(repr(session.truth.log).replace(str(self.root), "ROOT").encode())
-        return whole.hexdigest()[:16]
+            truth.update(session.truth.arrays.tobytes())
+            truth.update(repr(session.truth.log).replace(str(self.root), "ROOT").encode())
+        named = (("journal", journal), ("files", files), ("truth", truth))
+        return {name: whole.hexdigest()[:16] for name, whole in named}
+
+    def digest(self) -> str:
+        """One number for everything that the world has made."""
+        return hashlib.sha256(json.dumps(self.digests()).encode()).hexdigest()[:16]

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from rig.campaign import results
+from rig.cli.main import answered
 from rig.station import supervisor
 from rig.station.safe_stop import StopAction
+from simulators.world import runs
+from simulators.world.__main__ import command
+from simulators.world.asked import Asked
 from simulators.world.plan import AROUND, Happening, WorldPlan, drawn
-from simulators.world.runs import live
+from simulators.world.runs import Ended, live
 from simulators.world.shrink import shrunk
 from simulators.world.stage import load_everything
 
@@ -52,29 +58,6 @@ def test_an_undisturbed_world_is_one_valid_campaign(tmp_path: Path) -> None:
     rows = world.sessions[0].truth.arrays
     assert 0.1 < rows[:, 1].max() < 0.2, "6 mm at 4 Hz"
     assert 0.45 < rows[:, 2].max() < 0.55
-
-
-def test_a_seed_is_a_world_bit_by_bit_wherever_it_lives(tmp_path: Path) -> None:
-    """In another process, another folder and with other hashes too."""
-    script = (
-        "import sys; from pathlib import Path; from simulators.world.runs import live\n"
-        "from simulators.world.plan import WorldPlan; from simulators.world.stage import load_everything\n"
-        "load_everything()\n"
-        "print(live(WorldPlan.from_json(sys.argv[1]), Path(sys.argv[2]))[1].digest)"
-    )
-    given = plan("sensor-spike@0.4+0.3", "application-killed@3.5", seed=7)
-    digests = set()
-    for number in ("1", "2"):
-        folder = tmp_path / ("other" * int(number))
-        folder.mkdir()
-        done = subprocess.run(
-            [sys.executable, "-c", script, given.to_json(), str(folder)], capture_output=True, text=True, check=True,
-            env=os.environ | {"PYTHONHASHSEED": number}, timeout=120,
-        )
-        digests.add(done.stdout.strip())
-    here = tmp_path / "here"
-    here.mkdir()
-    assert digests == {live(given, here)[1].digest}
 
 
 def test_another_seed_is_another_world(tmp_path: Path) -> None:
@@ -138,46 +121,105 @@ def test_plans_are_drawn_and_kept_as_text() -> None:
     assert [str(kept) for kept in shorter.without(shorter.happenings[0]).happenings] == ["pause@2+1"]
 
 
-def worlds(*arguments: str) -> subprocess.CompletedProcess[str]:
+def worlds(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "simulators.world", *arguments], capture_output=True, text=True, timeout=170, check=False
-    )
+        [sys.executable, "-P", "-m", "rig.cli.main", "worlds", *arguments], capture_output=True, text=True, timeout=170,
+        check=False, cwd=cwd,
+    )  # fmt: skip
 
 
 def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
+    """In a folder where something else has the name of one of our packages."""
+    (tmp_path / "simulators.py").write_text("raise SystemExit(99)", encoding="utf-8")
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(MATRIX, encoding="utf-8")
-    done = worlds("--seeds", "3:5", "--matrix", str(matrix), "--happening", "sigint@3", "--jobs", "1", "--json")
+    done = worlds(
+        "--seeds", "3:5", "--matrix", "matrix.toml", "--happening", "sigint@3", "--jobs", "1", "--json", cwd=tmp_path
+    )
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     assert (answer["worlds"], answer["failed"]) == (2, [])
     assert answer["rig_hours"] > 0.001
     assert answer["wall_s"] > 0.0
     assert len(set(answer["digests"].values())) == 2
-    assert "2/2 worlds, 0 failed" in done.stderr
+    assert "2/2 worlds, none failed" in done.stderr
+    assert "everything held in every one" in done.stderr
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--seeds", "5:5"], "expected FIRST:END"),
+        (["--seeds", "5:5"], "no seed is in it; END is not included, write 5:6"),
+        (["--seeds", "9:3"], "FIRST is behind END; write 3:9"),
         (["--seeds", "a:b"], "expected FIRST:END"),
         (["--seeds", "-3:1"], "expected FIRST:END"),
+        (["--seeds", "1_0:20"], "expected FIRST:END"),
         (["--seeds", "1", "--happening", "e-stop@3"], "is no row of the fault matrix"),
         (["--seeds", "1", "--happening", "power-cut@soon"], "write power-cut@SECONDS"),
-        (["--seeds", "1", "--matrix", "nowhere.toml"], "nowhere.toml"),
+        (["--seeds", "1", "--happening", "power-cut@nan"], "times are 0 to"),
+        (["--seeds", "1", "--happening", "usb-renumber@1"], "ports with names do not exist in a world"),
+        (["--seeds", "1", "--happening", "rtu-crc@1", "--happening", "modbus-reset@1"], "reached by tcp"),
+        (["--seeds", "1", "--happening", "loadcell-pulled:auxiliary@1"], "needs an auxiliary channel"),
+        (["--seeds", "1", "--until", "nan"], "expected a number of seconds above 0"),
+        (["--seeds", "0:2", "--trace", "steps"], "--trace writes one world"),
+        (["--seeds", "1", "--shrink", "--until", "3"], "--shrink needs a world that is judged"),
+        (["--matrix", "nowhere.toml"], "nowhere.toml: there is no such file"),
+        (["--bench", "nowhere.toml"], "nowhere.toml: there is no such file"),
     ],
 )
-def test_what_no_world_can_begin_with_is_refused(arguments: list[str], says: str) -> None:
-    done = worlds(*arguments, "--json")
-    assert done.returncode == 2
-    assert says in json.loads(done.stdout)["error"]
-    assert "Traceback" not in done.stderr
+def test_what_no_world_can_begin_with_is_refused(
+    arguments: list[str], says: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert answered(command, [*arguments, "--json"], "rig worlds") == 2
+    out, err = capfd.readouterr()
+    assert says in json.loads(out)["error"]
+    assert says in err
+    assert list(tmp_path.iterdir()) == []
 
 
-def test_a_matrix_that_the_rig_cannot_do_is_refused(tmp_path: Path) -> None:
+def test_a_matrix_that_the_rig_cannot_do_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(MATRIX.replace("6 mm", "80 mm"), encoding="utf-8")
-    done = worlds("--matrix", str(matrix), "--json")
-    assert done.returncode == 2
-    assert "does not fit the simulated rig" in json.loads(done.stdout)["error"]
+    assert answered(command, ["--matrix", str(matrix), "--json"], "rig worlds") == 3
+    told = json.loads(capfd.readouterr().out)
+    assert (told["slug"], told["exit_code"]) == ("matrix-infeasible", 3)
+    assert "above the bench's 0.8 m/s; an amplitude of" in told["error"]
+
+
+def test_a_world_that_fails_is_told_with_the_command_that_runs_it_again(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = Ended(17, (("points", "p001: told to be finished, and gone", 12.5),), "ab", 36.0, 7.0, (0,))
+    monkeypatch.setattr(runs, "every", lambda *_: iter([replace(ended, seed=16, failed=()), ended]))
+    assert answered(command, ["--seeds", "16:18", "--happening", "power-cut@9", "--json"], "rig worlds") == 5
+    out, err = capfd.readouterr()
+    answer = json.loads(out)
+    again = "rig worlds --seeds 17 --happening power-cut@9"
+    assert [(entry["seed"], entry["invariant"], entry["at_s"]) for entry in answer["failed"]] == [(17, "points", 12.5)]
+    assert answer["failed"][0]["again"] == again
+    assert answer["rig_hours"] == 0.02
+    assert err.rstrip().endswith(f"1 failed (points 1). The first one again, looked at closely: {again} --shrink")
+
+
+def test_a_world_that_breaks_the_simulation_is_a_failure_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "live", lambda *_: 1 // 0)
+    (failure,) = runs.one(3, Asked()).failed
+    assert failure[0] == "world"
+    assert "ZeroDivisionError" in failure[1]
+
+
+def test_interrupted_worlds_tell_what_they_did(tmp_path: Path) -> None:
+    with (tmp_path / "err").open("wb") as file:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "simulators.world", "--seeds", "0:10000", "--jobs", "1", "--json"],
+            stdout=subprocess.PIPE, stderr=file, start_new_session=True,
+        )  # fmt: skip
+    time.sleep(4.0)
+    os.killpg(process.pid, signal.SIGINT)
+    out, _ = process.communicate(timeout=20)
+    err = (tmp_path / "err").read_text(encoding="utf-8")
+    assert process.returncode == 4, err
+    assert json.loads(out)["error"] == "stopped by operator"
+    assert "of 10000" in err
+    assert "Traceback" not in err

@@ -1,0 +1,23 @@
+"""`rig worlds`: campaigns in simulated worlds, in the place of this process."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import NoReturn
+
+import click
+
+from rig.cli.options import Command
+
+
+@click.command(
+    name="worlds",
+    cls=Command,
+    add_help_option=False,
+    context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
+)
+@click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
+def command(arguments: tuple[str, ...]) -> NoReturn:
+    """Run `python -m simulators.world` with ARGUMENTS, never a package of that name in this folder."""
+    os.execv(sys.executable, [sys.executable, "-P", "-m", "simulators.world", *arguments])

@@ -1,0 +1,66 @@
+"""A seed is a world bit by bit: in another process, another folder, with other hashes of Python's."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from simulators.world.plan import Happening, WorldPlan
+
+MATRIX = """format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+waveform = ["sine"]
+amplitude = ["6 mm"]
+frequency = ["4 Hz"]
+current = ["0.5 A"]
+cycles = 5
+[identify]
+enabled = false
+"""
+HAPPENINGS = (("sensor-spike@0.4+0.3",), ("application-killed@3.0",), ("ecu-silent@0.4",))
+PROGRAM = """
+import json, sys
+from pathlib import Path
+from simulators.world.plan import WorldPlan
+from simulators.world.runs import live
+from simulators.world.stage import load_everything
+load_everything()
+for number, line in enumerate(sys.stdin):
+    folder = Path(sys.argv[1]) / str(number)
+    folder.mkdir()
+    world, ended = live(WorldPlan.from_json(line), folder)
+    print(json.dumps([world.digests(), ended.sessions, ended.failed]))
+"""
+
+
+def test_three_seeds_are_the_same_worlds_wherever_they_live(tmp_path: Path) -> None:
+    plans = [WorldPlan(seed, MATRIX, tuple(map(Happening.parse, given))) for seed, given in enumerate(HAPPENINGS)]
+    lines = "".join(f"{plan.to_json()}\n" for plan in plans)
+    processes = []
+    for number in ("1", "22"):
+        folder = tmp_path / ("another-folder-" * int(number))[:200]
+        folder.mkdir()
+        process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            env=os.environ | {"PYTHONHASHSEED": number, "OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
+        assert process.stdin is not None
+        process.stdin.write(lines)
+        process.stdin.close()
+        process.stdin = None
+        processes.append(process)
+    told = [process.communicate(timeout=170)[0].splitlines() for process in processes]
+    one, other = (list(map(json.loads, lines)) for lines in told)
+    assert len(one) == len(plans)
+    assert one == other
+    assert all(failed == [] for _, _, failed in one)
+    journals = {digests["journal"] for digests, _, _ in one}
+    assert len(journals) == len(plans), "three worlds, not one"
+    assert [len(sessions) > 1 for _, sessions, _ in one] == [False, True, True]
