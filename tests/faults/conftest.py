@@ -128,12 +128,6 @@ def moving(begin_world: Start) -> InMotion:
 
 
 @pytest.fixture
-def start_brisk(start: Start) -> Start:
-    """Starts a short campaign at speed 1, where the rows' times are meant."""
-    return lambda *simulator: start(*simulator, matrix=BRISK_POINTS, speed=1.0)
-
-
-@pytest.fixture
 def run_brisk(run: Run) -> Run:
     """Runs a short one at speed 1, where the rows' times are meant."""
     return lambda *faults, simulator=(): run(*faults, simulator=simulator, matrix=BRISK_POINTS, speed=1.0)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 from matrices import LONG_SECOND_POINT
-from process_faults import FULL_AT_BYTES
 from watched_campaign import assert_completed, wait_until
 
 from simulators.controller_firmware import State
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.wire
 
-SMALLER_THAN_ANY_FILE = FULL_AT_BYTES // 8
+SMALLER_THAN_ANY_FILE = 1 << 13
 
 
 def family(root: int) -> list[int]:

@@ -13,10 +13,8 @@ from end_states import assert_stopped
 from watched_campaign import FINISH_S, resumed
 
 if TYPE_CHECKING:
-    from conftest import Run, Start
+    from conftest import BeginWorld, Run, Start
     from watched_campaign import Campaign, Ending
-
-pytestmark = pytest.mark.wire
 
 
 POINTS = """
@@ -83,10 +81,10 @@ def test_a_row_that_wants_the_operator_is_never_restarted_by_itself(run: Run) ->
     assert len(ending.truth.all("START")) == 2
 
 
-def test_ctrl_c_during_an_automatic_stop_ends_the_campaign(start: Start) -> None:
-    campaign = start("--fault", "ecu-crc@6.3+0.5", matrix=POINTS, speed=2.0)
+def test_ctrl_c_during_an_automatic_stop_ends_the_campaign(begin_world: BeginWorld) -> None:
+    campaign = begin_world(simulator=("--fault", "ecu-crc@6.3+0.5"), matrix=POINTS, speed=2.0)
     campaign.wait_for("FADE_STOP")
-    campaign.process.send_signal(signal.SIGINT)
+    campaign.send(signal.SIGINT)
     ending = campaign.finish()
     assert (ending.exit_code, ending.answer["stopped_by"]) == (4, "ecu-crc")
     assert len(ending.truth.all("START")) == 2
@@ -104,6 +102,7 @@ def stopped_in_point_2(start: Start) -> Campaign:
     return campaign
 
 
+@pytest.mark.wire
 def test_a_resumed_simulated_campaign_has_its_specimen_and_seed_and_equals_an_undisturbed_one(
     start: Start, run: Run
 ) -> None:
@@ -123,6 +122,7 @@ def test_a_resumed_simulated_campaign_has_its_specimen_and_seed_and_equals_an_un
         assert file["entry/provenance"].attrs["seed"] == 1
 
 
+@pytest.mark.wire
 def test_a_campaign_killed_before_its_rig_was_known_is_resumed_whole(start: Start) -> None:
     campaign = start(matrix=POINTS)
     description = campaign.folder / "campaign.json"

@@ -1,4 +1,4 @@
-"""Rows of the serial sensors: cables, bytes, samples and clocks."""
+"""The serial sensors: the LVDT's faults, and what rows have beside what `test_every_row.py` asks of all."""
 
 from __future__ import annotations
 
@@ -6,33 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from end_states import assert_refused, assert_stopped
-from matrices import ONE_LONG_POINT
+from end_states import assert_refused, assert_spoiled, assert_stopped
 
 from protocols.quality import Quality
 
 if TYPE_CHECKING:
-    from conftest import Ending, Run
+    from conftest import Run
 
-pytestmark = pytest.mark.wire
-
-SENSORS = ("", ":lvdt")
-"""The load cell's fault of a row, and the LVDT's."""
-
-
-def assert_spoiled(ending: Ending, slug: str, reason: str = "") -> None:
-    """Reaction P: the campaign goes on, the point is invalid for this reason, the one before it stands."""
-    assert ending.exit_code == 5, ending.said
-    assert slug in ending.warned()
-    assert ending.trips() == []
-    assert ending.answer["stopped_by"] is None
-    assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
-    point = ending.point("p002")
-    assert any(each.startswith(reason or slug) for each in point.reasons), point.reasons
-
-
-def test_a_pulled_load_cell_stops_the_rig(run: Run) -> None:
-    assert_stopped(run("loadcell-pulled@6.3"), "loadcell-pulled")
+SENSORS = (":lvdt",)
+"""Whose fault it is; the load cell's are in `test_every_row.py`."""
 
 
 def test_a_pulled_auxiliary_sensor_stops_the_rig_in_its_own_name(run: Run) -> None:
@@ -40,11 +22,8 @@ def test_a_pulled_auxiliary_sensor_stops_the_rig_in_its_own_name(run: Run) -> No
     assert_stopped(ending, "loadcell-pulled", slug_of_station="auxiliary-pulled")
 
 
-def test_without_its_lvdt_the_host_proves_standstill_by_the_controller(run: Run) -> None:
-    assert_stopped(run("lvdt-pulled@6.3"), "lvdt-pulled")
-
-
-@pytest.mark.parametrize("fault", ["usb-renumber", "usb-renumber:lvdt"])
+@pytest.mark.wire
+@pytest.mark.parametrize("fault", ["usb-renumber:lvdt"])
 def test_an_adapter_that_comes_up_elsewhere_stops_the_rig_and_is_not_reopened(
     run_wired: Run, fault: str
 ) -> None:
@@ -69,7 +48,7 @@ def test_bytes_without_one_valid_frame_stop_the_rig(run: Run, sensor: str) -> No
     assert_stopped(run(f"serial-baud{sensor}@5.5", speed=2.0), "serial-baud", speed=2.0)
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("sensor", ["", *SENSORS])
 def test_a_wrong_baud_rate_from_the_start_is_refused(run: Run, sensor: str) -> None:
     assert_refused(run(f"serial-baud{sensor}", speed=20.0), "serial-baud")
 
@@ -131,25 +110,11 @@ def test_samples_whose_device_clock_went_back_stay_in_raw_and_spoil_the_point(
     assert np.all(np.diff(raw["sequence"]) == 1), "and none is missing"
 
 
-def test_a_clock_that_drifts_is_flagged_and_nothing_else(run: Run) -> None:
-    ending = run("clock-drift", matrix=ONE_LONG_POINT, speed=1.0)
-    assert ending.exit_code == 0, ending.said
-    assert "clock-drift" in ending.warned()
-    assert ending.trips() == []
-    assert ending.verdicts() == {"p001": "valid"}
-
-
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_a_sensor_that_was_not_tared_is_refused_before_arming(run: Run, sensor: str) -> None:
     ending = run(f"not-tared{sensor}", speed=20.0)
     assert_refused(ending, "not-tared")
     assert not ending.truth.all("ACQUIRE"), "refused before the controller was even taken"
-
-
-def test_exchanged_plugs_are_refused_by_name_before_arming(run: Run) -> None:
-    ending = run("sensors-swapped", speed=20.0)
-    assert_refused(ending, "sensors-swapped")
-    assert not ending.truth.all("ACQUIRE")
 
 
 @pytest.mark.parametrize("wrong", ["lvdt.gain=-1", "lvdt.gain=0.8", "load_cell.gain=-1"])

@@ -170,12 +170,12 @@ class WorldCampaign(Campaign):
         """The campaign's directory; it is there."""
         return next(iter(self.out.iterdir()))
 
-    def assert_completed(self, kept: str = "p001") -> None:
+    def assert_completed(self, kept: str = "p001", **options: Any) -> None:  # noqa: ANN401
         """Resuming on a mended rig finishes the campaign: the finished point is not touched, all points are valid."""
         points = self.campaign_folder / "points"
         file = points / f"{kept}.h5"
         before = file.read_bytes() if file.exists() else None
-        code, answer = self.resumed()
+        code, answer = self.resumed(**options)
         assert code == 0, answer
         assert [(point["id"], point["verdict"]) for point in answer["points"]] == [("p001", "valid"), ("p002", "valid")]
         assert sorted(path.name for path in points.glob("*.h5")) == ["p001.h5", "p002.h5"]
