@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import rig.dampers
 from rig.dampers import Hysteresis
@@ -18,32 +19,28 @@ from rig.identification.models.solving import Candidate, Method, solve
 from rig.identification.models.undetermined import examine
 from rig.identification.next_test import Allowance, bench_of, next_tests
 from rig.identification.per_current import AFFINE, identify_per_current
-from rig.identification.points.consistency import (
-    contradictions,
-    refuse_reversed_signs,
-    refuse_seen,
-    refuse_twice,
-    runs_apart,
-)
-from rig.identification.points.current_steps import CurrentLag, lag_of
-from rig.identification.points.preparation import campaign_skews, prepare_all
+from rig.identification.points.consistency import contradictions, refuse_reversed_signs, runs_apart
+from rig.identification.points.given import given
 from rig.identification.selection import compare
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
 from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore, SeriesSpring
 from rig.identification.uncertainty.scoring import score
-from rig.recording.recorded_point import RecordedPoint
-from rig.recording.run import Run
+
+if TYPE_CHECKING:
+    from rig.identification.points.current_steps import CurrentLag
+    from rig.identification.points.given import Tests
+    from rig.recording.recorded_point import RecordedPoint
 
 ALL = "all"
 
 
 def identify(
-    tests: Run | Sequence[RecordedPoint] | Sequence[Measurement],
+    tests: Tests,
     *,
     model: str = "asymmetric",
     method: str | Method = "separable",
-    holdout: str | Run | Sequence[RecordedPoint] | Sequence[Measurement] | None = None,
+    holdout: str | Tests | None = None,
     hysteresis: Hysteresis = "kwok",
     declared: DeclaredErrors | None = None,
     profile: bool | Sequence[str] = False,
@@ -79,14 +76,14 @@ def identify(
         IdentificationFailed: nothing can be identified; the message names what the data lack.
     """
     started = time.perf_counter()
-    if allowance is None and isinstance(tests, Run):
-        allowance = bench_of(tests.path)
     settings = method if isinstance(method, Method) else Method(method)
-    fitted, held_out, warnings = _split(tests, holdout, campaign)
+    if allowance is None and not isinstance(tests, Sequence):
+        allowance = bench_of(tests.path)
+    known = given(tests, holdout, campaign)
+    fitted, held_out = known.fitted, known.held_out
     refuse_reversed_signs(fitted)
-    warnings += contradictions(fitted)
-    lag, unusable_steps = lag_of(_recorded(tests))
-    wanted = Wanted(settings, declared, profile, (*warnings, *unusable_steps), started)
+    warnings = (*known.warnings, *contradictions(fitted), *known.unusable_steps)
+    wanted = Wanted(settings, declared, profile, warnings, started)
     if current != AFFINE:
         if model == ALL or profile or series_spring:
             raise IdentificationFailed(
@@ -105,8 +102,8 @@ def identify(
     if eta_1_s is not None:
         fitted, held_out = ([with_lag(test, eta_1_s) for test in tests] for tests in (fitted, held_out))
     best, fit = _best_fit(models, fitted, held_out, wanted, eta_1_s, on_progress)
-    if lag is not None and "eta" in fit.parameters:
-        fit = _with_lag(fit, lag)
+    if known.lag is not None and "eta" in fit.parameters:
+        fit = _with_lag(fit, known.lag)
     if spring is not None:
         from rig.identification.series_spring import SMOOTHING
 
@@ -172,55 +169,6 @@ def _model(name: str, hysteresis: Hysteresis) -> DamperModel:
     return rig.dampers.model(name, "kwok" if only_kwok else hysteresis)
 
 
-def _split(
-    tests: Run | Sequence[RecordedPoint] | Sequence[Measurement],
-    holdout: str | Run | Sequence[RecordedPoint] | Sequence[Measurement] | None,
-    campaign: Sequence[RecordedPoint],
-) -> tuple[list[Measurement], list[Measurement], list[str]]:
-    """Measurements to fit, measurements held out, warnings; both aligned by all points of their campaigns.
-
-    Raises:
-        IdentificationFailed: nothing or everything is held out, or a test is there twice or on both sides.
-    """
-    given = list(tests.valid) if isinstance(tests, Run) else list(tests)
-    points = [item for item in given if isinstance(item, RecordedPoint) and item.kind == "loop"]
-    fitted = [item for item in given if isinstance(item, Measurement)]
-    kept_out: list[RecordedPoint] = []
-    held_out: list[Measurement] = []
-    if isinstance(holdout, str):
-        from rig.recording.run import Selection
-
-        wanted = Selection.parse(holdout)
-        kept_out = [point for point in points if wanted.holds(point)]
-        points = [point for point in points if not wanted.holds(point)]
-        if not kept_out:
-            raise IdentificationFailed(f"holdout {holdout!r} matches none of the {len(points)} points")
-        if not points:
-            raise IdentificationFailed(f"holdout {holdout!r} matches every point; nothing is left to fit")
-    elif holdout is not None:
-        others = list(holdout.valid) if isinstance(holdout, Run) else list(holdout)
-        kept_out = [item for item in others if isinstance(item, RecordedPoint) and item.kind == "loop"]
-        held_out = [item for item in others if isinstance(item, Measurement)]
-        if not others:
-            where = f"the run {holdout.path} holds no valid point" if isinstance(holdout, Run) else "no test was given"
-            raise IdentificationFailed(f"nothing is held out: {where}; leave holdout out to fit without")
-        if not kept_out and not held_out:
-            raise IdentificationFailed(f"none of the {len(others)} held-out points is a loop; only loops are scored")
-    refuse_twice([*points, *fitted])
-    refuse_seen([*points, *fitted], [*kept_out, *held_out])
-    warnings: list[str] = []
-    skews = campaign_skews([*_all_of(tests), *(() if isinstance(holdout, str) else _all_of(holdout or ())), *campaign])
-    if points or not fitted:
-        prepared, refused = prepare_all(points, skews)
-        fitted += prepared
-        warnings += refused
-    if kept_out:
-        prepared, refused = prepare_all(kept_out, skews)
-        held_out += prepared
-        warnings += refused
-    return fitted, held_out, warnings
-
-
 def _found_lag(
     models: Sequence[DamperModel],
     fitted: Sequence[Measurement],
@@ -251,17 +199,6 @@ def _error_of(best: Candidate, method: Method) -> Callable[[list[Measurement]], 
         return score(best.model, solution.values, tests).rmse_N
 
     return error_N
-
-
-def _recorded(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:
-    """Every recorded point given, whatever it is for."""
-    given = list(tests.valid) if isinstance(tests, Run) else list(tests)
-    return [item for item in given if isinstance(item, RecordedPoint)]
-
-
-def _all_of(tests: Run | Sequence[RecordedPoint] | Sequence[Measurement]) -> list[RecordedPoint]:
-    """As `_recorded`, with a run's suspect points."""
-    return list(tests.usable) if isinstance(tests, Run) else _recorded(tests)
 
 
 def _with_lag(fit: Fit, lag: CurrentLag) -> Fit:

@@ -6,6 +6,7 @@ import hashlib
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from rig.dampers.arrays import FloatArray
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.words import Saying, say, some
-from rig.recording.recorded_point import RecordedPoint
+
+if TYPE_CHECKING:
+    from rig.recording.recorded_point import RecordedPoint
 
 REVERSED = -0.1  # share of the work done without regard to sign, below which a test puts energy in
 PHASES = 64

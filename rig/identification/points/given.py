@@ -1,0 +1,119 @@
+"""From what was given to measurements: a run, recorded points, or measurements already prepared.
+
+What reads recordings takes as long to load as a fit takes; for measurements alone it is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rig.errors import IdentificationFailed
+from rig.identification.models.measurement import Measurement
+from rig.identification.points.consistency import refuse_seen, refuse_twice
+
+if TYPE_CHECKING:
+    from rig.identification.points.current_steps import CurrentLag
+    from rig.recording.recorded_point import RecordedPoint
+    from rig.recording.run import Run
+
+    Tests = Run | Sequence[RecordedPoint] | Sequence[Measurement]
+
+
+@dataclass(frozen=True)
+class Given:
+    """What is fitted, what is held out, and what else the recordings tell.
+
+    Attributes:
+        fitted: measurements to fit.
+        held_out: measurements kept out of the fit.
+        warnings: what was left out, and why.
+        lag: the coil's, from points with current steps; None without any.
+        unusable_steps: why points with current steps told nothing.
+    """
+
+    fitted: list[Measurement]
+    held_out: list[Measurement]
+    warnings: tuple[str, ...] = ()
+    lag: CurrentLag | None = None
+    unusable_steps: tuple[str, ...] = ()
+
+
+def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint]) -> Given:
+    """Measurements to fit and held out, aligned by all points of their campaigns.
+
+    Raises:
+        IdentificationFailed: nothing or everything is held out, or a test is there twice or on both sides.
+    """
+    fitted = _measurements(tests)
+    held_out = [] if holdout is None else _measurements(holdout)
+    if not fitted or held_out is None or (holdout is not None and not held_out):
+        return _recorded(tests, holdout, campaign)
+    refuse_twice(fitted)
+    refuse_seen(fitted, held_out)
+    return Given(fitted, held_out)
+
+
+def _measurements(tests: str | Tests) -> list[Measurement] | None:
+    """The tests where all are measurements; None otherwise."""
+    if not isinstance(tests, Sequence) or isinstance(tests, str):
+        return None
+    measurements = [test for test in tests if isinstance(test, Measurement)]
+    return measurements if len(measurements) == len(tests) else None
+
+
+def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint]) -> Given:
+    """As `given`, recordings among the tests.
+
+    Raises:
+        IdentificationFailed: as there.
+    """
+    from rig.identification.points.current_steps import lag_of
+    from rig.identification.points.preparation import campaign_skews, prepare_all
+    from rig.recording.recorded_point import RecordedPoint
+    from rig.recording.run import Run, Selection
+
+    def points_of(group: Tests, *, suspect: bool = False) -> list[RecordedPoint]:
+        if isinstance(group, Run):
+            return list(group.usable if suspect else group.valid)
+        return [item for item in group if isinstance(item, RecordedPoint)]
+
+    recorded = points_of(tests)
+    points = [point for point in recorded if point.kind == "loop"]
+    fitted = [] if isinstance(tests, Run) else [item for item in tests if isinstance(item, Measurement)]
+    kept_out: list[RecordedPoint] = []
+    held_out: list[Measurement] = []
+    others: Tests = ()
+    if isinstance(holdout, str):
+        wanted = Selection.parse(holdout)
+        kept_out = [point for point in points if wanted.holds(point)]
+        points = [point for point in points if not wanted.holds(point)]
+        if not kept_out:
+            raise IdentificationFailed(f"holdout {holdout!r} matches none of the {len(points)} points")
+        if not points:
+            raise IdentificationFailed(f"holdout {holdout!r} matches every point; nothing is left to fit")
+    elif holdout is not None:
+        others = holdout
+        kept_out = [point for point in points_of(others) if point.kind == "loop"]
+        held_out = [] if isinstance(others, Run) else [item for item in others if isinstance(item, Measurement)]
+        count = len(others.valid if isinstance(others, Run) else others)
+        if not count:
+            where = f"the run {others.path} holds no valid point" if isinstance(others, Run) else "no test was given"
+            raise IdentificationFailed(f"nothing is held out: {where}; leave holdout out to fit without")
+        if not kept_out and not held_out:
+            raise IdentificationFailed(f"none of the {count} held-out points is a loop; only loops are scored")
+    refuse_twice([*points, *fitted])
+    refuse_seen([*points, *fitted], [*kept_out, *held_out])
+    skews = campaign_skews([*points_of(tests, suspect=True), *points_of(others, suspect=True), *campaign])
+    refused: list[str] = []
+    if points or not fitted:
+        prepared, left_out = prepare_all(points, skews)
+        fitted += prepared
+        refused += left_out
+    if kept_out:
+        prepared, left_out = prepare_all(kept_out, skews)
+        held_out += prepared
+        refused += left_out
+    lag, unusable_steps = lag_of(recorded)
+    return Given(fitted, held_out, tuple(refused), lag, tuple(unusable_steps))
