@@ -9,7 +9,6 @@ import sys
 import test_every_row
 from mutation import HALVES, ROOT, all_mutations
 from row_worlds import ROW_WORLDS
-from test_every_row import test_every_row_ends_as_the_matrix_says
 
 from rig.campaign.stop_cause import may_restart
 from rig.faults.matrix import MATRIX, REACTIONS
@@ -28,9 +27,9 @@ def test_every_row_has_its_world_or_a_reason_why_it_cannot_have_one() -> None:
 
 
 def test_the_test_that_the_matrix_names_is_there_for_every_row() -> None:
-    (marks,) = test_every_row_ends_as_the_matrix_says.pytestmark
-    names = {f"{test_every_row.__name__}.py::{test_every_row_ends_as_the_matrix_says.__name__}[{slug}]"
-             for slug in marks.args[1]}
+    test = test_every_row.test_every_row_ends_as_the_matrix_says
+    (marks,) = test.pytestmark
+    names = {f"{test_every_row.__name__}.py::{test.__name__}[{slug}]" for slug in marks.args[1]}
     assert names == {row.test for row in MATRIX.values() if row.tested}
 
 
