@@ -4,9 +4,9 @@
 python3 dev.py demo            the whole story on the simulated rig
 python3 dev.py test            every check this project has
 python3 dev.py test tests/rig  some of the tests only
-python3 dev.py faults          the fault suite: every row of the fault matrix, in virtual time or on real processes
+python3 dev.py faults          the fault suite: every row of the matrix in virtual time, some on real processes
+python3 dev.py faults --rows   only the rows: exit code, first cause, times, 0 A, standstill and pressure in truth
 python3 dev.py faults --mutate [SLUG...]   each detector switched off: its test must fail
-python3 dev.py faults --schedules [FIRST:LAST]   random fault schedules of these seeds, each must end as its rows say
 python3 dev.py worlds [--seeds FIRST:END]   whole campaigns in virtual time, drawn from seeds; what must hold is checked
 python3 dev.py coverage        branch coverage of all tests, processes they start included (slower than `test`)
 python3 dev.py rig ...         any `rig` command
@@ -170,12 +170,13 @@ def coverage() -> int:
 
 
 def faults(arguments: list[str]) -> int:
-    """Run the fault suite and the injectors' own tests, the mutation check, or random seeded schedules."""
+    """Run the fault suite and the injectors' own tests, the rows' worlds alone, or the mutation check."""
     if arguments[:1] == ["--mutate"]:
         return run(program("python"), "tests/faults/mutation.py", *arguments[1:])
-    if arguments[:1] == ["--schedules"]:
-        os.environ["RIG_FAULT_SEEDS"] = (arguments[1:2] or ["0:30"])[0]
-        return run(program("python"), "-m", "pytest", "tests/faults/test_schedules.py", "-q", *arguments[2:])
+    if arguments[:1] == ["--rows"]:
+        return run(
+            program("python"), "-m", "pytest", "tests/faults/test_every_row.py", "-v", "--durations=5", *arguments[1:]
+        )
     return run(
         program("python"), "-m", "pytest", "tests/faults", "tests/simulators/test_faults.py", "-q", *arguments
     )

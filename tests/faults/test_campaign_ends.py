@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import pty
 import signal
-import socket
 import struct
 import subprocess
 import termios
@@ -16,27 +16,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from end_states import assert_stopped
 from matrices import LONG_SECOND_POINT, TWO_POINTS
-from process_faults import fill_disk
 from true_states import Truth
-from watched_campaign import FINISH_S, RIG, Campaign, Ending, assert_completed, resumed, told, wait_until
+from watched_campaign import FINISH_S, RIG, Campaign, resumed, told, wait_until
 
-from rig.clock import monotonic_ns
+from rig.recording.conversion.recovery import recover
 from rig.recording.journal.campaign_log import read_log
 from simulators.controller_firmware import Command, State
 
 if TYPE_CHECKING:
-    from conftest import InMotion, Run, Start
-
-pytestmark = pytest.mark.wire
+    from conftest import BeginWorld, InMotion, Run
+    from watched_campaign import Ending
+    from world_campaign import WorldCampaign
 
 RESTING = TWO_POINTS.replace("cycles = 6", 'cycles = 6\nrest = "15 s"')
-"""At speed 5 there are 3 s of wall time between the points."""
+"""At speed 5 there are 3 s between the points."""
 
 
-def assert_ended_without_pressure(ending: Ending, slug: str, since_ns: int) -> None:
+def assert_ended_without_pressure(ending: Ending, slug: str) -> None:
     """Exit 4 by name within a minute; nothing started, the pressure is gone in truth."""
-    assert (monotonic_ns() - since_ns) / 1e9 < 60.0
+    assert ending.stopped_from_ns is not None
+    assert (ending.truth.log[-1].host_ns - ending.stopped_from_ns) / 1e9 < 60.0
     assert ending.exit_code == 4, ending.said
     assert (ending.answer["stopped_by"], ending.answer["rig_state"]) == (slug, "safe")
     assert ending.truth.state[-1] == State.OFF
@@ -44,56 +45,76 @@ def assert_ended_without_pressure(ending: Ending, slug: str, since_ns: int) -> N
     assert ending.truth.all("HYDRAULICS_OFF", text="DONE")
 
 
-def after_the_first_point(start: Start) -> Campaign:
+def after_the_first_point(begin_world: BeginWorld) -> WorldCampaign:
     """A campaign between its two points: the first one's file is there."""
-    campaign = start(matrix=RESTING)
+    campaign = begin_world(matrix=RESTING)
     campaign.wait_for("START")
-    wait_until((campaign.folder / "points" / "p001.h5").exists, "p001.h5")
+    campaign.until((campaign.folder / "points" / "p001.h5").exists, "p001.h5")
     assert not campaign.happened("START", count=2)
     return campaign
 
 
-def test_a_disk_that_fills_between_two_points_ends_the_campaign_with_the_pressure_off(start: Start) -> None:
-    campaign = after_the_first_point(start)
-    ending = campaign.finish(full_ns := fill_disk(campaign))
-    assert_ended_without_pressure(ending, "disk-full", full_ns)
+def test_a_disk_that_fills_between_two_points_ends_the_campaign_with_the_pressure_off(begin_world: BeginWorld) -> None:
+    campaign = after_the_first_point(begin_world)
+    campaign.stage.disk.refuses = errno.ENOSPC
+    ending = campaign.finish(campaign.now_ns)
+    assert_ended_without_pressure(ending, "disk-full")
     assert "p002 not finished" in ending.said
     assert f"rig run --resume {ending.folder}" in ending.said
-    assert_completed(ending.folder)
+    # The journal's last line fitted only in part: what it told is not known.
+    campaign.assert_completed(requalified="looked at: the disk was full, nothing else")
 
 
-def test_a_folder_that_is_taken_away_ends_the_campaign_with_the_pressure_off(start: Start) -> None:
-    campaign = after_the_first_point(start)
-    points, since_ns = campaign.folder / "points", monotonic_ns()
+def test_a_folder_that_is_taken_away_ends_the_campaign_with_the_pressure_off(begin_world: BeginWorld) -> None:
+    campaign = after_the_first_point(begin_world)
+    points = campaign.folder / "points"
     points.rename(points.with_name("taken"))
-    ending = campaign.finish(since_ns)
+    ending = campaign.finish(campaign.now_ns)
     points.with_name("taken").rename(points)
-    assert_ended_without_pressure(ending, "dir-readonly", since_ns)
-    assert_completed(ending.folder)
+    assert_ended_without_pressure(ending, "dir-readonly")
+    campaign.assert_completed()
 
 
-def write_stop(url: str, sequence: int) -> None:
+def test_a_finaliser_that_dies_stops_the_rig_and_its_points_are_recovered(moving: InMotion) -> None:
+    campaign = moving(matrix=LONG_SECOND_POINT)
+    campaign.until((campaign.folder / "points" / "p001.h5").exists, "p001.h5")
+    killed_ns = campaign.now_ns
+    campaign.send(signal.SIGKILL, "rig.recording.conversion.finaliser")
+    ending = campaign.finish(killed_ns)
+    assert_stopped(ending, "task-dies", broken=None)
+    assert (ending.folder / "points" / "p002.journal").exists()
+    points = campaign.do(lambda: recover(ending.folder))
+    assert [(point.id, point.verdict) for point in points] == [("p002", "invalid")]
+    assert ending.point("p002").reasons[0].startswith("task-dies")
+
+
+def write_stop(campaign: WorldCampaign, url: str, sequence: int) -> None:
     """Another Modbus client's FADE_STOP: registers 300 and 301 of device 1, as bytes."""
     host, port = url.removeprefix("modbus-tcp://").split(":")
     values = struct.pack(">2H", Command.FADE_STOP, sequence)
     pdu = struct.pack(">BBHHB", 1, 16, 300, 2, len(values)) + values
-    with socket.create_connection((host, int(port)), timeout=5.0) as client:
-        client.sendall(struct.pack(">3H", 7, 0, len(pdu)) + pdu)
-        assert client.recv(64)[7] == 16
+    client = campaign.stage.machine.connect((host, int(port)), timeout=5.0)
+    client.sendall(struct.pack(">3H", 7, 0, len(pdu)) + pdu)
+    assert client.recv(64)[7] == 16
+    client.close()
 
 
 @pytest.mark.parametrize("speed", [1.0, 5.0])
-def test_another_clients_stop_ends_the_campaign_and_nothing_starts_after_it(start: Start, speed: float) -> None:
-    campaign = start(speed=speed, matrix=TWO_POINTS)
-    campaign.wait_for("START")
-    campaign.run_on(1.2)
+def test_another_clients_stop_ends_the_campaign_and_nothing_starts_after_it(
+    begin_world: BeginWorld, speed: float
+) -> None:
+    campaign = begin_world(speed=speed)
+    campaign.move(1.2)
     bench = tomllib.loads((campaign.folder / "bench.toml").read_text(encoding="utf-8"))
-    write_stop(bench["actuator"]["url"], 40_000)
+    campaign.do(lambda: write_stop(campaign, bench["actuator"]["url"], 40_000))
     ending = campaign.finish()
     assert ending.exit_code == 4, ending.said
     assert (ending.answer["stopped_by"], ending.answer["rig_state"]) == ("second-master", "safe")
     assert len(ending.truth.all("START")) == 1
     assert ending.verdicts() == {"p001": "invalid", "p002": "not run"}
+
+
+# On real processes
 
 
 def on_a_terminal(tmp_path: Path) -> tuple[subprocess.Popen[bytes], int, Path]:
@@ -112,6 +133,7 @@ def on_a_terminal(tmp_path: Path) -> tuple[subprocess.Popen[bytes], int, Path]:
     return process, ours, out
 
 
+@pytest.mark.wire
 def test_a_terminal_that_is_closed_stops_the_rig_and_the_exit_code_says_so(tmp_path: Path) -> None:
     process, ours, out = on_a_terminal(tmp_path)
     shown = bytearray()
@@ -138,6 +160,7 @@ def test_a_terminal_that_is_closed_stops_the_rig_and_the_exit_code_says_so(tmp_p
     assert (result["stopped_by"], result["rig_state"]) == ("sigterm", "safe")
 
 
+@pytest.mark.wire
 def test_a_display_that_nobody_reads_does_not_keep_the_operator_from_stopping(tmp_path: Path) -> None:
     matrix, out = tmp_path / "matrix.toml", tmp_path / "out"
     matrix.write_text(LONG_SECOND_POINT, encoding="utf-8")
@@ -164,6 +187,7 @@ def test_a_display_that_nobody_reads_does_not_keep_the_operator_from_stopping(tm
     assert [line["slug"] for line in read_log(campaign.folder) if line.get("what") == "trip"] == ["sigint"]
 
 
+@pytest.mark.wire
 def test_ctrl_c_is_told_as_what_it_is_and_how_to_go_on(in_motion: InMotion) -> None:
     campaign = in_motion()
     campaign.process.send_signal(signal.SIGINT)
@@ -180,6 +204,7 @@ def test_ctrl_c_is_told_as_what_it_is_and_how_to_go_on(in_motion: InMotion) -> N
     assert [stop["slug"] for stop in answer["confirmed"]] == ["sigint"]
 
 
+@pytest.mark.wire
 def test_after_an_e_stop_a_campaign_is_only_resumed_once_the_specimen_is_requalified(run_wired: Run) -> None:
     ending = run_wired("estop@5")
     assert ending.exit_code == 4, ending.said

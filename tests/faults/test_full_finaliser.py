@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 from matrices import LONG_SECOND_POINT
-from process_faults import FULL_AT_BYTES
 from watched_campaign import assert_completed, wait_until
 
 from simulators.controller_firmware import State
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.wire
 
-SMALLER_THAN_ANY_FILE = FULL_AT_BYTES // 8
+SMALLER_THAN_ANY_FILE = 1 << 13
 
 
 def family(root: int) -> list[int]:
@@ -27,7 +26,6 @@ def family(root: int) -> list[int]:
     return [root, *(pid for child in children for pid in family(int(child)))]
 
 
-@pytest.mark.row("disk-full")
 def test_a_disk_that_is_full_for_the_files_of_points_loses_none_of_them(in_motion: InMotion) -> None:
     """The journals are there; when there is room again, the campaign goes on from all of them."""
     campaign = in_motion(seconds=1.0, matrix=LONG_SECOND_POINT)

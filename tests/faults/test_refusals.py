@@ -7,23 +7,19 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
 from matrices import LONG_SECOND_POINT, TWO_POINTS
 from process_faults import signalled
-from watched_campaign import assert_completed, resumed, told
-
-from simulators.controller_firmware import State
+from watched_campaign import resumed, told
+from world_campaign import Setting
 
 if TYPE_CHECKING:
-    from conftest import InMotion, Start
-
-pytestmark = pytest.mark.wire
+    from conftest import InMotion
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-@pytest.mark.row("dir-readonly")
+@pytest.mark.wire
 @pytest.mark.parametrize("place", ["/sys/runs", "file/runs"])
 def test_a_folder_that_cannot_be_written_is_refused_before_a_rig_is_touched(tmp_path: Path, place: str) -> None:
     matrix = tmp_path / "matrix.toml"
@@ -35,7 +31,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_a_rig_is_touched(tmp_
     assert (tmp_path / "file").read_text(encoding="utf-8") == "in the way"
 
 
-@pytest.mark.row("two-instances")
+@pytest.mark.wire
 def test_a_second_campaign_on_a_rig_is_refused_and_the_first_goes_on(in_motion: InMotion, tmp_path: Path) -> None:
     matrix, elsewhere = tmp_path / "second.toml", tmp_path / "elsewhere"
     matrix.write_text(TWO_POINTS, encoding="utf-8")
@@ -53,25 +49,24 @@ def test_a_second_campaign_on_a_rig_is_refused_and_the_first_goes_on(in_motion: 
     assert len(ending.truth.all("START")) == 2
 
 
-@pytest.mark.row("matrix-changed")
 def test_a_changed_matrix_or_bench_is_not_resumed_and_a_double_id_not_loaded(
-    in_motion: InMotion, tmp_path: Path
+    moving: InMotion, tmp_path: Path
 ) -> None:
-    ending = signalled(in_motion(), signal.SIGINT)
+    campaign = moving()
+    ending = signalled(campaign, signal.SIGINT)
     matrix = ending.folder / "matrix.toml"
     text = matrix.read_text(encoding="utf-8")
     matrix.write_text(text.replace('"20 mm"', '"25 mm"'), encoding="utf-8")
-    code, answer = resumed(ending.folder)
+    code, answer = campaign.resumed()
     assert (code, answer["slug"]) == (3, "matrix-changed")
     matrix.write_text(text + "# a remark changes nothing\n", encoding="utf-8")
     bench = ending.folder / "bench.toml"
     changed = bench.read_text(encoding="utf-8").replace('force = "5000 N"', 'force = "6000 N"')
     (tmp_path / "bench.toml").write_text(changed, encoding="utf-8")
     assert changed != bench.read_text(encoding="utf-8")
-    code, answer = resumed(ending.folder, "--bench", str(tmp_path / "bench.toml"))
+    code, answer = campaign.resumed(bench_path=tmp_path / "bench.toml")
     assert (code, answer["slug"]) == (3, "bench-changed")
-    assert not (ending.folder / "truth-session1.h5").exists(), "no further rig was started"
-    assert_completed(ending.folder)
+    campaign.assert_completed()
     double = tmp_path / "double.toml"
     point = '[[point]]\nid = "p001"\namplitude = "20 mm"\nfrequency = "2 Hz"\ncurrent = "0 A"\n'
     double.write_text(text + point, encoding="utf-8")
@@ -81,7 +76,6 @@ def test_a_changed_matrix_or_bench_is_not_resumed_and_a_double_id_not_loaded(
     assert not (tmp_path / "double").exists()
 
 
-@pytest.mark.row("matrix-infeasible")
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -104,7 +98,6 @@ def test_a_matrix_beyond_the_rig_is_refused_whole_and_names_point_and_reason(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.row("config-absurd")
 @pytest.mark.parametrize(
     ("good", "absurd"),
     [
@@ -133,22 +126,10 @@ def test_an_absurd_bench_is_refused_with_key_and_value_before_anything_is_connec
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.row("wrong-damper")
-def test_a_damper_stronger_than_its_prior_is_refused_before_the_matrix_moves(start: Start) -> None:
-    ending = start("--fault", "wrong-damper").finish()
-    assert (ending.exit_code, ending.answer["stopped_by"]) == (3, "wrong-damper")
-    assert set(ending.verdicts().values()) == {"not run"}
-    assert not list((ending.folder / "points").iterdir())
-    assert not ending.truth.all("START")
-    assert np.ptp(ending.truth.displacement_m) < 5e-3
-    assert np.abs(ending.truth.current_A).max() < 0.05
-    assert ending.truth.state[-1] == State.OFF
-
-
-@pytest.mark.row("wrong-damper")
-def test_another_damper_than_the_first_sessions_is_not_resumed(in_motion: InMotion) -> None:
-    ending = signalled(in_motion(), signal.SIGINT)
-    code, answer = resumed(ending.folder, "--", "--option", "damper.values.F0=-150.0")
+def test_another_damper_than_the_first_sessions_is_not_resumed(moving: InMotion) -> None:
+    campaign = moving()
+    signalled(campaign, signal.SIGINT)
+    code, answer = campaign.resumed(Setting(simulator=("--option", "damper.values.F0=-150.0")))
     assert (code, answer["stopped_by"]) == (3, "wrong-damper")
     assert answer["valid"] == 1, "what was finished is kept"
-    assert_completed(ending.folder)
+    campaign.assert_completed()

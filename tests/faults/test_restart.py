@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import json
 import signal
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import h5py
 import pytest
+from end_states import assert_stopped
 from watched_campaign import FINISH_S, resumed
 
 if TYPE_CHECKING:
-    from conftest import Run, Start
+    from conftest import BeginWorld, Run, Start
     from watched_campaign import Campaign, Ending
 
-pytestmark = pytest.mark.wire
-
-Judge = Callable[..., None]
 
 POINTS = """
 format = 1
@@ -72,22 +69,22 @@ def test_a_hot_ecu_is_left_to_cool_down_before_the_point_is_repeated(run: Run) -
 
 
 @pytest.mark.parametrize("slug", ["ecu-silent", "serial-garbage"])
-def test_a_fault_that_stays_is_not_restarted_into(run: Run, assert_stopped: Judge, slug: str) -> None:
+def test_a_fault_that_stays_is_not_restarted_into(run: Run, slug: str) -> None:
     ending = run(f"{slug}@6.3", matrix=POINTS)
     assert_stopped(ending, slug)
     assert len(ending.truth.all("START")) == 2
 
 
-def test_a_row_that_wants_the_operator_is_never_restarted_by_itself(run: Run, assert_stopped: Judge) -> None:
+def test_a_row_that_wants_the_operator_is_never_restarted_by_itself(run: Run) -> None:
     ending = run("can-foreign@6.3+0.3", matrix=POINTS)
     assert_stopped(ending, "can-foreign")
     assert len(ending.truth.all("START")) == 2
 
 
-def test_ctrl_c_during_an_automatic_stop_ends_the_campaign(start: Start) -> None:
-    campaign = start("--fault", "ecu-crc@6.3+0.5", matrix=POINTS, speed=2.0)
+def test_ctrl_c_during_an_automatic_stop_ends_the_campaign(begin_world: BeginWorld) -> None:
+    campaign = begin_world(simulator=("--fault", "ecu-crc@6.3+0.5"), matrix=POINTS, speed=2.0)
     campaign.wait_for("FADE_STOP")
-    campaign.process.send_signal(signal.SIGINT)
+    campaign.send(signal.SIGINT)
     ending = campaign.finish()
     assert (ending.exit_code, ending.answer["stopped_by"]) == (4, "ecu-crc")
     assert len(ending.truth.all("START")) == 2
@@ -105,6 +102,7 @@ def stopped_in_point_2(start: Start) -> Campaign:
     return campaign
 
 
+@pytest.mark.wire
 def test_a_resumed_simulated_campaign_has_its_specimen_and_seed_and_equals_an_undisturbed_one(
     start: Start, run: Run
 ) -> None:
@@ -124,6 +122,7 @@ def test_a_resumed_simulated_campaign_has_its_specimen_and_seed_and_equals_an_un
         assert file["entry/provenance"].attrs["seed"] == 1
 
 
+@pytest.mark.wire
 def test_a_campaign_killed_before_its_rig_was_known_is_resumed_whole(start: Start) -> None:
     campaign = start(matrix=POINTS)
     description = campaign.folder / "campaign.json"

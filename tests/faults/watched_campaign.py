@@ -139,6 +139,10 @@ class Campaign:
         """Process id of the station."""
         return self.child("rig.station")
 
+    def assert_completed(self) -> None:
+        """Resuming through the command finishes the campaign (`assert_completed`)."""
+        assert_completed(self.folder)
+
     def finish(self, stopped_from_ns: int | None = None) -> Ending:
         """Wait for the end."""
         said, errors = self.process.communicate(timeout=FINISH_S)
