@@ -176,9 +176,9 @@ def test_a_killed_application_leaves_the_station_to_stop_the_rig_and_the_truth_i
     assert truth.state[-1] == State.OFF
 
 
-def started_rig(folder: Path) -> tuple[subprocess.Popen[str], Path]:
+def started_rig(folder: Path, *arguments: str) -> tuple[subprocess.Popen[str], Path]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "simulators", "--speed", "5", "--truth", str(folder / "hand.h5")],
+        [sys.executable, "-m", "simulators", "--speed", "5", "--truth", str(folder / "hand.h5"), *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
@@ -187,11 +187,12 @@ def started_rig(folder: Path) -> tuple[subprocess.Popen[str], Path]:
     return process, Path(process.stdout.readline().strip())
 
 
+@pytest.mark.parametrize("arguments", [("--actuator", "rtu"), ("--ports", "socket")], ids=["rtu", "sockets"])
 @pytest.mark.wire
-def test_a_rig_started_by_hand_runs_the_same_job(
-    start_campaign: Start, tmp_path: Path
+def test_a_rig_started_by_hand_on_other_wires_runs_the_same_job(
+    start_campaign: Start, tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
-    rig, bench = started_rig(tmp_path)
+    rig, bench = started_rig(tmp_path, *arguments)
     try:
         campaign = start_campaign(MATRIX, bench=bench)
         assert campaign.finish() == 0
