@@ -17,6 +17,7 @@ from rig.errors import EXIT_REFUSED
 pytestmark = pytest.mark.wire
 
 WITHOUT_TRUTH_S = 30.0
+PATIENCE_S = 170.0
 MATRIX = """format = 1
 [specimen]
 serial_number = "MR-001"
