@@ -14,10 +14,10 @@ from rig.campaign import resume
 from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.runner import Runner
-from rig.campaign.machine_resources import locked, station_in_use
+from rig.campaign.machine_resources import station_in_use
 from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
-from rig.campaign.preflight.zero_return import zeros_returned
+from rig.campaign.preflight.rest_check import zeros_returned
 from rig.campaign.results import CampaignOptions, CampaignResult, Display, PointResults, RigState, StopReport
 from rig.campaign.resume import Stock
 from rig.campaign.setup import (
@@ -87,7 +87,6 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         start = _Start(folder, matrix, bench, accepted(matrix, bench, folder), options, stock)
         _describe(start, rig.bench_path)
         _show_start(start, log, shown)
-        locks = locks or ends.enter_context(locked(bench))
         signals.check()
         ended = _run(start, locks, log, finaliser, signals, shown)
         if ended.rig_state is RigState.UNKNOWN:

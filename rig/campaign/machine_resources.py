@@ -281,12 +281,12 @@ def station_in_use(
         bench: the bench.
         matrix: the matrix, for the specimen.
         folder: the campaign's directory.
-        locks: of the bench's devices; the station inherits them.
+        locks: of the bench's devices, where they are held already; the station inherits them.
 
     Raises:
-        Refused: it does not start.
+        Refused: it does not start, or another campaign holds a device (`locked`).
     """
-    with ring_path_for(folder.name) as ring_path:
+    with contextlib.nullcontext(locks) if locks else locked(bench) as locks, ring_path_for(folder.name) as ring_path:
         config = station_config(bench, matrix, ring_path)
         try:
             client = StationClient.start(config, folder, inherited=locks)

@@ -156,6 +156,7 @@ def operator_link(display: Display) -> Iterator[tuple[Signals, GuardedDisplay]]:
     shown = GuardedDisplay(display)
     try:
         with operator_signals() as signals:
+            shown.phase("preparing")
             yield signals, shown
     finally:
         shown.close(DISPLAY_ENDS_S)

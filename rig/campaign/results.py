@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -11,10 +11,13 @@ from typing import Any, Protocol
 
 from rig.campaign.stop_cause import StopCause
 from rig.campaign.words import say
-from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_UNKNOWN_STATE, FileProblem
 from rig.matrix.plan import Plan
 from rig.matrix.point import TestPoint
-from rig.recording.quality.verdict import Kind, Reason, blamed
+from rig.recording.conversion.delay_correction import finished, write_verdict
+from rig.recording.quality.instrument_checks import ZERO_RETURN
+from rig.recording.quality.verdict import Kind, Reason, blamed, suspect
+from rig.recording.recorded_point import RecordedPoint
 
 WARMING_UP = "warming up"
 NOT_RUN = "not run"
@@ -302,6 +305,32 @@ class PointResults:
         for point_id, result in self.results.items():
             if result.file == file:
                 self.results[point_id] = replace(result, verdict=verdict, reasons=tuple(reasons), quality=quality)
+
+    def doubted(
+        self, findings: Sequence[CampaignFinding], warn: Callable[[str], None], earlier: Iterable[PointResult] = ()
+    ) -> None:
+        """Make the session's valid points suspect for what the rest after its motion showed, in their files too.
+
+        Args:
+            findings: what has drifted; without any nothing is touched.
+            warn: told of a file that could not be written; its point then stays as it was judged.
+            earlier: points of earlier sessions, which were measured between other rests.
+        """
+        reasons = [suspect(ZERO_RETURN, finding.text, **finding.values) for finding in findings]
+        others = {result.file for result in earlier}
+        files = [
+            result.file for result in self.results.values()
+            if result.file is not None and result.file not in others and result.file.is_file()
+        ]
+        for file in files if reasons else ():
+            try:
+                judged = RecordedPoint.open(file, whole=False).quality.verdict.replaced({ZERO_RETURN}, reasons)
+                write_verdict(file, judged, "load cell and LVDT at rest after the session's motion")
+                told = finished(RecordedPoint.open(file, whole=False))
+            except (FileProblem, OSError) as error:
+                warn(f"{file.name} does not say that a zero did not return: {error}")
+                continue
+            self.mended(file, told.verdict, told.reasons, told.quality)
 
     def given_up(self, point: TestPoint, cause: StopCause) -> PointResult:
         """Enter a point that could not be begun or whose file could not be written."""

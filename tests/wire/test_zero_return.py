@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from simulated_campaign import simulated
 
-from rig.campaign.preflight.zero_return import read_zero_checks
+from rig.campaign.preflight.rest_check import read_zero_checks
 
 MATRIX = """
 format = 1

@@ -2,7 +2,7 @@
 
 The observer keeps the last value of every channel and at most one thing that is waited for. It reads no clock: the
 controller's clock comes with its status (`device_us` of the channel STATE), arrival times with the records. What the
-displacement sensor saw of a program is measured while it runs.
+displacement sensor saw of a program is measured while it runs, and its cycles are compared with those before.
 """
 
 from __future__ import annotations
@@ -19,12 +19,15 @@ from numpy.typing import NDArray
 from drivers.ring import Channel
 from drivers.roles import Input
 from drivers.roles import State as ControllerState
+from protocols.quality import Quality
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.event import MeasuredMotion
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE, good_values
+from rig.signals.arrays import FloatArray
 from rig.signals.clock_model import unwrapped
 from rig.signals.cycles import measured_motion
+from rig.signals.load_train import CURRENT_APART_A, EDGE_MODULUS, CycleTrack, LoadTrain
 
 SETTLED_SAMPLES = 3
 AT_CENTRE_M = 0.5e-3
@@ -34,6 +37,8 @@ STILL_M = 0.2e-3
 
 SAMPLED = (*range(Channel.FORCE, Channel.AUXILIARY_7 + 1), Channel.COIL_CURRENT)
 """Channels of the sensors, and the coil current: what a point's measurement is made of."""
+
+CYCLE_EDGES = {Channel.FORCE_EDGE: Channel.FORCE, Channel.DISPLACEMENT_EDGE: Channel.DISPLACEMENT}
 
 LIVE = {
     "position_m": Channel.DISPLACEMENT,
@@ -128,6 +133,7 @@ class Observer:
         held_ns: when the last status arrived if it says that the controller holds; else 0.
         cycles_done: whole cycles done of the program last awaited, ramps included; 0 until it was seen.
         wait: what finds the awaited fact in new records; None while nothing is waited for.
+        load_train_change: what the newest records tell of a load train that gives way; None where they do not.
     """
 
     last: dict[int, float] = field(default_factory=dict)
@@ -136,6 +142,8 @@ class Observer:
     held_ns: int = 0
     cycles_done: int = 0
     wait: Wait | None = None
+    load_train_change: str | None = None
+    _load_train: LoadTrainWatch = field(default_factory=lambda: LoadTrainWatch())
 
     def observe(self, block: RecordBlock) -> ev.Event | None:
         """Take new records of the ring.
@@ -143,6 +151,7 @@ class Observer:
         Returns:
             The awaited fact when these records establish it; it is reported once.
         """
+        self.load_train_change = self._load_train.watch(block)
         if len(block) == 0:
             return None
         newest = block.newest
@@ -260,6 +269,77 @@ class Observer:
 
     def _near(self, target_m: float) -> bool:
         return abs(self.last.get(Channel.POSITION, math.nan) - target_m) <= AT_CENTRE_M
+
+
+class LoadTrainWatch:
+    """Cuts the ring's records into cycles, by the pulse that every sensor latches in its own clock, and compares them.
+
+    Cycles with lost samples are not compared.
+    """
+
+    def __init__(self) -> None:
+        self._tracks = {
+            channel: CycleTrack(_clocked) for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.SERVO_ERROR)
+        }
+        self._load_train = LoadTrain()
+        self._next: int | None = None
+        self._current_A = math.nan
+
+    def watch(self, block: RecordBlock) -> str | None:
+        """Take new records of the ring.
+
+        Returns:
+            What changed, when a cycle differs from those before it.
+        """
+        self._sort(block)
+        while self._next is not None:
+            force, displacement, servo_error = (track.between(self._next) for track in self._tracks.values())
+            if force is None or displacement is None:
+                if not self._overtaken(self._next):
+                    return None
+                self._load_train.forget()
+                self._next += 1
+                continue
+            change = self._load_train.change(force, displacement, servo_error)
+            self._next += 1
+            for track in self._tracks.values():
+                track.forget_before(self._next)
+            if change is not None:
+                return change
+        return None
+
+    def _sort(self, block: RecordBlock) -> None:
+        for channel, track in self._tracks.items():
+            if channel in block:
+                track.take(block.of(channel).tobytes())
+        for edge, channel in CYCLE_EDGES.items():
+            for record in block.of(edge):
+                self._tracks[channel].mark(int(record["sequence"]), float(record["device_us"]))
+                if self._next is None:
+                    self._next = int(record["sequence"]) % EDGE_MODULUS
+        for record in block.of(Channel.PULSE):
+            self._tracks[Channel.SERVO_ERROR].mark(int(record["value"]), float(record["device_us"]))
+        commanded_A = block.of(Channel.COMMANDED_CURRENT)["value"]
+        # What is measured beside the command has a detector of its own.
+        measured_A = block.of(Channel.COIL_CURRENT)["value"]
+        changed = bool(np.any(commanded_A != self._current_A))
+        self._current_A = float(commanded_A[-1]) if changed else self._current_A
+        if changed or np.any(np.abs(measured_A - self._current_A) > CURRENT_APART_A):
+            self._load_train.current_changed(self._current_A)
+
+    def _overtaken(self, edge: int) -> bool:
+        """The cycle from this edge on will not be completed: every channel is already at a later one."""
+        newest = [next(reversed(self._tracks[channel].edges), None) for channel in CYCLE_EDGES.values()]
+        ahead = [0 if last is None else (last - edge) % EDGE_MODULUS for last in newest]
+        return all(1 < lead < EDGE_MODULUS // 2 for lead in ahead)
+
+
+def _clocked(raw: bytearray) -> tuple[FloatArray, FloatArray]:
+    """Device times (n,), us, and values (n,) of the good samples among raw records; one that waited in its port is."""
+    records = np.frombuffer(raw, RECORD_DTYPE)
+    good = np.isfinite(records["value"]) & ((records["flags"] & ~np.uint16(Quality.STALE)) == 0)
+    records = records[good & (records["device_us"] >= 0)]
+    return records["device_us"].astype(float), records["value"]
 
 
 def _since(records: NDArray[Any], since_ns: int) -> NDArray[np.float64]:

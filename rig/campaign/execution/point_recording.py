@@ -182,8 +182,7 @@ class PointRecording:
                     if enough() or monotonic_ns() > deadline_ns:
                         self.handed_in.pop(name)
                         self.give_up(point, because("not-written", "file-unfinished"))
-        results = self.campaign.results.results
-        if all(name in results for name in self.campaign.point_ids) and not enough():
+        if self.campaign.results.results.keys() >= set(self.campaign.point_ids) and not enough():
             self._bring_to_one_skew(enough)
 
     def _bring_to_one_skew(self, enough: _Enough) -> None:

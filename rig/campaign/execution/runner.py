@@ -23,7 +23,6 @@ import numpy as np
 from drivers.ring import Channel
 from rig.campaign.execution.action_executor import ActionExecutor, Outcome
 from rig.campaign.execution.campaign_context import CampaignContext
-from rig.campaign.execution.load_train import LoadTrainWatch
 from rig.campaign.execution.observer import LIVE
 from rig.campaign.operator_link import Signals
 from rig.campaign.preflight.proof_move import Baseline
@@ -86,7 +85,6 @@ class Runner:
         self._turn_ns = self._beat_ns = self._progress_ns = 0
         self._recorder_well = True
         self._wall_clock = WallClockWatch()
-        self._load_train = LoadTrainWatch()
 
     def run(self) -> State:
         """Run until the sequencer has ended and every recorded point is judged; returns the last state.
@@ -285,11 +283,13 @@ class Runner:
             self._campaign.results.start_temperature_degC = float(known_degC[0]) if len(known_degC) else None
         if self.state.phase is Phase.RUNNING:
             self.zeros.watch(block)
-        changed = self._load_train.watch(block)
+        observer = self._executor.observer
+        fact = observer.observe(block)
+        changed = observer.load_train_change
         # A friction test's force lies near the sensor's noise: from cycle to cycle it differs by more than a share.
         if changed is not None and self.state.phase is Phase.RUNNING and self.state.point.kind == "loop":
             self._fault_once(because("load-train", "said", text=changed), StopKind.PRESSURE_OFF)
-        return self._executor.observer.observe(block)
+        return fact
 
     def _watch_wall_clock(self) -> None:
         """Log a step of the wall clock; nothing here depends on it, but the times in names and journals do."""

@@ -1,10 +1,16 @@
-"""What a resting rig must show before it is armed (rows `not-tared`, `sensors-swapped`): values in, verdict out."""
+"""The rig at rest: what it must show before it is armed (rows `not-tared`, `sensors-swapped`), and again at the end.
+
+Load cell and LVDT are compared with the controller's own force and position inputs, before the first motion and when
+the rod rests at 0 A at the end. What has changed between makes the session's points suspect.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,28 +22,26 @@ from rig.bench.model import CHANGE_OF_ZERO, Bench
 from rig.bench.settings import StationConfig
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.observer import Observer
+from rig.campaign.results import CampaignFinding
 from rig.campaign.sequencer import event as ev
+from rig.campaign.setup import ZERO_CHECKS, note_zeros
 from rig.campaign.stop_cause import StopCause, because
+from rig.campaign.words import say
+from rig.errors import FileProblem
 from rig.matrix.plan import Plan
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.quality.point_quality import Tolerances
-from rig.signals.estimate import Estimate
+from rig.recording.run import read_campaign
+from rig.signals.arrays import FloatArray
+from rig.signals.rest import FEWEST_SAMPLES, SURE, AtRest, RestWindow, Spread, ZeroDrift
 
-FEWEST_SAMPLES = 10
 REST_FORCE_SHARE = 0.20
 REST_FORCE_NOISE_SHARE = 0.02
 REST_DISPLACEMENT_NOISE_M = 0.5e-3
 MIRRORED_SHARE = 0.05
-CONTROLLER_NOISE_SHARE = 0.001
-"""Of the load cell's range: what a single reading of the controller's coarse force input is taken to scatter by."""
-FEWEST_FOR_SCATTER = 5
-SURE = 5.0
-"""Standard errors by which a difference at rest is more than noise."""
-BLOCKS = 5
 REST_WINDOW_S = 0.5
 STATUSES_AT_REST = 10
 """A fast rig's window is over after one or two, which say little of the controller's own noisy force input."""
-CURRENT_NOISE_A = 0.002
 
 
 @dataclass(frozen=True)
@@ -83,107 +87,41 @@ def tolerances_of(bench: Bench, plan: Plan) -> Tolerances:
 
 def rest_limits(bench: Bench, config: StationConfig, zero_N: float) -> RestLimits:
     """What a resting rig is compared with; `zero_N` is the tolerance between the two force inputs."""
+    cell, lvdt = bench.load_cell, bench.lvdt
     return RestLimits(
-        force_N=config.limits.force_N,
-        position_min_m=bench.limits.position_m[0],
-        position_max_m=bench.limits.position_m[1],
-        disagreement_m=config.disagreement_m,
-        range_N=bench.load_cell.range_N,
-        zero_N=zero_N,
-        current_zero_A=bench.checks.current_zero_A,
-        force_per_wire=bench.load_cell.sensitivity,
-        displacement_per_wire=bench.lvdt.sensitivity,
-        force_offset_N=bench.load_cell.offset,
-        displacement_offset_m=bench.lvdt.offset,
+        force_N=config.limits.force_N, position_min_m=bench.limits.position_m[0],
+        position_max_m=bench.limits.position_m[1], disagreement_m=config.disagreement_m, range_N=cell.range_N,
+        zero_N=zero_N, current_zero_A=bench.checks.current_zero_A, force_per_wire=cell.sensitivity,
+        displacement_per_wire=lvdt.sensitivity, force_offset_N=cell.offset, displacement_offset_m=lvdt.offset,
     )
 
 
-@dataclass(frozen=True)
-class AtRest:
-    """Samples of the rest window.
-
-    Attributes:
-        force_N: of the load cell, (n,).
-        displacement_m: of the LVDT, (m,).
-        position_m: the controller's own position, (k,).
-        controller_force_N: the controller's own coarse force input, (k,).
-        force_flagged, displacement_flagged: how many samples the sensor itself says are overloaded, faulty or none.
-        current_A: what the ECU reports of the coil, whose output stage is off, (j,).
-    """
-
-    force_N: NDArray[np.float64]
-    displacement_m: NDArray[np.float64]
-    position_m: NDArray[np.float64]
-    controller_force_N: NDArray[np.float64]
-    force_flagged: int = 0
-    displacement_flagged: int = 0
-    current_A: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-
-    @classmethod
-    def of(cls, window: NDArray[Any]) -> AtRest:
-        """Of the records (n,) of a rest window."""
-        channels = (
-            Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE, Channel.COIL_CURRENT,
-        )
-        force_N, displacement_m, position_m, controller_force_N, current_A = (
-            window["value"][window["channel"] == channel].astype(np.float64) for channel in channels
-        )
-        force_flagged, displacement_flagged = (
-            int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(NO_VALUE)))
-            for channel in (Channel.FORCE, Channel.DISPLACEMENT)
-        )
-        return cls(
-            force_N, displacement_m, position_m, controller_force_N, force_flagged, displacement_flagged, current_A
-        )
-
-    def exchanged(self, limits: RestLimits) -> AtRest:
-        """What the same bytes mean when each port carries the other sensor."""
-        force_wire = (self.force_N + limits.force_offset_N) / limits.force_per_wire
-        displacement_wire = (self.displacement_m + limits.displacement_offset_m) / limits.displacement_per_wire
-        return AtRest(
-            displacement_wire * limits.force_per_wire - limits.force_offset_N,
-            force_wire * limits.displacement_per_wire - limits.displacement_offset_m,
-            self.position_m,
-            self.controller_force_N,
-            current_A=self.current_A,
-        )
-
-    @property
-    def force_zero(self) -> Estimate:
-        """The load cell's mean (N); its standard error from blocks of the window, which see drift and hum too."""
-        return _mean(self.force_N, 0.0)
-
-    def force_difference(self, range_N: float) -> Estimate:
-        """By how much the load cell shows more than the controller's own force input (N)."""
-        floor_N = CONTROLLER_NOISE_SHARE * range_N if len(self.controller_force_N) < FEWEST_FOR_SCATTER else 0.0
-        cell, coarse = self.force_zero, _mean(self.controller_force_N, floor_N)
-        return Estimate(cell.value - coarse.value, math.hypot(cell.std, coarse.std))
-
-    @property
-    def current_zero(self) -> Estimate | None:
-        """What the ECU reports while its output stage is off (A); None without a report."""
-        known = self.current_A[np.isfinite(self.current_A)]
-        return _mean(known, CURRENT_NOISE_A) if len(known) else None
-
-    def numbers(self, range_N: float) -> dict[str, float]:
-        """What a point's file tells of the rest before the first motion, by attribute of `/entry/quality`."""
-        zero, difference, current = self.force_zero, self.force_difference(range_N), self.current_zero
-        values = {
-            "rest_force_N": zero.value, "force_zero_std_N": zero.std, "rest_force_difference_N": difference.value,
-            "rest_force_difference_std_N": difference.std,
-        }
-        if current is not None:
-            values |= {"rest_current_A": current.value, "rest_current_std_A": current.std}
-        return values
+def samples_at_rest(window: NDArray[Any]) -> AtRest:
+    """The samples among the records (n,) of a rest window."""
+    channels = (
+        Channel.FORCE, Channel.DISPLACEMENT, Channel.POSITION, Channel.CONTROLLER_FORCE, Channel.COIL_CURRENT,
+    )
+    force_N, displacement_m, position_m, controller_force_N, current_A = (
+        window["value"][window["channel"] == channel].astype(np.float64) for channel in channels
+    )
+    force_flagged, displacement_flagged = (
+        int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(NO_VALUE)))
+        for channel in (Channel.FORCE, Channel.DISPLACEMENT)
+    )
+    return AtRest(
+        force_N, displacement_m, position_m, controller_force_N, force_flagged, displacement_flagged, current_A
+    )
 
 
-def _mean(values: NDArray[np.float64], floor: float) -> Estimate:
-    """Mean of samples (n,) and its standard error: of single samples, or of blocks of them where that is larger."""
-    count = len(values)
-    scatter = max(float(np.std(values, ddof=1)) if count > 1 else 0.0, floor)
-    blocks = [float(np.mean(block)) for block in np.array_split(values, BLOCKS)] if count >= 2 * BLOCKS else []
-    slow = float(np.std(blocks, ddof=1)) / math.sqrt(BLOCKS) if blocks else 0.0
-    return Estimate(float(np.mean(values)), max(scatter / math.sqrt(count), slow))
+def exchanged(seen: AtRest, limits: RestLimits) -> AtRest:
+    """What the same bytes mean when each port carries the other sensor."""
+    force_wire = (seen.force_N + limits.force_offset_N) / limits.force_per_wire
+    displacement_wire = (seen.displacement_m + limits.displacement_offset_m) / limits.displacement_per_wire
+    return AtRest(
+        displacement_wire * limits.force_per_wire - limits.force_offset_N,
+        force_wire * limits.displacement_per_wire - limits.displacement_offset_m,
+        seen.position_m, seen.controller_force_N, current_A=seen.current_A,
+    )
 
 
 def judge_rest(seen: AtRest, limits: RestLimits) -> StopCause | None:
@@ -208,7 +146,7 @@ def judge_rest(seen: AtRest, limits: RestLimits) -> StopCause | None:
     if cause is None:
         return None
     for what, explains in (
-        ("plugs", _first(seen.exchanged(limits), limits) is None),
+        ("plugs", _first(exchanged(seen, limits), limits) is None),
         ("force-sign", _mirrored(seen.force_N, seen.controller_force_N, limits.zero_N)),
         ("lvdt-sign", _mirrored(seen.displacement_m, seen.position_m, limits.disagreement_m)),
     ):
@@ -217,7 +155,7 @@ def judge_rest(seen: AtRest, limits: RestLimits) -> StopCause | None:
     return cause
 
 
-def _mirrored(shown: NDArray[np.float64], expected: NDArray[np.float64], allowed: float) -> bool:
+def _mirrored(shown: FloatArray, expected: FloatArray, allowed: float) -> bool:
     """Whether more is apart than allowed, and the other sign would explain nearly all of it.
 
     What it explains less of may be a zero that was not taken; near zero, noise alone has either sign.
@@ -273,64 +211,6 @@ def _outside(mean_m: float, limits: RestLimits) -> StopCause | None:
     return because("not-tared", "rest-position", value_mm=1e3 * mean_m, low_mm=low_mm, high_mm=high_mm)
 
 
-@dataclass(frozen=True)
-class Reading:
-    """One quantity over a rest window: mean and standard deviation (of a sample; SI) of `count` samples."""
-
-    mean: float
-    std: float
-    count: int
-
-    @classmethod
-    def of(cls, samples: NDArray[np.float64]) -> Reading:
-        """Of samples (n,); those that are not finite do not count."""
-        finite = samples[np.isfinite(samples)]
-        if len(finite) == 0:
-            return cls(math.nan, math.nan, 0)
-        std = float(np.std(finite, ddof=1)) if len(finite) > 1 else 0.0
-        return cls(float(np.mean(finite)), std, len(finite))
-
-
-@dataclass(frozen=True)
-class RestWindow:
-    """A resting rig as its instruments show it; the controller's own inputs are its `position_m` and force.
-
-    `force_flagged` and `displacement_flagged` count samples that the sensor itself calls overloaded or faulty.
-    """
-
-    force_N: Reading
-    displacement_m: Reading
-    position_m: Reading
-    controller_force_N: Reading
-    force_flagged: int = 0
-    displacement_flagged: int = 0
-
-    def to_json(self) -> dict[str, Any]:
-        """The fields by name, readings as objects."""
-        return asdict(self)
-
-
-def at_rest(seen: AtRest) -> RestWindow:
-    """The rest window of these samples."""
-    return RestWindow(
-        Reading.of(seen.force_N), Reading.of(seen.displacement_m), Reading.of(seen.position_m),
-        Reading.of(seen.controller_force_N), seen.force_flagged, seen.displacement_flagged,
-    )
-
-
-@dataclass
-class RestWindows:
-    """The rig at rest at both ends of a session.
-
-    Attributes:
-        start: before the rig was armed; None when it never came so far.
-        end: at the end, at 0 A and standstill; None when the end did not allow it.
-    """
-
-    start: RestWindow | None = None
-    end: RestWindow | None = None
-
-
 def watch_rest(observer: Observer, judge: Callable[[AtRest], ev.Event]) -> None:
     """Wait for what `judge` says of the next 0.5 s of the controller's clock, ten statuses at the least."""
     until_s = observer.device_s + REST_WINDOW_S if observer.device_s else math.nan
@@ -347,9 +227,94 @@ def watch_rest(observer: Observer, judge: Callable[[AtRest], ev.Event]) -> None:
         window = np.concatenate(parts)
         if np.count_nonzero(window["channel"] == Channel.CONTROLLER_FORCE) < STATUSES_AT_REST:
             return None
-        return judge(AtRest.of(window))
+        return judge(samples_at_rest(window))
 
     observer.wait = wait
+
+
+@dataclass
+class ZeroReturn:
+    """Both rest windows of a session, and how much was measured between them.
+
+    Attributes:
+        start: before the rig was armed; None when it never came so far.
+        end: at the end, at 0 A and standstill; None when the end did not allow it.
+        peak_force_N: largest force while points ran.
+        peak_displacement_m: largest distance from the start's rest while points ran.
+        force_step_N, displacement_step_m: least difference of two samples: the sensors' resolution.
+    """
+
+    start: RestWindow | None = None
+    end: RestWindow | None = None
+    peak_force_N: float = 0.0
+    peak_displacement_m: float = 0.0
+    force_step_N: float = math.inf
+    displacement_step_m: float = math.inf
+
+    def watch(self, block: RecordBlock) -> None:
+        """Take records of a running point."""
+        if self.start is None:
+            return
+        force, displacement = (_spread(block.of(channel)) for channel in (Channel.FORCE, Channel.DISPLACEMENT))
+        if force is not None:
+            self.peak_force_N = max(self.peak_force_N, abs(force.lowest), abs(force.highest))
+            self.force_step_N = min(self.force_step_N, force.step)
+        if displacement is not None:
+            rest_m = self.start.displacement_m.mean
+            apart_m = max(abs(displacement.lowest - rest_m), abs(displacement.highest - rest_m))
+            self.peak_displacement_m = max(self.peak_displacement_m, apart_m)
+            self.displacement_step_m = min(self.displacement_step_m, displacement.step)
+
+    def findings(self) -> tuple[CampaignFinding, ...]:
+        """What has drifted by more than the tests allow; nothing where a window is missing."""
+        start, end = self.start, self.end
+        if start is None or end is None:
+            return ()
+        force = ZeroDrift(
+            (start.force_N, start.controller_force_N), (end.force_N, end.controller_force_N),
+            self.peak_force_N, self.force_step_N, end.force_flagged,
+        )
+        displacement = ZeroDrift(
+            (start.displacement_m, start.position_m), (end.displacement_m, end.position_m),
+            self.peak_displacement_m, self.displacement_step_m, end.displacement_flagged,
+        )
+        pairs = (
+            _drift_finding(force, ("load cell", "controller's force input"), "N", 1.0),
+            _drift_finding(displacement, ("LVDT", "controller's position input"), "mm", 1e3),
+        )
+        return tuple(finding for finding in pairs if finding is not None)
+
+    def to_json(self) -> dict[str, Any]:
+        """One entry of `zero_checks` in `campaign.json`; null where a window is missing."""
+        return {
+            "start": None if self.start is None else self.start.to_json(),
+            "end": None if self.end is None else self.end.to_json(),
+            "peak_force_N": self.peak_force_N,
+            "peak_displacement_m": self.peak_displacement_m,
+            "force_step_N": None if math.isinf(self.force_step_N) else self.force_step_N,
+            "displacement_step_m": None if math.isinf(self.displacement_step_m) else self.displacement_step_m,
+            "findings": [finding.to_json() for finding in self.findings()],
+        }
+
+
+def _spread(records: NDArray[Any]) -> Spread | None:
+    return Spread.of(records["value"][(records["flags"] & np.uint16(NO_VALUE)) == 0])
+
+
+def _drift_finding(
+    zero: ZeroDrift, instruments: tuple[str, str], unit: str, factor: float
+) -> CampaignFinding | None:
+    """The finding when sensor and controller's input agree less at the end than at the start; `factor` from SI."""
+    drifted = zero.significant()
+    if drifted is None:
+        return None
+    measured, own = instruments
+    text = say(
+        "drifted-apart", measured=measured, own=own, drift=factor * drifted.drift, limit=factor * drifted.limit,
+        peak=factor * zero.peak, unit=unit,
+    )
+    values = {**drifted._asdict(), "largest_measured": zero.peak}
+    return CampaignFinding("zero-drift", "bench", text, instruments, values)
 
 
 @dataclass
@@ -359,23 +324,23 @@ class RestCheck:
     Attributes:
         campaign: what the campaign works with; `at_rest` is entered here.
         observer: what follows the ring.
-        windows: where both rest windows are entered.
+        zeros: where both rest windows are entered.
     """
 
     campaign: CampaignContext
     observer: Observer
-    windows: RestWindows
+    zeros: ZeroReturn
 
     def begin(self, *, again: bool) -> None:
         """Wait for `ZerosJudged`; when `again`, at the end, for `ZerosReturned`."""
         watch_rest(self.observer, self._returned if again else self._judged)
 
     def _returned(self, seen: AtRest) -> ev.Event:
-        self.windows.end = self._written("end", seen)
+        self.zeros.end = self._written("end", seen)
         return ev.ZerosReturned()
 
     def _judged(self, seen: AtRest) -> ev.Event:
-        self.windows.start = self._written("start", seen)
+        self.zeros.start = self._written("start", seen)
         tolerances = tolerances_of(self.campaign.bench, self.campaign.plan)
         limits = rest_limits(self.campaign.bench, self.campaign.config, tolerances.force_zero_N)
         cause = judge_rest(seen, limits)
@@ -384,7 +349,7 @@ class RestCheck:
         return ev.ZerosJudged(cause)
 
     def _written(self, which: str, seen: AtRest) -> RestWindow:
-        shown = at_rest(seen)
+        shown = RestWindow.of(seen)
         self.campaign.log.note("rest", which=which, **shown.to_json())
         return shown
 
@@ -396,3 +361,39 @@ class RestCheck:
         temperatures = {name: self.observer.last.get(channel, math.nan) for name, channel in names.items()}
         cold = self.campaign.results.began_ns is None and all(map(math.isfinite, temperatures.values()))
         return temperatures if cold else {}
+
+
+def zeros_returned(zeros: ZeroReturn, campaign: CampaignContext) -> tuple[CampaignFinding, ...]:
+    """What the zeros show at a session's end, entered in `campaign.json`, in the points' files and in the books."""
+    findings = zeros.findings()
+    if zeros.start is not None:
+        try:
+            note_zeros(campaign.folder, zeros.to_json())
+        except (OSError, FileProblem) as error:
+            campaign.display.message("error", say("at-the-end", error=error))
+    warn = partial(campaign.display.message, "warning")
+    campaign.results.doubted(findings, warn, campaign.stock.results)
+    return findings
+
+
+def read_zero_checks(folder: Path) -> tuple[ZeroReturn, ...]:
+    """The zero checks of a campaign's sessions, oldest first.
+
+    Raises:
+        FileProblem: an entry is damaged.
+    """
+    checks = []
+    for entry in read_campaign(folder).get(ZERO_CHECKS, ()):
+        try:
+            start, end = (
+                None if entry[name] is None else RestWindow.from_json(entry[name]) for name in ("start", "end")
+            )
+            peaks = float(entry["peak_force_N"]), float(entry["peak_displacement_m"])
+            steps = (
+                math.inf if entry.get(name) is None else float(entry[name])
+                for name in ("force_step_N", "displacement_step_m")
+            )
+            checks.append(ZeroReturn(start, end, *peaks, *steps))
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileProblem(str(folder / "campaign.json"), [f"{ZERO_CHECKS}: {error!r}"]) from error
+    return tuple(checks)

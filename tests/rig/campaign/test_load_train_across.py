@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.ring import Channel
 from rig import dampers
-from rig.campaign.execution.load_train import LoadTrainWatch
+from rig.campaign.execution.observer import LoadTrainWatch
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE
 

@@ -14,10 +14,11 @@ from drivers.ring import Channel
 from drivers.roles import State
 from protocols.quality import Quality
 from rig.campaign.execution.observer import Observer, WantedMotion
-from rig.campaign.preflight.rest_check import AtRest, RestLimits, judge_rest, watch_rest
+from rig.campaign.preflight.rest_check import RestLimits, exchanged, judge_rest, watch_rest
 from rig.campaign.sequencer import event as ev
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE
+from rig.signals.rest import AtRest
 
 LIMITS = RestLimits(
     force_N=5000.0, position_min_m=-0.085, position_max_m=0.085, disagreement_m=0.005, range_N=10_000.0,
@@ -251,11 +252,11 @@ def test_a_rig_that_is_not_tared_or_not_at_rest_is_refused_by_name(shown: AtRest
 def test_exchanged_plugs_are_told_by_what_both_would_show_the_other_way_round(scale: float) -> None:
     limits = replace(LIMITS, displacement_per_wire=scale, force_offset_N=20.0, displacement_offset_m=1e-3)
     right = rest(force_N=-300.0)
-    swapped = right.exchanged(limits)
+    swapped = exchanged(right, limits)
     cause = judge_rest(swapped, limits)
     assert cause is not None
     assert cause.slug == "sensors-swapped"
-    assert judge_rest(swapped.exchanged(limits), limits) is None
+    assert judge_rest(exchanged(swapped, limits), limits) is None
 
 
 @pytest.mark.parametrize(

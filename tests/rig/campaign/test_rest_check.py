@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from rig.bench.model import Checks
-from rig.campaign.preflight.rest_check import AtRest, RestLimits, judge_rest
+from rig.campaign.preflight.rest_check import RestLimits, judge_rest
+from rig.signals.rest import AtRest
 
 RANGE_N = 10_000.0
 LIMITS = RestLimits(

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.campaign.preflight.zero_return import doubt_points
 from rig.campaign.results import CampaignFinding, PointResults
 from rig.matrix.point import TestPoint
 from rig.recording.conversion.delay_correction import judge_together
@@ -40,7 +39,7 @@ def books(folder: Path) -> PointResults:
 def test_every_point_of_the_session_is_doubted_and_none_of_an_earlier_one(tmp_path: Path) -> None:
     results = books(tmp_path)
     warned: list[str] = []
-    doubt_points(results, [FINDING], warned.append, [results.results["p001"]])
+    results.doubted([FINDING], warned.append, [results.results["p001"]])
     assert warned == []
     assert results.valid == 1
     assert results.results["p001"].verdict == "valid"
@@ -54,7 +53,7 @@ def test_every_point_of_the_session_is_doubted_and_none_of_an_earlier_one(tmp_pa
 
 def test_a_later_judgement_of_all_points_keeps_the_doubt(tmp_path: Path) -> None:
     results = books(tmp_path)
-    doubt_points(results, [FINDING], str)
+    results.doubted([FINDING], str)
     list(judge_together(tmp_path))
     assert {RecordedPoint.open(file).verdict for file in tmp_path.glob("*.h5")} == {"suspect"}
 
@@ -62,11 +61,11 @@ def test_a_later_judgement_of_all_points_keeps_the_doubt(tmp_path: Path) -> None
 def test_zeros_that_returned_touch_nothing_and_a_file_that_cannot_be_read_is_told(tmp_path: Path) -> None:
     results = books(tmp_path)
     before = (tmp_path / "p001.h5").read_bytes()
-    doubt_points(results, [], str)
+    results.doubted([], str)
     assert (tmp_path / "p001.h5").read_bytes() == before
     (tmp_path / "p002.h5").write_bytes(b"no HDF5")
     warned: list[str] = []
-    doubt_points(results, [FINDING], warned.append)
+    results.doubted([FINDING], warned.append)
     assert len(warned) == 1
     assert "p002.h5" in warned[0]
     assert results.results["p003"].verdict == "suspect"

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from drivers.ring import Channel
-from rig.campaign.preflight.rest_check import AtRest, at_rest
-from rig.campaign.preflight.zero_return import ZeroReturn, read_zero_checks
+from rig.campaign.preflight.rest_check import ZeroReturn, read_zero_checks
 from rig.errors import FileProblem
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.recording.layout import RECORD_DTYPE
+from rig.signals.rest import AtRest, RestWindow
 
 
 def rest(
@@ -35,13 +35,13 @@ def rest(
 def session(
     random: np.random.Generator, end: AtRest, peak_N: float = 1500.0, stroke_m: float = 0.02, statuses: int = 20
 ) -> ZeroReturn:
-    check = ZeroReturn(start=at_rest(rest(random, statuses=statuses)))
+    check = ZeroReturn(start=RestWindow.of(rest(random, statuses=statuses)))
     motion = np.linspace(0.0, 2.0 * np.pi, 400)
     records = np.zeros(800, RECORD_DTYPE)
     records["channel"] = np.repeat([Channel.FORCE, Channel.DISPLACEMENT], 400)
     records["value"] = np.concatenate((peak_N * np.cos(motion), stroke_m * np.sin(motion)))
     check.watch(RecordBlock(records))
-    check.end = at_rest(end)
+    check.end = RestWindow.of(end)
     return check
 
 
@@ -99,7 +99,7 @@ def test_a_stuck_load_cell_says_nothing_of_its_zero_and_a_coarse_one_does(step_N
     stuck = replace(stuck, force_N=np.full(50, value_N))
     assert session(random, stuck).findings() == ()
     check = session(random, stuck)
-    check.start = at_rest(replace(stuck, force_N=np.full(50, value_N + 560.0)))
+    check.start = RestWindow.of(replace(stuck, force_N=np.full(50, value_N + 560.0)))
     assert [finding.slug for finding in check.findings()] == ["zero-drift"]
 
 

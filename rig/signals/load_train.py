@@ -1,28 +1,25 @@
-"""Watches the load train: a crack or a loose joint changes a cycle against the ones before it.
+"""What changes in the load train, cycle against cycle: a crack or a loose joint, told from two signals of one motion.
 
-Cycles are cut by the controller's cycle pulse, which every sensor latches in its own clock. Each full cycle is compared
-with the median of up to three before it: slow changes (a warming damper) pass, a sudden one does not. Cycles of another
-amplitude or duration (ramps), with lost samples, with a sensor that stands still, or beside a change of the current are
-not compared. What a cycle may differ by is a share of it and several times what the sensors' own noise makes of it.
+Each full cycle is compared with the median of up to three before it: slow changes (a warming damper) pass, a sudden one
+does not. Cycles of another amplitude or duration (ramps), with a sensor that stands still, or beside a change of the
+current are not compared. What a cycle may differ by is a share of it and several times what the sensors' own noise
+makes of it.
 
-Beyond a point's beginning, where there is nothing to compare with, two things are known from the points before: whether
-the force rested at zero after its changes of sign (free play, whatever the current), and the least force that a damper
-shows which showed more of it at no higher current, on no longer stroke and at no higher speed.
+Beyond a motion's beginning, where there is nothing to compare with, two things are known from the motions before:
+whether the force rested at zero after its changes of sign (free play, whatever the current), and the least force that a
+damper shows which showed more of it at no higher current, on no longer stroke and at no higher speed.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import astuple, dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.ring import Channel
-from protocols.quality import Quality
-from rig.recording.journal.ring_reader import RecordBlock
-from rig.recording.layout import RECORD_DTYPE
+from rig.signals.arrays import FloatArray
 from rig.signals.loop_shape import noise_of, resting_travel_m
 
 REFERENCES = 3
@@ -53,8 +50,7 @@ KEPT_FORCE = 0.5
 """Heat and remanence change a damper's force by less."""
 CURRENT_APART_A = 0.1
 CYCLES_AFTER_CURRENT = 1
-_EDGES = {Channel.FORCE_EDGE: Channel.FORCE, Channel.DISPLACEMENT_EDGE: Channel.DISPLACEMENT}
-_EDGE_MODULUS = 256
+EDGE_MODULUS = 256
 _MOST_KEPT = 200_000
 _MOST_ASIDE_BYTES = 1 << 16
 _MOST_KNOWN = 500
@@ -114,29 +110,34 @@ class Known:
 class Samples(NamedTuple):
     """One channel in one cycle: phases (n,) from 0 to 1, values (n,), the cycle's duration on the channel's clock."""
 
-    phases: NDArray[np.float64]
-    values: NDArray[np.float64]
+    phases: FloatArray
+    values: FloatArray
     duration_us: float
 
-    def at(self, phases: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, phases: FloatArray) -> FloatArray:
         """Values at these phases (n,); the cycle's end is its beginning."""
         return np.interp(phases, self.phases, self.values, period=1.0)
 
 
-class _Track:
+class CycleTrack:
     """Samples of one channel, and the cycle edges on the same clock.
 
     What arrives is put aside as it is; a cycle's end, or enough of it, makes samples of it.
+
+    Args:
+        samples_of: times (n,), us, and values (n,) of what was put aside.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, samples_of: Callable[[bytearray], tuple[FloatArray, FloatArray]]) -> None:
+        self._samples_of = samples_of
         self.times = np.empty(0)
         self.values = np.empty(0)
         self.edges: dict[int, float] = {}
         self._aside = bytearray()
 
-    def take(self, records: NDArray[Any]) -> None:
-        self._aside += records.tobytes()
+    def take(self, raw: bytes) -> None:
+        """Put aside what has arrived."""
+        self._aside += raw
         if len(self._aside) > _MOST_ASIDE_BYTES:
             self.gather()
 
@@ -144,30 +145,28 @@ class _Track:
         """Make samples of what was put aside."""
         if not self._aside:
             return
-        records = np.frombuffer(self._aside, RECORD_DTYPE)
+        times, values = self._samples_of(self._aside)
         self._aside = bytearray()
-        # A sample that waited in its port is as good as any other.
-        good = np.isfinite(records["value"]) & ((records["flags"] & ~np.uint16(Quality.STALE)) == 0)
-        records = records[good & (records["device_us"] >= 0)]
-        self.times = np.concatenate((self.times, records["device_us"].astype(float)))[-_MOST_KEPT:]
-        self.values = np.concatenate((self.values, records["value"]))[-_MOST_KEPT:]
+        self.times = np.concatenate((self.times, times))[-_MOST_KEPT:]
+        self.values = np.concatenate((self.values, values))[-_MOST_KEPT:]
 
     def forget_before(self, first: int) -> None:
         """Drop what lies before the edge `first`."""
-        begin = self.edges.get(first % _EDGE_MODULUS)
+        begin = self.edges.get(first % EDGE_MODULUS)
         if begin is not None:
             self.gather()
             kept = self.times >= begin
             self.times, self.values = self.times[kept], self.values[kept]
 
     def mark(self, count: int, at_us: float) -> None:
-        self.edges[count % _EDGE_MODULUS] = at_us
+        """The cycle edge `count` came at this time."""
+        self.edges[count % EDGE_MODULUS] = at_us
         while len(self.edges) > REFERENCES + 1:
             del self.edges[next(iter(self.edges))]
 
     def between(self, first: int) -> Samples | None:
         """What came from the edge `first` up to the next one; None until that cycle is complete."""
-        begin, end = self.edges.get(first % _EDGE_MODULUS), self.edges.get((first + 1) % _EDGE_MODULUS)
+        begin, end = self.edges.get(first % EDGE_MODULUS), self.edges.get((first + 1) % EDGE_MODULUS)
         if begin is None or end is None or end <= begin:
             return None
         self.gather()
@@ -177,71 +176,24 @@ class _Track:
         return Samples((self.times[inside] - begin) / (end - begin), self.values[inside], end - begin)
 
 
-class LoadTrainWatch:
-    """Follows the ring's records; says once when a cycle differs."""
+class LoadTrain:
+    """The cycles of one session's motions, compared as they come."""
 
     def __init__(self) -> None:
-        self._tracks = {channel: _Track() for channel in (Channel.FORCE, Channel.DISPLACEMENT, Channel.SERVO_ERROR)}
         self._before: deque[Cycle] = deque(maxlen=REFERENCES)
-        self._next: int | None = None
         self._skip = 0
         self._current_A = self._before_A = np.nan
-        self._phases: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque(maxlen=PLAY_CYCLES)
+        self._phases: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=PLAY_CYCLES)
         self._usual_play_m: float | None = None
         self._known: deque[Known] = deque(maxlen=_MOST_KNOWN)
 
-    def watch(self, block: RecordBlock) -> str | None:
-        """Take new records of the ring.
-
-        Returns:
-            What changed, when a cycle differs from those before it.
-        """
-        self._sort(block)
-        while self._next is not None:
-            parts = [self._tracks[channel].between(self._next) for channel in _EDGES.values()]
-            if any(part is None for part in parts):
-                if not self._overtaken():
-                    return None
-                self._forget()
-                self._next += 1
-                continue
-            whole = [part for part in parts if part is not None]
-            cycle = self._measure(*whole)
-            self._next += 1
-            for track in self._tracks.values():
-                track.forget_before(self._next)
-            change = None if cycle is None else self._compare(cycle) or self._rests(cycle, *whole)
-            if change is not None:
-                return change
-        return None
-
-    def _sort(self, block: RecordBlock) -> None:
-        for channel, track in self._tracks.items():
-            if channel in block:
-                track.take(block.of(channel))
-        for edge, channel in _EDGES.items():
-            for record in block.of(edge):
-                self._tracks[channel].mark(int(record["sequence"]), float(record["device_us"]))
-                if self._next is None:
-                    self._next = int(record["sequence"]) % _EDGE_MODULUS
-        for record in block.of(Channel.PULSE):
-            self._tracks[Channel.SERVO_ERROR].mark(int(record["value"]), float(record["device_us"]))
-        if Channel.COMMANDED_CURRENT in block:
-            commanded = block.of(Channel.COMMANDED_CURRENT)["value"]
-            if (commanded != self._current_A).any():
-                self._current_A = float(commanded[-1])
-                self._begin_anew()
-        if Channel.COIL_CURRENT in block:
-            measured = block.of(Channel.COIL_CURRENT)["value"]
-            if (np.abs(measured - self._current_A) > CURRENT_APART_A).any():
-                # Another current is another damper; that row has a detector of its own.
-                self._begin_anew()
-
-    def _begin_anew(self) -> None:
-        self._forget()
+    def current_changed(self, current_A: float) -> None:
+        """Another current (A), commanded or measured, is another damper: comparing begins anew."""
+        self._current_A = current_A
+        self.forget()
         self._skip = CYCLES_AFTER_CURRENT
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
         """Another motion or another current begins: what the last one showed is kept as known."""
         if len(self._before) == REFERENCES:
             cycle = _usual(self._before)
@@ -251,37 +203,10 @@ class LoadTrainWatch:
         self._before.clear()
         self._phases.clear()
 
-    def _overtaken(self) -> bool:
-        """The cycle waited for will not be completed: every channel is already at a later one."""
-        newest = [next(reversed(self._tracks[channel].edges), None) for channel in _EDGES.values()]
-        ahead = [0 if edge is None else (edge - (self._next or 0)) % _EDGE_MODULUS for edge in newest]
-        return all(1 < lead < _EDGE_MODULUS // 2 for lead in ahead)
-
-    def _measure(self, force: Samples, displacement: Samples) -> Cycle | None:
-        force_N, displacement_m = force.values, displacement.values
-        if min(len(force_N), len(displacement_m)) < FEWEST_SAMPLES or _stands(force_N) or _stands(displacement_m):
-            return None
-        at_force_m = displacement.at(force.phases)
-        closed_N, closed_m = np.append(force_N, force_N[0]), np.append(at_force_m, at_force_m[0])
-        noise_N, noise_m = _noise(force_N), _noise(displacement_m)
-        by_force_J = noise_N * float(np.sqrt(np.sum((0.5 * (closed_m[2:] - closed_m[:-2])) ** 2)))
-        by_move_J = noise_m * float(np.sqrt(np.sum((0.5 * (closed_N[2:] - closed_N[:-2])) ** 2)))
-        peak_N = 0.5 * float(np.ptp(force_N))
-        servo = self._tracks[Channel.SERVO_ERROR].between(self._next or 0)
-        few = servo is None or len(servo.values) < FEWEST_SAMPLES
-        return Cycle(
-            stroke_m=float(np.ptp(displacement_m)),
-            duration_us=displacement.duration_us,
-            peak_N=peak_N,
-            work_J=abs(float(np.trapezoid(closed_N, closed_m))),
-            quiet=float(np.mean(np.abs(force_N) < QUIET_OF_PEAK * peak_N)),
-            servo_error_m=np.nan if few or servo is None else float(np.sqrt(np.mean(servo.values**2))),
-            sample=1.0 / len(force_N),
-            noise_N=noise_N,
-            noise_m=noise_m,
-            work_noise_J=float(np.hypot(by_force_J, by_move_J)),
-            work_steps_J=float(np.sqrt(np.sum((np.diff(closed_N) * np.diff(closed_m)) ** 2))),
-        )
+    def change(self, force: Samples, displacement: Samples, servo_error: Samples | None) -> str | None:
+        """What has changed when this cycle differs from those before it (N, m, m); None otherwise."""
+        cycle = measured_cycle(force, displacement, servo_error)
+        return None if cycle is None else self._compare(cycle) or self._rests(cycle, force, displacement)
 
     def _compare(self, cycle: Cycle) -> str | None:
         if self._skip > 0:
@@ -290,7 +215,7 @@ class LoadTrainWatch:
         if self._before:
             usual = _usual(self._before)
             if not _alike(cycle, usual):
-                self._forget()
+                self.forget()
             elif change := difference(cycle, usual) or self._weaker(usual):
                 return change
         self._before.append(cycle)
@@ -336,6 +261,33 @@ class LoadTrainWatch:
         return f"the force now rests at zero over {is_mm:.2g} mm after its changes of sign, before over {was_mm:.2g} mm"
 
 
+def measured_cycle(force: Samples, displacement: Samples, servo: Samples | None) -> Cycle | None:
+    """A cycle's force (N), displacement (m) and servo error (m) in numbers; None where they are too few or stand."""
+    force_N, displacement_m = force.values, displacement.values
+    if min(len(force_N), len(displacement_m)) < FEWEST_SAMPLES or _stands(force_N) or _stands(displacement_m):
+        return None
+    at_force_m = displacement.at(force.phases)
+    closed_N, closed_m = np.append(force_N, force_N[0]), np.append(at_force_m, at_force_m[0])
+    noise_N, noise_m = _noise(force_N), _noise(displacement_m)
+    by_force_J = noise_N * float(np.sqrt(np.sum((0.5 * (closed_m[2:] - closed_m[:-2])) ** 2)))
+    by_move_J = noise_m * float(np.sqrt(np.sum((0.5 * (closed_N[2:] - closed_N[:-2])) ** 2)))
+    peak_N = 0.5 * float(np.ptp(force_N))
+    few = servo is None or len(servo.values) < FEWEST_SAMPLES
+    return Cycle(
+        stroke_m=float(np.ptp(displacement_m)),
+        duration_us=displacement.duration_us,
+        peak_N=peak_N,
+        work_J=abs(float(np.trapezoid(closed_N, closed_m))),
+        quiet=float(np.mean(np.abs(force_N) < QUIET_OF_PEAK * peak_N)),
+        servo_error_m=np.nan if few or servo is None else float(np.sqrt(np.mean(servo.values**2))),
+        sample=1.0 / len(force_N),
+        noise_N=noise_N,
+        noise_m=noise_m,
+        work_noise_J=float(np.hypot(by_force_J, by_move_J)),
+        work_steps_J=float(np.sqrt(np.sum((np.diff(closed_N) * np.diff(closed_m)) ** 2))),
+    )
+
+
 def _usual(before: deque[Cycle]) -> Cycle:
     return Cycle(*np.median([astuple(cycle) for cycle in before], axis=0).tolist())
 
@@ -347,14 +299,14 @@ def _alike(cycle: Cycle, usual: Cycle) -> bool:
     return same_stroke and abs(cycle.duration_us - usual.duration_us) <= SAME_SHAPE * usual.duration_us
 
 
-def _noise(values: NDArray[np.float64]) -> float:
+def _noise(values: FloatArray) -> float:
     """Standard deviation of a sensor's noise in one cycle; at least what its resolution makes where values repeat."""
     steps = np.diff(np.unique(values))
     coarse = np.mean(np.diff(values) == 0.0) > REPEATED_SHARE
     return max(noise_of(values), 0.5 * float(np.min(steps)) if coarse and len(steps) else 0.0)
 
 
-def _stands(values: NDArray[np.float64]) -> bool:
+def _stands(values: FloatArray) -> bool:
     """One value repeats for a part of the cycle, of a sensor whose values do not."""
     equal = np.diff(values) == 0.0
     ends = np.flatnonzero(np.diff(np.concatenate(([False], equal, [False])).astype(np.int8)))
