@@ -35,7 +35,7 @@ def list_faults(as_json: bool) -> None:
         variants = [name for name in VARIANTS if name.startswith(f"{slug}:")]
         entry = {
             "slug": slug, "where": row.where, "place": row.place, "reaction": row.reaction, "limit": row.limit,
-            "exit_code": row.exit_code, "tested": row.tested, "test": row.test, "reason": row.missing,
+            "exit_code": row.exit_code, "tested": row.tested, "test": row.test, "reason": row.reason,
             "variants": variants,
         }
         rows.append(entry)

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, EXIT_REFUSED, EXIT_STOPPED, EXIT_USAGE
 
-NO_TEST = "the fault suite has no test of its end state yet"
+PROVED_BY = "test_every_row.py::test_every_row_ends_as_the_matrix_says"
 UNUSABLE_FILES = frozenset({"config-absurd"})
 """Refused while the file is read, as every file with wrong entries: the user mends the file, not the rig."""
 
@@ -63,7 +63,6 @@ class FaultRow:
         reaction: R refuse, W warn, P invalid point, S2, S1, SO stops, HW the hard-wired chain; in words.
         disk: J journal and INVALID, K the last flush survives, N a refusal record only.
         resume: a automatic, c the operator confirms, n re-qualify.
-        test: file and function in `tests/faults` that prove the end state; empty while there is none.
         reason: why a row without a test cannot have one on an ordinary machine.
         code: of the ring's `TRIP` record, unique; 0 where the station has no detector.
         detector: who in the station sees it, and how.
@@ -81,7 +80,6 @@ class FaultRow:
     reaction: str = ""
     disk: str = ""
     resume: str = ""
-    test: str = ""
     reason: str = ""
     code: int = 0
     detector: str = ""
@@ -110,9 +108,9 @@ class FaultRow:
     @property
     def tested(self) -> bool:
         """The fault suite proves its end state."""
-        return bool(self.test)
+        return bool(self.where) and not self.reason
 
     @property
-    def missing(self) -> str:
-        """Why the row is not tested; empty when it is."""
-        return "" if self.tested else self.reason or NO_TEST
+    def test(self) -> str:
+        """File and test in `tests/faults` that prove the end state; empty where there is none."""
+        return f"{PROVED_BY}[{self.slug}]" if self.tested else ""

@@ -6,13 +6,18 @@ import importlib
 import pkgutil
 import signal
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import serial
+
+import drivers.serial_port
 import rig.campaign.execution.runner
 import rig.campaign.machine_resources
 import rig.clock
+import simulators.named_port
 import simulators.rig
 import simulators.slcan_bus
 from rig.campaign import CampaignOptions, run_campaign
@@ -20,11 +25,11 @@ from rig.errors import RigError
 from rig.recording.conversion import converter, finaliser
 from rig.station import process as station
 from simulators.rig import SimulatedRig
-from simulators.world import device_loop
+from simulators.world import device_loop, ttys
 from simulators.world.disk import Disk
 from simulators.world.kernel import Kernel
 from simulators.world.machine import Machine, Process
-from simulators.world.stands import Installed
+from simulators.world.stands import Installed, Stand
 
 LOADED = (
     "protocols", "drivers", "rig.bench", "rig.station", "rig.campaign", "rig.recording", "rig.matrix", "rig.signals",
@@ -80,6 +85,7 @@ class Stage:
     Attributes:
         devices: the process of the simulated devices; None before the first.
         rig: what runs in it.
+        installed: the stand-ins, once entered.
     """
 
     def __init__(self, seed: int, root: Path, tick_s: float = 0.005, turn_s: float = 0.005) -> None:
@@ -89,6 +95,7 @@ class Stage:
         self.machine = Machine(self.kernel, self.disk, seed)
         self.devices: Process | None = None
         self.rig: SimulatedRig
+        self.installed: Installed
         self._steps_s = tick_s, turn_s
         self._ends = ExitStack()
 
@@ -98,13 +105,16 @@ class Stage:
             "rig.recording.conversion.finaliser": lambda _: finaliser.main(),
             "rig.recording.conversion.converter": lambda _: converter.main(),
         }
-        installed = self._ends.enter_context(Installed(self.machine))
+        installed = self.installed = self._ends.enter_context(Installed(self.machine))
         kernel, machine, memory = self.kernel, self.machine, self.root / "memory"
         memory.mkdir()
         installed.put(rig.campaign.machine_resources, "SHARED_MEMORY", memory)
         installed.put(rig.campaign.machine_resources, "LOCK_FOLDERS", (memory,))
         installed.put(rig.clock, "datetime", SimpleNamespace(now=lambda zone: machine.now().astimezone(zone)))
         installed.put(simulators.rig, "open_port", lambda _: device_loop.WirePort(kernel, machine.network))
+        installed.put(simulators.named_port, "open_port", lambda _: ttys.Tty(machine, self.root / "dev"))
+        named = {"serial_for_url": partial(ttys.serial_for_url, machine)}
+        installed.put(drivers.serial_port, "serial", Stand("serial", named, serial, "SerialTimeoutException"))
         installed.put(simulators.slcan_bus, "PeerQueue", device_loop.Queue)
         # Coarser than in production: adapters that hand over every few milliseconds, a busy application.
         installed.put(simulators.rig, "TICK_S", self._steps_s[0])
@@ -149,7 +159,7 @@ class Stage:
         """Everything is as it should be again: no devices, room on the disk."""
         if self.devices is not None:
             self.machine.end(self.devices, -int(signal.SIGKILL))
-        self.disk.refuses, self.disk.flush_fails, self.disk.slow_ns = 0, False, 0
+        self.disk.mend()
 
     def named(self, name: str) -> list[Process]:
         """The processes of that name that run."""

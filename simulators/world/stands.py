@@ -62,7 +62,7 @@ class Stand:
 SAME_OS = """
 path sep strerror stat fstat lstat statvfs environ getuid PathLike fspath cpu_count sysconf pread lseek fchmod truncate
 uname name fsdecode fsencode stat_result rmdir access readlink sched_getaffinity chmod supports_follow_symlinks
-supports_fd supports_dir_fd getcwd utime DirEntry curdir pardir devnull error"""
+supports_fd supports_dir_fd getcwd utime DirEntry curdir pardir devnull error symlink"""
 
 
 class Files:

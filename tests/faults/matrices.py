@@ -44,5 +44,8 @@ current = "1.5 A"
 cycles = 60
 """
 
+ONE_POINT = BRISK_POINTS.replace('"0.5 A", ', "")
+"""The second of them alone."""
+
 ONE_LONG_POINT = TWO_POINTS.replace(', "1.5 A"', "").replace("cycles = 6", "cycles = 28")
 """15 s of motion: at speed 1 long enough for a clock to be judged."""

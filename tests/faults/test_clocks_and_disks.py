@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from end_states import assert_stopped
 from matrices import LONG_SECOND_POINT
 from process_faults import fill_disk, seam_environment, switch_on
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.wire
 
-Judge = Callable[..., None]
 
 
 @pytest.fixture
@@ -35,13 +34,11 @@ def seam(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-@pytest.mark.row("host-suspend")
-def test_a_machine_that_slept_stops_and_never_continues(seam: Path, in_motion: InMotion, assert_stopped: Judge) -> None:
+def test_a_machine_that_slept_stops_and_never_continues(seam: Path, in_motion: InMotion) -> None:
     campaign = in_motion()
     assert_stopped(campaign.finish(switch_on(seam, "host-suspend", 3600.0)), "host-suspend")
 
 
-@pytest.mark.row("clock-step")
 @pytest.mark.parametrize("step_s", [-86400.0])
 def test_a_step_of_the_wall_clock_is_logged_and_disturbs_nothing(
     seam: Path, in_motion: InMotion, step_s: float
@@ -56,17 +53,15 @@ def test_a_step_of_the_wall_clock_is_logged_and_disturbs_nothing(
     assert set(ending.verdicts().values()) == {"valid"}
 
 
-@pytest.mark.row("task-dies")
 def test_a_thread_of_the_station_that_dies_stops_the_rig(
-    seam: Path, in_motion: InMotion, assert_stopped: Judge
+    seam: Path, in_motion: InMotion
 ) -> None:
     campaign = in_motion()
     assert_stopped(campaign.finish(switch_on(seam, "task-dies")), "task-dies")
 
 
-@pytest.mark.row("task-dies")
 def test_a_finaliser_that_dies_stops_the_rig_and_its_points_are_recovered(
-    in_motion: InMotion, assert_stopped: Judge
+    in_motion: InMotion
 ) -> None:
     campaign = in_motion(matrix=LONG_SECOND_POINT)
     while not (campaign.folder / "points" / "p001.h5").exists():
@@ -80,17 +75,15 @@ def test_a_finaliser_that_dies_stops_the_rig_and_its_points_are_recovered(
     assert ending.point("p002").reasons[0].startswith("task-dies")
 
 
-@pytest.mark.row("fsync-error")
-def test_a_flush_that_failed_is_never_trusted(seam: Path, in_motion: InMotion, assert_stopped: Judge) -> None:
+def test_a_flush_that_failed_is_never_trusted(seam: Path, in_motion: InMotion) -> None:
     campaign = in_motion()
     ending = campaign.finish(switch_on(seam, "fsync-error"))
     assert_stopped(ending, "fsync-error", broken=None)
     assert_abandoned(ending, "fsync-error")
 
 
-@pytest.mark.row("disk-full")
 def test_a_disk_that_is_full_stops_the_rig_and_what_was_written_is_recovered(
-    in_motion: InMotion, assert_stopped: Judge
+    in_motion: InMotion
 ) -> None:
     campaign = in_motion(seconds=2.0)
     journal = campaign.folder / "points" / "p002.journal"

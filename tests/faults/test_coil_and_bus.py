@@ -2,87 +2,74 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from end_states import assert_stopped
 
 if TYPE_CHECKING:
     from conftest import Run
 
 pytestmark = pytest.mark.wire
 
-Judge = Callable[..., None]
 
 
-@pytest.mark.row("can-busoff")
-def test_bus_off_is_told_from_a_silent_ecu(run: Run, assert_stopped: Judge) -> None:
+def test_bus_off_is_told_from_a_silent_ecu(run: Run) -> None:
     assert_stopped(run("can-busoff@6.3"), "can-busoff")
 
 
-@pytest.mark.row("can-busoff")
 def test_an_adapter_that_is_gone_is_named_and_the_ecu_goes_to_zero_by_itself(
-    run: Run, assert_stopped: Judge
+    run: Run
 ) -> None:
     ending = run("can-busoff:lost@6.3")
     assert_stopped(ending, "can-busoff", slug_of_station="can-lost")
     assert ending.truth.first("ECU_FAULT", text="COMMAND_TIMEOUT")
 
 
-@pytest.mark.row("ecu-silent")
-def test_a_silent_ecu_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
+def test_a_silent_ecu_stops_the_rig(run: Run) -> None:
     assert_stopped(run("ecu-silent@6.3"), "ecu-silent")
 
 
-@pytest.mark.row("ecu-late")
-def test_status_frames_that_come_twice_warn_and_stop_when_they_keep_coming(run: Run, assert_stopped: Judge) -> None:
+def test_status_frames_that_come_twice_warn_and_stop_when_they_keep_coming(run: Run) -> None:
     ending = run("ecu-late@6.3")
     assert_stopped(ending, "ecu-late")
     assert "ecu-late" in ending.warned()
 
 
-@pytest.mark.row("ecu-crc")
-def test_status_frames_with_a_wrong_crc_stop_the_rig(run: Run, assert_stopped: Judge) -> None:
+def test_status_frames_with_a_wrong_crc_stop_the_rig(run: Run) -> None:
     assert_stopped(run("ecu-crc@6.3"), "ecu-crc")
 
 
-@pytest.mark.row("can-malformed")
-def test_short_remote_and_extended_frames_are_never_decoded(run: Run, assert_stopped: Judge) -> None:
+def test_short_remote_and_extended_frames_are_never_decoded(run: Run) -> None:
     assert_stopped(run("can-malformed@6.3"), "can-malformed")
 
 
-@pytest.mark.row("can-babble")
-def test_a_babbling_node_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
+def test_a_babbling_node_stops_the_rig(run: Run) -> None:
     assert_stopped(run("can-babble@6.3"), "can-babble")
 
 
-@pytest.mark.row("can-foreign")
-def test_another_sender_on_our_command_id_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
+def test_another_sender_on_our_command_id_stops_the_rig(run: Run) -> None:
     assert_stopped(run("can-foreign@6.3"), "can-foreign")
 
 
-@pytest.mark.row("ecu-overtemp")
 @pytest.mark.parametrize("fault", ["ecu-overtemp", "ecu-overtemp:undervoltage"])
-def test_a_hot_ecu_and_one_without_supply_stop_the_rig(run: Run, assert_stopped: Judge, fault: str) -> None:
+def test_a_hot_ecu_and_one_without_supply_stop_the_rig(run: Run, fault: str) -> None:
     assert_stopped(run(f"{fault}@6.3"), "ecu-overtemp")
 
 
-@pytest.mark.row("coil-open-short")
 @pytest.mark.parametrize(("fault", "bit"), [("coil-open-short", "OPEN"), ("coil-open-short:short", "SHORT")])
-def test_a_broken_coil_stops_the_rig(run: Run, assert_stopped: Judge, fault: str, bit: str) -> None:
+def test_a_broken_coil_stops_the_rig(run: Run, fault: str, bit: str) -> None:
     ending = run(f"{fault}@6.3")
     assert_stopped(ending, "coil-open-short")
     (trip,) = [line for line in ending.log if line.get("what") == "trip"]
     assert bit in trip["detail"]
 
 
-@pytest.mark.row("ecu-restart")
-def test_an_ecu_that_starts_anew_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
+def test_an_ecu_that_starts_anew_stops_the_rig(run: Run) -> None:
     assert_stopped(run("ecu-restart@6.3"), "ecu-restart")
 
 
-@pytest.mark.row("current-tracking")
 def test_a_current_off_its_setpoint_is_flagged_at_once_and_spoils_the_point(run: Run) -> None:
     ending = run("current-tracking@6.3")
     assert ending.exit_code == 5, ending.said
@@ -92,14 +79,12 @@ def test_a_current_off_its_setpoint_is_flagged_at_once_and_spoils_the_point(run:
     assert any(reason.startswith("current-tracking") for reason in ending.point("p002").reasons)
 
 
-@pytest.mark.row("current-tracking")
-def test_more_current_than_the_bench_allows_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
+def test_more_current_than_the_bench_allows_stops_the_rig(run: Run) -> None:
     ending = run("current-tracking:over@6.3")
     assert_stopped(ending, "current-tracking", stop="S2", slug_of_station="overcurrent")
     assert np.max(ending.truth.current_A) > 3.0, "the fault: it really flowed"
 
 
-@pytest.mark.row("current-stuck")
 def test_a_current_that_stays_after_zero_takes_the_hydraulics_away(run: Run) -> None:
     ending = run("current-stuck@6.3")
     truth = ending.truth

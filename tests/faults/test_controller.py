@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from end_states import assert_refused, assert_stopped
 
 from rig.clock import monotonic_ns
 from simulators.controller_firmware import State
@@ -18,42 +18,35 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.wire
 
-Judge = Callable[..., None]
 BRISK = {"speed": 1.0, "period_s": 0.25}
 
 
-@pytest.mark.row("actuator-frozen")
 def test_a_frozen_position_register_is_not_trusted_and_the_halt_ramp_is_used(
-    run_brisk: Run, assert_stopped: Judge
+    run_brisk: Run
 ) -> None:
     assert_stopped(run_brisk("actuator-frozen@3.2"), "actuator-frozen", **BRISK)
 
 
-@pytest.mark.row("actuator-reboot")
 def test_a_rebooted_controller_is_never_taken_for_the_one_that_was_prepared(
-    run_brisk: Run, assert_stopped: Judge
+    run_brisk: Run
 ) -> None:
     assert_stopped(run_brisk("actuator-reboot@3.2"), "actuator-reboot", **BRISK)
 
 
-@pytest.mark.row("watchdog-absent")
-def test_a_watchdog_that_does_not_trip_is_refused(run_brisk: Run, assert_refused: Judge) -> None:
+def test_a_watchdog_that_does_not_trip_is_refused(run_brisk: Run) -> None:
     assert_refused(run_brisk("watchdog-absent"), "watchdog-absent")
 
 
-@pytest.mark.row("register-layout")
-def test_another_word_order_is_refused_at_connect(run_brisk: Run, assert_refused: Judge) -> None:
+def test_another_word_order_is_refused_at_connect(run_brisk: Run) -> None:
     ending = run_brisk("register-layout")
     assert_refused(ending, "register-layout")
     assert [each.code for each in ending.truth.log] == ["FAULT"], "nothing was written to it"
 
 
-@pytest.mark.row("second-master")
-def test_a_second_master_is_noticed_and_the_motion_stopped(run_brisk: Run, assert_stopped: Judge) -> None:
+def test_a_second_master_is_noticed_and_the_motion_stopped(run_brisk: Run) -> None:
     assert_stopped(run_brisk("second-master@3.2"), "second-master", **BRISK)
 
 
-@pytest.mark.row("stop-ignored")
 def test_a_program_that_does_not_end_is_stopped_by_taking_the_pressure_away(run_brisk: Run) -> None:
     ending = run_brisk("stop-ignored@3.2")
     assert ending.exit_code == 4, ending.said
@@ -69,17 +62,15 @@ def test_a_program_that_does_not_end_is_stopped_by_taking_the_pressure_away(run_
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
 
 
-@pytest.mark.row("load-train")
-def test_a_joint_that_works_loose_stops_the_rig_within_a_cycle(run_brisk: Run, assert_stopped: Judge) -> None:
+def test_a_joint_that_works_loose_stops_the_rig_within_a_cycle(run_brisk: Run) -> None:
     ending = run_brisk("load-train@3.2")
     assert_stopped(ending, "load-train", **BRISK)
     loose, fade = ending.truth.first("FAULT"), ending.truth.first("FADE_STOP")
     assert fade.time_s - loose.time_s <= 2 * 0.25 + 0.2, "the rest of the cycle it happened in, and one more"
 
 
-@pytest.mark.row("host-silent")
 def test_a_station_that_falls_silent_is_stopped_by_the_controllers_watchdog(
-    start_brisk: Start, assert_stopped: Judge
+    start_brisk: Start
 ) -> None:
     campaign = start_brisk()
     campaign.wait_for("START", count=2)
@@ -91,8 +82,7 @@ def test_a_station_that_falls_silent_is_stopped_by_the_controllers_watchdog(
     assert_stopped(campaign.finish(silent_ns), "host-silent", first="TRIP", **BRISK)
 
 
-@pytest.mark.row("estop")
-def test_an_opened_e_stop_chain_is_mirrored_and_latched(run_brisk: Run, assert_stopped: Judge) -> None:
+def test_an_opened_e_stop_chain_is_mirrored_and_latched(run_brisk: Run) -> None:
     ending = run_brisk("estop@3.2")
     assert_stopped(ending, "estop", settling_s=0.3, **BRISK)
     opened = ending.truth.first("FAULT", text="estop")

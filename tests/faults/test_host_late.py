@@ -6,12 +6,12 @@ import os
 import random
 import signal
 import threading
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
 import pytest
+from end_states import assert_stopped
 from matrices import BRISK_POINTS, PERIOD_S
 
 from protocols.quality import Quality
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.wire
 
-Judge = Callable[..., None]
 DEVICES = ("loadcell", "lvdt", "ecu", "can", "modbus", "actuator", "auxiliary", "serial", "usb", "controller")
 
 
@@ -41,9 +40,8 @@ def limit_s(campaign: Campaign) -> float:
     return Bench.load(campaign.folder / "bench.toml").station.late_limit_s
 
 
-@pytest.mark.row("host-late")
 def test_a_station_that_is_held_up_for_too_long_stops_the_rig_and_blames_nobody_else(
-    start: Start, assert_stopped: Judge
+    start: Start
 ) -> None:
     campaign = start(matrix=BRISK_POINTS, speed=1.0)
     campaign.wait_for("START", count=2)
@@ -56,7 +54,6 @@ def test_a_station_that_is_held_up_for_too_long_stops_the_rig_and_blames_nobody_
     assert late["late_s"] == pytest.approx(held_s, abs=0.02)
 
 
-@pytest.mark.row("host-late")
 def test_short_times_in_which_the_station_does_not_run_are_recorded_and_the_campaign_goes_on(start: Start) -> None:
     campaign = start(matrix=BRISK_POINTS, speed=1.0)
     chance, held_s = random.Random(7), []

@@ -1,51 +1,43 @@
-"""The matrix itself: sixty-one rows, each with the test that proves it."""
+"""The matrix itself: sixty-one rows, each with its world."""
 
 from __future__ import annotations
 
-import ast
 import json
 import subprocess
 import sys
-from pathlib import Path
 
-from mutation import ROOT, all_mutations
+import test_every_row
+from mutation import HALVES, ROOT, all_mutations
+from row_worlds import ROW_WORLDS
+from test_every_row import test_every_row_ends_as_the_matrix_says
 
 from rig.campaign.stop_cause import may_restart
 from rig.faults.matrix import MATRIX, REACTIONS
 from simulators.injection import INJECTORS
-
-HERE = Path(__file__).parent
-
-
-def marked_tests() -> dict[str, list[str]]:
-    """Row tests by slug, as `file::function`, read from the `row` markers of this folder."""
-    found: dict[str, list[str]] = {}
-    for path in sorted(HERE.glob("test_*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.FunctionDef):
-                continue
-            for mark in node.decorator_list:
-                if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "pytest.mark.row":
-                    for slug in mark.args:
-                        assert isinstance(slug, ast.Constant)
-                        found.setdefault(str(slug.value), []).append(f"{path.name}::{node.name}")
-    return found
 
 
 def test_the_matrix_has_sixty_one_rows_each_once() -> None:
     assert len(MATRIX) == 61
 
 
-def test_every_row_has_its_test_or_a_reason_why_it_cannot_be_built_here() -> None:
-    missing = [slug for slug, row in MATRIX.items() if not row.tested and not row.reason]
-    assert not missing, f"{len(missing)} rows without a test"
+def test_every_row_has_its_world_or_a_reason_why_it_cannot_have_one() -> None:
+    assert all(row.tested or row.reason for row in MATRIX.values())
+    assert not set(ROW_WORLDS) - {slug for slug, row in MATRIX.items() if row.tested}
+    around = {slug for slug in MATRIX if MATRIX[slug].where == "process"}
+    assert not around - set(ROW_WORLDS), "no device has such a fault: its world must say what happens"
 
 
-def test_the_tests_the_matrix_names_are_there_and_marked() -> None:
-    marked = marked_tests()
-    wrong = {slug: row.test for slug, row in MATRIX.items() if row.test and row.test not in marked.get(slug, [])}
-    assert not wrong, f"no such test marked with the row: {wrong}"
-    assert not set(marked) - {slug for slug, row in MATRIX.items() if row.tested}, "marked, but not in the matrix"
+def test_the_test_that_the_matrix_names_is_there_for_every_row() -> None:
+    (marks,) = test_every_row_ends_as_the_matrix_says.pytestmark
+    names = {f"{test_every_row.__name__}.py::{test_every_row_ends_as_the_matrix_says.__name__}[{slug}]"
+             for slug in marks.args[1]}
+    assert names == {row.test for row in MATRIX.values() if row.tested}
+
+
+def test_the_tests_of_the_halves_are_there() -> None:
+    for name in HALVES.values():
+        file, _, function = name.partition("::")
+        assert f"def {function}(" in (ROOT / "tests" / "faults" / file).read_text(encoding="utf-8")
 
 
 def test_every_row_on_the_wire_has_an_injector_and_no_other() -> None:

@@ -23,7 +23,6 @@ pytestmark = pytest.mark.wire
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-@pytest.mark.row("dir-readonly")
 @pytest.mark.parametrize("place", ["/sys/runs", "file/runs"])
 def test_a_folder_that_cannot_be_written_is_refused_before_a_rig_is_touched(tmp_path: Path, place: str) -> None:
     matrix = tmp_path / "matrix.toml"
@@ -35,7 +34,6 @@ def test_a_folder_that_cannot_be_written_is_refused_before_a_rig_is_touched(tmp_
     assert (tmp_path / "file").read_text(encoding="utf-8") == "in the way"
 
 
-@pytest.mark.row("two-instances")
 def test_a_second_campaign_on_a_rig_is_refused_and_the_first_goes_on(in_motion: InMotion, tmp_path: Path) -> None:
     matrix, elsewhere = tmp_path / "second.toml", tmp_path / "elsewhere"
     matrix.write_text(TWO_POINTS, encoding="utf-8")
@@ -53,7 +51,6 @@ def test_a_second_campaign_on_a_rig_is_refused_and_the_first_goes_on(in_motion: 
     assert len(ending.truth.all("START")) == 2
 
 
-@pytest.mark.row("matrix-changed")
 def test_a_changed_matrix_or_bench_is_not_resumed_and_a_double_id_not_loaded(
     in_motion: InMotion, tmp_path: Path
 ) -> None:
@@ -81,7 +78,6 @@ def test_a_changed_matrix_or_bench_is_not_resumed_and_a_double_id_not_loaded(
     assert not (tmp_path / "double").exists()
 
 
-@pytest.mark.row("matrix-infeasible")
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -104,7 +100,6 @@ def test_a_matrix_beyond_the_rig_is_refused_whole_and_names_point_and_reason(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.row("config-absurd")
 @pytest.mark.parametrize(
     ("good", "absurd"),
     [
@@ -133,7 +128,6 @@ def test_an_absurd_bench_is_refused_with_key_and_value_before_anything_is_connec
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.row("wrong-damper")
 def test_a_damper_stronger_than_its_prior_is_refused_before_the_matrix_moves(start: Start) -> None:
     ending = start("--fault", "wrong-damper").finish()
     assert (ending.exit_code, ending.answer["stopped_by"]) == (3, "wrong-damper")
@@ -145,7 +139,6 @@ def test_a_damper_stronger_than_its_prior_is_refused_before_the_matrix_moves(sta
     assert ending.truth.state[-1] == State.OFF
 
 
-@pytest.mark.row("wrong-damper")
 def test_another_damper_than_the_first_sessions_is_not_resumed(in_motion: InMotion) -> None:
     ending = signalled(in_motion(), signal.SIGINT)
     code, answer = resumed(ending.folder, "--", "--option", "damper.values.F0=-150.0")

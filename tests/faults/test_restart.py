@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import signal
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import h5py
 import pytest
+from end_states import assert_stopped
 from watched_campaign import FINISH_S, resumed
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.wire
 
-Judge = Callable[..., None]
 
 POINTS = """
 format = 1
@@ -72,13 +71,13 @@ def test_a_hot_ecu_is_left_to_cool_down_before_the_point_is_repeated(run: Run) -
 
 
 @pytest.mark.parametrize("slug", ["ecu-silent", "serial-garbage"])
-def test_a_fault_that_stays_is_not_restarted_into(run: Run, assert_stopped: Judge, slug: str) -> None:
+def test_a_fault_that_stays_is_not_restarted_into(run: Run, slug: str) -> None:
     ending = run(f"{slug}@6.3", matrix=POINTS)
     assert_stopped(ending, slug)
     assert len(ending.truth.all("START")) == 2
 
 
-def test_a_row_that_wants_the_operator_is_never_restarted_by_itself(run: Run, assert_stopped: Judge) -> None:
+def test_a_row_that_wants_the_operator_is_never_restarted_by_itself(run: Run) -> None:
     ending = run("can-foreign@6.3+0.3", matrix=POINTS)
     assert_stopped(ending, "can-foreign")
     assert len(ending.truth.all("START")) == 2

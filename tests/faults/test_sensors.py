@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from end_states import assert_refused, assert_stopped
 from matrices import ONE_LONG_POINT
 
 from protocols.quality import Quality
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.wire
 
-Judge = Callable[..., None]
 SENSORS = ("", ":lvdt")
 """The load cell's fault of a row, and the LVDT's."""
 
@@ -32,26 +31,22 @@ def assert_spoiled(ending: Ending, slug: str, reason: str = "") -> None:
     assert any(each.startswith(reason or slug) for each in point.reasons), point.reasons
 
 
-@pytest.mark.row("loadcell-pulled")
-def test_a_pulled_load_cell_stops_the_rig(run: Run, assert_stopped: Judge) -> None:
+def test_a_pulled_load_cell_stops_the_rig(run: Run) -> None:
     assert_stopped(run("loadcell-pulled@6.3"), "loadcell-pulled")
 
 
-@pytest.mark.row("loadcell-pulled")
-def test_a_pulled_auxiliary_sensor_stops_the_rig_in_its_own_name(run: Run, assert_stopped: Judge) -> None:
+def test_a_pulled_auxiliary_sensor_stops_the_rig_in_its_own_name(run: Run) -> None:
     ending = run("loadcell-pulled:auxiliary@6.3", simulator=("--auxiliary", "1"))
     assert_stopped(ending, "loadcell-pulled", slug_of_station="auxiliary-pulled")
 
 
-@pytest.mark.row("lvdt-pulled")
-def test_without_its_lvdt_the_host_proves_standstill_by_the_controller(run: Run, assert_stopped: Judge) -> None:
+def test_without_its_lvdt_the_host_proves_standstill_by_the_controller(run: Run) -> None:
     assert_stopped(run("lvdt-pulled@6.3"), "lvdt-pulled")
 
 
-@pytest.mark.row("usb-renumber")
 @pytest.mark.parametrize("fault", ["usb-renumber", "usb-renumber:lvdt"])
 def test_an_adapter_that_comes_up_elsewhere_stops_the_rig_and_is_not_reopened(
-    run_wired: Run, assert_stopped: Judge, fault: str
+    run_wired: Run, fault: str
 ) -> None:
     """Its port was found by the serial number of the adapter (`--ports by-id`)."""
     ending = run_wired(f"{fault}@6.3", simulator=("--ports", "by-id"))
@@ -62,44 +57,38 @@ def test_an_adapter_that_comes_up_elsewhere_stops_the_rig_and_is_not_reopened(
     assert ending.truth.time_s[-1] > happened.time_s + 0.5, "the rig went on, the host did not take the port again"
 
 
-@pytest.mark.row("serial-garbage")
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_damaged_frames_warn_and_stop_when_there_are_many(run: Run, assert_stopped: Judge, sensor: str) -> None:
+def test_damaged_frames_warn_and_stop_when_there_are_many(run: Run, sensor: str) -> None:
     ending = run(f"serial-garbage{sensor}@6.3")
     assert_stopped(ending, "serial-garbage")
     assert "serial-garbage" in ending.warned()
 
 
-@pytest.mark.row("serial-baud")
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_bytes_without_one_valid_frame_stop_the_rig(run: Run, assert_stopped: Judge, sensor: str) -> None:
+def test_bytes_without_one_valid_frame_stop_the_rig(run: Run, sensor: str) -> None:
     assert_stopped(run(f"serial-baud{sensor}@5.5", speed=2.0), "serial-baud", speed=2.0)
 
 
-@pytest.mark.row("serial-baud")
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_a_wrong_baud_rate_from_the_start_is_refused(run: Run, assert_refused: Judge, sensor: str) -> None:
+def test_a_wrong_baud_rate_from_the_start_is_refused(run: Run, sensor: str) -> None:
     assert_refused(run(f"serial-baud{sensor}", speed=20.0), "serial-baud")
 
 
-@pytest.mark.row("sensor-stuck")
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_a_value_that_repeats_in_motion_stops_the_rig(run: Run, assert_stopped: Judge, sensor: str) -> None:
+def test_a_value_that_repeats_in_motion_stops_the_rig(run: Run, sensor: str) -> None:
     assert_stopped(run(f"sensor-stuck{sensor}@6.3"), "sensor-stuck")
 
 
-@pytest.mark.row("sensor-saturated")
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_three_saturated_samples_stop_the_rig_and_prove_nothing_of_its_standstill(
-    run: Run, assert_stopped: Judge, sensor: str
+    run: Run, sensor: str
 ) -> None:
     assert_stopped(run(f"sensor-saturated{sensor}@6.3"), "sensor-saturated")
 
 
-@pytest.mark.row("sensor-spike")
 @pytest.mark.parametrize(("sensor", "channel"), [("", "force"), (":lvdt", "displacement")])
 def test_single_spikes_are_flagged_and_three_in_a_row_stop_the_rig(
-    run: Run, assert_stopped: Judge, sensor: str, channel: str
+    run: Run, sensor: str, channel: str
 ) -> None:
     ending = run(f"sensor-spike{sensor}@6.3")
     assert_stopped(ending, "sensor-spike")
@@ -109,20 +98,17 @@ def test_single_spikes_are_flagged_and_three_in_a_row_stop_the_rig(
     assert (raw["flags"] & Quality.SPIKE).astype(bool).sum() >= 3
 
 
-@pytest.mark.row("sensor-nan")
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_samples_that_are_no_numbers_spoil_the_point(run: Run, sensor: str) -> None:
     assert_spoiled(run(f"sensor-nan{sensor}@6.3", speed=10.0), "sensor-nan")
 
 
-@pytest.mark.row("sensor-nan")
 def test_comma_and_nan_text_are_lost_samples_of_a_line_format(run: Run) -> None:
     ending = run("sensor-nan@6.3", simulator=("--force-format", "ascii"), speed=10.0)
     assert ending.exit_code in {4, 5}, ending.said
     assert ending.verdicts()["p002"] == "invalid"
 
 
-@pytest.mark.row("sample-gap")
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_gaps_are_stored_never_filled_and_spoil_the_point(run: Run, sensor: str) -> None:
     ending = run(f"sample-gap{sensor}@6.3", speed=10.0)
@@ -130,7 +116,6 @@ def test_gaps_are_stored_never_filled_and_spoil_the_point(run: Run, sensor: str)
     assert ending.point("p002").lost_samples > 0
 
 
-@pytest.mark.row("sample-gap")
 @pytest.mark.parametrize(
     ("fault", "channel"), [("sample-gap:backwards", "force"), ("sample-gap:lvdt-backwards", "displacement")]
 )
@@ -146,7 +131,6 @@ def test_samples_whose_device_clock_went_back_stay_in_raw_and_spoil_the_point(
     assert np.all(np.diff(raw["sequence"]) == 1), "and none is missing"
 
 
-@pytest.mark.row("clock-drift")
 def test_a_clock_that_drifts_is_flagged_and_nothing_else(run: Run) -> None:
     ending = run("clock-drift", matrix=ONE_LONG_POINT, speed=1.0)
     assert ending.exit_code == 0, ending.said
@@ -155,24 +139,21 @@ def test_a_clock_that_drifts_is_flagged_and_nothing_else(run: Run) -> None:
     assert ending.verdicts() == {"p001": "valid"}
 
 
-@pytest.mark.row("not-tared")
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_a_sensor_that_was_not_tared_is_refused_before_arming(run: Run, assert_refused: Judge, sensor: str) -> None:
+def test_a_sensor_that_was_not_tared_is_refused_before_arming(run: Run, sensor: str) -> None:
     ending = run(f"not-tared{sensor}", speed=20.0)
     assert_refused(ending, "not-tared")
     assert not ending.truth.all("ACQUIRE"), "refused before the controller was even taken"
 
 
-@pytest.mark.row("sensors-swapped")
-def test_exchanged_plugs_are_refused_by_name_before_arming(run: Run, assert_refused: Judge) -> None:
+def test_exchanged_plugs_are_refused_by_name_before_arming(run: Run) -> None:
     ending = run("sensors-swapped", speed=20.0)
     assert_refused(ending, "sensors-swapped")
     assert not ending.truth.all("ACQUIRE")
 
 
-@pytest.mark.row("sensors-swapped")
 @pytest.mark.parametrize("wrong", ["lvdt.gain=-1", "lvdt.gain=0.8", "load_cell.gain=-1"])
-def test_wrong_sign_and_scale_are_refused_by_the_slow_proof_move(run: Run, assert_refused: Judge, wrong: str) -> None:
+def test_wrong_sign_and_scale_are_refused_by_the_slow_proof_move(run: Run, wrong: str) -> None:
     ending = run(simulator=("--option", wrong))
     assert_refused(ending, "sensors-swapped", still_m=4.5e-3)
     assert ending.truth.state[-1] == 0, "hydraulics are off again"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from end_states import assert_stopped
 from matrices import LONG_SECOND_POINT
 from process_faults import signalled
 from watched_campaign import assert_completed
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.wire
 
-Judge = Callable[..., None]
 
 FADE_S = 0.5 + 0.2
 
@@ -35,9 +34,8 @@ def quiet_after(ending: Ending, stop_s: float, zero_s: float) -> None:
     assert np.abs(truth.velocity_m_s[truth.since(stop_s + FADE_S)]).max() < 2e-3
 
 
-@pytest.mark.row("sigint", "sigint-storm")
 def test_ctrl_c_stops_and_a_storm_of_further_ones_changes_nothing_and_cuts_nothing_short(
-    in_motion: InMotion, assert_stopped: Judge
+    in_motion: InMotion
 ) -> None:
     campaign = in_motion()
     sent_ns = monotonic_ns()
@@ -49,15 +47,13 @@ def test_ctrl_c_stops_and_a_storm_of_further_ones_changes_nothing_and_cuts_nothi
     assert_stopped(campaign.finish(sent_ns), "sigint")
 
 
-@pytest.mark.row("sigterm")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["sigterm", "sighup"])
 def test_the_end_of_the_session_also_takes_the_pressure_away(
-    moving: InMotion, assert_stopped: Judge, number: int
+    moving: InMotion, number: int
 ) -> None:
     assert_stopped(signalled(moving(), number), "sigterm")
 
 
-@pytest.mark.row("sigkill")
 def test_a_killed_application_leaves_a_rig_at_rest_and_a_campaign_that_resumes(
     in_motion: InMotion,
 ) -> None:
@@ -77,7 +73,6 @@ def test_a_killed_application_leaves_a_rig_at_rest_and_a_campaign_that_resumes(
     assert_completed(ending.folder)
 
 
-@pytest.mark.row("sigkill")
 def test_a_killed_station_leaves_controller_and_ecu_to_stop_by_themselves(moving: InMotion) -> None:
     campaign = moving()
     killed_ns = campaign.now_ns
@@ -92,7 +87,6 @@ def test_a_killed_station_leaves_controller_and_ecu_to_stop_by_themselves(moving
     campaign.assert_completed()
 
 
-@pytest.mark.row("sigkill")
 def test_a_killed_simulated_rig_is_a_rig_of_unknown_state_with_its_files_intact(
     in_motion: InMotion,
 ) -> None:
@@ -105,9 +99,8 @@ def test_a_killed_simulated_rig_is_a_rig_of_unknown_state_with_its_files_intact(
     assert (ending.folder / "truth-session1.h5.part").exists()
 
 
-@pytest.mark.row("host-stalled")
 def test_an_application_that_stands_still_is_stopped_by_the_station_and_finds_it_so(
-    moving: InMotion, assert_stopped: Judge
+    moving: InMotion
 ) -> None:
     campaign = moving(seconds=1.0, matrix=LONG_SECOND_POINT)
     stalled_ns = campaign.now_ns
@@ -117,7 +110,6 @@ def test_an_application_that_stands_still_is_stopped_by_the_station_and_finds_it
     assert_stopped(campaign.finish(stalled_ns), "host-stalled")
 
 
-@pytest.mark.row("host-stalled")
 def test_a_station_that_stands_still_leaves_controller_and_ecu_to_stop_by_themselves(
     moving: InMotion,
 ) -> None:

@@ -16,7 +16,6 @@ from rig.recording.recorded_point import RecordedPoint
 pytestmark = pytest.mark.wire
 
 
-@pytest.mark.row("slow-consumer")
 def test_what_the_recorder_could_not_take_spoils_the_point_and_nothing_else(tmp_path: Path) -> None:
     matrix, out = tmp_path / "matrix.toml", tmp_path / "out"
     matrix.write_text(TWO_POINTS, encoding="utf-8")

@@ -1,0 +1,320 @@
+"""The world of every row of the fault matrix: what goes wrong in it, and how what comes of it is judged.
+
+All run at speed 1 with the time limits of hardware, on one short point. A row that is not named here is a fault of the
+devices, `FAULT_S` after the first cycle began, or there from the start where the row is refused.
+"""
+
+from __future__ import annotations
+
+import errno
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from end_states import assert_never_moved, assert_no_current, assert_still
+from matrices import ONE_LONG_POINT, ONE_POINT
+from watched_campaign import Ending
+from world_campaign import Setting, WorldCampaign
+
+from rig.bench.model import Bench
+from rig.faults.matrix import MATRIX
+from rig.faults.row import Ending as Reaction
+from rig.recording.conversion.recovery import recover
+
+FAULT_S = 0.4
+POINT_S = 2.0
+"""The point's motion, from the start command to standstill."""
+PERIOD_S = 0.25
+ONCE = Setting(matrix=ONE_POINT, speed=1.0, real_time=True)
+SLEPT_S = 3600.0
+
+Around = Callable[[WorldCampaign], None]
+Judge = Callable[[WorldCampaign, Ending], None]
+
+
+def nothing(*_: object) -> None:
+    """Nothing is done, nothing more is asked."""
+
+
+@dataclass(frozen=True)
+class RowWorld:
+    """A row's world.
+
+    Attributes:
+        setting: what the campaign begins with.
+        around: what happens around its devices, while the point moves.
+        judge: in place of what the row's reaction asks for.
+        also: what must be true beside it.
+        allowed_s: from the fault to the stop command, where the row counts from something else.
+        settling_s: from the stop command to standstill, where it is not the fade-out's.
+        named: what the program calls it, where a row has another name.
+    """
+
+    setting: Setting = ONCE
+    around: Around | None = None
+    judge: Judge | None = None
+    also: Judge = nothing
+    allowed_s: float | None = None
+    settling_s: float | None = None
+    named: str = ""
+
+
+def world_of(slug: str) -> RowWorld:
+    """The world of a row."""
+    if slug in ROW_WORLDS:
+        return ROW_WORLDS[slug]
+    return RowWorld(faulty(slug if MATRIX[slug].end is Reaction.REFUSE else f"{slug}@{FAULT_S}"))
+
+
+def faulty(fault: str, *more: str) -> Setting:
+    """A setting whose devices have a fault."""
+    return replace(ONCE, simulator=("--fault", fault, *more))
+
+
+def sent(number: int) -> Around:
+    """The application gets a signal."""
+    return lambda campaign: campaign.send(number)
+
+
+# What happens around the devices
+
+
+def storm(campaign: WorldCampaign) -> None:
+    """Ctrl-C, and again and again while the rig is stopped and its pressure taken away."""
+    campaign.send(signal.SIGINT)
+    for code in ("FADE_STOP", "HYDRAULICS_OFF"):
+        campaign.wait_for(code)
+        for _ in range(5):
+            campaign.send(signal.SIGINT)
+
+
+def stalled(campaign: WorldCampaign) -> None:
+    """The application does not run until the station has stopped the rig."""
+    campaign.send(signal.SIGSTOP)
+    campaign.wait_for("FADE_STOP")
+    campaign.send(signal.SIGCONT)
+
+
+def silent(campaign: WorldCampaign) -> None:
+    """The station does not run until the controller's watchdog has tripped a second time: the preflight starved it."""
+    campaign.send(signal.SIGSTOP, "rig.station")
+    campaign.wait_for("TRIP", "WATCHDOG", count=2)
+    campaign.send(signal.SIGCONT, "rig.station")
+
+
+def late(campaign: WorldCampaign) -> None:
+    """The station does not run for somewhat longer than it may."""
+    bench = Bench.load(campaign.campaign_folder / "bench.toml")
+    campaign.hold("rig.station", 1.3 * bench.station.late_limit_s)
+
+
+def slept(campaign: WorldCampaign) -> None:
+    """The machine slept; its monotonic clock did not go on meanwhile."""
+    campaign.stage.machine.suspended_ns += int(SLEPT_S * 1e9)
+
+
+def stepped(campaign: WorldCampaign) -> None:
+    """The wall clock is set back by a day."""
+    campaign.stage.machine.wall_step_s -= 86_400.0
+
+
+def disk_full(campaign: WorldCampaign) -> None:
+    """The disk takes no further byte."""
+    campaign.stage.disk.refuses = errno.ENOSPC
+
+
+def flush_fails(campaign: WorldCampaign) -> None:
+    """No flush succeeds."""
+    campaign.stage.disk.flush_fails = True
+
+
+def disk_stands(campaign: WorldCampaign) -> None:
+    """No write gets through for a while; the ring is smaller than what comes meanwhile."""
+    campaign.stage.disk.stands_until_ns = campaign.now_ns + 400_000_000
+
+
+def thread_dies(campaign: WorldCampaign) -> None:
+    """A thread of the station ends by an error that nobody expects."""
+    campaign.kill_thread("rig.station", "load_cell")
+
+
+# What must be true
+
+
+def stays_latched(_: WorldCampaign, ending: Ending) -> None:
+    """The e-stop chain: the rod stands within 300 ms of its opening."""
+    assert_still(ending.truth, ending.truth.first("FAULT", text="estop").time_s + 0.3)
+
+
+def nothing_was_taken(_: WorldCampaign, ending: Ending) -> None:
+    """Refused before the controller was taken."""
+    assert not ending.truth.all("ACQUIRE")
+
+
+def nothing_was_written(_: WorldCampaign, ending: Ending) -> None:
+    """Refused before anything was written to the controller."""
+    assert [line.code for line in ending.truth.log] == ["FAULT"]
+
+
+def not_sent_twice(_: WorldCampaign, ending: Ending) -> None:
+    """No command was executed twice."""
+    assert len(ending.truth.all("START")) == 1
+
+
+def recovered(campaign: WorldCampaign, ending: Ending) -> None:
+    """The running point has no file; its journal recovers to an invalid one with samples."""
+    assert ending.answer["points"][0]["file"] is None
+    points = campaign.do(lambda: recover(ending.folder))
+    assert [(point.id, point.verdict, point.error) for point in points] == [("p001", "invalid", "")]
+    assert np.ptp(ending.point("p001").displacement_m) > 0.03
+
+
+def joint_is_noticed(_: WorldCampaign, ending: Ending) -> None:
+    """Within the cycle it happened in and one more."""
+    loose, fade = ending.truth.first("FAULT"), ending.truth.first("FADE_STOP")
+    assert fade.time_s - loose.time_s <= 2 * PERIOD_S + 0.2
+
+
+def current_stays(campaign: WorldCampaign, ending: Ending) -> None:
+    """0 A is commanded at the point's end, the current stays, so the pressure is taken away; the point is whole."""
+    truth = ending.truth
+    assert ending.exit_code == 4, ending.said
+    assert ending.trips() == [("current-stuck", "S1")]
+    assert ending.answer["rig_state"] == "safe"
+    zero = truth.first("SET_CURRENT", text="0.000", after=truth.first("FAULT"))
+    stop = truth.first("FADE_STOP", after=zero)
+    assert (stop.host_ns - zero.host_ns) / 1e9 <= within_s("current-stuck")
+    off = truth.first("HYDRAULICS_OFF", text="DONE", after=stop)
+    assert truth.current_A[truth.since(off.time_s)].min() > 1.0, "the fault: current flows on, whatever is commanded"
+    assert_still(truth, off.time_s + 0.3)
+    assert_pressure_off(campaign)
+    assert ending.verdicts() == {"p001": "valid"}
+
+
+def program_runs_on(campaign: WorldCampaign, ending: Ending) -> None:
+    """Not over when it should be: stopped by command, and as that is ignored too, by taking the pressure away."""
+    truth = ending.truth
+    assert ending.exit_code == 4, ending.said
+    assert ending.trips() == [("stop-ignored", "S1")]
+    assert ending.answer["rig_state"] == "safe"
+    over_s = truth.first("START").time_s + POINT_S
+    fade, off = truth.first("FADE_STOP"), truth.first("HYDRAULICS_OFF")
+    assert over_s <= fade.time_s <= over_s + within_s("stop-ignored")
+    assert fade.time_s + PERIOD_S <= off.time_s
+    assert_still(truth, off.time_s + 0.3)
+    assert_no_current(truth, fade.time_s)
+    assert_pressure_off(campaign)
+    assert ending.verdicts() == {"p001": "invalid"}
+
+
+def stops_without_its_application(campaign: WorldCampaign, ending: Ending) -> None:
+    """Killed: the station stops the rig by itself, and what was flushed is an invalid point."""
+    truth = ending.truth
+    assert ending.exit_code == -signal.SIGKILL
+    stop, zero = truth.first("FADE_STOP"), truth.all("SET_CURRENT", text="0.000")[-1]
+    assert ending.stopped_from_ns is not None
+    assert (stop.host_ns - ending.stopped_from_ns) / 1e9 <= within_s("sigkill")
+    assert_no_current(truth, zero.time_s)
+    assert_still(truth, stop.time_s + PERIOD_S + 0.2)
+    assert_pressure_off(campaign)
+    campaign.do(lambda: recover(ending.folder))
+    broken = ending.point("p001")
+    assert (broken.verdict, broken.quality.recovered) == ("invalid", True)
+    assert broken.reasons[0].startswith("INTERRUPTED")
+    assert np.ptp(broken.displacement_m) > 0.035, "what was flushed before the kill is there"
+
+
+def step_is_logged(_: WorldCampaign, ending: Ending) -> None:
+    """Logged within a second with its size, and nothing else happens."""
+    assert ending.exit_code == 0, ending.said
+    said = [line for line in ending.log if line.get("slug") == "clock-step"]
+    assert [round(line["stepped_s"]) for line in said] == [-86_400]
+    assert ending.stopped_from_ns is not None
+    assert (said[0]["host_ns"] - ending.stopped_from_ns) / 1e9 <= within_s("clock-step")
+    assert not ending.trips()
+    assert ending.verdicts() == {"p001": "valid"}
+
+
+def nothing_was_touched(_: WorldCampaign, ending: Ending) -> None:
+    """Refused by name before anything was connected."""
+    assert_never_moved(ending.truth)
+    assert not ending.truth.log
+    assert not ending.folder.exists() or not list(ending.folder.iterdir())
+
+
+def second_is_refused(campaign: WorldCampaign, ending: Ending) -> None:
+    """Undisturbed, whatever the other one tried."""
+    assert ending.exit_code == 0, ending.said
+    assert ending.verdicts() == {"p001": "valid"}
+    assert len(ending.truth.all("START")) == 1
+    assert_pressure_off(campaign)
+
+
+def second_instance(campaign: WorldCampaign) -> None:
+    """Another campaign on the same rig."""
+    other = campaign.out.with_name("other")
+    other.mkdir()
+    code, answer = campaign.another(out=other, bench_path=campaign.out.with_name("bench.toml"))
+    assert (code, answer.get("slug")) == (MATRIX["two-instances"].exit_code, "two-instances")
+
+
+def changed_matrix_is_refused(campaign: WorldCampaign, ending: Ending) -> None:
+    """A campaign whose matrix was changed is not resumed; nothing is connected."""
+    matrix = ending.folder / "matrix.toml"
+    matrix.write_text(matrix.read_text(encoding="utf-8").replace('"20 mm"', '"25 mm"'), encoding="utf-8")
+    code, answer = campaign.resumed()
+    assert (code, answer.get("slug")) == (MATRIX["matrix-changed"].exit_code, "matrix-changed")
+    assert not campaign.stage.rig.plant.command["pressure"][0]
+
+
+def assert_pressure_off(campaign: WorldCampaign) -> None:
+    """In truth, not by what the controller says."""
+    assert campaign.stage.rig.plant.command["pressure"][0] == 0
+
+
+COARSE_S = 0.025
+"""What a world's devices hand over late (5 ms) and the slowest of them says seldom (20 ms), on top of a row's time."""
+
+
+def within_s(slug: str) -> float:
+    """The row's time in a world."""
+    limit_s = MATRIX[slug].limit_s
+    return COARSE_S + (0.1 if limit_s is None else limit_s)
+
+
+NO_FOLDER = replace(ONCE, out="matrix.toml/runs")
+BEYOND = replace(ONCE, matrix=ONE_POINT.replace('"20 mm"', '"90 mm"'))
+
+ROW_WORLDS: dict[str, RowWorld] = {
+    "modbus-reset": RowWorld(faulty(f"modbus-reset@{FAULT_S}"), also=not_sent_twice),
+    "register-layout": RowWorld(faulty("register-layout"), also=nothing_was_written),
+    "stop-ignored": RowWorld(faulty(f"stop-ignored@{FAULT_S}"), judge=program_runs_on),
+    "host-silent": RowWorld(around=silent),
+    "current-stuck": RowWorld(faulty(f"current-stuck@{FAULT_S}"), judge=current_stays),
+    # Two single spikes come first, which only warn.
+    "sensor-spike": RowWorld(faulty(f"sensor-spike@{FAULT_S}"), allowed_s=0.8),
+    "clock-drift": RowWorld(replace(faulty("clock-drift"), matrix=ONE_LONG_POINT)),
+    "slow-consumer": RowWorld(replace(ONCE, ring_records=512), around=disk_stands),
+    "usb-renumber": RowWorld(faulty(f"usb-renumber@{FAULT_S}", "--ports", "by-id")),
+    "sensors-swapped": RowWorld(faulty("sensors-swapped"), also=nothing_was_taken),
+    "not-tared": RowWorld(faulty("not-tared"), also=nothing_was_taken),
+    "sigint": RowWorld(around=sent(signal.SIGINT)),
+    "sigint-storm": RowWorld(around=storm, named="sigint"),
+    "sigterm": RowWorld(around=sent(signal.SIGTERM)),
+    "sigkill": RowWorld(around=sent(signal.SIGKILL), judge=stops_without_its_application),
+    "host-stalled": RowWorld(around=stalled),
+    "host-late": RowWorld(around=late, allowed_s=0.1),
+    "host-suspend": RowWorld(around=slept),
+    "clock-step": RowWorld(around=stepped, judge=step_is_logged),
+    "disk-full": RowWorld(around=disk_full, also=recovered),
+    "dir-readonly": RowWorld(NO_FOLDER, also=nothing_was_touched),
+    "fsync-error": RowWorld(around=flush_fails, also=recovered),
+    "two-instances": RowWorld(around=second_instance, judge=second_is_refused),
+    "task-dies": RowWorld(around=thread_dies),
+    "config-absurd": RowWorld(replace(ONCE, bench_edit=("5000 N", "5000 mm")), also=nothing_was_touched),
+    "matrix-infeasible": RowWorld(BEYOND, also=nothing_was_touched),
+    "matrix-changed": RowWorld(around=sent(signal.SIGINT), judge=changed_matrix_is_refused),
+    "estop": RowWorld(faulty(f"estop@{FAULT_S}"), also=stays_latched, settling_s=0.3),
+    "load-train": RowWorld(faulty(f"load-train@{FAULT_S}"), also=joint_is_noticed, allowed_s=2 * PERIOD_S + 0.2),
+}
