@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from true_states import Truth
-from world_campaign import Handle, WorldCampaign, begin
+from world_campaign import Handle, Setting, WorldCampaign, begin, serve
 
 from rig.campaign import CampaignOptions
 from rig.cli import words
@@ -21,8 +21,6 @@ from rig.matrix.model import load_matrix
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
-from simulators.options import RigOptions
-from simulators.rig import RunOptions, SimulatedRig
 from simulators.world.stage import Application, Stage, load_everything
 from simulators.world.world import Silent
 
@@ -111,21 +109,24 @@ class Session:
         """The same campaign taken up again on a rig as new, without faults."""
         before = self.campaign
         before.stage.repair()
+        arguments = before.setting.simulator
+        pairs = zip(arguments, ("", *arguments), strict=False)
+        kept = tuple(part for part, one_before in pairs if "--fault" not in {part, one_before})
+        setting = dataclasses.replace(before.setting, simulator=kept)
         path = before.truth_path.with_name(f"again-{before.truth_path.name}")
-        run = dataclasses.replace(before.rig_run, faults=(), truth=path)
-        return _resumed(before.stage, folder, before.rig_options, run, requalified)
+        return _resumed(before.stage, folder, setting, path, requalified)
 
 
-def _resumed(stage: Stage, folder: Path, rig_options: RigOptions, run: RunOptions, requalified: str = "") -> Session:
+def _resumed(stage: Stage, folder: Path, setting: Setting, truth: Path, requalified: str = "") -> Session:
     """A session that takes up the campaign in `folder`."""
     told = len(read_log(folder))
-    bench = stage.serve(SimulatedRig(rig_options, run), real_time=False)
+    bench = serve(stage, stage.root, setting, truth)
     asked = CampaignOptions(
         folder / "matrix.toml", folder.parent, bench_path=bench, resume_path=folder, requalified=requalified
     )
     application = Application(stage, asked, Silent())
     handle: Any = Handle(stage, application.process)
-    return Session(WorldCampaign(handle, folder.parent, run.truth, stage, application, rig_options, run), told)
+    return Session(WorldCampaign(handle, folder.parent, truth, stage, application, setting), told)
 
 
 @contextmanager
@@ -133,7 +134,7 @@ def session(folder: Path, matrix: str, *simulator: str, speed: float = 20.0, see
     """A campaign of this matrix on a rig with these arguments of `python -m simulators`; `folder` is empty."""
     loaded()
     with Stage(seed, folder) as stage:
-        yield Session(begin(stage, folder, ("--seed", str(seed), *simulator), matrix, speed))
+        yield Session(begin(stage, folder, Setting(("--seed", str(seed), *simulator), matrix, speed)))
 
 
 @contextmanager
@@ -141,8 +142,8 @@ def taken_up(root: Path, folder: Path, speed: float, seed: int) -> Iterator[Sess
     """A campaign that somebody else began, taken up on a rig of that seed; it lies in `root`."""
     loaded()
     with Stage(seed, root) as stage:
-        run = RunOptions(speed=speed, seed=seed, ports="socket", truth=root / "truth.h5")
-        yield _resumed(stage, folder, RigOptions(), run)
+        setting = Setting(("--seed", str(seed)), speed=speed)
+        yield _resumed(stage, folder, setting, root / "truth.h5")
 
 
 def simulated(folder: Path, matrix: str, *simulator: str, speed: float = 20.0, seed: int = 5) -> Ended:
