@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from conftest import InMotion
     from watched_campaign import Ending
 
-pytestmark = pytest.mark.wire
-
 
 
 @pytest.fixture

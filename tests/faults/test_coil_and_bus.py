@@ -11,8 +11,6 @@ from end_states import assert_stopped
 if TYPE_CHECKING:
     from conftest import Run
 
-pytestmark = pytest.mark.wire
-
 
 
 def test_bus_off_is_told_from_a_silent_ecu(run: Run) -> None:

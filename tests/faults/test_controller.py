@@ -7,7 +7,6 @@ import signal
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 from end_states import assert_refused, assert_stopped
 
 from rig.clock import monotonic_ns
@@ -15,8 +14,6 @@ from simulators.controller_firmware import State
 
 if TYPE_CHECKING:
     from conftest import Run, Start
-
-pytestmark = pytest.mark.wire
 
 BRISK = {"speed": 1.0, "period_s": 0.25}
 

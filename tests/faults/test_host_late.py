@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from conftest import Start
     from watched_campaign import Campaign
 
-pytestmark = pytest.mark.wire
-
 DEVICES = ("loadcell", "lvdt", "ecu", "can", "modbus", "actuator", "auxiliary", "serial", "usb", "controller")
 
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import pytest
 from end_states import assert_stopped
 
 if TYPE_CHECKING:
     from conftest import Ending, Run
-
-pytestmark = pytest.mark.wire
 
 BRISK = {"speed": 1.0, "period_s": 0.25}
 

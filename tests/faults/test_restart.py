@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from conftest import Run, Start
     from watched_campaign import Campaign, Ending
 
-pytestmark = pytest.mark.wire
-
 
 POINTS = """
 format = 1

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from conftest import Run
     from watched_campaign import Ending
 
-pytestmark = pytest.mark.wire
-
 SEEDS = "1 33 37"
 """Two stops at once, an ECU gone wrong in three ways, two refusals."""
 SPEED = 10.0

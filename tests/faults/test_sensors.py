@@ -14,8 +14,6 @@ from protocols.quality import Quality
 if TYPE_CHECKING:
     from conftest import Ending, Run
 
-pytestmark = pytest.mark.wire
-
 SENSORS = ("", ":lvdt")
 """The load cell's fault of a row, and the LVDT's."""
 

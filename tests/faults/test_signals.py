@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from conftest import InMotion
     from watched_campaign import Ending
 
-pytestmark = pytest.mark.wire
-
 
 FADE_S = 0.5 + 0.2
 
