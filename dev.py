@@ -23,6 +23,9 @@ import sys
 import tempfile
 import time
 import venv
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
@@ -40,7 +43,8 @@ COMPILED = [
     "simulators/frames.py", "simulators/conditioner.py", "simulators/plant/step.py", "simulators/plant/motion.py",
 ]  # run as machine code, which coverage does not see
 LEAST_COVERAGE = 95
-TESTS_FAILED = 1  # pytest's exit code
+SIDE_BY_SIDE = 2
+"""Processes among which the tests without real processes and wires are divided."""
 
 
 def program(name: str) -> str:
@@ -107,48 +111,57 @@ def wheel_smoke_test() -> int:
 
 def checks(arguments: list[str]) -> int:
     """Run all checks, or only the named tests; the first failing check decides the exit code."""
-    steps: list[tuple[str, list[str]]] = [
-        ("pytest", [program("python"), "-m", "pytest", *arguments]),
+    if arguments:
+        return run(program("python"), "-m", "pytest", *arguments)
+    steps: list[tuple[str, Callable[[], int]]] = [
+        ("ruff", lambda: run(program("ruff"), "check", ".")),
+        ("mypy", lambda: run(program("mypy"))),
+        ("import-linter", lambda: run(program("lint-imports"), "--no-cache")),
+        ("codespell", lambda: run(program("codespell"), *PACKAGES, "tests", "docs", "examples", "README.md",
+                                  "CHANGELOG.md")),
+        ("tests", all_tests),
+        *((f"every branch of {package} by {tests}", partial(fully_covered, package, tests))
+          for package, tests in FULLY_COVERED.items()),
+        ("wheel smoke test", wheel_smoke_test),
     ]
-    if not arguments:
-        steps = [
-            ("ruff", [program("ruff"), "check", "."]),
-            ("mypy", [program("mypy")]),
-            ("import-linter", [program("lint-imports"), "--no-cache"]),
-            ("codespell", [program("codespell"), *PACKAGES, "tests", "docs", "examples", "README.md", "CHANGELOG.md"]),
-            *steps,
-        ]
-    for name, command in steps:
+    for name, check in steps:
         started = time.perf_counter()
         print(f"dev.py: {name}", flush=True)
-        code = run(*command)
-        if name == "pytest" and code == TESTS_FAILED and not arguments:
-            code = second_look()
-        if code:
+        if code := check():
             print(f"dev.py: {name} FAILED (exit {code})", flush=True)
             return code
         print(f"dev.py: {name} ok, {time.perf_counter() - started:.0f} s", flush=True)
-    if not arguments:
-        for package, tests in FULLY_COVERED.items():
-            print(f"dev.py: every branch of {package} by {tests}", flush=True)
-            if code := fully_covered(package, tests):
-                print(f"dev.py: {package} is not fully covered (exit {code})", flush=True)
-                return code
-        print("dev.py: wheel smoke test", flush=True)
-        if code := wheel_smoke_test():
-            print(f"dev.py: wheel smoke test FAILED (exit {code})", flush=True)
-            return code
-        print("dev.py: all checks passed", flush=True)
+    print("dev.py: all checks passed", flush=True)
     return 0
 
 
-def second_look() -> int:
-    """Run the tests that failed once more, nothing beside them: those in real time may have met a busy machine.
+def all_tests() -> int:
+    """Run what waits for nothing real in several processes, then alone what needs real processes and wires.
 
-    What fails twice has failed; what passes now is told apart, so that nobody takes it for a clean run.
+    Each process takes the next file of tests that is free; the first one's output is shown at once, the others' when
+    all have ended. The names of all tests that failed are shown at the end. Returns the first exit code that is not 0.
     """
-    print("dev.py: SECOND LOOK at the tests that failed; each that passes only now is a defect to mend", flush=True)
-    return run(program("python"), "-m", "pytest", "--last-failed", "--last-failed-no-failures=none")
+    with tempfile.TemporaryDirectory() as name, ExitStack() as files:
+        folder, failures = Path(name) / "taken", Path(name) / "failures"
+        folder.mkdir()
+        pytest = [program("python"), "-m", "pytest", "tests", f"--failures={failures}"]
+        # A cache would know only what one of them saw.
+        shared = [*pytest, "-m", "not wire", f"--shared={folder}", "-p", "no:cacheprovider"]
+        others = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE - 1)]
+        begun = [subprocess.Popen(shared, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in others]
+        try:
+            codes = [run(*shared), *(process.wait() for process in begun)]
+        finally:
+            for process in begun:
+                process.terminate()
+        for said in others:
+            said.seek(0)
+            print(said.read(), flush=True)
+        print("dev.py: tests on real processes and wires", flush=True)
+        codes.append(run(*pytest, "-m", "wire"))
+        if failures.exists() and failures.read_text(encoding="utf-8"):
+            print(f"dev.py: these tests failed:\n{failures.read_text(encoding='utf-8')}", end="", flush=True)
+    return next((code for code in codes if code), 0)
 
 
 def fully_covered(package: str, tests: str) -> int:

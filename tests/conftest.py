@@ -1,8 +1,68 @@
-"""What holds for every test."""
+"""What holds for every test; how `dev.py test` divides the files of tests among processes."""
 
 from __future__ import annotations
 
+import os
 import signal
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+
+import pytest
 
 # A shell that starts a program in the background has it ignore Ctrl-C, and so would every process these tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", "start_campaign", "wired_station_rig"})
+"""Fixtures that start real processes on real transports: whoever uses them is marked `wire`."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--shared", type=Path, help="Folder in which processes say which file of tests each one takes.")
+    parser.addoption("--failures", type=Path, help="File at whose end the names of the tests that failed are written.")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if STARTS_PROCESSES.intersection(getattr(item, "fixturenames", ())):
+            item.add_marker("wire")
+
+
+def pytest_runtestloop(session: pytest.Session) -> bool | None:
+    """With --shared this process runs the files of tests that no other one has taken yet; pytest's own loop else."""
+    folder = session.config.getoption("--shared")
+    if folder is None or session.testsfailed or session.config.option.collectonly:
+        return None
+    ours = taken(session.items, folder)
+    item = next(ours, None)
+    while item is not None:
+        following = next(ours, None)
+        item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+        if session.shouldfail:
+            raise session.Failed(session.shouldfail)
+        if session.shouldstop:
+            raise session.Interrupted(session.shouldstop)
+        item = following
+    return True
+
+
+def taken(items: list[pytest.Item], folder: Path) -> Iterator[pytest.Item]:
+    """The tests of each file that is free when its turn comes."""
+    for path, tests in groupby(items, lambda item: item.path):
+        name = str(path.relative_to(Path(__file__).parent)).replace(os.sep, "-")
+        try:
+            (folder / name).touch(exist_ok=False)
+        except FileExistsError:
+            continue
+        yield from tests
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Name the tests that failed where --failures asks for it."""
+    path, reporter = session.config.getoption("--failures"), session.config.pluginmanager.get_plugin("terminalreporter")
+    if path is None or reporter is None:
+        return
+    names = [report.nodeid for kind in ("failed", "error") for report in reporter.stats.get(kind, [])]
+    with path.open("a", encoding="utf-8") as file:
+        file.writelines(f"{name}\n" for name in names)

@@ -1,31 +1,41 @@
-"""`rig run --simulate --json` in processes of its own, and what is left of it: answer, journal, points, truth."""
+"""Campaigns on a simulated rig in virtual time, and what is left of them: answer, journal, points, truth."""
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
+import dataclasses
+import functools
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from true_states import Truth
+from world_campaign import Handle, Setting, WorldCampaign, begin, serve
 
+from rig.campaign import CampaignOptions
+from rig.cli import words
+from rig.matrix.model import load_matrix
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
+from simulators.world.stage import Application, Stage, load_everything
+from simulators.world.world import Silent
 
-TIMEOUT_S = 170.0
+loaded = functools.cache(load_everything)
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How a campaign ended."""
+    """How a session of a campaign ended; `told` lines of the journal are of the sessions before it."""
 
     exit_code: int
     said: str
     answer: dict[str, Any]
+    truth_path: Path
+    told: int = 0
 
     @property
     def folder(self) -> Path:
@@ -33,8 +43,8 @@ class Ended:
 
     @cached_property
     def story(self) -> list[dict[str, Any]]:
-        """The campaign's journal; empty when it did not come to one."""
-        return read_log(self.folder) if "campaign" in self.answer else []
+        """What the campaign's journal says of this session; empty when it did not come to one."""
+        return read_log(self.folder)[self.told :] if "campaign" in self.answer else []
 
     @cached_property
     def run(self) -> Run:
@@ -42,22 +52,104 @@ class Ended:
 
     @cached_property
     def truth(self) -> Truth:
-        return Truth.load(self.folder / "truth.h5")
+        return Truth.load(self.truth_path)
 
     def point(self, name: str) -> RecordedPoint:
         return next(point for point in self.run.points if point.id == name)
 
+    def phases(self) -> list[str]:
+        return [line["phase"] for line in self.story if line["event"] == "phase"]
+
+    def analysed(self) -> dict[str, Any]:
+        """Identified and reported as its matrix asks, as after `rig run`."""
+        from rig.cli.analyst import analyse
+
+        identify = load_matrix(self.folder / "matrix.toml").identify
+        return analyse(self.folder, identify.model_dump(exclude={"enabled"}) if identify.enabled else None)
+
+
+@dataclass
+class Session:
+    """One run of the application; a resumed campaign has several."""
+
+    campaign: WorldCampaign
+    told: int = 0
+
+    def until(self, true: Callable[[dict[str, Any]], bool]) -> None:
+        """Let it go on to a line of its journal."""
+        size = 0
+
+        def said() -> bool:
+            nonlocal size
+            grown = [path for path in self.campaign.out.glob("*/journal.jsonl") if path.stat().st_size > size]
+            if not grown:
+                assert self.campaign.process.poll() is None, "it ended without that line"
+                return False
+            size = grown[0].stat().st_size
+            return any(true(line) for line in read_log(grown[0].parent)[self.told :])
+
+        self.campaign.until(said, "that line of the journal")
+
+    def interrupt(self) -> None:
+        """Ctrl-C."""
+        self.campaign.send(signal.SIGINT)
+
+    def end(self) -> Ended:
+        """Its end, the rig at rest, the truth written."""
+        campaign, ran = self.campaign, self.campaign.application
+        ending = campaign.finish()
+        if ran.answer is None:
+            answer = {"error": ran.refusal[1], "slug": ran.refusal[0], "exit_code": ending.exit_code}
+        else:
+            failed = {"error": words.error_words(ran.answer)} if ran.answer.detail else {}
+            answer = {**ending.answer, **failed}
+        return Ended(ending.exit_code, ending.said, answer, ending.truth_path, self.told)
+
+    def resumed(self, folder: Path, requalified: str = "") -> Session:
+        """The same campaign taken up again on a rig as new, without faults."""
+        before = self.campaign
+        before.stage.repair()
+        arguments = before.setting.simulator
+        pairs = zip(arguments, ("", *arguments), strict=False)
+        kept = tuple(part for part, one_before in pairs if "--fault" not in {part, one_before})
+        setting = dataclasses.replace(before.setting, simulator=kept)
+        path = before.truth_path.with_name(f"again-{before.truth_path.name}")
+        return _resumed(before.stage, folder, setting, path, requalified)
+
+
+def _resumed(stage: Stage, folder: Path, setting: Setting, truth: Path, requalified: str = "") -> Session:
+    """A session that takes up the campaign in `folder`."""
+    told = len(read_log(folder))
+    bench = serve(stage, stage.root, setting, truth)
+    asked = CampaignOptions(
+        folder / "matrix.toml", folder.parent, bench_path=bench, resume_path=folder, requalified=requalified
+    )
+    application = Application(stage, asked, Silent())
+    handle: Any = Handle(stage, application.process)
+    return Session(WorldCampaign(handle, folder.parent, truth, stage, application, setting), told)
+
+
+@contextmanager
+def session(folder: Path, matrix: str, *simulator: str, speed: float = 20.0, seed: int = 5) -> Iterator[Session]:
+    """A campaign of this matrix on a rig with these arguments of `python -m simulators`; `folder` is empty."""
+    loaded()
+    with Stage(seed, folder) as stage:
+        yield Session(begin(stage, folder, Setting(("--seed", str(seed), *simulator), matrix, speed)))
+
+
+@contextmanager
+def taken_up(root: Path, folder: Path, speed: float, seed: int) -> Iterator[Session]:
+    """A campaign that somebody else began, taken up on a rig of that seed; it lies in `root`."""
+    loaded()
+    with Stage(seed, root) as stage:
+        setting = Setting(("--seed", str(seed)), speed=speed)
+        yield _resumed(stage, folder, setting, root / "truth.h5")
+
 
 def simulated(folder: Path, matrix: str, *simulator: str, speed: float = 20.0, seed: int = 5) -> Ended:
-    """Run a matrix on a simulated rig with these arguments."""
-    path = folder / "matrix.toml"
-    path.write_text(matrix, encoding="utf-8")
-    arguments = ["run", str(path), "--simulate", "--speed", f"{speed:g}", "--seed", str(seed), "--json"]
-    done = subprocess.run(
-        [sys.executable, "-m", "rig.cli.main", *arguments, "--out", str(folder / "out"), "--", *simulator],
-        capture_output=True, text=True, timeout=TIMEOUT_S, check=False,
-    )  # fmt: skip
-    return Ended(done.returncode, done.stderr, json.loads(done.stdout))
+    """The same to its end."""
+    with session(folder, matrix, *simulator, speed=speed, seed=seed) as begun:
+        return begun.end()
 
 
 def options(*settings: str) -> list[str]:

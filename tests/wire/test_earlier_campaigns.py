@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import tarfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from simulated_campaign import taken_up
 
 from rig.cli.main import cli
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 
 CAMPAIGNS = Path(__file__).resolve().parent.parent / "golden" / "earlier_campaigns.tar.xz"
-TIMEOUT_S = 120.0
 
 
 @pytest.fixture
@@ -60,18 +58,15 @@ def test_a_report_is_made_of_it(earlier: Path) -> None:
     assert "p001" in page
 
 
-@pytest.mark.wire
 @pytest.mark.parametrize("name", ["stopped", "killed"])
 def test_it_is_resumed_to_its_end(earlier: Path, name: str) -> None:
     folder = earlier / name
     kept = (folder / "points" / "p001.h5").read_bytes()
-    done = subprocess.run(
-        [sys.executable, "-m", "rig.cli.main", "run", "--resume", str(folder), "--json"],
-        capture_output=True, text=True, timeout=TIMEOUT_S, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    answer = json.loads(done.stdout)
-    assert [(point["id"], point["verdict"]) for point in answer["points"]] == [
+    begun = json.loads((folder / "campaign.json").read_text(encoding="utf-8"))["simulated"]
+    with taken_up(earlier, folder, begun["speed"], begun["seed"]) as session:
+        ended = session.end()
+    assert ended.exit_code == 0, ended.said
+    assert [(point["id"], point["verdict"]) for point in ended.answer["points"]] == [
         ("p001", "valid"), ("p002", "valid"), ("p003", "valid"), ("p004", "valid")
     ]  # fmt: skip
     assert (folder / "points" / "p001.h5").read_bytes() == kept

@@ -14,8 +14,6 @@ from simulated_campaign import simulated
 from rig.campaign.machine_resources import SHARED_MEMORY
 from rig.clock import monotonic_ns
 
-pytestmark = pytest.mark.wire
-
 MATRIX = """
 format = 1
 [specimen]
@@ -54,6 +52,7 @@ def test_points_whose_names_begin_like_others_are_all_valid_and_all_there(
     assert not [path.name for path in (ended.folder / "points").iterdir() if path.suffix != ".h5"]
 
 
+@pytest.mark.wire
 def test_a_killed_application_leaves_nothing_in_shared_memory(tmp_path: Path) -> None:
     if not SHARED_MEMORY.is_dir():
         pytest.skip("there is no shared memory to lie in")

@@ -13,8 +13,6 @@ from true_states import Truth
 from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.recorded_point import RecordedPoint
 
-pytestmark = pytest.mark.wire
-
 MATRIX = """
 format = 1
 [specimen]

@@ -39,7 +39,7 @@ adapt_amplitude = false
 [campaign]
 current_settled = "20 mA"
 """
-SPEED = 20.0
+SPEED = 5.0
 
 
 @dataclass

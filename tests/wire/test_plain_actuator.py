@@ -67,15 +67,19 @@ def test_a_matrix_runs_on_an_actuator_that_only_follows_set_points(bench: Path, 
     done = rig("run", str(matrix), "--bench", str(bench), "--out", str(tmp_path / "out"), "--json")
     answer = json.loads(done.stdout)
     folder = Path(answer["campaign"])
-    # Set-points that a busy machine streams late move the rod otherwise, and then the points rightly say so.
-    late = "late set-point" in (folder / "station.log").read_text(encoding="utf-8")
-    assert done.returncode in ({0, 5} if late else {0}), done.stderr
     story = read_log(folder)
     said = {line["slug"]: line["detail"] for line in story if str(line.get("slug", "")).startswith("actuator-without")}
     assert {"actuator-without-lease", "actuator-without-watchdog", "actuator-without-generator"} <= set(said)
     assert "actuator-without-lease" in done.stderr, "also on the terminal"
-    assert [point["id"] for point in answer["points"] if point["file"]] == ["p001", "p002"]
-    assert late or {point["verdict"] for point in answer["points"]} == {"valid"}
+    assert answer["rig_state"] == "safe"
+    log = (folder / "station.log").read_text(encoding="utf-8").splitlines()
+    late = [line for line in log if line.startswith("late set-point")]
+    if late and done.returncode != 0:
+        # They move the rod otherwise; then its points, or the rig's stop, rightly say so.
+        assert done.returncode in {4, 5}, done.stderr
+        pytest.skip(f"this host was held up: {len(late)} set-points came late, the last {late[-1].partition(': ')[2]}")
+    assert done.returncode == 0, done.stderr
+    assert [(point["id"], point["verdict"]) for point in answer["points"]] == [("p001", "valid"), ("p002", "valid")]
 
 
 def test_ctrl_c_in_motion_fades_its_program_out_and_proves_the_rest(bench: Path, tmp_path: Path) -> None:

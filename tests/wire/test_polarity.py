@@ -2,52 +2,34 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from simulated_campaign import Ended, options, session
 
 from rig.dampers import model, parameter_set
 from rig.recording.recorded_point import RecordedPoint
-from rig.recording.run import Run
 
 ROOT = Path(__file__).parents[2]
 QUICK = ROOT / "examples" / "quick.toml"
 SHOWN_AT_ZERO_N = 40.0
 
-pytestmark = pytest.mark.wire
 
+def run(folder: Path, change: Callable[[str], str]) -> Ended:
+    """A campaign on a rig whose load cell and LVDT count the other way, the load cell with an offset.
 
-@pytest.fixture
-def reversed_rig(tmp_path: Path) -> Iterator[str]:
-    """A simulated rig whose load cell and LVDT count the other way, the load cell with an offset; its bench file."""
-    command = [
-        sys.executable, "-m", "simulators", "--speed", "10", "--seed", "3", "--truth", str(tmp_path / "truth.h5"),
-        "--option", "load_cell.reversed=true", "--option", "lvdt.reversed=true",
-        "--option", f"load_cell.offset={SHOWN_AT_ZERO_N}",
-    ]  # fmt: skip
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
-        assert process.stdout is not None
-        yield Path(process.stdout.readline().strip()).read_text()
-        process.terminate()
-
-
-def run(bench: str, folder: Path) -> tuple[int, dict[str, Any]]:
+    `change` makes its bench file of the one that the rig gives.
+    """
     folder.mkdir()
-    path = folder / "bench.toml"
-    path.write_text(bench)
-    command = [sys.executable, "-m", "rig.cli.main", "run", str(QUICK), "--bench", str(path), "--no-identify"]
-    result = subprocess.run(
-        [*command, "--out", str(folder), "--json"], capture_output=True, text=True, cwd=ROOT, timeout=120, check=False
-    )
-    return result.returncode, json.loads(result.stdout)
+    mounted = options("load_cell.reversed=true", "lvdt.reversed=true", f"load_cell.offset={SHOWN_AT_ZERO_N}")
+    with session(folder, QUICK.read_text(encoding="utf-8"), *mounted, speed=10.0, seed=3) as begun:
+        bench = begun.campaign.stage.root / "bench.toml"
+        bench.write_text(change(bench.read_text(encoding="utf-8")), encoding="utf-8")
+        return begun.end()
 
 
 def with_polarity(bench: str, table: str) -> str:
@@ -65,15 +47,20 @@ def true_force_N(point: RecordedPoint) -> NDArray[np.float64]:
     )
 
 
-def test_reversed_sensors_measure_right_once_the_bench_file_says_so(reversed_rig: str, tmp_path: Path) -> None:
-    zeroed = reversed_rig.replace('offset = "0 N"', f'offset = "{SHOWN_AT_ZERO_N:g} N"')
-    both = with_polarity(with_polarity(zeroed, "load_cell"), "lvdt")
-    for name, wrong in (("force", with_polarity(zeroed, "lvdt")), ("displacement", with_polarity(zeroed, "load_cell"))):
-        code, said = run(wrong, tmp_path / name)
-        assert (code, said["stopped_by"]) == (3, "sensors-swapped"), said
-    code, said = run(both, tmp_path / "right")
-    assert (code, said["valid"]) == (0, 2), said
-    for point in Run.open(Path(said["campaign"])).points:
+def zeroed(bench: str) -> str:
+    return bench.replace('offset = "0 N"', f'offset = "{SHOWN_AT_ZERO_N:g} N"')
+
+
+@pytest.mark.parametrize("said_of", ["load_cell", "lvdt"])
+def test_one_of_two_reversed_sensors_unsaid_is_refused(tmp_path: Path, said_of: str) -> None:
+    ended = run(tmp_path / "wrong", lambda bench: with_polarity(zeroed(bench), said_of))
+    assert (ended.exit_code, ended.answer["stopped_by"]) == (3, "sensors-swapped"), ended.said
+
+
+def test_reversed_sensors_measure_right_once_the_bench_file_says_so(tmp_path: Path) -> None:
+    ended = run(tmp_path / "right", lambda bench: with_polarity(with_polarity(zeroed(bench), "load_cell"), "lvdt"))
+    assert (ended.exit_code, ended.answer["valid"]) == (0, 2), ended.said
+    for point in ended.run.points:
         assert np.nanmean(point.force_N - true_force_N(point)) == pytest.approx(0.0, abs=0.25 * SHOWN_AT_ZERO_N)
         assert np.nanstd(point.force_N - true_force_N(point)) < 0.1 * np.nanmax(np.abs(point.force_N))
         assert point.path is not None

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
-import pytest
+from simulated_campaign import session
 
-from rig.recording.journal.campaign_log import read_log
 from rig.recording.recorded_point import RecordedPoint
-
-pytestmark = pytest.mark.wire
 
 MATRIX = """
 format = 1
@@ -33,27 +26,6 @@ enabled = false
 """
 
 
-def rig_run(*arguments: str, folder: Path) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "rig.cli.main", "run", "--json", *arguments], cwd=folder,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-
-
-def begun(folder: Path) -> Path:
-    """A campaign stopped when its first point was done."""
-    (folder / "matrix.toml").write_text(MATRIX, encoding="utf-8")
-    arguments = ("matrix.toml", "--simulate", "--speed", "10", "--seed", "7", "--out", "out", "--", "--no-real-time")
-    with rig_run(*arguments, folder=folder) as first:
-        assert first.stderr is not None
-        for line in first.stderr:
-            if "p001" in line and "valid" in line:
-                first.send_signal(signal.SIGINT)
-                break
-        output, _ = first.communicate(timeout=60)
-    return folder / json.loads(output)["campaign"]
-
-
 def suspect_for_its_skew(file: Path) -> None:
     """The point as it would be had it seen too little of the skew alone."""
     with h5py.File(file, "r+") as content:
@@ -64,17 +36,18 @@ def suspect_for_its_skew(file: Path) -> None:
 
 
 def test_a_kept_point_judged_again_is_entered_as_its_file_says(tmp_path: Path) -> None:
-    campaign = begun(tmp_path)
-    kept = campaign / "points" / "p001.h5"
+    with session(tmp_path, MATRIX, speed=4.0, seed=7) as first:
+        first.until(lambda line: line["event"] == "judged")
+        first.interrupt()
+        campaign = first.end().folder
+        kept = campaign / "points" / "p001.h5"
+        assert RecordedPoint.open(kept).verdict == "valid"
+        suspect_for_its_skew(kept)
+        second = first.resumed(campaign).end()
+    assert {line["file"] for line in second.story if line["event"] == "retimed"} >= {"p001"}
+    first_point = next(point for point in second.answer["points"] if point["id"] == "p001")
     assert RecordedPoint.open(kept).verdict == "valid"
-    suspect_for_its_skew(kept)
-    with rig_run("--resume", str(campaign.relative_to(tmp_path)), folder=tmp_path) as second:
-        output, errors = second.communicate(timeout=100)
-    assert output, errors[-3000:]
-    assert {each["file"] for each in read_log(campaign) if each["event"] == "retimed"} >= {"p001"}
-    first = next(point for point in json.loads(output)["points"] if point["id"] == "p001")
-    assert RecordedPoint.open(kept).verdict == "valid"
-    assert (first["verdict"], first["reasons"]) == ("valid", [])
-    assert Path(first["file"]) == kept.resolve()
-    assert first["quality"]["skew_std_s"] == RecordedPoint.open(kept).skew_std_s
-    assert second.returncode == 0, errors[-2000:]
+    assert (first_point["verdict"], first_point["reasons"]) == ("valid", [])
+    assert Path(first_point["file"]) == kept.resolve()
+    assert first_point["quality"]["skew_std_s"] == RecordedPoint.open(kept).skew_std_s
+    assert second.exit_code == 0, second.said

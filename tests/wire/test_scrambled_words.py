@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from simulated_campaign import Session, loaded, session
 
 from rig import errors
 from rig.recording.journal.campaign_log import read_log
@@ -106,24 +107,44 @@ def test_a_matrix_that_does_not_fit_the_rig(tmp_path: Path, scrambler: Path) -> 
     assert answer["error"] == SCRAMBLED
 
 
-@pytest.mark.wire
 @pytest.mark.parametrize(
     ("fault", "code", "slug"), [("not-tared", 3, "not-tared"), ("sensor-nan@1.5", 5, None), ("estop@1", 4, "estop")]
 )
 def test_a_campaign_refused_spoiled_or_stopped_and_resumed(
-    tmp_path: Path, scrambler: Path, fault: str, code: int, slug: str | None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str, code: int, slug: str | None
 ) -> None:
-    arguments = ("run", "MATRIX", "--simulate", "--speed", "20", "--json", "--", "--fault", fault)
-    ended, answer = both(tmp_path, scrambler, MATRIX.format(amplitude="30 mm"), *arguments)
+    matrix, ends = MATRIX.format(amplitude="30 mm"), []
+    for name in ("plain", "scrambled"):
+        if name == "scrambled":
+            scramble(monkeypatch)
+        (tmp_path / name).mkdir()
+        with session(tmp_path / name, matrix, "--fault", fault) as begun:
+            ends.append(begun.end())
+            if name == "scrambled" and code == 4:
+                requalified(begun, ends[-1].folder, str(slug))
+    plain, scrambled = ends
+    ended = decided(plain.exit_code, plain.answer)
+    assert decided(scrambled.exit_code, scrambled.answer) == ended
     assert (ended["code"], ended["stopped_by"]) == (code, slug)
+    assert not plain.said or plain.said != scrambled.said
     if slug is not None:
-        assert answer["error"] == SCRAMBLED
-    if code != 4:
-        return
-    folder = Path(answer["campaign"])
+        assert scrambled.answer["error"] == SCRAMBLED
+
+
+def scramble(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every module that hands messages on hands on nothing but a sign."""
+    loaded()
+    before = errors.told
+    for module in [module for name, module in sys.modules.items() if name.startswith("rig.")]:
+        if vars(module).get("told") is before:
+            monkeypatch.setattr(module, "told", lambda text: SCRAMBLED)
+    assert errors.told("words") == SCRAMBLED
+
+
+def requalified(stopped: Session, folder: Path, slug: str) -> None:
+    """Resumed without a word of what was mended it is refused, with one it is completed."""
     assert {line["slug"] for line in read_log(folder) if line.get("what") in {"trip", "also"}} >= {slug}
-    assert rig("run", "--resume", str(folder), "--json", search=scrambler)[:2] == (
-        3, {"error": SCRAMBLED, "slug": "requalify", "exit_code": 3}
-    )  # fmt: skip
-    resumed, again, _ = rig("run", "--resume", str(folder), "--requalified", "chain", "--json", search=scrambler)
-    assert (resumed, again["valid"], again["rig_state"]) == (0, 1, "safe")
+    refused = stopped.resumed(folder)
+    assert refused.end().answer == {"error": SCRAMBLED, "slug": "requalify", "exit_code": 3}
+    resumed = refused.resumed(folder, "chain").end()
+    assert (resumed.exit_code, resumed.answer["valid"], resumed.answer["rig_state"]) == (0, 1, "safe")

@@ -1,15 +1,12 @@
-"""Points spoiled on purpose, on real processes: invalid for the right reason, repeated, exit 5 when nothing helps."""
+"""Points spoiled on purpose: invalid for the right reason, repeated, exit 5 when nothing helps."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 from simulated_campaign import Ended, options, simulated
 
 from rig.recording.recorded_point import RecordedPoint
-
-pytestmark = pytest.mark.wire
 
 MATRIX = """
 format = 1
@@ -54,7 +51,7 @@ def run(
 ) -> Ending:
     matrix = MATRIX.format(currents=currents, frequency=frequency, cycles=cycles, campaign=campaign)
     ended = simulated(folder, matrix, *simulator, seed=3)
-    return Ending(ended.exit_code, ended.said, ended.answer)
+    return Ending(**vars(ended))
 
 
 def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_mend_them(tmp_path: Path) -> None:

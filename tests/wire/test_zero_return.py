@@ -10,8 +10,6 @@ from simulated_campaign import simulated
 
 from rig.campaign.preflight.rest_check import read_zero_checks
 
-pytestmark = pytest.mark.wire
-
 MATRIX = """
 format = 1
 [specimen]

@@ -179,10 +179,11 @@ def test_a_stop_that_waits_for_a_lost_controller_leaves_the_machine_to_the_other
     rig.device.close()
     rig.thread.act(StopAction.FADE)
     assert wait_for(lambda: rig.thread.failures > 2)
-    failures, used_s = rig.thread.failures, time.process_time()
+    failures, used_s, began_s = rig.thread.failures, time.process_time(), time.monotonic()
     time.sleep(0.5)
-    assert rig.thread.failures - failures <= 60, "one attempt in 10 ms"
-    assert time.process_time() - used_s < 0.25
+    lasted_s = time.monotonic() - began_s  # more than asked for on a busy machine
+    assert rig.thread.failures - failures <= 120 * lasted_s, "one attempt in 10 ms"
+    assert time.process_time() - used_s < 0.5 * lasted_s
 
 
 def test_a_controller_without_a_position_leaves_the_proof_of_standstill_to_the_lvdt(controller: Make) -> None:

@@ -1,45 +1,31 @@
-"""A station that is held up again and again (SIGSTOP) beside a rig on its wires: whom it blames, and for how long."""
+"""A station that is held up again and again beside a rig that goes on: whom it blames, and for how long."""
 
 from __future__ import annotations
 
-import os
 import random
-import signal
-import threading
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from rig.clock import monotonic_ns
-
-pytestmark = pytest.mark.wire
-
 Make = Callable[..., Any]
 
 
-def moving(rig: Any) -> int:  # noqa: ANN401 - its class lives in conftest, which tests cannot import
-    """Under way; process id of the station."""
+def moving(make: Make, *arguments: str) -> Any:  # noqa: ANN401 - whatever the fixture makes
+    """A rig under way."""
+    rig = make(*arguments)
     rig.prepare()
     rig.run()
     rig.await_motion(0.008)
-    return int(rig.client.ready["pid"])
-
-
-def hold(station: int, seconds: float) -> float:
-    begin_ns = monotonic_ns()
-    os.kill(station, signal.SIGSTOP)
-    threading.Event().wait(seconds)
-    os.kill(station, signal.SIGCONT)
-    return (monotonic_ns() - begin_ns) / 1e9
+    return rig
 
 
 def test_half_of_what_is_allowed_thirty_times_blames_nobody_and_is_counted(station_rig: Make) -> None:
-    rig = station_rig()
-    station, chance, held_s = moving(rig), random.Random(1), []
-    for _ in range(30):
-        threading.Event().wait(chance.uniform(0.08, 0.2))
-        held_s.append(hold(station, 0.5 * rig.config.late_limit_s))
+    rig, chance = moving(station_rig), random.Random(1)
+    held_s = [0.5 * rig.config.late_limit_s] * 30
+    for length_s in held_s:
+        rig.wait(chance.uniform(0.08, 0.2))
+        rig.hold(length_s)
     status = rig.client.request("status")
     assert status["trip"] is None
     rig.seen += rig.client.events()
@@ -57,8 +43,9 @@ def test_half_of_what_is_allowed_thirty_times_blames_nobody_and_is_counted(stati
 def test_beyond_the_limit_the_station_is_the_first_cause_whatever_else_followed(
     station_rig: Make, factor: float
 ) -> None:
-    rig = station_rig()
-    held_s = hold(moving(rig), factor * rig.config.late_limit_s)
+    rig = moving(station_rig)
+    held_s = factor * rig.config.late_limit_s
+    rig.hold(held_s)
     trip = rig.event("trip")
     assert trip["slug"] == ("host-late" if held_s < 0.8 * rig.config.actuator.watchdog_s else "host-silent")
     assert trip["value"] >= rig.config.late_limit_s
@@ -71,11 +58,10 @@ def test_beyond_the_limit_the_station_is_the_first_cause_whatever_else_followed(
 def test_a_device_that_really_fell_silent_is_named_although_the_station_is_held_up_all_the_time(
     station_rig: Make,
 ) -> None:
-    rig = station_rig("--fault", "ecu-silent@1.5")
-    station, tripped = moving(rig), False
+    rig, tripped = moving(station_rig, "--fault", "ecu-silent@1.5"), False
     for _ in range(200):
-        threading.Event().wait(0.04)
-        hold(station, 0.4 * rig.config.late_limit_s)
+        rig.wait(0.04)
+        rig.hold(0.4 * rig.config.late_limit_s)
         rig.seen += rig.client.events()
         tripped = any(event["event"] == "trip" for event in rig.seen)
         if tripped:

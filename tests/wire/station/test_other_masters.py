@@ -14,8 +14,6 @@ from drivers.modbus_actuator import ModbusActuator
 from rig.station.client import StationClient, StationRefused
 from simulators.controller_firmware import Command
 
-pytestmark = pytest.mark.wire
-
 Make = Callable[..., Any]
 SAME_PID = "import os\nos.getpid = lambda: 42\n"
 """Containers number their processes alike."""
@@ -28,24 +26,29 @@ def test_another_clients_stop_is_not_taken_for_the_end_of_the_program(station_ri
     rig.run()
     rig.await_motion(0.008)
     other = ModbusActuator(ActuatorConnection(rig.config.actuator.url, owner_id=0x7777), controller("demo"))
-    other.open()
-    try:
-        other.send(command)
-    finally:
-        other.close()
+
+    def stop_it() -> None:
+        other.open()
+        try:
+            other.send(command)
+        finally:
+            other.close()
+
+    rig.inside(stop_it)
     trip = rig.event("trip")
     assert (trip["slug"], trip["stop"]) == ("second-master", "S2")
     assert command.name in trip["detail"]
     rig.event("safe")
 
 
+@pytest.mark.wire
 def test_of_two_hosts_with_equal_process_numbers_the_second_is_refused_and_the_first_goes_on(
-    station_rig: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    wired_station_rig: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text(SAME_PID, encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     # Two connections to each sensor's socket would take samples from each other: the second has sensors of its own rig.
-    first, spare = station_rig(), station_rig()
+    first, spare = wired_station_rig(), wired_station_rig()
     config = spare.config.__class__(**vars(spare.config) | {
         "actuator": first.config.actuator, "ring_path": str(tmp_path / "ring"),
     })

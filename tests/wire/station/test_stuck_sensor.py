@@ -7,8 +7,6 @@ from typing import Any
 
 import pytest
 
-pytestmark = pytest.mark.wire
-
 
 @pytest.mark.parametrize(("amplitude_m", "frequency_Hz"), [(0.0005, 0.5), (0.002, 0.2)])
 def test_it_is_called_stuck_and_nothing_else(
