@@ -150,6 +150,7 @@ class Stage:
         if self.devices is not None:
             self.machine.end(self.devices, -int(signal.SIGKILL))
         self.disk.refuses, self.disk.flush_fails, self.disk.slow_ns = 0, False, 0
+        self.machine.log_full = False
 
     def named(self, name: str) -> list[Process]:
         """The processes of that name that run."""
