@@ -8,6 +8,7 @@ python3 dev.py faults          the fault suite: every row of the matrix in virtu
 python3 dev.py faults --rows   only the rows: exit code, first cause, times, 0 A, standstill and pressure in truth
 python3 dev.py faults --mutate [SLUG...]   each detector switched off: its test must fail
 python3 dev.py worlds [--seeds FIRST:END]   whole campaigns in virtual time, drawn from seeds; what must hold is checked
+python3 dev.py worlds --planted [NAME...]   bugs put in on purpose are looked for in random worlds (hours)
 python3 dev.py coverage        branch coverage of all tests, processes they start included (slower than `test`)
 python3 dev.py rig ...         any `rig` command
 python3 dev.py install         set up only
@@ -213,6 +214,9 @@ def main(arguments: list[str]) -> int:
         return run(program("rig"), *rest)
     if command == "faults":
         return faults(rest)
+    if command == "worlds" and "--planted" in rest:
+        rest.remove("--planted")
+        return run(program("python"), "tests/simulators/world/planted/planted_search.py", *rest)
     if command == "worlds":
         return run(program("rig"), "worlds", *rest)
     if command == "coverage":

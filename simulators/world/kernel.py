@@ -93,7 +93,7 @@ class Kernel:
         self._due: list[tuple[int, float, int, Task, int, bool]] = []
         self._order = 0
         self._hub = getcurrent()
-        self._held_up = HELD_UP_SHARE
+        self.held_up = HELD_UP_SHARE
 
     # Time
 
@@ -227,7 +227,7 @@ class Kernel:
 
     def system_call(self) -> None:
         """Where a task may be held up: others run meanwhile."""
-        if self.current is not None and self.chance.random() < self._held_up:
+        if self.current is not None and self.chance.random() < self.held_up:
             self.sleep_ns(self._draw(HELD_UP_NS))
 
     # The loop

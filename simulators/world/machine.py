@@ -90,6 +90,7 @@ class Machine:
         self.ends: dict[int, End] = {}
         self.wall_step_s = 0.0
         self.suspended_ns = 0
+        self.log_full = False
         self._next_descriptor = FIRST_DESCRIPTOR
 
     # Processes
@@ -245,6 +246,8 @@ class Machine:
         """
         self.kernel.system_call()
         if descriptor == STANDARD_ERROR and self.here is not None:
+            if self.log_full:
+                raise OSError(errno.ENOSPC, "No space left on device")
             self.here.tell(bytes(data).decode("utf-8", "replace"))
             return len(data)
         if descriptor < FIRST_DESCRIPTOR:

@@ -13,6 +13,7 @@ from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
 from simulators.injection import INJECTORS, NEEDS_AUXILIARY
 from simulators.schedule import ONLY_ON, drawn_fault, parse_fault
+from simulators.world.kernel import HELD_UP_SHARE
 
 DISK = {"disk-full": errno.ENOSPC, "dir-readonly": errno.EROFS, "fsync-error": errno.EIO}
 SIGNALS = {"sigint": "SIGINT", "sigterm": "SIGTERM", "sighup": "SIGHUP"}
@@ -20,13 +21,36 @@ DEATHS = {
     "application-killed": "application", "station-killed": "rig.station",
     "finaliser-killed": "rig.recording.conversion.finaliser", "converter-killed": "rig.recording.conversion.converter",
 }  # fmt: skip
-STALLS = {"application-stalled": "application", "station-stalled": "rig.station"}
-OTHERS = ("power-cut", "clock-step", "slow-disk", "pause")
+STALLS = {
+    "application-stalled": "application", "station-stalled": "rig.station",
+    "finaliser-stalled": "rig.recording.conversion.finaliser",
+    "converter-stalled": "rig.recording.conversion.converter",
+}
+FOREIGN = ("foreign-stop", "panel-stop")
+"""Somebody else stops the rod: another client by a command, a hand at the controller's own panel."""
+LASTING = ("clock-step", "slow-disk", "pause")
+OTHERS = ("power-cut", "log-full", *LASTING, *FOREIGN)
 AROUND = (*DISK, *SIGNALS, *DEATHS, *STALLS, *OTHERS)
 """What happens around the devices; the rows of the fault matrix happen in them."""
 MOST_HAPPENINGS = 5
-LATEST_S = 22.0
-LATEST_FAULT_S = 14.0
+SUDDEN_SHARE = 0.2
+"""Of what happens: so much comes within `SUDDEN_S` of what was drawn before it."""
+SUDDEN_S = 0.02
+COMBINED_SHARE = 0.15
+COMBINED = (
+    ("log-full", "can-busoff:lost"), ("sigint", "sigterm"), ("converter-stalled", "application-killed"),
+    ("disk-full", "finaliser-killed"), ("slow-disk", "power-cut"), ("foreign-stop", "application-stalled"),
+    ("loadcell-pulled", "lvdt-pulled"),
+)
+"""Troubles that come together: one disk, one supply, one hand."""
+LONGEST_STALL_S = {"finaliser-stalled": 12.0, "converter-stalled": 12.0}
+NAMED_SHARE = 0.15
+SLOW_FILES_SHARE = 0.5
+EARLY_S = (4.0, 7.0)
+"""While the first points of a campaign are run."""
+BUSY_SHARE, BUSY_HELD_UP = 0.1, 0.3
+LATEST_S = 16.0
+LATEST_FAULT_S = 9.0
 NEVER_DRAWN = frozenset(NEEDS_AUXILIARY) | {"usb-renumber"}
 
 
@@ -91,6 +115,7 @@ class WorldPlan:
         turn_s: how often the application looks at what has come (s).
         bench: a user's bench file's text; empty where the rig is the usual one.
         lasts_s: how long a user's campaign lasts at most (s); 0 for a drawn one.
+        held_up: the share of system calls at which a thread is kept waiting for a moment.
     """
 
     seed: int
@@ -102,6 +127,7 @@ class WorldPlan:
     turn_s: float = 0.005
     bench: str = ""
     lasts_s: float = 0.0
+    held_up: float = 0.01
 
     def without(self, happening: Happening) -> WorldPlan:
         """The same world without one thing."""
@@ -151,8 +177,12 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     actuator = given.actuator or actuator
     happenings = _happenings(chance, actuator, given.motion_s)
     tick_s, turn_s = chance.choice((0.003, 0.005, 0.008)), chance.choice((0.004, 0.006, 0.008))
+    text = given.matrix or _matrix(chance)
+    if 'id = "loop"' in text and chance.random() < SLOW_FILES_SHARE:
+        happenings = (*happenings, _around("finaliser-stalled", chance.uniform(*EARLY_S), chance))
+    held_up = BUSY_HELD_UP if random.Random(f"busy {seed}").random() < BUSY_SHARE else HELD_UP_SHARE
     return WorldPlan(
-        seed, given.matrix or _matrix(chance), happenings, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s,
+        seed, text, happenings, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s, held_up=held_up,
         bench=given.bench, lasts_s=given.lasts_s,
     )  # fmt: skip
 
@@ -171,11 +201,30 @@ def _happenings(chance: random.Random, actuator: str, motion_s: float) -> tuple[
             lasts_s = None if fault.lasts_s == float("inf") else fault.lasts_s
             chosen.append(Happening(fault.name, fault.after_s, lasts_s))
         else:
-            what = chance.choice(AROUND)
-            lasts_s = round(chance.uniform(0.02, 1.5), 3) if what in STALLS or what in OTHERS else None
-            chosen.append(Happening(what, round(chance.uniform(0.0, latest_s), 3), lasts_s))
-    unique = {happening.what: happening for happening in chosen}
+            chosen.append(_around(chance.choice(AROUND), chance.uniform(0.0, latest_s), chance))
+        before = chosen[-2].at_s if len(chosen) > 1 else None
+        if before is not None and chosen[-1].at_s is not None and chance.random() < SUDDEN_SHARE:
+            chosen[-1] = replace(chosen[-1], at_s=round(before + chance.uniform(0.0, SUDDEN_S), 3))
+    if chance.random() < COMBINED_SHARE:
+        chosen += _combined(chance)
+    unique = {(happening.what, happening.what in SIGNALS and happening.at_s): happening for happening in chosen}
     return tuple(sorted(unique.values(), key=lambda happening: (happening.at_s or 0.0, happening.what)))
+
+
+def _around(what: str, at_s: float, chance: random.Random) -> Happening:
+    """Something around the devices, at about a time."""
+    longest_s = LONGEST_STALL_S.get(what, 1.5)
+    lasts_s = round(chance.uniform(0.02, longest_s), 3) if what in STALLS or what in LASTING else None
+    return Happening(what, round(at_s, 3), lasts_s)
+
+
+def _combined(chance: random.Random) -> list[Happening]:
+    """Two troubles that come together."""
+    at_s, troubles = chance.uniform(0.0, LATEST_FAULT_S), chance.choice(COMBINED)
+    return [
+        _around(what, at_s + chance.uniform(0.0, 1.0), chance) if what in AROUND else Happening(what, round(at_s, 3))
+        for what in troubles
+    ]
 
 
 def _matrix(chance: random.Random) -> str:
@@ -184,10 +233,23 @@ def _matrix(chance: random.Random) -> str:
     chosen_A = chance.sample((0, 0.25, 0.5, 0.75, 1.0), chance.choice((1, 2, 2)))
     currents = [f"{current_A} A" for current_A in sorted(chosen_A)]
     cycles = chance.choice((8, 10, 12)) if len(currents) == 1 else chance.choice((5, 6, 8))
+    if chance.random() < NAMED_SHARE:
+        return _named_matrix(chance, amplitudes[0], frequencies[0], currents[0])
     return "\n".join((
         "format = 1", "[specimen]", 'serial_number = "MR-001"', 'stroke = "170 mm"', 'prior = "demo"', "[matrix]",
         f'waveform = ["{chance.choice(("sine", "sine", "triangle"))}"]', f"amplitude = {json.dumps(amplitudes)}",
         f"frequency = {json.dumps(frequencies)}", f"current = {json.dumps(currents)}", f"cycles = {cycles}",
         chance.choice(('order = "as written"', 'order = "as written"', 'order = "random"\nseed = 1')),
         "[campaign]", f"retries = {chance.choice((0, 0, 1, 2))}", "[identify]", "enabled = false", "",
+    ))  # fmt: skip
+
+
+def _named_matrix(chance: random.Random, amplitude: str, frequency: str, current: str) -> str:
+    """A named point that is repeated, in any order: names that begin alike."""
+    return "\n".join((
+        "format = 1", "[specimen]", 'serial_number = "MR-001"', 'stroke = "170 mm"', 'prior = "demo"', "[matrix]",
+        f"cycles = {chance.choice((5, 6))}", f"repeats = {chance.choice((2, 3, 4))}",
+        f'order = "random"\nseed = {chance.randrange(100)}', "[[point]]", 'id = "loop"', 'waveform = "sine"',
+        f'amplitude = "{amplitude}"', f'frequency = "{frequency}"', f'current = "{current}"',
+        "[campaign]", f"retries = {chance.choice((0, 1))}", "[identify]", "enabled = false", "",
     ))  # fmt: skip

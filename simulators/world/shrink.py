@@ -10,6 +10,8 @@ from pathlib import Path
 from simulators.world.plan import WorldPlan
 from simulators.world.runs import Ended, live
 
+FEWEST_CYCLES = 5
+
 
 def shrunk(plan: WorldPlan, ended: Ended, tell: Callable[[str], None]) -> tuple[WorldPlan, Ended]:
     """Leave out one thing after the other, and points of the matrix, as long as an invariant of the same name breaks.
@@ -37,12 +39,17 @@ def shrunk(plan: WorldPlan, ended: Ended, tell: Callable[[str], None]) -> tuple[
 def _smaller(plan: WorldPlan) -> list[tuple[WorldPlan, str]]:
     """Worlds with one thing less: one that happens, or the last value of one axis of the matrix."""
     worlds = [(plan.without(happening), str(happening)) for happening in plan.happenings]
+    lines = plan.matrix.splitlines()
     for key in ("current", "frequency", "amplitude"):
-        lines = plan.matrix.splitlines()
         for place, line in enumerate(lines):
             values = line.partition("= [")[2].rstrip("]").split(", ")
             if line.startswith(f"{key} = [") and len(values) > 1:
                 fewer = f"{key} = [{', '.join(values[:-1])}]"
                 matrix = "\n".join([*lines[:place], fewer, *lines[place + 1 :], ""])
                 worlds.append((replace(plan, matrix=matrix), f"{key} {values[-1]}"))
+    for place, line in enumerate(lines):
+        cycles = int(line.removeprefix("cycles = ")) if line.startswith("cycles = ") else 0
+        if cycles >= 2 * FEWEST_CYCLES:
+            matrix = "\n".join([*lines[:place], f"cycles = {cycles // 2}", *lines[place + 1 :], ""])
+            worlds.append((replace(plan, matrix=matrix), f"{cycles - cycles // 2} cycles"))
     return worlds

@@ -166,6 +166,7 @@ class Stage:
         if self.devices is not None:
             self.machine.end(self.devices, -int(signal.SIGKILL))
         self.disk.mend()
+        self.machine.log_full = False
 
     def named(self, name: str) -> list[Process]:
         """The processes of that name that run."""

@@ -17,20 +17,23 @@ from numpy.typing import NDArray
 
 from rig.campaign import CampaignOptions
 from rig.matrix.model import load_matrix
+from simulators.controller_firmware import Command, State
 from simulators.options import RigOptions, with_option
-from simulators.plant import step
+from simulators.plant import records, step
 from simulators.plant.plant import Plant
 from simulators.rig import RunOptions, SimulatedRig
 from simulators.schedule import parse_fault
 from simulators.world.kernel import Kernel, NothingHappens
 from simulators.world.machine import Process
-from simulators.world.plan import DEATHS, DISK, SIGNALS, STALLS, Happening, WorldPlan
+from simulators.world.plan import DEATHS, DISK, FOREIGN, SIGNALS, STALLS, Happening, WorldPlan
 from simulators.world.stage import Application, Stage
 from simulators.world.user_bench import UserBench
 
 MOST_SESSIONS = 6
 SESSION_S = 400.0
 """A campaign of a world that has not ended by then never will (virtual s)."""
+FOREIGN_SEQUENCE = 1000
+LOOK_AGAIN_NS = 100_000_000
 REST_S = 90.0
 """So long after the end of the application everything must be at rest (virtual s)."""
 COLUMNS = (step.VELOCITY, step.CURRENT, step.DISPLACEMENT, step.FORCE)
@@ -132,14 +135,19 @@ class World:
         plan: what it begins with.
         root: an empty folder for its files.
         display: what the campaign's display shows; by default nothing.
+        most_sessions: it ends after so many, complete or not.
     """
 
-    def __init__(self, plan: WorldPlan, root: Path, display: Any = None) -> None:  # noqa: ANN401
+    def __init__(
+        self, plan: WorldPlan, root: Path, display: Any = None, most_sessions: int = MOST_SESSIONS  # noqa: ANN401
+    ) -> None:
         self.plan = plan
         self.root = root
         self.display = display or Silent()
+        self.most_sessions = most_sessions
         self.stage = Stage(plan.seed, root, plan.tick_s, plan.turn_s)
         self.kernel, self.machine = self.stage.kernel, self.stage.machine
+        self.kernel.held_up = plan.held_up
         self.sessions: list[Session] = []
         self.ended = ""
         """Why the world ended before its campaign was complete; empty otherwise."""
@@ -157,11 +165,12 @@ class World:
                 self.ended = f"nothing can happen any more: {stuck}"
 
     def _sessions(self, until_s: float | None) -> None:
-        for number in range(1, MOST_SESSIONS + 1):
+        for number in range(1, self.most_sessions + 1):
             session = self._session(number, until_s)
             if session.exit_code == 0 or self.ended or self._complete(session):
                 return
-        self.ended = f"the campaign is not complete after {MOST_SESSIONS} sessions"
+        if self.most_sessions >= MOST_SESSIONS:
+            self.ended = f"the campaign is not complete after {MOST_SESSIONS} sessions"
 
     @staticmethod
     def _complete(session: Session) -> bool:
@@ -264,16 +273,40 @@ class World:
         elif what in STALLS:
             for process in stage.named(STALLS[what]):
                 process.stalled_ns = self.kernel.now_ns + lasts_ns
-        elif what == "fsync-error":
-            stage.disk.flush_fails = True
-        elif what in DISK:
-            stage.disk.refuses = DISK[what]
-        elif what == "slow-disk":
-            stage.disk.slow_ns = lasts_ns
+        elif what in DISK or what in {"slow-disk", "log-full"}:
+            self._spoil_the_disk(what, lasts_ns)
         elif what == "clock-step":
             self.machine.wall_step_s += 3600.0 * (happening.lasts_s or 1.0)
         elif what == "power-cut":
             stage.power_cut()
+        elif what in FOREIGN:
+            self._stop_by_somebody_else(what)
+
+    def _spoil_the_disk(self, what: str, lasts_ns: int) -> None:
+        """It refuses writes or flushes, or takes longer, until it is repaired."""
+        disk = self.stage.disk
+        if what == "fsync-error":
+            disk.flush_fails = True
+        elif what == "slow-disk":
+            disk.slow_ns = lasts_ns
+        elif what == "log-full":
+            self.machine.log_full = True
+        else:
+            disk.refuses = DISK[what]
+
+    def _stop_by_somebody_else(self, what: str) -> None:
+        """A running program is stopped by a command of another client, or at the panel; the next one if none runs."""
+        actuator = self.stage.rig.actuator
+        if actuator.motion_state is not State.RUNNING:
+            if self.stage.named("application"):
+                self.kernel.spawn(what, self._fate, lambda: self._stop_by_somebody_else(what), LOOK_AGAIN_NS)
+            return
+        if what == "foreign-stop":
+            sequence = (actuator.sequence + FOREIGN_SEQUENCE) % 0xFFFF or 1
+            actuator.execute({"sequence": sequence, "command": int(Command.FADE_STOP), "owner_id": 0})
+        else:
+            self.stage.rig.plant.order(mode=records.MODE_FADE)
+        self.sessions[-1].truth.note("FOREIGN", what)
 
     # What came of it
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -115,7 +116,12 @@ def test_plans_are_drawn_and_kept_as_text() -> None:
     assert all(WorldPlan.from_json(given.to_json()) == given for given in plans)
     happened = {happening.what for given in plans for happening in given.happenings}
     assert set(AROUND) <= happened
-    assert {len(given.happenings) for given in plans} == set(range(6))
+    assert {len(given.happenings) for given in plans} >= set(range(6))
+    assert {given.held_up for given in plans} == {0.01, 0.3}
+    names = [given.seed for given in plans if 'id = "loop"' in given.matrix]
+    assert 20 < len(names) < 80, "matrices of points whose names begin alike"
+    pairs = [(one, other) for given in plans for one, other in pairwise(given.happenings) if one.at_s and other.at_s]
+    assert sum(other.at_s - one.at_s < 0.02 for one, other in pairs) > 20, "two causes within milliseconds"
     assert {given.actuator for given in plans} == {"tcp", "rtu"}
     shorter = replace(plans[0], happenings=(Happening("estop", 1.0), Happening("pause", 2.0, 1.0)))
     assert [str(kept) for kept in shorter.without(shorter.happenings[0]).happenings] == ["pause@2+1"]

@@ -1,0 +1,269 @@
+"""What must hold of stops: each has a cause, is told first, sent, obeyed and proved, and stays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from rig.errors import EXIT_REFUSED
+from rig.faults.matrix import MATRIX, REACTIONS
+from rig.faults.row import Ending, StopKind
+from simulators.controller_firmware import Command
+from simulators.world.plan import DISK, FOREIGN, SIGNALS
+from simulators.world.view import NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
+
+STILL_AFTER_S = 3.0
+"""From a latched stop to standstill: the slowest motion's last cycles and a controller left to its watchdog; what the
+station was kept from running comes on top."""
+CURRENT_AFTER_S = 1.5
+CURRENT_AT_ONCE_S = 0.3
+"""Where nothing is wrong with the way to the ECU, nor with the station."""
+SEEN_NS = 300e6
+"""By then the station has looked at the controller again, whatever was sent meanwhile."""
+SENT_S = 0.25
+LATE_JOURNAL_S = 0.5
+UNNOTICED_S = 3.0
+"""So long the rod may move with a fault that everybody can see."""
+MOVING_M_S = 0.02
+SEEN_LATER = frozenset({"load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking"})
+"""Rows that show only when a loop has changed, a motion is to end, or a current is to flow."""
+OTHER_NAMES = {
+    "can-busoff:lost": {"can-lost"}, "current-tracking": {"load-train"},
+    "current-tracking:over": {"overcurrent", "load-train"},
+    "sensor-stuck": {"sensor-saturated"}, "sensor-stuck:lvdt": {"sensor-saturated"},
+}
+"""Faults that the station may name otherwise than their row."""
+DISK_SLUGS = {"disk-full", "dir-readonly", "fsync-error", "disk-error", "recorder-unwell", "task-dies", "slow-consumer"}
+SECOND_MASTER = {"second-master"}
+SIGNAL_SLUGS = {"sigint", "sigterm", "sigint-storm"}
+EXPLAINS: dict[str, set[str]] = {
+    **dict.fromkeys(DISK, DISK_SLUGS), **dict.fromkeys(SIGNALS, SIGNAL_SLUGS), **dict.fromkeys(FOREIGN, SECOND_MASTER),
+    "clock-step": set(), "log-full": set(), "pause": set(), "converter-stalled": set(), "finaliser-stalled": set(),
+    "converter-killed": set(), "finaliser-killed": {"task-dies"},
+    "application-stalled": {*REACTIONS, *DISK_SLUGS} - {"host-silent"},
+}
+"""What around the devices explains a stop of these names; anything else explains any."""
+WATCHERS = {"application-stalled": 0.8, "station-stalled": 0.2}
+"""So long (s) each may stand still while the rod moves and nobody minds."""
+MOVING_SHARE = 0.5
+OWN_SLUGS = frozenset({"host-late", "host-silent"})
+SPOILED = frozenset({"sensor-nan", "sample-gap", "rtu-stale"})
+
+
+def stop_stays_stopped(view: View) -> Findings:
+    """After a latched stop the rod comes to rest and the current goes, and neither comes back without a restart."""
+    for trip in view.station("trip"):
+        t_ns = float(trip["t_ns"])
+        until_ns = view.restarted_ns(t_ns)
+        moving = view.between(t_ns + (STILL_AFTER_S + view.stalled_s) * 1e9, until_ns)
+        late = moving[np.abs(moving[:, 1]) > STILL_M_S]
+        if len(late) and not view.faults() & {"second-master"}:
+            yield f"the rod moves {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
+        gone_s = CURRENT_AFTER_S if view.hidden else CURRENT_AT_ONCE_S
+        powered = view.between(float(trip["latched_ns"]) + gone_s * 1e9, until_ns)
+        late = powered[np.abs(powered[:, 2]) > NO_CURRENT_A]
+        if len(late) and not view.faults() & (STUCK_CURRENT | {"can-foreign"}):
+            yield f"{late[0, 2]:.2f} A {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
+
+
+def a_stop_is_proved(view: View) -> Findings:
+    """A stop that the devices obey is proved: unknown is the rig's state only where something hides it."""
+    for unknown in () if view.hidden else view.station("unknown"):
+        yield f"the stop is not proved: {unknown.get('reason', '')}", float(unknown["t_ns"])
+
+
+def first_cause_is_named(view: View) -> Findings:
+    """What the campaign names as its stop's cause is what the station latched first since the last restart."""
+    trips = view.station("trip")
+    answer = view.session.answer
+    if answer is None or not trips or answer.exit_code != 4:
+        return
+    later = [line["slug"] for line in view.station("trip", "also")]
+    if answer.stopped_by != trips[-1]["slug"] and answer.stopped_by in later[1:]:
+        yield f"stopped by {answer.stopped_by}, the first cause was {trips[-1]['slug']}", float(trips[-1]["t_ns"])
+
+
+def no_start_after_a_foreign_stop(view: View) -> Findings:
+    """Once somebody else has stopped the rig, this program starts nothing."""
+    foreign = [float(trip["t_ns"]) for trip in view.station("trip", "also") if trip["slug"] == "second-master"]
+    foreign += [line.host_ns + SEEN_NS for line in view.session.truth.log if line.code == "FOREIGN"]
+    for line in view.session.truth.log:
+        if foreign and line.code in {Command.START.name, Command.MOVE_TO.name} and line.host_ns > min(foreign) + 20e6:
+            yield f"{line.code} after another master's stop", line.host_ns
+            return
+
+
+def a_foreign_stop_is_noticed(view: View) -> Findings:
+    """A stop by another client's command is somebody else's, and no end of the program."""
+    if view.hidden_way or view.session.answer is None:
+        return
+    trips = [float(trip["latched_ns"]) for trip in view.station("trip")]
+    for line in view.session.truth.log:
+        if line.code == "FOREIGN" and line.text == "foreign-stop" and not any(at < line.host_ns + 1e9 for at in trips):
+            yield "somebody else's stop was not noticed", line.host_ns
+
+
+def a_stop_fault_is_noticed(view: View) -> Findings:
+    """A fault whose row stops the rig, and that stays, does not end in a campaign that says that all is well."""
+    answer = view.session.answer
+    if answer is None or answer.exit_code != 0:
+        return
+    told = {str(line.get("slug")) for line in view.station("trip", "also", "warning")}
+    said = " ".join(" ".join(line.get("reasons") or ()) for line in view.lines if line.get("event") == "judged")
+    for line in view.session.truth.log:
+        slug = line.text.partition(":")[0]
+        row = MATRIX.get(slug)
+        if line.code != "FAULT" or row is None or not isinstance(row.end, StopKind):
+            continue
+        happening = next((given for given in view.world.plan.happenings if given.what == line.text), None)
+        running = view.between(line.host_ns + 1e9, view.session.ended_ns)
+        moved = len(running) and np.max(np.abs(running[:, 1])) > 0.02
+        if happening is not None and happening.lasts_s is None and moved and not told and slug not in said:
+            yield f"{line.text} was not noticed", line.host_ns
+
+
+def stops_have_a_cause(view: View) -> Findings:
+    """The rig is stopped in the name of something that has happened."""
+    for trip in view.station("trip")[:1]:
+        latched_ns = float(trip["latched_ns"])
+        around = [happening.what for at_ns, happening in view.session.happened if at_ns <= latched_ns]
+        if any(what not in EXPLAINS for what in around):
+            return
+        causes = set().union(*(EXPLAINS[what] for what in around))
+        for _, fault in view.begun(latched_ns):
+            causes |= {fault.partition(":")[0]} | OTHER_NAMES.get(fault, set())
+        if trip["slug"] not in causes:
+            yield f"stopped for {trip['slug']} ({trip['detail']}), what happened explains {sorted(causes)}", latched_ns
+
+
+def the_first_is_told_first(view: View) -> Findings:
+    """The station tells of nothing that came after a stop's first cause before it tells of that cause."""
+    told = view.station("trip", "also")
+    for line, following in pairwise(told):
+        if float(following["latched_ns"]) < float(line["latched_ns"]):
+            yield f"{line['slug']} was told before {following['slug']}, which came first", float(line["latched_ns"])
+
+
+def a_stop_is_sent(view: View) -> Findings:
+    """A latched stop reaches the controller at once, where nothing is wrong with the way to it."""
+    if view.hidden_way:
+        return
+    sent = [float(line["t_ns"]) for line in view.station("sent") if line.get("action") in {"fade", "halt"}]
+    last_ns = max((float(line["host_ns"]) for line in view.lines), default=0.0)
+    for trip in view.station("trip"):
+        latched_ns = float(trip["latched_ns"])
+        if last_ns < latched_ns + LATE_JOURNAL_S * 1e9:
+            continue
+        if not any(latched_ns - 1e6 <= at_ns <= latched_ns + SENT_S * 1e9 for at_ns in sent):
+            yield f"no stop was sent to the controller within {SENT_S:g} s of {trip['slug']}", latched_ns
+
+
+def what_is_proved_is_true(view: View) -> Findings:
+    """When the station says that the rig is safe, the rod stands, no current flows, after S1 the pressure is off."""
+    for safe in view.station("safe"):
+        t_ns = float(safe["t_ns"])
+        rows = view.between(t_ns - 20e6, t_ns)
+        if not len(rows):
+            continue
+        _, speed, current, _, _, pressure = rows[-1]
+        if abs(speed) > STILL_M_S:
+            yield f"standstill was proved at {speed:.3g} m/s", t_ns
+        if safe.get("current_zero") and abs(current) > 2 * NO_CURRENT_A:
+            yield f"0 A was proved at {current:.2f} A", t_ns
+        if not safe.get("current_zero") and not view.faults() and not view.session.happened:
+            yield "safe without a proof of 0 A", t_ns
+        if str(safe.get("stop")) == str(StopKind.PRESSURE_OFF) and pressure > 0:
+            yield "an S1 stop was proved with the pressure on", t_ns
+
+
+def nothing_is_asked_while_stopped(view: View) -> Findings:
+    """Between a latched stop and the next start nobody here orders a motion or pressure."""
+    energising = {Command.START.name, Command.MOVE_TO.name, Command.HYDRAULICS_ON.name}
+    for trip in view.station("trip"):
+        latched_ns = float(trip["latched_ns"])
+        until_ns = view.resetting_ns(latched_ns)
+        for line in view.session.truth.log:
+            if line.code in energising and latched_ns + 20e6 < line.host_ns < until_ns:
+                yield f"{line.code} {1e-9 * (line.host_ns - latched_ns):.2f} s after the stop for {trip['slug']}", (
+                    line.host_ns
+                )
+
+
+def a_lasting_fault_ends_the_motion(view: View) -> Findings:
+    """Nobody moves the rod for long with a fault that stops the rig, unless something else has stopped it."""
+    if view.session.answer is None:
+        return
+    until_ns = min((float(trip["latched_ns"]) for trip in view.station("trip")), default=view.session.ended_ns)
+    for at_ns, fault in view.begun(until_ns):
+        row = MATRIX.get(fault.partition(":")[0])
+        if row is None or not isinstance(row.end, StopKind) or row.slug in SEEN_LATER or not view.stays(fault):
+            continue
+        rows = view.between(at_ns, until_ns)
+        moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
+        if moved_s > UNNOTICED_S:
+            yield f"{fault}: the rod moved on for {moved_s:.1f} s", at_ns
+
+
+def what_is_spoiled_is_not_valid(view: View) -> Findings:
+    """A point that ran with a fault that spoils it is not valid."""
+    began = {str(line["point"]): float(line["host_ns"]) for line in view.lines if line.get("event") == "point"}
+    for line in view.lines:
+        if line.get("event") != "judged" or line.get("verdict") != "valid" or str(line.get("id")) not in began:
+            continue
+        for at_ns, fault in view.begun(began[str(line["id"])]):
+            row = MATRIX.get(fault.partition(":")[0])
+            if row is not None and row.end is Ending.INVALID and row.slug in SPOILED and view.stays(fault):
+                yield f"{line['id']} is valid, though {fault} was there", at_ns
+
+
+def refused_before_it_moves(view: View) -> Findings:
+    """With a fault that is refused, there from the start, no program is started; a healthy rig is not refused."""
+    refused = [
+        (at_ns, fault) for at_ns, fault in view.begun(view.session.ended_ns)
+        if (row := MATRIX.get(fault.partition(":")[0])) is not None and row.end is Ending.REFUSE
+    ]
+    if view.session.exit_code == EXIT_REFUSED and not view.faults() and not view.session.happened:
+        yield f"a healthy rig was refused: {view.session.refusal[1][:200]}", view.session.ended_ns
+    for line in view.session.truth.log:
+        if line.code == Command.START.name and any(at_ns < line.host_ns for at_ns, _ in refused):
+            yield f"a program was started with {', '.join(fault for _, fault in refused)}", line.host_ns
+            return
+
+
+def a_watcher_that_stands_is_noticed(view: View) -> Findings:
+    """The rig is stopped when the application or the station stands still for long while the rod moves."""
+    trips = [float(trip["latched_ns"]) for trip in view.station("trip")]
+    for at_ns, happening in view.session.happened:
+        if (happening.lasts_s or 0.0) < WATCHERS.get(happening.what, math.inf):
+            continue
+        ends_ns = at_ns + 1e9 * (happening.lasts_s or 0.0)
+        rows = view.between(at_ns, ends_ns)
+        moving = len(rows) and np.mean(np.abs(rows[:, 1]) > MOVING_M_S) > MOVING_SHARE
+        if moving and not view.killed and not any(trip_ns < ends_ns + SEEN_NS for trip_ns in trips):
+            yield f"{happening}: the rod moved on, and nobody minded", at_ns
+        first = next((trip for trip in view.station("trip") if float(trip["latched_ns"]) > at_ns), None)
+        own = happening.what == "application-stalled" or first is None or first["slug"] in OWN_SLUGS
+        if moving and not own and len(view.session.happened) == 1 and not view.begun(ends_ns + SEEN_NS):
+            yield f"{happening}: stopped for {first and first['slug']}, not for the station's own lateness", at_ns
+
+
+STOP_CHECKS: dict[str, Callable[[View], Findings]] = {
+    "refused": refused_before_it_moves,
+    "watched": a_watcher_that_stands_is_noticed,
+    "stays-stopped": stop_stays_stopped,
+    "proved": a_stop_is_proved,
+    "true-proof": what_is_proved_is_true,
+    "cause": stops_have_a_cause,
+    "first-cause": first_cause_is_named,
+    "told-first": the_first_is_told_first,
+    "sent": a_stop_is_sent,
+    "asked": nothing_is_asked_while_stopped,
+    "foreign-noticed": a_foreign_stop_is_noticed,
+    "foreign-stop": no_start_after_a_foreign_stop,
+    "noticed": a_stop_fault_is_noticed,
+    "moves-on": a_lasting_fault_ends_the_motion,
+    "spoiled": what_is_spoiled_is_not_valid,
+}

@@ -1,0 +1,111 @@
+"""A session of a world as its judges see it: what happened, what was journalled, what was true."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from rig.faults.matrix import MATRIX
+from simulators.world.plan import FOREIGN, STALLS
+from simulators.world.world import Session, World
+
+Findings = Iterator[tuple[str, float]]
+"""What does not hold, and when (ns of the host's clock)."""
+
+STILL_M_S = 5e-3
+NO_CURRENT_A = 0.05
+KILLING = frozenset({"application-killed", "station-killed", "power-cut"})
+UNSEEN = frozenset({"modbus", "rtu", "controller", "can", "ecu"})
+"""Places of the fault matrix where a fault may hide whether the rig has stopped."""
+STUCK_CURRENT = frozenset({"current-stuck"})
+STARTING = ("centring", "proving the sensors by a slow move")
+
+
+class View:
+    """A session with its lines of the journal."""
+
+    def __init__(self, world: World, session: Session) -> None:
+        self.world = world
+        self.session = session
+        self.lines = [
+            line for line in world.journal
+            if session.began_ns <= int(line.get("host_ns", 0)) <= max(session.rest_ns, session.ended_ns)
+        ]
+        self.killed = any(happening.what in KILLING for _, happening in session.happened)
+
+    @property
+    def stalled_s(self) -> float:
+        """For how long the station was kept from running (s)."""
+        stalls = (happening for _, happening in self.session.happened if happening.what == "station-stalled")
+        return sum(happening.lasts_s or 0.0 for happening in stalls)
+
+    def station(self, *what: str) -> list[dict[str, Any]]:
+        """Events of the station of these kinds."""
+        return [line for line in self.lines if line.get("event") == "station" and line.get("what") in what]
+
+    def between(self, from_ns: float, to_ns: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Rows of the truth in a time."""
+        rows = self.session.truth.arrays
+        return rows[(rows[:, 0] >= from_ns) & (rows[:, 0] < to_ns)]
+
+    def at_s(self, host_ns: float) -> float:
+        """Seconds since the world began."""
+        return (host_ns - self.world.kernel.start_ns) * 1e-9
+
+    def faults(self) -> set[str]:
+        """Rows whose fault the devices had in this session."""
+        return {line.text.partition(":")[0] for line in self.session.truth.log if line.code == "FAULT"}
+
+    @property
+    def hidden(self) -> bool:
+        """Something may hide whether the rig has stopped, or keep those who see it from running."""
+        rows = [MATRIX[slug] for slug in self.faults() if slug in MATRIX]
+        return any(row.place in UNSEEN for row in rows) or any(
+            happening.what in KILLING or happening.what in STALLS or happening.what in FOREIGN
+            for _, happening in self.session.happened
+        )
+
+    @property
+    def hidden_way(self) -> bool:
+        """Something may be wrong with the way to the controller, or with whoever goes it."""
+        rows = [MATRIX[slug] for slug in self.faults() if slug in MATRIX]
+        return any(row.place in {"modbus", "rtu", "controller"} for row in rows) or any(
+            happening.what in KILLING or happening.what in STALLS for _, happening in self.session.happened
+        )
+
+    @property
+    def hidden_pressure(self) -> bool:
+        """Something may keep the station from taking the pressure away, or from seeing that it is gone."""
+        rows = [MATRIX[slug] for slug in self.faults() if slug in MATRIX]
+        return any(row.place in UNSEEN for row in rows) or any(
+            happening.what in {"station-killed", "power-cut", *FOREIGN} for _, happening in self.session.happened
+        )
+
+    def resetting_ns(self, after_ns: float) -> float:
+        """When a reset after a stop began; the session's end when none did."""
+        resets = [
+            int(line["host_ns"]) for line in self.lines
+            if str(line.get("phase")).startswith("resetting") and int(line["host_ns"]) > after_ns
+        ]
+        return resets[0] if resets else self.session.rest_ns
+
+    def begun(self, until_ns: float) -> list[tuple[float, str]]:
+        """Faults of the devices until then: when (ns), `SLUG` or `SLUG:VARIANT`."""
+        return [
+            (line.host_ns, line.text) for line in self.session.truth.log
+            if line.code == "FAULT" and line.host_ns <= until_ns
+        ]
+
+    def stays(self, fault: str) -> bool:
+        """A fault that was drawn does not end by itself."""
+        return any(given.what == fault and given.lasts_s is None for given in self.world.plan.happenings)
+
+    def restarted_ns(self, after_ns: float) -> float:
+        """When the rig was started again after a stop; the session's end when it was not."""
+        again = [
+            int(line["host_ns"]) for line in self.lines
+            if line.get("phase") in STARTING and int(line["host_ns"]) > after_ns
+        ]
+        return again[0] if again else self.session.rest_ns

@@ -1,0 +1,145 @@
+"""For each planted bug the smallest world in which it was seen, and what did not hold there."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from planted_findings import FINDINGS
+from planted_patching import Edit, in_force
+from planted_safeguards import SAFEGUARDS
+
+from simulators.world import world as worlds
+from simulators.world.invariants import judged
+from simulators.world.plan import Happening, WorldPlan
+from simulators.world.runs import memory
+from simulators.world.stage import load_everything
+
+PLANTED: dict[str, tuple[Edit, ...]] = {**FINDINGS, **SAFEGUARDS}
+SESSION_S, REST_S = 40.0, 12.0
+"""A campaign of one short point ends long before."""
+MATRIX = """format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+waveform = ["sine"]
+amplitude = ["6 mm"]
+frequency = ["4 Hz"]
+current = ["0.5 A"]
+cycles = 20
+[identify]
+enabled = false
+"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A world for a planted bug.
+
+    Attributes:
+        invariant: does not hold with the bug; all hold without it.
+        happenings: what happens.
+        random_seed: one below 200 in whose drawn world the bug was seen; None: none was looked for long enough.
+        seed: of this world.
+        held_up: as `WorldPlan.held_up`.
+        matrix: of this world.
+    """
+
+    invariant: str
+    happenings: tuple[str, ...] = ()
+    random_seed: int | None = None
+    seed: int = 1
+    held_up: float = 0.01
+    matrix: str = MATRIX
+
+    @property
+    def plan(self) -> WorldPlan:
+        """The world's plan."""
+        happenings = tuple(map(Happening.parse, self.happenings))
+        return replace(WorldPlan(self.seed, self.matrix, happenings), held_up=self.held_up)
+
+
+def lived(case: Case, edits: Sequence[Edit]) -> tuple[dict[str, str], str]:
+    """One session of a case's world with these edits: what did not hold, and the digest of all it made."""
+    load_everything()
+    worlds.SESSION_S, worlds.REST_S = SESSION_S, REST_S
+    with in_force(tuple(edits)), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
+        world = worlds.World(case.plan, Path(name), most_sessions=1)
+        world.run()
+        return {invariant: words[:300] for invariant, words, _ in judged(world)}, world.digest()
+
+
+def with_the_bug(name: str) -> tuple[dict[str, str], str]:
+    """`lived` with a planted bug."""
+    return lived(CASES[name], PLANTED[name])
+
+
+def without(case: Case) -> tuple[dict[str, str], str]:
+    """`lived` as the program is."""
+    return lived(case, ())
+
+
+PULLED = ("loadcell-pulled@0.5",)
+KILLED = ("application-killed@5",)
+NAMED = """format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+cycles = 5
+repeats = 2
+order = "random"
+seed = 1
+[[point]]
+id = "loop"
+waveform = "sine"
+amplitude = "6 mm"
+frequency = "4 Hz"
+current = "0.5 A"
+[identify]
+enabled = false
+"""
+CASES: dict[str, Case] = {
+    "S1-hangs": Case("ends", ("disk-full@4",), 92),
+    "S2-others-journals": Case("written", ("finaliser-stalled@4+8",), matrix=NAMED),
+    "S3-foreign-stop": Case("foreign-noticed", ("foreign-stop@4",)),
+    "S7-log-first": Case("sent", ("log-full@3", "can-busoff:lost@0.5"), 174),
+    "S8-late-word": Case("told-first", ("loadcell-pulled@0.5", "lvdt-pulled@0.5"), seed=3, held_up=0.3),
+    "lease": Case("moves-on", ("second-master@0.5",)),
+    "echo": Case("cause", ("modbus-write-lost@0.5",)),
+    "e-stop-bit": Case("cause", ("estop@0.5",)),
+    "controller-silent": Case("moves-on", ("modbus-halfopen@0.5",)),
+    "controller-busy": Case("cause", ("modbus-reject@0.5",)),
+    "controller-boots": Case("cause", ("actuator-reboot@0.5",)),
+    "position-frozen": Case("moves-on", ("actuator-frozen@0.5",)),
+    "overrun": Case("cause", ("stop-ignored@0.5",)),
+    "ecu-faults": Case("moves-on", ("ecu-overtemp@0.5",)),
+    "ecu-counter": Case("cause", ("ecu-crc@0.5",)),
+    "ecu-silent": Case("cause", ("ecu-silent@0.5",)),
+    "foreign-frames": Case("moves-on", ("can-foreign@0.5",)),
+    "bus-load": Case("moves-on", ("can-babble@0.5",)),
+    "sensor-silent": Case("cause", PULLED),
+    "sensor-stuck": Case("moves-on", ("sensor-stuck@0.5",)),
+    "sensor-saturated": Case("cause", ("sensor-saturated@0.5",)),
+    "sensor-spikes": Case("cause", ("sensor-spike@0.5",)),
+    "damaged-frames": Case("moves-on", ("serial-garbage@0.5",)),
+    "standstill-proved": Case("true-proof", PULLED, 124),
+    "current-proved": Case("true-proof", ("current-stuck@0.5",), 185),
+    "pressure-off-after-s1": Case("true-proof", ("sigterm@5",)),
+    "stop-ignored": Case("ends", ("stop-ignored@0.5",)),
+    "zero-at-once": Case("stays-stopped", PULLED),
+    "stop-sent": Case("sent", PULLED, 124),
+    "link-ends": Case("rest", KILLED, 94),
+    "pressure-off-at-the-end": Case("rest", KILLED, 94),
+    "end-waits-for-the-stop": Case("rest", KILLED),
+    "pressure-off-at-disarm": Case("rest", (), 15),
+    "heartbeat": Case("cause", ("application-stalled@4+1.5",)),
+    "own-lateness": Case("watched", ("station-stalled@4+0.3",)),
+    "watchdog-fed": Case("refused", (), 15),
+    "watchdog-proved": Case("refused", ("watchdog-absent",)),
+}

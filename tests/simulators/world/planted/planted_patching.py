@@ -1,0 +1,105 @@
+"""A changed line of the program, in force for a while: the functions that it changes get other code.
+
+Every module keeps the functions that it has, whoever imported them; so nothing is copied and nothing is loaded anew.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import CodeType, FunctionType
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[4]
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+
+
+class NoLongerThere(ValueError):
+    """A text that is to be replaced does not stand in its file exactly once, or not within a function."""
+
+
+@dataclass(frozen=True)
+class Edit:
+    """A changed line: `old` becomes `new` in `file`, relative to the project."""
+
+    file: str
+    old: str
+    new: str
+
+
+@contextmanager
+def in_force(edits: tuple[Edit, ...]) -> Iterator[None]:
+    """The program with these edits.
+
+    Raises:
+        NoLongerThere: one of them cannot be made.
+    """
+    swaps = [swap for file in dict.fromkeys(edit.file for edit in edits) for swap in _swaps(file, edits)]
+    before = [(function, function.__code__) for function, _ in swaps]
+    try:
+        for function, code in swaps:
+            function.__code__ = code
+        yield
+    finally:
+        for function, code in before:
+            function.__code__ = code
+
+
+def edited(file: str, edits: tuple[Edit, ...]) -> tuple[str, str]:
+    """A file's text before and after.
+
+    Raises:
+        NoLongerThere: an old text is not there exactly once.
+    """
+    before = after = (ROOT / file).read_text(encoding="utf-8")
+    for edit in edits:
+        if edit.file == file:
+            if after.count(edit.old) != 1:
+                raise NoLongerThere(f"{file} has {after.count(edit.old)} times: {edit.old.strip()}")
+            after = after.replace(edit.old, edit.new)
+    return before, after
+
+
+def _swaps(file: str, edits: tuple[Edit, ...]) -> list[tuple[FunctionType, CodeType]]:
+    """Functions of a module that change, and their new code."""
+    before, after = edited(file, edits)
+    old, new = dict(_functions(ast.parse(before))), dict(_functions(ast.parse(after)))
+    changed = [name for name in new if name in old and ast.dump(new[name]) != ast.dump(old[name])]
+    if not changed:
+        raise NoLongerThere(f"{file}: no function changes")
+    module = importlib.import_module(file.removesuffix(".py").replace("/", "."))
+    codes = dict(_codes(compile(after, file, "exec", dont_inherit=True)))
+    return [(_function(module, name), codes[name]) for name in changed]
+
+
+def _functions(tree: ast.AST, prefix: str = "") -> Iterator[tuple[str, ast.AST]]:
+    """Functions of a module and methods of its classes by name; what is defined in them belongs to them."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, FUNCTIONS):
+            yield prefix + node.name, node
+        elif isinstance(node, ast.ClassDef):
+            yield from _functions(node, f"{prefix}{node.name}.")
+
+
+def _codes(code: CodeType) -> Iterator[tuple[str, CodeType]]:
+    """Code of functions and methods by name."""
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield constant.co_qualname, constant
+            yield from _codes(constant)
+
+
+def _function(module: Any, name: str) -> FunctionType:  # noqa: ANN401
+    owner: Any = module
+    for part in name.split("."):
+        owner = vars(owner)[part]
+    if isinstance(owner, property):
+        owner = owner.fget
+    function = getattr(owner, "__func__", owner)
+    if not isinstance(function, FunctionType):
+        raise NoLongerThere(f"{module.__name__}.{name} is no function")
+    return function

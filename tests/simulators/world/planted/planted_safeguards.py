@@ -1,0 +1,124 @@
+"""The station without one of its safeguards each.
+
+Not here, because another one does the same and no world shows the difference: the refusal of a second motion command
+after a trip (the application asks for none), the commands' watch without the program's count of cycles, the comparison
+of currents (the safe stop and the file judge them too), samples lost or not a number (the file finds them itself), the
+stop's acknowledgement, the limits of force, stroke, speed, current and temperature (no fault of the simulated rig goes
+beyond them in motion).
+"""
+
+from __future__ import annotations
+
+from planted_patching import Edit
+
+SUPERVISOR = "rig/station/supervisor.py"
+STOP = "rig/station/safe_stop.py"
+ACTUATOR = "rig/station/threads/actuator_thread.py"
+SENSOR = "rig/station/threads/sensor_thread.py"
+CONTROLLER = "rig/station/interlocks/actuator_interlock.py"
+CURRENT = "rig/station/interlocks/current_interlock.py"
+CHANNEL = "rig/station/interlocks/channel_interlock.py"
+REQUESTS = "rig/station/requests.py"
+PREPARATION = "rig/station/preparation.py"
+WATCHDOGS = "rig/station/watchdogs.py"
+
+
+UNWATCHED = Edit(
+    CONTROLLER, "        findings = self._command(status, sent)\n", "        return []\n        findings = []\n"
+)
+
+
+def deaf(*slugs: str) -> Edit:
+    """Nobody hears what the detectors report by these names."""
+    row = "            row = REACTIONS[finding.slug]\n"
+    return Edit(SUPERVISOR, row, f"            if finding.slug in {slugs}:\n                continue\n{row}")
+
+
+SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
+    # What the controller says
+    "lease": (
+        Edit(CONTROLLER, "if status.owner not in {0, self.owner_id}:", "if False:"),
+        UNWATCHED,
+    ),
+    "echo": (Edit(ACTUATOR, "if self._unechoed >= CONSECUTIVE:", "if False:"),),
+    "e-stop-bit": (deaf("estop"),),
+    "controller-silent": (deaf("modbus-halfopen", "modbus-reset"),),
+    "controller-busy": (deaf("modbus-busy", "modbus-reject"),),
+    "controller-boots": (deaf("actuator-reboot"),),
+    "position-frozen": (
+        Edit(CONTROLLER, "if travel_m > FROZEN_TRAVEL_M and self._repeats >= FROZEN_POLLS:", "if False:"),
+        Edit(CONTROLLER, "if self._apart >= 2 * CONSECUTIVE:", "if False:"),
+    ),
+    "overrun": (
+        Edit(CONTROLLER, "elif self.clock_s - self._program_began_s > self._program_s + OVERRUN_S:", "elif False:"),
+        Edit(CONTROLLER, "if self._restless >= 4 * CONSECUTIVE:", "if False:"),
+    ),
+    # What the ECU says
+    "ecu-faults": (Edit(CURRENT, "if faults & int(bits)\n", "if False\n"),),
+    "ecu-counter": (
+        Edit(CURRENT, "if counted.bad_in_a_row > 0 and (", "if False and ("),
+    ),
+    "ecu-silent": (deaf("ecu-silent", "can-busoff", "can-lost"),),
+    "foreign-frames": (Edit(CURRENT, "if counted.foreign_commands > self._foreign:", "if False:"),),
+    "bus-load": (Edit(CURRENT, "if share <= FULL_BUS:", "if True:"),),
+    # What the sensors say
+    "sensor-silent": (
+        Edit(SENSOR, "            self._supervisor.report([finding])\n", "            pass\n"),
+        deaf("loadcell-pulled", "lvdt-pulled"),
+    ),
+    "sensor-stuck": (Edit(SENSOR, "if self._stands():", "if False:"),),
+    "sensor-saturated": (Edit(CHANNEL, "if self._saturated >= CONSECUTIVE:", "if False:"),),
+    "sensor-spikes": (
+        Edit(CHANNEL, "if not flags & Quality.GAP_BEFORE and abs(value", "if False and abs(value"),
+    ),
+    "damaged-frames": (
+        Edit("rig/station/interlocks/line_interlock.py", "        if not damaged:\n", "        if True:\n"),
+        deaf("serial-baud"),
+    ),
+    # The stop
+    "standstill-proved": (
+        Edit(
+            STOP, "    if inputs.still_s is None:\n        return inputs.controller_moving is False\n",
+            "    if True:\n        return True\n",
+        ),
+    ),
+    "current-proved": (
+        Edit(
+            STOP, "if inputs.current_A is not None and abs(inputs.current_A) < ZERO_CURRENT_A:",
+            "if inputs.current_A is not None:",
+        ),
+    ),
+    "pressure-off-after-s1": (
+        Edit(
+            STOP, "        if stop.kind is StopKind.PRESSURE_OFF:\n            return",
+            "        if False:\n            return",
+        ),
+    ),
+    "stop-ignored": (Edit(STOP, "    if _late(stop, inputs):\n", "    if False:\n"),),
+    "zero-at-once": (
+        Edit(SUPERVISOR, "                self._coil.zero_now()\n", "                pass\n"),
+    ),
+    "stop-sent": (Edit(SUPERVISOR, "            self._motion.act(action)\n", "            pass\n"),),
+    # Who watches the watchers
+    "link-ends": (Edit(SUPERVISOR, "        self._application_gone = True\n", "        return\n"),),
+    "pressure-off-at-the-end": (
+        Edit(SUPERVISOR, "elif self._application_gone and before.kind is not StopKind.PRESSURE_OFF:", "elif False:"),
+    ),
+    "end-waits-for-the-stop": (
+        Edit(
+            "rig/station/process.py",
+            "            supervisor.changed.wait_for(lambda: supervisor.ended_for_good, END_TIMEOUT_S)\n",
+            "            pass\n",
+        ),
+    ),
+    "pressure-off-at-disarm": (Edit(REQUESTS, '        self._hydraulics({"level": "off"})\n', ""),),
+    "heartbeat": (deaf("host-stalled"),),
+    "own-lateness": (deaf("host-late", "host-silent"),),
+    "watchdog-fed": (
+        Edit(SUPERVISOR, "if not self._armed or self._starving or now_ns - self.tick_ns > STALLED_NS:", "if True:"),
+    ),
+    "watchdog-proved": (
+        Edit(PREPARATION, "            if tripped is None:\n", "            if False:\n"),
+        Edit(PREPARATION, "(tripped.received_ns - begin_ns) / 1e9", "0.0"),
+    ),
+}
