@@ -27,7 +27,7 @@ from rig.recording.conversion import converter, finaliser
 from rig.station import process as station
 from simulators.bench import Addresses
 from simulators.rig import SimulatedRig
-from simulators.world import device_loop, ttys
+from simulators.world import device_loop
 from simulators.world.disk import Disk
 from simulators.world.kernel import Kernel
 from simulators.world.machine import Machine, Process
@@ -114,8 +114,8 @@ class Stage:
         installed.put(rig.campaign.machine_resources, "LOCK_FOLDERS", (memory,))
         installed.put(rig.clock, "datetime", SimpleNamespace(now=lambda zone: machine.now().astimezone(zone)))
         installed.put(simulators.rig, "open_port", lambda _: device_loop.WirePort(kernel, machine.network))
-        installed.put(simulators.named_port, "open_port", lambda _: ttys.Tty(machine, self.root / "dev"))
-        named = {"serial_for_url": partial(ttys.serial_for_url, machine)}
+        installed.put(simulators.named_port, "open_port", lambda _: device_loop.Tty(machine, self.root / "dev"))
+        named = {"serial_for_url": partial(device_loop.serial_for_url, machine)}
         installed.put(drivers.serial_port, "serial", Stand("serial", named, serial, "SerialTimeoutException"))
         installed.put(simulators.slcan_bus, "PeerQueue", device_loop.Queue)
         # Coarser than in production: adapters that hand over every few milliseconds, a busy application.
