@@ -186,6 +186,7 @@ class Observer:
         """
         pulses, held_ns, stopping, seen = self.last.get(Channel.PULSE, 0.0), 0, "", False
         self.cycles_done = 0
+        self._load_train.begin()
         measurement = MotionMeasurement(wanted)
 
         def wait(block: RecordBlock) -> ev.Event | None:
@@ -284,6 +285,11 @@ class LoadTrainWatch:
         self._load_train = LoadTrain()
         self._next: int | None = None
         self._current_A = math.nan
+
+    def begin(self) -> None:
+        """Another program begins: its first cycle rises from rest, and says nothing of the last one that came to it."""
+        self._load_train.forget()
+        self._next = None
 
     def watch(self, block: RecordBlock) -> str | None:
         """Take new records of the ring.
