@@ -261,10 +261,10 @@ class Supervisor:
         Returns:
             What the stop has to do now.
         """
-        now_ns = monotonic_ns()
         # A stop asked for is never a halt: only a detector's row knows of a hard limit.
         halt = row.halt and not asked
         with self._lock:
+            now_ns = monotonic_ns()
             first = self.trip is None
             known = finding.slug in self.later or (self.trip is not None and self.trip.slug == finding.slug)
             if self.stop is None:

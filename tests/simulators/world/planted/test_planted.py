@@ -11,7 +11,6 @@ from planted_cases import CASES, PLANTED, Case, with_the_bug, without
 from planted_patching import Edit, NoLongerThere, in_force
 
 from rig.station import supervisor
-from rig.station.safe_stop import StopAction
 
 Ended = tuple[dict[str, str], str]
 
@@ -59,7 +58,6 @@ def test_an_edit_is_in_force_only_for_a_while() -> None:
     before = supervisor.Supervisor._carry_out.__code__
     with in_force(PLANTED["stop-sent"]):
         assert supervisor.Supervisor._carry_out.__code__ is not before
-        supervisor.Supervisor._carry_out(None, StopAction.FADE)  # type: ignore[arg-type]
     assert supervisor.Supervisor._carry_out.__code__ is before
 
 
