@@ -51,6 +51,8 @@ EARLY_S = (4.0, 7.0)
 BUSY_SHARE, BUSY_HELD_UP = 0.1, 0.3
 LATEST_S = 16.0
 LATEST_FAULT_S = 9.0
+COOLS_S = 30.0
+"""A hot ECU cools down by then; one that stays hot is waited for, up to an hour."""
 NEVER_DRAWN = frozenset(NEEDS_AUXILIARY) | {"usb-renumber"}
 
 
@@ -198,8 +200,8 @@ def _happenings(chance: random.Random, actuator: str, motion_s: float) -> tuple[
         if chance.random() < 0.6:
             slug = chance.choice(possible)
             fault = drawn_fault(slug, chance, latest_fault_s)
-            lasts_s = None if fault.lasts_s == float("inf") else fault.lasts_s
-            chosen.append(Happening(fault.name, fault.after_s, lasts_s))
+            lasts_s = min(fault.lasts_s, COOLS_S if slug == "ecu-overtemp" else math.inf)
+            chosen.append(Happening(fault.name, fault.after_s, None if lasts_s == math.inf else lasts_s))
         else:
             chosen.append(_around(chance.choice(AROUND), chance.uniform(0.0, latest_s), chance))
         before = chosen[-2].at_s if len(chosen) > 1 else None
