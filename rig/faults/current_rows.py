@@ -21,7 +21,7 @@ ROWS = (
         slug="ecu-late", fault="Status late/duplicated",
         where="wire", place="ecu", detected_by="counter delta, age",
         limit_s=0.03, reaction="W→S2", end=StopKind.FADE_OUT, disk="J", resume="a",
-        code=7, detector="ECU status frames repeated again and again; a single one warns",
+        code=7, detector="ECU status frames repeated again and again, or in place of a fresh one; a single one warns",
     ),
     FaultRow(
         slug="ecu-crc", fault="Wrong counter/CRC",

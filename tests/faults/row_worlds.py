@@ -292,6 +292,8 @@ ROW_WORLDS: dict[str, RowWorld] = {
     "stop-ignored": RowWorld(faulty(f"stop-ignored@{FAULT_S}"), judge=program_runs_on),
     "host-silent": RowWorld(around=silent),
     "current-stuck": RowWorld(faulty(f"current-stuck@{FAULT_S}"), judge=current_stays),
+    # Three polls, each behind two waits for what the devices hand over in a world.
+    "rtu-crc": RowWorld(faulty(f"rtu-crc@{FAULT_S}"), allowed_s=0.19),
     # Two single spikes come first, which only warn.
     "sensor-spike": RowWorld(faulty(f"sensor-spike@{FAULT_S}"), allowed_s=0.8),
     "clock-drift": RowWorld(replace(faulty("clock-drift"), matrix=ONE_LONG_POINT)),

@@ -52,6 +52,7 @@ class CurrentSourceThread(ReadingThread):
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
+        self._repeats = 0
         self._zeroed = True
         self._zeroed_ns = 0
         self._command_lock = threading.Lock()
@@ -233,6 +234,7 @@ class CurrentSourceThread(ReadingThread):
         if batch.statuses:
             # Errors that came with the last status frame may be the beginning of what silences the bus.
             self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
+            self._repeats = self._driver.counters.duplicates
         for temperature in batch.temperatures:
             findings += self.judge.judge_temperature(temperature, now_ns)
         findings += self.judge.judge_temperature_age(now_ns)
@@ -241,9 +243,14 @@ class CurrentSourceThread(ReadingThread):
             findings.append(Finding("can-lost", f"command frames ended: {self._driver.send_error}", now_ns))
         elif self._zero_error is not None:
             findings.append(Finding("can-lost", f"0 A could not be sent at once: {self._zero_error}", now_ns))
-        slug = "can-busoff" if self._driver.bus_errors > self._bus_errors else "ecu-silent"
-        silence = self._supervisor.host.missed(self.name, slug, self._last_ns, self._stale_ns, now_ns)
+        silence = self._supervisor.host.missed(self.name, self._silence(), self._last_ns, self._stale_ns, now_ns)
         return findings if silence is None else [*findings, silence]
+
+    def _silence(self) -> str:
+        """Why no fresh status comes: the bus has errors, the ECU repeats old ones, or it says nothing."""
+        if self._driver.bus_errors > self._bus_errors:
+            return "can-busoff"
+        return "ecu-late" if self._driver.counters.duplicates > self._repeats else "ecu-silent"
 
     def _is_clear(self) -> bool:
         status = self._driver.status
