@@ -26,7 +26,7 @@ def run(folder: Path, change: Callable[[str], str]) -> Ended:
     """
     folder.mkdir()
     mounted = options("load_cell.reversed=true", "lvdt.reversed=true", f"load_cell.offset={SHOWN_AT_ZERO_N}")
-    with session(folder, QUICK.read_text(encoding="utf-8"), *mounted, speed=10.0, seed=3) as begun:
+    with session(folder, QUICK.read_text(encoding="utf-8"), *mounted, speed=5.0, seed=3) as begun:
         bench = begun.campaign.stage.root / "bench.toml"
         bench.write_text(change(bench.read_text(encoding="utf-8")), encoding="utf-8")
         return begun.end()
