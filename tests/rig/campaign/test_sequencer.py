@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import pytest
 
@@ -81,8 +83,7 @@ EVENTS: tuple[ev.Event, ...] = (
 )
 
 
-@dataclass(frozen=True)
-class Edge:
+class Edge(NamedTuple):
     before: State
     event: ev.Event
     after: State
@@ -148,18 +149,23 @@ def explore(case: Case) -> list[Edge]:
     first = start_state(case.points, case.retries, case.conditions)
     failures: defaultdict[State, set[ev.Event]] = defaultdict(set)
     waiting: deque[tuple[State, Iterable[ev.Event]]] = deque([(first, case.events)])
-    seen, edges = {first}, []
+    seen, edges = {first: first}, []
+    gc.disable()  # there is nothing to collect among millions of edges
     while waiting:
         state, events = waiting.popleft()
         for event in events:
             after, actions = step(state, event)
-            edges.append(Edge(state, event, after, actions))
-            fresh = {ev.ActionFailed(action, after.phase, FULL) for action in actions} - failures[after]
-            failures[after] |= fresh
-            if after not in seen:
-                seen.add(after)
+            if after is not state and after not in seen:
+                seen[after] = after
                 waiting.append((after, case.events))
-            waiting.append((after, tuple(fresh)))
+            after = state if after is state else seen[after]
+            edges.append(Edge(state, event, after, actions))
+            if actions:
+                fresh = {ev.ActionFailed(action, after.phase, FULL) for action in actions} - failures[after]
+                failures[after] |= fresh
+                waiting.append((after, tuple(fresh)))
+    gc.enable()
+    gc.freeze()
     return edges
 
 
