@@ -97,7 +97,8 @@ class Happening:
                 raise FileProblem("--happening", [expected]) from None
         if name.partition(":")[0] not in MATRIX:
             raise FileProblem("--happening", [
-                f"{name!r} is no row of the fault matrix and none of {', '.join(AROUND)}; `rig simulate --list-faults` lists the rows"
+                f"{name!r} is no row of the fault matrix (`rig simulate --list-faults` lists them) and none of "
+                f"{', '.join(AROUND)}"
             ])
         fault = parse_fault(text)
         return cls(fault.name, fault.after_s, None if fault.lasts_s == float("inf") else fault.lasts_s)
