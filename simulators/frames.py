@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from protocols.frame_format import SIZE
+from rig.dampers.compiled_cache import njit
 
 POLYNOMIAL = 0x1021
 

@@ -23,9 +23,9 @@ from types import FunctionType
 from typing import Any, Literal
 
 import numpy as np
-from numba import njit
 
 from rig.dampers.arrays import FloatArray
+from rig.dampers.compiled_cache import njit
 from rig.dampers.integrable import Integrable
 from rig.dampers.loop_curve import has_curve, hysteresis_series
 
@@ -272,7 +272,9 @@ def cached(loop: Compiled, error_model: Literal["python", "numpy"] = "python", *
         functions: compiled functions that it calls by these global names; they are not part of what tells it apart.
     """
     named = FunctionType(loop.__code__, {**loop.__globals__, **functions}, loop.__name__, None, loop.__closure__)
-    named.__qualname__ = loop.__qualname__
+    versions = repr([cell.cell_contents for cell in loop.__closure__ or ()])
+    # A name of its own: one index in the cache and one set of symbols for each, or one model may run as another.
+    named.__qualname__ = f"{loop.__qualname__}_{zlib.crc32(versions.encode()):08x}"
     return njit(cache=True, nogil=True, error_model=error_model)(named)
 
 

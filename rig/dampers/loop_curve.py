@@ -17,9 +17,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from rig.dampers.arrays import FloatArray
+from rig.dampers.compiled_cache import njit
 
 CELLS_A_UNIT = 48
 CLOSING = 0.8  # ratio of successive distances from saturation

@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from rig.dampers.arrays import BoolArray, FloatArray, IntArray
+from rig.dampers.compiled_cache import njit
 
 BLOCK = 2048  # samples kept in cache while every candidate of a population passes over them
 

@@ -1,0 +1,54 @@
+"""Compiled functions are saved by one process at a time, each loop under a name of its own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from numba.core.caching import IndexDataCacheFile
+
+from rig import dampers
+from rig.dampers import compiled_cache, kernel
+
+
+def test_numbas_own_save_is_guarded() -> None:
+    assert IndexDataCacheFile.save.__wrapped__.__qualname__ == "IndexDataCacheFile.save"
+    assert hasattr(IndexDataCacheFile("folder", "name", None), "_index_path")
+
+
+def test_two_savers_take_turns(tmp_path: Path) -> None:
+    inside, most = [0], [0]
+
+    def save(_file: object) -> None:
+        inside[0] += 1
+        most[0] = max(most[0], inside[0])
+        time.sleep(0.02)
+        inside[0] -= 1
+
+    locked = compiled_cache.saves_alone(save)
+    file = SimpleNamespace(_index_path=str(tmp_path / "loop.nbi"))
+    threads = [threading.Thread(target=locked, args=(file,)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == [1]
+
+
+def test_where_no_lock_can_be_had_it_is_saved_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    saved: list[object] = []
+    locked = compiled_cache.saves_alone(saved.append)
+    locked(nowhere := SimpleNamespace(_index_path=str(tmp_path / "gone" / "loop.nbi")))
+    monkeypatch.setattr(compiled_cache, "import_module", lambda _: __import__("no_such_module"))
+    locked(here := SimpleNamespace(_index_path=str(tmp_path / "loop.nbi")))
+    assert saved == [nowhere, here]
+
+
+def test_no_two_models_share_an_index_or_a_symbol() -> None:
+    models = [named for named in map(dampers.model, dampers.MODELS) if named.states]
+    names = {kernel.series_of(named).__qualname__ for named in models}  # type: ignore[arg-type]  # they have states
+    assert len(models) > 3
+    assert len(names) == len(models)
