@@ -10,8 +10,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from rig.dampers.compiled_cache import njit
 
 FloatArray = NDArray[np.float64]
 DAMPING = 1.0 / math.sqrt(2.0)

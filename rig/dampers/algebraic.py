@@ -279,8 +279,7 @@ class AsymmetricModel(TanhModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from numba import njit
-
+        from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Kernel, sign
 
         printed = self.hysteresis == "printed"
@@ -327,8 +326,7 @@ class SymmetricModel(TanhModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from numba import njit
-
+        from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Kernel, sign
 
         printed = self.hysteresis == "printed"
@@ -381,8 +379,7 @@ class KwokModel(TanhModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from numba import njit
-
+        from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Kernel, sign
 
         @njit()

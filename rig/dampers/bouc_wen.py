@@ -72,8 +72,7 @@ class BoucWenModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from numba import njit
-
+        from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Kernel, bouc_wen_rate
 
         @njit()
@@ -134,8 +133,7 @@ class NormalizedBoucWenModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from numba import njit
-
+        from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Kernel, bouc_wen_rate
 
         @njit()
@@ -190,8 +188,7 @@ class ThinningBoucWenModel(NormalizedBoucWenModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from numba import njit
-
+        from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Kernel
 
         @njit()

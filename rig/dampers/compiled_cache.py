@@ -7,18 +7,44 @@ once lose one of the entries, and both take the same number: who reads later run
 from __future__ import annotations
 
 import contextlib
+import zlib
 from collections.abc import Callable, Iterator
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from types import CodeType
+from typing import Any, TypeVar
 
-from numba import njit
+import numba
 from numba.core.caching import IndexDataCacheFile
 
-__all__ = ["alone", "njit", "saves_alone"]
-
+F = TypeVar("F", bound=Callable[..., Any])
 LOCK = "save.lock"
+
+
+def njit(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's own options
+    """`numba.njit`, each function under a name of its own contents.
+
+    Numba tells the symbols of functions of one name apart by a count of the process. What the cache gives was counted
+    in another process: a loop from there and a function compiled here could share a symbol, and one model run as
+    another.
+    """
+
+    def compiled(function: F) -> F:
+        function.__qualname__ = f"{function.__qualname__}_{contents(function):08x}"
+        made: F = numba.njit(**options)(function)
+        return made
+
+    return compiled
+
+
+def contents(function: Callable[..., Any]) -> int:
+    """CRC-32 over what a function does: its code, and what it closes over, compiled functions by their names."""
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    known = [getattr(getattr(value, "py_func", value), "__qualname__", value) for value in cells]
+    code = function.__code__
+    values = [value for value in code.co_consts if not isinstance(value, CodeType)]
+    return zlib.crc32(repr((code.co_code, values, code.co_names, code.co_firstlineno, known)).encode())
 
 
 @contextlib.contextmanager

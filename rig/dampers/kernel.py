@@ -272,9 +272,7 @@ def cached(loop: Compiled, error_model: Literal["python", "numpy"] = "python", *
         functions: compiled functions that it calls by these global names; they are not part of what tells it apart.
     """
     named = FunctionType(loop.__code__, {**loop.__globals__, **functions}, loop.__name__, None, loop.__closure__)
-    versions = repr([cell.cell_contents for cell in loop.__closure__ or ()])
-    # A name of its own: one index in the cache and one set of symbols for each, or one model may run as another.
-    named.__qualname__ = f"{loop.__qualname__}_{zlib.crc32(versions.encode()):08x}"
+    named.__qualname__ = loop.__qualname__
     return njit(cache=True, nogil=True, error_model=error_model)(named)
 
 

@@ -62,8 +62,7 @@ class ModifiedBoucWenModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from numba import njit
-
+        from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Kernel, bouc_wen_rate
 
         @njit()
@@ -100,8 +99,7 @@ def _own_step(rates: Compiled) -> Compiled:
     With z saturated, only y moves, and z closes up as exp(-n rho s) with the distance s; a step then ends at the next
     reversal of u' - y' at the latest. Elsewhere classical Runge-Kutta, by the fastest rate of the state as it is.
     """
-    from numba import njit
-
+    from rig.dampers.compiled_cache import njit
     from rig.dampers.kernel import MAXIMUM_SUBSTEPS, SATURATED, SUBSTEP_RATE, runge_kutta
 
     bend = runge_kutta(rates)

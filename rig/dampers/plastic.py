@@ -60,8 +60,7 @@ class BinghamModel(AlgebraicModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from numba import njit
-
+        from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Kernel, sign
 
         @njit()
@@ -105,8 +104,7 @@ class ViscoelasticPlasticModel(HystereticModel):
 
     def kernel(self) -> Kernel:
         """See `DamperModel.kernel`."""
-        from numba import njit
-
+        from rig.dampers.compiled_cache import njit
         from rig.dampers.kernel import Kernel, sign
 
         @njit()

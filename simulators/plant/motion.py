@@ -14,8 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
+from rig.dampers.compiled_cache import njit
 from simulators.plant.records import (
     EVENT_FULL_AMPLITUDE,
     EVENT_PULSE,

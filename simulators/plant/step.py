@@ -13,9 +13,8 @@ import sys
 import zlib
 from functools import cache
 
-from numba import njit
-
 from rig.dampers import DamperModel
+from rig.dampers.compiled_cache import njit
 from rig.dampers.kernel import Compiled, advance_of, cached, fingerprint
 from simulators.plant import motion, records
 from simulators.plant.motion import Record, move_rod, note

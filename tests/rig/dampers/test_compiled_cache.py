@@ -6,6 +6,7 @@ import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from numba.core.caching import IndexDataCacheFile
@@ -52,3 +53,15 @@ def test_no_two_models_share_an_index_or_a_symbol() -> None:
     names = {kernel.series_of(named).__qualname__ for named in models}  # type: ignore[arg-type]  # they have states
     assert len(models) > 3
     assert len(names) == len(models)
+
+
+def test_functions_of_one_name_that_do_other_things_have_other_names() -> None:
+    def scaled(factor: float) -> Any:  # noqa: ANN401 - a compiled function
+        @compiled_cache.njit()
+        def times(x: float) -> float:
+            return factor * x
+
+        return times
+
+    names = [scaled(factor).__qualname__ for factor in (2.0, 3.0, 2.0)]
+    assert names[0] == names[2] != names[1]
