@@ -5,10 +5,11 @@ of velocity that meets speed and acceleration at both ends, so the internal stat
 Runge-Kutta, substeps by the state's own rate) much finer than the recording is sampled. A rate-independent hysteresis
 needs no time: it depends on the distance travelled; along whole recordings it follows its loop's one curve
 (`loop_curve`). Parameters come as vectors in the order of `DamperModel.parameters`; eta is carried but belongs to the
-coil (`lag_step`).
+coil.
 
 Numba does not notice when a function that a cached one calls has changed, so only whole loops are `cached`, one for
-each model, each a closure over this room's `fingerprint`: another fingerprint, another cache entry.
+each model, each a closure over this room's `fingerprint`: another fingerprint, another cache entry. What a cached loop
+calls is not cached itself: called from the cache it is not inlined, and the last bits of a sum differ.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ import numpy as np
 from rig.dampers.arrays import FloatArray
 from rig.dampers.compiled_cache import njit
 from rig.dampers.integrable import Integrable
-from rig.dampers.loop_curve import has_curve, hysteresis_series
+from rig.dampers.loop_curve import has_curve, hysteresis_along
 
 SUBSTEP_RATE = 0.5  # rate x substep: RK4 is then within 3e-4 of a relaxing state
 MAXIMUM_SUBSTEPS = 400  # a sample; stiffer states (50,000 1/s at 250 Hz) belong to no damper
@@ -93,12 +94,6 @@ class Kernel:
     fastest_rate: Compiled = _no_fastest_rate
     loop: Compiled = _no_loop
     step: Compiled = _no_step
-
-
-@njit(cache=True)
-def lag_step(current: float, commanded: float, eta: float, dt: float) -> float:
-    """Coil current (A) after `dt` (s) under a constant command (A): exact solution of equation (9), eta in 1/s."""
-    return commanded + (current - commanded) * math.exp(-eta * dt)
 
 
 @njit()
@@ -310,7 +305,7 @@ def _series(key: str, states: int, positions: int) -> Compiled:
             return force
         rho, sigma, exponent, scale = _loop(p)
         if has_curve(rho, sigma, exponent) and abs(start[0]) <= scale:
-            w = hysteresis_series(start[0] / scale, rho, sigma, exponent, u, v, dt, warm)
+            w = hysteresis_along(start[0] / scale, rho, sigma, exponent, u, v, dt, warm)
             for k in range(n):
                 force[k] = _force(p, scale * w[k], 0.0, u[k], v[k], a[k], current[k])
             return force

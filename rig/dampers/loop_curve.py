@@ -49,13 +49,13 @@ LAST = NODES.size - 1
 FIRST_LOADING = CELLS_A_UNIT  # the node at x = 0
 
 
-@njit(cache=True)
+@njit()
 def has_curve(rho: float, sigma: float, n: float) -> bool:
     """Whether the loop is one that the curve describes: finite, dissipating or nearly so, n >= 1."""
     return 0.0 < rho < math.inf and SLOWEST_RATE <= 2.0 * sigma < math.inf and 1.0 <= n < math.inf
 
 
-@njit(cache=True)
+@njit()
 def loop_curve(sigma: float, n: float) -> FloatArray:
     """S at each node and the cubic x(s) of the cell behind it, shape (nodes, 4): s, then coefficients of s - s_node."""
     curve = np.empty((LAST + 1, 4))
@@ -77,7 +77,7 @@ def loop_curve(sigma: float, n: float) -> FloatArray:
     return curve
 
 
-@njit(cache=True)
+@njit()
 def curve_slopes(sigma: float, n: float) -> FloatArray:
     """Derivatives of S at the nodes with respect to sigma and n, shape (nodes, 2)."""
     slopes = np.zeros((LAST + 1, 2))
@@ -97,7 +97,7 @@ def curve_slopes(sigma: float, n: float) -> FloatArray:
     return slopes
 
 
-@njit(cache=True)
+@njit()
 def cell_of(x: float) -> int:
     """The cell of a value from -1 on; `LAST` beyond the last node."""
     if x >= NODES[LAST]:
@@ -112,7 +112,7 @@ def cell_of(x: float) -> int:
     return low
 
 
-@njit(cache=True)
+@njit()
 def place(curve: FloatArray, n: float, x: float, cell: int) -> float:
     """S(x): Newton's method on the cubic of its cell."""
     if cell == LAST:
@@ -126,7 +126,7 @@ def place(curve: FloatArray, n: float, x: float, cell: int) -> float:
     return float(curve[cell, 0] + t)
 
 
-@njit(cache=True)
+@njit()
 def travel_along(
     curve: FloatArray, n: float, at: tuple[float, float, int, float], distance: float
 ) -> tuple[float, float, int, float]:
@@ -151,21 +151,21 @@ def travel_along(
     return s, x, cell, direction
 
 
-@njit(cache=True)
+@njit()
 def turning_point(u0: float, v0: float, u1: float, v1: float, dt: float) -> float:
     """Extension (m) where a step from (u0, v0) to (u1, v1) turns: a straight line through both speeds crosses zero."""
     before = dt * v0 / (v0 - v1)
     return 0.5 * (u0 + 0.5 * v0 * before + u1 - 0.5 * v1 * (dt - before))
 
 
-@njit(cache=True)
+@njit()
 def closing_m(u: FloatArray, v: FloatArray, warm: int) -> float:
     """Way (m) from the last sample of a cycle to the first; none where whole samples already overlap the cycle."""
     way = u[0] - u[warm - 1]
     return float(way) if way * v[0] > 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit()
 def _pass(
     curve: FloatArray,
     rho: float,
@@ -190,8 +190,8 @@ def _pass(
     return at
 
 
-@njit(cache=True, nogil=True)
-def hysteresis_series(
+@njit()
+def hysteresis_along(
     w: float, rho: float, sigma: float, n: float, u: FloatArray, v: FloatArray, dt: float, warm: int
 ) -> FloatArray:
     """Normalised hysteretic variable at each sample, shape (n,), between -1 and 1.
@@ -217,10 +217,18 @@ def hysteresis_series(
     return out
 
 
+@njit(cache=True, nogil=True)
+def hysteresis_series(
+    w: float, rho: float, sigma: float, n: float, u: FloatArray, v: FloatArray, dt: float, warm: int
+) -> FloatArray:
+    """`hysteresis_along` as a loop of its own, for callers that are not compiled."""
+    return hysteresis_along(w, rho, sigma, n, u, v, dt, warm)
+
+
 Place = tuple[float, float, int, float]
 
 
-@njit(cache=True)
+@njit()
 def _rate(curve: FloatArray, n: float, s: float, x: float, cell: int) -> float:
     """f(x) as the slope of the curve."""
     if cell == LAST:
@@ -229,7 +237,7 @@ def _rate(curve: FloatArray, n: float, s: float, x: float, cell: int) -> float:
     return float(curve[cell, 1] + t * (2.0 * curve[cell, 2] + t * 3.0 * curve[cell, 3]))
 
 
-@njit(cache=True)
+@njit()
 def _slope_at(curve: FloatArray, slopes: FloatArray, n: float, s: float, x: float, cell: int, k: int) -> float:
     """S_sigma (k = 0) or S_n (k = 1) at a place, linear inside a cell."""
     if cell == LAST:
@@ -239,7 +247,7 @@ def _slope_at(curve: FloatArray, slopes: FloatArray, n: float, s: float, x: floa
     return float(slopes[cell, k] + share * (slopes[cell + 1, k] - slopes[cell, k]))
 
 
-@njit(cache=True)
+@njit()
 def _turned(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: FloatArray, distance: float) -> Place:
     """Reverse, if the motion does, and carry the derivatives over; `moving` is de/dln(rho), de/dsigma, de/dn."""
     s, x, cell, direction = at
@@ -257,7 +265,7 @@ def _turned(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: 
     return s, x, cell, direction
 
 
-@njit(cache=True)
+@njit()
 def _move(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: FloatArray, distance: float) -> Place:
     """Move by a signed distance (in 1/rho), reversing first where its sign says so."""
     at = _turned(curve, slopes, n, at, moving, distance)
@@ -265,7 +273,7 @@ def _move(curve: FloatArray, slopes: FloatArray, n: float, at: Place, moving: Fl
     return travel_along(curve, n, at, distance)
 
 
-@njit(cache=True)
+@njit()
 def _pass_with_slopes(
     curve: FloatArray,
     slopes: FloatArray,

@@ -21,7 +21,7 @@ from rig.dampers.compiled_cache import njit
 BLOCK = 2048  # samples kept in cache while every candidate of a population passes over them
 
 
-@njit(fastmath=True, error_model="numpy", inline="always", cache=True)
+@njit(fastmath=True, error_model="numpy", inline="always")
 def fast_tanh(y: float) -> float:
     """Hyperbolic tangent without branches, absolute error below 2e-13."""
     x = min(max(2.0 * y, -60.0), 60.0)
@@ -33,7 +33,7 @@ def fast_tanh(y: float) -> float:
     return float(1.0 - 2.0 / (power * scale + 1.0))
 
 
-@njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
+@njit(fastmath=True, error_model="numpy")
 def _tanh_squares(
     p: FloatArray,
     u: FloatArray,
@@ -101,14 +101,14 @@ def lagged_current(commanded: FloatArray, start: float, eta: float, dt: float) -
     return current
 
 
-@njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
+@njit(fastmath=True, error_model="numpy")
 def _yield_shape(y: FloatArray, beta: float, delta: float, u: FloatArray, v: FloatArray) -> None:
     for i in range(u.size):
         shift = delta if u[i] > 0.0 else (-delta if u[i] < 0.0 else 0.0)
         y[i] = fast_tanh(beta * v[i] + shift)
 
 
-@njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
+@njit(fastmath=True, error_model="numpy")
 def _add_shape(
     into: FloatArray, y: FloatArray, u: FloatArray, v: FloatArray, a: FloatArray, force: FloatArray, weight: FloatArray
 ) -> None:
@@ -127,7 +127,7 @@ def _add_shape(
         into[k] += total
 
 
-@njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
+@njit(fastmath=True, error_model="numpy")
 def _add_slopes(
     into: FloatArray, y: FloatArray, u: FloatArray, v: FloatArray, a: FloatArray, force: FloatArray, weight: FloatArray
 ) -> None:
@@ -164,7 +164,7 @@ def _add_slopes(
     into[0, 8] += r6
 
 
-@njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
+@njit(fastmath=True, error_model="numpy")
 def _add_rows(
     into: FloatArray,
     slope: bool,
@@ -180,7 +180,7 @@ def _add_rows(
         _add_slopes(into, y, u, v, a, force, weight)
 
 
-@njit(fastmath=True, error_model="numpy", cache=True, nogil=True)
+@njit(fastmath=True, error_model="numpy")
 def _add_products(
     into: FloatArray, u: FloatArray, v: FloatArray, a: FloatArray, force: FloatArray, weight: FloatArray
 ) -> None:

@@ -7,7 +7,8 @@ import pytest
 
 from rig.dampers import MODELS, PARAMETER_SETS, UnknownName, model, parameter_set
 from rig.dampers.algebraic import TanhModel
-from rig.dampers.kernel import advance_of, lag_step
+from rig.dampers.kernel import advance_of
+from rig.identification.models.kernels import lagged_current
 
 DEMO = parameter_set("demo").values
 
@@ -124,8 +125,8 @@ def test_published_spencer_numbers_are_converted_from_newton_and_centimetre() ->
 
 
 def test_lag_is_exact_for_any_step() -> None:
-    whole = lag_step(0.0, 2.0, 25.0, 0.1)
-    halves = lag_step(lag_step(0.0, 2.0, 25.0, 0.05), 2.0, 25.0, 0.05)
+    whole = lagged_current(np.full(2, 2.0), 0.0, 25.0, 0.1)[-1]
+    halves = lagged_current(np.full(3, 2.0), 0.0, 25.0, 0.05)[-1]
     assert whole == pytest.approx(2.0 * (1.0 - math.exp(-2.5)), rel=1e-14)
     assert halves == pytest.approx(whole, rel=1e-14)
 

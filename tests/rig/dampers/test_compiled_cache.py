@@ -5,14 +5,15 @@ from __future__ import annotations
 import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
-from numba.core.caching import IndexDataCacheFile
+from numba.core.caching import IndexDataCacheFile, NullCache
 
 from rig import dampers
-from rig.dampers import compiled_cache, kernel
+from rig.dampers import compiled_cache, kernel, loop_curve
+from rig.identification.models import kernels
 
 
 def test_numbas_own_save_is_guarded() -> None:
@@ -65,3 +66,12 @@ def test_functions_of_one_name_that_do_other_things_have_other_names() -> None:
 
     names = [scaled(factor).__qualname__ for factor in (2.0, 3.0, 2.0)]
     assert names[0] == names[2] != names[1]
+
+
+@pytest.mark.parametrize("module", [kernel, loop_curve, kernels])
+def test_what_a_compiled_function_calls_is_compiled_with_it(module: ModuleType) -> None:
+    """Called from the cache it is not inlined: a study's last bits would depend on which process came first."""
+    compiled = {name: value for name, value in vars(module).items() if hasattr(value, "py_func")}
+    called = {name for value in compiled.values() for name in value.py_func.__code__.co_names}
+    kept = {name for name, value in compiled.items() if not isinstance(value._cache, NullCache)}
+    assert not called & kept
