@@ -148,7 +148,7 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
     """In a folder where something else has the name of one of our packages."""
     (tmp_path / "simulators.py").write_text("raise SystemExit(99)", encoding="utf-8")
     matrix = tmp_path / "matrix.toml"
-    matrix.write_text(MATRIX, encoding="utf-8")
+    matrix.write_text(MATRIX.replace('"0 A", ', ""), encoding="utf-8")
     done = worlds(
         "--seeds", "3:5", "--matrix", "matrix.toml", "--happening", "sigint@3", "--jobs", "1", "--json", cwd=tmp_path
     )
