@@ -82,6 +82,9 @@ def first_cause_is_named(view: View) -> Findings:
     if answer is None or not trips or answer.exit_code != 4:
         return
     later = [line["slug"] for line in view.station("trip", "also")]
+    asked_ns = [at_ns for at_ns, happening in view.session.happened if happening.what in SIGNALS]
+    if answer.stopped_by in SIGNAL_SLUGS and any(at_ns < float(trips[-1]["latched_ns"]) for at_ns in asked_ns):
+        return  # The operator came before the station knew of anything.
     if answer.stopped_by != trips[-1]["slug"] and answer.stopped_by in later[1:]:
         yield f"stopped by {answer.stopped_by}, the first cause was {trips[-1]['slug']}", float(trips[-1]["t_ns"])
 
