@@ -137,10 +137,11 @@ def checks(arguments: list[str]) -> int:
 
 
 def all_tests() -> int:
-    """Run what waits for nothing real in several processes, then alone what needs real processes and wires.
+    """Run what waits for nothing real in several processes, and beside them what needs real processes and wires.
 
-    Each process takes the next file of tests that is free; the first one's output is shown at once, the others' when
-    all have ended. The names of all tests that failed are shown at the end. Returns the first exit code that is not 0.
+    Each of the several takes the next file of tests that is free; they give way to the one on real wires, whose output
+    is shown at once, theirs when they have ended. The names of all tests that failed are shown at the end. Returns the
+    first exit code that is not 0.
     """
     with tempfile.TemporaryDirectory() as name, ExitStack() as files:
         folder, failures = Path(name) / "taken", Path(name) / "failures"
@@ -148,21 +149,26 @@ def all_tests() -> int:
         pytest = [program("python"), "-m", "pytest", "tests", f"--failures={failures}"]
         # A cache would know only what one of them saw.
         shared = [*pytest, "-m", "not wire", f"--shared={folder}", "-p", "no:cacheprovider"]
-        others = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE - 1)]
-        begun = [subprocess.Popen(shared, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in others]
+        told = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE)]
+        begun = [subprocess.Popen(gives_way(shared), cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told]
         try:
-            codes = [run(*shared), *(process.wait() for process in begun)]
+            print("dev.py: tests on real processes and wires; beside them the others", flush=True)
+            codes = [run(*pytest, "-m", "wire"), *(process.wait() for process in begun)]
         finally:
             for process in begun:
                 process.terminate()
-        for said in others:
+        for said in told:
             said.seek(0)
             print(said.read(), flush=True)
-        print("dev.py: tests on real processes and wires", flush=True)
-        codes.append(run(*pytest, "-m", "wire"))
         if failures.exists() and failures.read_text(encoding="utf-8"):
             print(f"dev.py: these tests failed:\n{failures.read_text(encoding='utf-8')}", end="", flush=True)
     return next((code for code in codes if code), 0)
+
+
+def gives_way(command: list[str]) -> list[str]:
+    """The same command at a lower priority, where the machine has such."""
+    nice = shutil.which("nice")
+    return command if nice is None else [nice, "-n", "10", *command]
 
 
 def fully_covered(package: str, tests: str) -> int:
