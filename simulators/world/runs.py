@@ -10,6 +10,7 @@ import os
 import shutil
 import signal
 import tempfile
+import threading
 import time
 import traceback
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import islice
+from multiprocessing import connection
 from pathlib import Path
 
 from rig.errors import RigError
@@ -94,13 +96,21 @@ def memory() -> str | None:
 
 
 def begin_worker() -> None:
-    """What a process does before its first world; an interrupt is its parent's business."""
+    """What a process does before its first world; an interrupt is its parent's business, whom it does not outlive."""
     with contextlib.suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if (parent := multiprocessing.parent_process()) is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     load_everything()
     gc.collect()
     gc.freeze()
     gc.set_threshold(SELDOM, 20, 100)
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended, however that did."""
+    connection.wait([parent])
+    os._exit(1)
 
 
 def every(seeds: range, asked: Asked, jobs: int) -> Iterator[Ended]:
