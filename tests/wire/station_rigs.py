@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import h5py
 import numpy as np
+from matrices import matrix_text
 from simulated_campaign import loaded
 
 from rig.bench.model import Bench
@@ -28,18 +29,7 @@ from simulators.rig import SimulatedRig
 from simulators.world.machine import Process
 from simulators.world.stage import Stage
 
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-mid_stroke = "0 mm"
-[matrix]
-waveform = ["sine"]
-amplitude = ["10 mm"]
-frequency = ["2 Hz"]
-current = ["1 A"]
-"""
+MATRIX = matrix_text("1 A", amplitude="10 mm")
 BEAT_S = 0.02
 PATIENCE_S = 60.0
 """Seconds for what must happen; never for how fast it happens."""

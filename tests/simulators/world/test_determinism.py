@@ -8,22 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+from matrices import matrix_text
+
 from simulators.world.plan import Happening, WorldPlan
 
-MATRIX = """format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["6 mm"]
-frequency = ["4 Hz"]
-current = ["0.5 A"]
-cycles = 5
-[identify]
-enabled = false
-"""
+MATRIX = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz", cycles=5)
 HAPPENINGS = (("sensor-spike@0.4+0.3",), ("application-killed@3.0",), ("ecu-silent@0.4",))
 PROGRAM = """
 import json, sys

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from edits import Edit
+from matrices import matrix_text
 from planted_findings import FINDINGS
 from planted_patching import in_force
 from planted_safeguards import SAFEGUARDS
@@ -21,20 +22,7 @@ from simulators.world.stage import load_everything
 PLANTED: dict[str, tuple[Edit, ...]] = {**FINDINGS, **SAFEGUARDS}
 SESSION_S, REST_S = 40.0, 12.0
 """A campaign of one short point ends long before."""
-MATRIX = """format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["6 mm"]
-frequency = ["4 Hz"]
-current = ["0.5 A"]
-cycles = 20
-[identify]
-enabled = false
-"""
+MATRIX = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz", cycles=20)
 
 
 @dataclass(frozen=True)
