@@ -19,8 +19,6 @@ import json, sys
 from pathlib import Path
 from simulators.world.plan import WorldPlan
 from simulators.world.runs import live
-from simulators.world.stage import load_everything
-load_everything()
 for number, line in enumerate(sys.stdin):
     folder = Path(sys.argv[1]) / str(number)
     folder.mkdir()

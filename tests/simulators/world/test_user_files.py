@@ -17,7 +17,6 @@ from rig.recording.recorded_point import RecordedPoint
 from simulators.world.asked import LARGEST_DRAWN, Files, asked_for
 from simulators.world.plan import drawn
 from simulators.world.runs import live
-from simulators.world.stage import load_everything
 
 ROOT = Path(__file__).resolve().parents[3]
 DEMO = (ROOT / "examples/demo-bench.toml").read_text(encoding="utf-8")
@@ -49,11 +48,6 @@ format = {pattern = 'P(?P<value>[+-]\\d{4}\\.\\d)', template = "P{value:+07.1f}"
 sensitivity = 1e5
 serial_number = "OP-1"
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def loaded() -> None:
-    load_everything()
 
 
 def files(folder: Path, bench: str, matrix: str = MATRIX) -> Files:

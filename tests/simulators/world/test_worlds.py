@@ -25,14 +25,8 @@ from simulators.world.asked import Asked
 from simulators.world.plan import AROUND, Happening, WorldPlan, drawn
 from simulators.world.runs import Ended, live
 from simulators.world.shrink import shrunk
-from simulators.world.stage import load_everything
 
 MATRIX = matrix_text("0 A", "0.5 A", amplitude="6 mm", frequency="4 Hz")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def loaded() -> None:
-    load_everything()
 
 
 def plan(*happenings: str, seed: int = 1) -> WorldPlan:

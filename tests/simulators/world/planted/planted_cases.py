@@ -17,7 +17,6 @@ from simulators.world import world as worlds
 from simulators.world.invariants import judged
 from simulators.world.plan import Happening, WorldPlan
 from simulators.world.runs import memory
-from simulators.world.stage import load_everything
 
 PLANTED: dict[str, tuple[Edit, ...]] = {**FINDINGS, **SAFEGUARDS}
 SESSION_S, REST_S = 40.0, 12.0
@@ -52,7 +51,6 @@ class Case:
 
 def lived(case: Case, edits: Sequence[Edit]) -> tuple[dict[str, str], str]:
     """One session of a case's world with these edits: what did not hold, and the digest of all it made."""
-    load_everything()
     worlds.SESSION_S, worlds.REST_S = SESSION_S, REST_S
     with in_force(tuple(edits)), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
         world = worlds.World(case.plan, Path(name), most_sessions=1)

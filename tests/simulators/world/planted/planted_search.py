@@ -25,7 +25,6 @@ from simulators.world.asked import Asked, seeds_of
 from simulators.world.plan import drawn
 from simulators.world.runs import Ended, live, memory, one
 from simulators.world.shrink import shrunk
-from simulators.world.stage import load_everything
 
 SESSION_S = 120.0
 """Longer than a drawn campaign of these worlds takes."""
@@ -33,7 +32,6 @@ SESSION_S = 120.0
 
 def tried(name: str, seed: int) -> Ended:
     """The drawn world of a seed with a planted bug."""
-    load_everything()
     worlds.SESSION_S = SESSION_S
     with in_force(PLANTED[name]):
         return one(seed, Asked())
@@ -41,7 +39,6 @@ def tried(name: str, seed: int) -> Ended:
 
 def smallest(name: str, seed: int) -> str:
     """What must happen in the smallest world that fails as this one does."""
-    load_everything()
     worlds.SESSION_S = SESSION_S
     plan = drawn(seed)
     with in_force(PLANTED[name]), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as folder:
