@@ -11,10 +11,11 @@ from typing import Any
 
 import pytest
 from matrices import matrix_text
-from simulated_campaign import Session, loaded, session
+from simulated_campaign import Session, session
 
 from rig import errors
 from rig.recording.journal.campaign_log import read_log
+from simulators.world.stage import load_everything
 
 SCRAMBLED = "#"
 SCRAMBLER = f"""
@@ -120,7 +121,7 @@ def test_a_campaign_refused_spoiled_or_stopped_and_resumed(
 
 def scramble(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every module that hands messages on hands on nothing but a sign."""
-    loaded()
+    load_everything()
     before = errors.told
     for module in [module for name, module in sys.modules.items() if name.startswith("rig.")]:
         if vars(module).get("told") is before:
