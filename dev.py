@@ -234,7 +234,8 @@ def main(arguments: list[str]) -> int:
         return faults(rest)
     if command == "worlds" and "--planted" in rest:
         rest.remove("--planted")
-        return run(program("python"), "tests/simulators/world/planted/planted_search.py", *rest)
+        script = "tests/simulators/world/planted/planted_search.py"
+        return run(program("python"), script, *rest, PYTHONPATH=str(ROOT / "tests" / "faults"))
     if command == "worlds":
         return run(program("rig"), "worlds", *rest)
     if command == "coverage":

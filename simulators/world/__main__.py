@@ -145,9 +145,7 @@ def _shrink(seed: int, asked: Asked, tell: Callable[[str], None]) -> None:
     """Tell the smallest world that still fails."""
     from simulators.world.runs import live
     from simulators.world.shrink import shrunk
-    from simulators.world.stage import load_everything
 
-    load_everything()
     plan = asked.plan(seed)
     with tempfile.TemporaryDirectory(prefix="world-") as name:
         _, ended = live(plan, Path(name))

@@ -19,7 +19,7 @@ from matrices import BRISK_POINTS, TWO_POINTS
 from watched_campaign import FINISH_S, RIG, Campaign, Ending
 from world_campaign import SEED, Setting, WorldCampaign, begin
 
-from simulators.world.stage import Stage, load_everything
+from simulators.world.stage import Stage
 
 Start = Callable[..., Campaign]
 BeginWorld = Callable[..., WorldCampaign]
@@ -60,14 +60,8 @@ def injected(faults: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(part for fault in faults for part in ("--fault", fault))
 
 
-@pytest.fixture(scope="session")
-def program() -> None:
-    """Every module of the program is loaded: a world replaces what they found of the machine."""
-    load_everything()
-
-
 @pytest.fixture
-def run(program: None, tmp_path: Path) -> Run:
+def run(tmp_path: Path) -> Run:
     """Runs a campaign in virtual time, with faults of the simulated rig, to its end: `run("estop@6")`."""
     worlds = itertools.count()
 
@@ -109,7 +103,7 @@ def in_motion(start: Start) -> InMotion:
 
 
 @pytest.fixture
-def begin_world(program: None, tmp_path: Path) -> Iterator[BeginWorld]:
+def begin_world(tmp_path: Path) -> Iterator[BeginWorld]:
     """Starts a campaign in virtual time that waits to be looked at; one a test."""
     with ExitStack() as ends:
 

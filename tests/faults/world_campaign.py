@@ -209,14 +209,19 @@ def answered(ran: Application) -> dict[str, Any]:
     return {"slug": ran.refusal[0], "error": ran.refusal[1]}
 
 
-def serve(stage: Stage, folder: Path, setting: Setting, truth: Path | None) -> Path:
-    """Have the rig of a setting served; its bench file."""
-    arguments = ["--speed", str(setting.speed), "--seed", str(SEED), "--no-real-time", *setting.simulator]
-    with simulators_command.make_context("simulators", arguments) as context:
+def simulated_rig(*arguments: str, truth: Path | None) -> SimulatedRig:
+    """The rig of `python -m simulators ARGUMENTS`, with the ports of a world."""
+    with simulators_command.make_context("simulators", ["--seed", str(SEED), *arguments]) as context:
         asked = collect({**context.params})
     run = asked["run"]
-    run = dataclasses.replace(run, ports=BY_ID if run.ports == BY_ID else "socket", truth=truth)
-    bench = stage.serve(SimulatedRig(asked["options"], run), real_time=setting.real_time)
+    ports = BY_ID if run.ports == BY_ID else "socket"
+    return SimulatedRig(asked["options"], dataclasses.replace(run, ports=ports, truth=truth))
+
+
+def serve(stage: Stage, folder: Path, setting: Setting, truth: Path | None) -> Path:
+    """Have the rig of a setting served; its bench file."""
+    simulated = simulated_rig("--speed", str(setting.speed), *setting.simulator, truth=truth)
+    bench = stage.serve(simulated, real_time=setting.real_time)
     text = bench.read_text(encoding="utf-8")
     assert setting.bench_edit[0] in text
     bench.write_text(text.replace(*setting.bench_edit), encoding="utf-8")

@@ -8,30 +8,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+from matrices import matrix_text
+
 from simulators.world.plan import Happening, WorldPlan
 
-MATRIX = """format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["6 mm"]
-frequency = ["4 Hz"]
-current = ["0.5 A"]
-cycles = 5
-[identify]
-enabled = false
-"""
+MATRIX = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz", cycles=5)
 HAPPENINGS = (("sensor-spike@0.4+0.3",), ("application-killed@3.0",), ("ecu-silent@0.4",))
 PROGRAM = """
 import json, sys
 from pathlib import Path
 from simulators.world.plan import WorldPlan
 from simulators.world.runs import live
-from simulators.world.stage import load_everything
-load_everything()
 for number, line in enumerate(sys.stdin):
     folder = Path(sys.argv[1]) / str(number)
     folder.mkdir()

@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from matrices import matrix_text
 
 from rig.campaign import results
 from rig.cli.main import answered
@@ -24,27 +25,8 @@ from simulators.world.asked import Asked
 from simulators.world.plan import AROUND, Happening, WorldPlan, drawn
 from simulators.world.runs import Ended, live
 from simulators.world.shrink import shrunk
-from simulators.world.stage import load_everything
 
-MATRIX = """format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["6 mm"]
-frequency = ["4 Hz"]
-current = ["0 A", "0.5 A"]
-cycles = 6
-[identify]
-enabled = false
-"""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def loaded() -> None:
-    load_everything()
+MATRIX = matrix_text("0 A", "0.5 A", amplitude="6 mm", frequency="4 Hz")
 
 
 def plan(*happenings: str, seed: int = 1) -> WorldPlan:

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
 
 import click
@@ -23,28 +23,23 @@ from planted_patching import in_force
 from simulators.world import world as worlds
 from simulators.world.asked import Asked, seeds_of
 from simulators.world.plan import drawn
-from simulators.world.runs import Ended, begin_worker, live, memory, one
+from simulators.world.runs import Ended, live, memory, one
 from simulators.world.shrink import shrunk
 
 SESSION_S = 120.0
 """Longer than a drawn campaign of these worlds takes."""
-WORLDS_A_WORKER = 50
-
-
-def begin() -> None:
-    """What a process does before its first world."""
-    begin_worker()
-    worlds.SESSION_S = SESSION_S
 
 
 def tried(name: str, seed: int) -> Ended:
     """The drawn world of a seed with a planted bug."""
+    worlds.SESSION_S = SESSION_S
     with in_force(PLANTED[name]):
         return one(seed, Asked())
 
 
 def smallest(name: str, seed: int) -> str:
     """What must happen in the smallest world that fails as this one does."""
+    worlds.SESSION_S = SESSION_S
     plan = drawn(seed)
     with in_force(PLANTED[name]), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as folder:
         _, ended = live(plan, Path(folder))
@@ -52,7 +47,7 @@ def smallest(name: str, seed: int) -> str:
     return " ".join(map(str, least.happenings)) or "nothing has to happen"
 
 
-def looked_for(name: str, seeds: range, pool: ProcessPoolExecutor, jobs: int) -> Iterator[str]:
+def looked_for(name: str, seeds: range, pool: Executor, jobs: int) -> Iterator[str]:
     """The cells of a bug's row: seed, invariants, replay, shrunk to."""
     for start in range(seeds.start, seeds.stop, jobs):
         block = range(start, min(start + jobs, seeds.stop))
@@ -78,8 +73,7 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     click.echo("| planted | first seed | does not hold | replay | shrunk to |\n|---|---|---|---|---|")
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(given.jobs, mp_context=context, initializer=begin,
-                             max_tasks_per_child=WORLDS_A_WORKER) as pool:
+    with ProcessPoolExecutor(given.jobs, mp_context=context, max_tasks_per_child=50) as pool:
         for name in given.names or PLANTED:
             cells = list(looked_for(name, seeds, pool, given.jobs))
             missed += not cells[1]
