@@ -7,6 +7,7 @@ import sys
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import pytest
@@ -144,34 +145,64 @@ CASES = {
 FULL = StopCause("disk-full", "no space left")
 
 
-def explore(case: Case) -> list[Edge]:
+MUST_BE_ANSWERED = ev.Fault | ev.Abort | ev.Tripped | ev.ActionFailed
+
+
+class Explored(NamedTuple):
+    """What was explored.
+
+    Attributes:
+        states: every reachable state, as one object each.
+        edges: the transitions that change the state or want something done, and every one of what must be answered.
+            Of what is left out, news in a phase that does not wait for it, nothing but the number is kept: the state
+            is the same object, and there are no actions.
+        transitions: how many there are in all.
+    """
+
+    states: list[State]
+    edges: list[Edge]
+    transitions: int
+
+
+@cache
+def explore(name: str) -> Explored:
     """Every reachable state with every event of the case, and with the failure of every action that led to it."""
+    case = CASES[name]
     first = start_state(case.points, case.retries, case.conditions)
-    failures: defaultdict[State, set[ev.Event]] = defaultdict(set)
+    failures: defaultdict[int, set[ev.Event]] = defaultdict(set)
     waiting: deque[tuple[State, Iterable[ev.Event]]] = deque([(first, case.events)])
-    seen, edges = {first: first}, []
-    gc.disable()  # there is nothing to collect among millions of edges
+    seen, edges, transitions = {first: first}, [], 0
+    gc.disable()  # there is nothing to collect among so many edges
     while waiting:
         state, events = waiting.popleft()
         for event in events:
             after, actions = step(state, event)
-            if after is not state and after not in seen:
-                seen[after] = after
-                waiting.append((after, case.events))
-            after = state if after is state else seen[after]
-            edges.append(Edge(state, event, after, actions))
+            transitions += 1
+            if after is not state:
+                same = seen.setdefault(after, after)
+                if same is after:
+                    waiting.append((after, case.events))
+                after = same
+            if after is not state or actions or isinstance(event, MUST_BE_ANSWERED):
+                edges.append(Edge(state, event, after, actions))
             if actions:
-                fresh = {ev.ActionFailed(action, after.phase, FULL) for action in actions} - failures[after]
-                failures[after] |= fresh
+                known = failures[id(after)]  # `seen` keeps it
+                fresh = {ev.ActionFailed(action, after.phase, FULL) for action in actions} - known
+                known |= fresh
                 waiting.append((after, tuple(fresh)))
     gc.enable()
     gc.freeze()
-    return edges
+    return Explored(list(seen), edges, transitions)
 
 
-@pytest.fixture(scope="module", params=CASES)
-def edges(request: pytest.FixtureRequest) -> list[Edge]:
-    return explore(CASES[request.param])
+@pytest.fixture(params=CASES)
+def explored(request: pytest.FixtureRequest) -> Explored:
+    return explore(request.param)
+
+
+@pytest.fixture
+def edges(explored: Explored) -> list[Edge]:
+    return explored.edges
 
 
 PROOFS = (ev.Safe(), ev.Done(Request.STOP))
@@ -186,15 +217,15 @@ OPTIONAL_PHASES = frozenset().union(*(case.phases for case in CASES.values())) |
 
 
 def test_exploration_reaches_every_phase(
-    edges: list[Edge], request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+    explored: Explored, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    name = request.node.callspec.params["edges"]
-    case = CASES[name]
-    states = {edge.before for edge in edges}
+    name = request.node.callspec.params["explored"]
+    case, (states, edges, transitions) = CASES[name], explored
     failed = sum(isinstance(edge.event, ev.ActionFailed) for edge in edges)
-    explored = f"{len(states)} states x {len(case.events)} events + {failed} failing actions = {len(edges)} transitions"
+    events = f"{len(case.events)} events + {failed} failing actions"
     with capsys.disabled():
-        sys.stdout.write(f"\nsequencer, {name}: {explored}\n")
+        sys.stdout.write(f"\nsequencer, {name}: {len(states)} states x {events} = {transitions} transitions\n")
+    assert transitions == len(states) * len(case.events) + failed
     rests = {Phase.RESTING} if any(point.rest_s for point in case.points) else set()
     assert {state.phase for state in states} == set(Phase) - OPTIONAL_PHASES | case.phases | rests
 
@@ -232,15 +263,19 @@ def test_a_reset_demands_every_proof_again(edges: list[Edge]) -> None:
 
 
 def test_no_restart_follows_an_operators_stop_or_a_fault_that_forbids_it(edges: list[Edge]) -> None:
+    stopped: dict[int, State] = {}
     for edge in edges:
         forbids = isinstance(edge.event, ev.Abort | ev.Fault) or edge.event == ev.Tripped(StopKind.PRESSURE_OFF, FINAL)
         if forbids and edge.before.latch is not None:
-            for event in (ev.Safe(), ev.Done(Request.RESET), ev.Declined(Request.RESET, STILL_HOT)):
-                after, actions = step(edge.after, event)
-                assert act.Ask(Request.RESET) not in actions
-                assert after.latch is not None
-                ends = {Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED}
-                assert after.phase is edge.after.phase or after.phase in ends
+            stopped[id(edge.after)] = edge.after
+    assert stopped
+    for state in stopped.values():
+        for event in (ev.Safe(), ev.Done(Request.RESET), ev.Declined(Request.RESET, STILL_HOT)):
+            after, actions = step(state, event)
+            assert act.Ask(Request.RESET) not in actions
+            assert after.latch is not None
+            ends = {Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED}
+            assert after.phase is state.phase or after.phase in ends
 
 
 def test_what_the_matrix_allows_never_changes_and_a_withdrawn_restart_stays_withdrawn(edges: list[Edge]) -> None:
@@ -347,18 +382,17 @@ def test_pressure_is_only_gone_when_a_disarm_or_a_stop_with_hydraulics_off_was_p
         assert stopped or edge.event == ev.Done(Request.DISARM)
 
 
-def test_every_state_can_still_reach_the_end(edges: list[Edge]) -> None:
-    sources: dict[State, set[State]] = {}
-    for edge in edges:
-        sources.setdefault(edge.after, set()).add(edge.before)
-    reaching = {edge.before for edge in edges if edge.before.phase is Phase.ENDED}
+def test_every_state_can_still_reach_the_end(explored: Explored) -> None:
+    sources: dict[int, set[int]] = {}
+    for edge in explored.edges:
+        sources.setdefault(id(edge.after), set()).add(id(edge.before))
+    reaching = {id(state) for state in explored.states if state.phase is Phase.ENDED}
     waiting = deque(reaching)
     while waiting:
-        for state in sources.get(waiting.popleft(), ()):
-            if state not in reaching:
-                reaching.add(state)
-                waiting.append(state)
-    assert reaching == {edge.before for edge in edges}
+        for state in sources.get(waiting.popleft(), set()) - reaching:
+            reaching.add(state)
+            waiting.append(state)
+    assert reaching == set(map(id, explored.states))
 
 
 def test_every_phase_begins_with_a_deadline(edges: list[Edge]) -> None:
@@ -370,9 +404,9 @@ def test_every_phase_begins_with_a_deadline(edges: list[Edge]) -> None:
         assert 0.0 < limits[0].device_s + limits[0].wall_s < float("inf")
 
 
-def test_deadlines_alone_end_every_campaign_at_rest_or_left_to_its_station(edges: list[Edge]) -> None:
+def test_deadlines_alone_end_every_campaign_at_rest_or_left_to_its_station(explored: Explored) -> None:
     ended: set[State] = set()
-    for state in {edge.before for edge in edges if edge.before.phase is not Phase.NEW}:
+    for state in (state for state in explored.states if state.phase is not Phase.NEW):
         passed = [state]
         while passed[-1] not in ended and passed[-1].phase is not Phase.ENDED:
             passed.append(step(passed[-1], ev.TimedOut(passed[-1].phase))[0])
@@ -384,8 +418,8 @@ def test_deadlines_alone_end_every_campaign_at_rest_or_left_to_its_station(edges
             assert proved or last.left_to_station or last.rig_state is RigState.UNKNOWN, state
 
 
-def test_the_operator_is_obeyed_in_every_phase(edges: list[Edge]) -> None:
-    for state in {edge.before for edge in edges}:
+def test_the_operator_is_obeyed_in_every_phase(explored: Explored) -> None:
+    for state in explored.states:
         after, actions = step(state, ev.Abort(StopKind.PRESSURE_OFF, StopCause("sigterm")))
         ending = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
         assert after.phase in ending
