@@ -23,7 +23,7 @@ from planted_patching import in_force
 from simulators.world import world as worlds
 from simulators.world.asked import Asked, seeds_of
 from simulators.world.plan import drawn
-from simulators.world.runs import Ended, live, memory, one
+from simulators.world.runs import Ended, begin_worker, live, memory, one
 from simulators.world.shrink import shrunk
 
 SESSION_S = 120.0
@@ -73,7 +73,7 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     click.echo("| planted | first seed | does not hold | replay | shrunk to |\n|---|---|---|---|---|")
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(given.jobs, mp_context=context, max_tasks_per_child=50) as pool:
+    with ProcessPoolExecutor(given.jobs, mp_context=context, initializer=begin_worker, max_tasks_per_child=50) as pool:
         for name in given.names or PLANTED:
             cells = list(looked_for(name, seeds, pool, given.jobs))
             missed += not cells[1]
