@@ -143,11 +143,11 @@ class Told:
 
 def _shrink(seed: int, asked: Asked, tell: Callable[[str], None]) -> None:
     """Tell the smallest world that still fails."""
-    from simulators.world.runs import live
+    from simulators.world.runs import live, memory
     from simulators.world.shrink import shrunk
 
     plan = asked.plan(seed)
-    with tempfile.TemporaryDirectory(prefix="world-") as name:
+    with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
         _, ended = live(plan, Path(name))
     smallest, _ = shrunk(plan, ended, lambda words: tell(f"  seed {seed} {words}"))
     told = " ".join(f"--happening {happening}" for happening in smallest.happenings)

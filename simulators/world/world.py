@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rig.campaign import CampaignOptions
 from rig.matrix.model import load_matrix
+from rig.recording.journal.campaign_log import read_log
 from simulators.controller_firmware import Command, State
 from simulators.options import RigOptions, with_option
 from simulators.plant import records, step
@@ -314,16 +315,7 @@ class World:
     def journal(self) -> list[dict[str, Any]]:
         """The campaign's journal, whole lines."""
         folder = self.folder
-        path = None if folder is None else folder / "journal.jsonl"
-        if path is None or not path.exists():
-            return []
-        lines = []
-        for line in path.read_bytes().split(b"\n"):
-            try:
-                lines.append(json.loads(line))
-            except ValueError:
-                continue
-        return lines
+        return [] if folder is None or not (folder / "journal.jsonl").exists() else read_log(folder)
 
     def digests(self) -> dict[str, str]:
         """A number for each of what the world has made: the journals, all files and their names, the truth."""
