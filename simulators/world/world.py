@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import signal
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.campaign import CampaignOptions
+from rig.campaign.results import Display
 from rig.matrix.model import load_matrix
 from rig.recording.journal.campaign_log import read_log
 from simulators.controller_firmware import Command, State
@@ -125,8 +125,10 @@ class Session:
 class Silent:
     """A display nobody looks at."""
 
-    def __getattr__(self, _name: str) -> Callable[..., None]:
-        return lambda *_arguments, **_named: None
+    def phase(self, *_: object, **__: object) -> None:
+        """Nothing is shown."""
+
+    planned = progress = point_done = message = phase
 
 
 class World:
@@ -140,7 +142,7 @@ class World:
     """
 
     def __init__(
-        self, plan: WorldPlan, root: Path, display: Any = None, most_sessions: int = MOST_SESSIONS  # noqa: ANN401
+        self, plan: WorldPlan, root: Path, display: Display | None = None, most_sessions: int = MOST_SESSIONS
     ) -> None:
         self.plan = plan
         self.root = root
