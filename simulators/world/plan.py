@@ -6,8 +6,7 @@ import errno
 import json
 import math
 import random
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
@@ -135,17 +134,6 @@ class WorldPlan:
     def without(self, happening: Happening) -> WorldPlan:
         """The same world without one thing."""
         return replace(self, happenings=tuple(kept for kept in self.happenings if kept is not happening))
-
-    def to_json(self) -> str:
-        """As one line."""
-        return json.dumps({**asdict(self), "happenings": [str(happening) for happening in self.happenings]})
-
-    @classmethod
-    def from_json(cls, text: str) -> WorldPlan:
-        """From `to_json`."""
-        fields: Mapping[str, object] = json.loads(text)
-        happenings = tuple(Happening.parse(str(entry)) for entry in fields["happenings"])  # type: ignore[attr-defined]
-        return cls(**{**fields, "happenings": happenings, "options": tuple(fields["options"])})  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
