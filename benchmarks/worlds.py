@@ -28,6 +28,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from campaign_process import machine
+
 from simulators.world.asked import Asked, seeds_of
 from simulators.world.runs import Ended, begin_worker, every, live, memory
 
@@ -38,14 +40,9 @@ WORKER = "one-after-the-other"
 
 def told() -> str:
     """Date, machine and load in short."""
-    processor = platform.processor() or platform.machine()
-    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-        if line.startswith("model name"):
-            processor = line.partition(":")[2].strip()
-            break
     load = " ".join(f"{value:.1f}" for value in os.getloadavg())
     python = f"Python {platform.python_version()}"
-    return f"{datetime.now(UTC):%Y-%m-%d}, {processor}, {os.cpu_count()} cores, {python}, load {load}"
+    return f"{datetime.now(UTC):%Y-%m-%d}, {machine()}, {python}, load {load}"
 
 
 def run(seed: int, root: Path) -> Ended:

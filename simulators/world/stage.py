@@ -22,6 +22,7 @@ import simulators.named_port
 import simulators.rig
 import simulators.slcan_bus
 from rig.campaign import CampaignOptions, run_campaign
+from rig.campaign.results import Display
 from rig.errors import RigError
 from rig.recording.conversion import converter, finaliser
 from rig.station import process as station
@@ -60,7 +61,7 @@ class Application:
         refusal: slug and words of what it raised.
     """
 
-    def __init__(self, stage: Stage, options: CampaignOptions, display: Any) -> None:  # noqa: ANN401
+    def __init__(self, stage: Stage, options: CampaignOptions, display: Display) -> None:
         self.answer: Any = None
         self.refusal: tuple[str, str] = ("", "")
         self._options = options

@@ -123,7 +123,7 @@ def a_stop_fault_is_noticed(view: View) -> Findings:
             continue
         happening = next((given for given in view.world.plan.happenings if given.what == line.text), None)
         running = view.between(line.host_ns + 1e9, view.session.ended_ns)
-        moved = len(running) and np.max(np.abs(running[:, 1])) > 0.02
+        moved = len(running) and np.max(np.abs(running[:, 1])) > MOVING_M_S
         if happening is not None and happening.lasts_s is None and moved and not told and slug not in said:
             yield f"{line.text} was not noticed", line.host_ns
 

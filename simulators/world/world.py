@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import signal
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.campaign import CampaignOptions
+from rig.campaign.results import Display
 from rig.matrix.model import load_matrix
+from rig.recording.journal.campaign_log import read_log
 from simulators.controller_firmware import Command, State
 from simulators.options import RigOptions, with_option
 from simulators.plant import records, step
@@ -124,8 +125,10 @@ class Session:
 class Silent:
     """A display nobody looks at."""
 
-    def __getattr__(self, _name: str) -> Callable[..., None]:
-        return lambda *_arguments, **_named: None
+    def phase(self, *_: object, **__: object) -> None:
+        """Nothing is shown."""
+
+    planned = progress = point_done = message = phase
 
 
 class World:
@@ -139,7 +142,7 @@ class World:
     """
 
     def __init__(
-        self, plan: WorldPlan, root: Path, display: Any = None, most_sessions: int = MOST_SESSIONS  # noqa: ANN401
+        self, plan: WorldPlan, root: Path, display: Display | None = None, most_sessions: int = MOST_SESSIONS
     ) -> None:
         self.plan = plan
         self.root = root
@@ -314,16 +317,7 @@ class World:
     def journal(self) -> list[dict[str, Any]]:
         """The campaign's journal, whole lines."""
         folder = self.folder
-        path = None if folder is None else folder / "journal.jsonl"
-        if path is None or not path.exists():
-            return []
-        lines = []
-        for line in path.read_bytes().split(b"\n"):
-            try:
-                lines.append(json.loads(line))
-            except ValueError:
-                continue
-        return lines
+        return [] if folder is None or not (folder / "journal.jsonl").exists() else read_log(folder)
 
     def digests(self) -> dict[str, str]:
         """A number for each of what the world has made: the journals, all files and their names, the truth."""

@@ -12,7 +12,6 @@ import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import pytest
 from matrices import BRISK_POINTS, TWO_POINTS
@@ -65,7 +64,7 @@ def run(tmp_path: Path) -> Run:
     """Runs a campaign in virtual time, with faults of the simulated rig, to its end: `run("estop@6")`."""
     worlds = itertools.count()
 
-    def to_the_end(*faults: str, simulator: tuple[str, ...] = (), **setting: Any) -> Ending:  # noqa: ANN401
+    def to_the_end(*faults: str, simulator: tuple[str, ...] = (), **setting: object) -> Ending:
         folder = tmp_path / f"world{next(worlds)}"
         folder.mkdir()
         with Stage(SEED, folder) as stage:
@@ -107,7 +106,7 @@ def begin_world(tmp_path: Path) -> Iterator[BeginWorld]:
     """Starts a campaign in virtual time that waits to be looked at; one a test."""
     with ExitStack() as ends:
 
-        def start_there(setting: Setting | None = None, **differing: Any) -> WorldCampaign:  # noqa: ANN401
+        def start_there(setting: Setting | None = None, **differing: object) -> WorldCampaign:
             folder = tmp_path / "world"
             folder.mkdir()
             return begin(ends.enter_context(Stage(SEED, folder)), folder, setting or Setting(**differing))

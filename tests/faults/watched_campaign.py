@@ -139,6 +139,12 @@ class Campaign:
         """Send the application a signal, or one of its processes: "rig.station", "finaliser", "simulators"."""
         os.kill(self.child(role) if role else self.process.pid, number)
 
+    def end_by(self, number: int) -> Ending:
+        """Send the application a signal and wait for the end."""
+        sent_ns = self.now_ns
+        self.send(number)
+        return self.finish(sent_ns)
+
     def station_pid(self) -> int:
         """Process id of the station."""
         return self.child("rig.station")

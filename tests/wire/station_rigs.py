@@ -152,7 +152,7 @@ class Inside:
     def __init__(self, target: object, inside: Callable[[Callable[[], object]], object]) -> None:
         self._target, self._inside = target, inside
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
+    def __getattr__(self, name: str) -> object:
         value = getattr(self._target, name)
         if not callable(value):
             return value

@@ -9,7 +9,7 @@ import ast
 import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import CodeType, FunctionType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 from edits import Edit, NoLongerThere, edited
@@ -64,7 +64,7 @@ def _codes(code: CodeType) -> Iterator[tuple[str, CodeType]]:
             yield from _codes(constant)
 
 
-def _function(module: Any, name: str) -> FunctionType:  # noqa: ANN401
+def _function(module: ModuleType, name: str) -> FunctionType:
     owner: Any = module
     for part in name.split("."):
         owner = vars(owner)[part]
