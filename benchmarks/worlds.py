@@ -8,7 +8,7 @@ Each prints the line that `docs/benchmarks.md` quotes: date, machine, load. `spe
 of processor time, so that what else the machine does counts less (it does count: shared caches, a shared core), and for
 each second of the wall. `same` runs every seed in processes of their own, under other hashes of Python's, in folders of
 other names, and compares journal, files and truth, all in one number. Another Python is tried by running
-`same --runs 1 --json` with each and comparing `digests` and `verdicts`.
+`same --runs 1 --json` with each and comparing `verdicts`: exit codes, what did not hold, and the events by name.
 """
 
 from __future__ import annotations
@@ -95,7 +95,8 @@ def same(arguments: argparse.Namespace) -> dict[str, Any]:
     with ThreadPoolExecutor(arguments.jobs) as pool:
         for worlds in pool.map(lambda number: _elsewhere(arguments.seeds, number), numbers):
             for world in worlds:
-                seen[world["seed"]].add((world["digest"], json.dumps([world["sessions"], world["failed"]])))
+                verdict = json.dumps([world["sessions"], world["failed"], world["events"]])
+                seen[world["seed"]].add((world["digest"], verdict))
     differing = sorted(seed for seed, outcomes in seen.items() if len(outcomes) > 1)
     return {
         "seeds": len(seen), "runs": arguments.runs, "differing": differing,

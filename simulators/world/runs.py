@@ -44,7 +44,7 @@ class Ended:
 
     Attributes:
         failed: invariant and words of everything that did not hold, with the virtual time (s).
-        digest: of everything it made.
+        digest: of everything it made; `events` of what happened in it, by name.
         rig_s: virtual seconds; `wall_s` the real ones it took, `cpu_s` those of the processor.
         happenings: what was to happen in it.
         moved_s: for how long the rod moved (s).
@@ -59,6 +59,7 @@ class Ended:
     cpu_s: float = 0.0
     happenings: tuple[str, ...] = ()
     moved_s: float = 0.0
+    events: str = ""
 
 
 def live(plan: WorldPlan, root: Path, until_s: float | None = None) -> tuple[World, Ended]:
@@ -72,7 +73,8 @@ def live(plan: WorldPlan, root: Path, until_s: float | None = None) -> tuple[Wor
     happenings = tuple(map(str, plan.happenings))
     moved_s = sum(session.truth.moved_s for session in world.sessions)
     return world, Ended(
-        plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes, cpu_s, happenings, moved_s
+        plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes, cpu_s, happenings, moved_s,
+        world.events(),
     )  # fmt: skip
 
 

@@ -40,6 +40,8 @@ REST_S = 90.0
 COLUMNS = (step.VELOCITY, step.CURRENT, step.DISPLACEMENT, step.FORCE)
 EVERY_S = 1e-3
 MOVES_M_S = 2e-3
+NAMES = ("event", "phase", "what", "slug", "id", "verdict", "exit_code")
+"""What a line of the journal says without numbers."""
 
 
 @dataclass(frozen=True)
@@ -334,6 +336,12 @@ class World:
             truth.update(repr(session.truth.log).replace(str(self.root), "ROOT").encode())
         named = (("journal", journal), ("files", files), ("truth", truth))
         return {name: whole.hexdigest()[:16] for name, whole in named}
+
+    def events(self) -> str:
+        """One number for what happened by name, which another Python or processor makes the same."""
+        told = [[line.get(key) for key in NAMES] for line in self.journal]
+        obeyed = [line.code for session in self.sessions for line in session.truth.log]
+        return hashlib.sha256(json.dumps([told, obeyed]).encode()).hexdigest()[:16]
 
     def digest(self) -> str:
         """One number for everything that the world has made."""
