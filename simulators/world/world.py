@@ -285,7 +285,7 @@ class World:
         elif what == "power-cut":
             stage.power_cut()
         elif what in FOREIGN:
-            self._stop_by_somebody_else(what)
+            self._stop_by_somebody_else(happening)
 
     def _spoil_the_disk(self, what: str, lasts_ns: int) -> None:
         """It refuses writes or flushes, or takes longer, until it is repaired."""
@@ -299,19 +299,21 @@ class World:
         else:
             disk.refuses = DISK[what]
 
-    def _stop_by_somebody_else(self, what: str) -> None:
+    def _stop_by_somebody_else(self, happening: Happening) -> None:
         """A running program is stopped by a command of another client, or at the panel; the next one if none runs."""
-        actuator = self.stage.rig.actuator
+        what, session, actuator = happening.what, self.sessions[-1], self.stage.rig.actuator
         if actuator.motion_state is not State.RUNNING:
             if self.stage.named("application"):
-                self.kernel.spawn(what, self._fate, lambda: self._stop_by_somebody_else(what), LOOK_AGAIN_NS)
+                self.kernel.spawn(what, self._fate, lambda: self._stop_by_somebody_else(happening), LOOK_AGAIN_NS)
             return
         if what == "foreign-stop":
             sequence = (actuator.sequence + FOREIGN_SEQUENCE) % 0xFFFF or 1
             actuator.execute({"sequence": sequence, "command": int(Command.FADE_STOP), "owner_id": 0})
         else:
             self.stage.rig.plant.order(mode=records.MODE_FADE)
-        self.sessions[-1].truth.note("FOREIGN", what)
+        if not any(known is happening for _, known in session.happened):
+            session.happened.append((self.kernel.now_ns, happening))
+        session.truth.note("FOREIGN", what)
 
     # What came of it
 
