@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import os
 import signal
 from collections.abc import Iterator
 from hashlib import sha256
@@ -13,6 +15,12 @@ import pytest
 # A shell that starts a program in the background has it ignore Ctrl-C, and so would every process these tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# One thread for linear algebra, here and in every process the tests start: a second one mostly waits, and keeps a core
+# busy with it. Read once, when numpy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+SELDOM = 50_000
+"""The garbage collector looks after so many objects; what was collected of the tests it does not look at any more."""
 STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", "start_campaign", "wired_station_rig"})
 """Fixtures that start real processes on real transports: whoever uses them is marked `wire`."""
 
@@ -27,6 +35,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if STARTS_PROCESSES.intersection(getattr(item, "fixturenames", ())):
             item.add_marker("wire")
+
+
+def pytest_collection_finish() -> None:
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(SELDOM, 20, 100)
 
 
 def pytest_runtestloop(session: pytest.Session) -> bool | None:

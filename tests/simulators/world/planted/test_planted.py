@@ -15,6 +15,7 @@ from planted_patching import in_force
 from rig.station import supervisor
 from simulators.world.asked import Asked
 from simulators.world.runs import Ended as World
+from simulators.world.runs import begin_worker
 
 Ended = tuple[dict[str, str], str]
 
@@ -29,7 +30,8 @@ def ended() -> dict[str | Case, Ended]:
     """Every case with its bug by name, and each of their worlds without; in two processes."""
     worlds: dict[str | Case, Ended] = {}
     names, cases = list(CASES), list(dict.fromkeys(map(world_of, CASES.values())))
-    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, mp_context=context, initializer=begin_worker) as pool:
         worlds.update(zip(names, pool.map(with_the_bug, names), strict=True))
         worlds.update(zip(cases, pool.map(without, cases), strict=True))
     return worlds
