@@ -33,7 +33,7 @@ SEEN_LATER = frozenset({"load-train", "stop-ignored", "current-stuck", "coil-ope
 OTHER_NAMES = {
     "can-busoff:lost": {"can-lost"}, "current-tracking": {"load-train"},
     "current-tracking:over": {"overcurrent", "load-train"},
-    "sensor-stuck": {"sensor-saturated"}, "sensor-stuck:lvdt": {"sensor-saturated"},
+    "sensor-stuck": {"sensor-saturated"}, "sensor-stuck:lvdt": {"sensor-saturated"}, "modbus-mismatch": {"rtu-crc"},
 }
 """Faults that the station may name otherwise than their row."""
 DISK_SLUGS = {"disk-full", "dir-readonly", "fsync-error", "disk-error", "recorder-unwell", "task-dies", "slow-consumer"}
