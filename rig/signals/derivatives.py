@@ -231,8 +231,12 @@ def is_white(residual: FloatArray) -> bool:
     power = float(centred @ centred)
     if n < 40 or power == 0.0:
         return True
-    correlation = np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, 11)])
-    return bool(n * np.sum(correlation**2) < 35.6)
+    correlated = 0.0
+    for k in range(1, 11):
+        correlated += (float(centred[k:] @ centred[:-k]) / power) ** 2
+        if n * correlated >= 35.6:
+            return False
+    return True
 
 
 def _correlate(x: FloatArray, kernel: FloatArray) -> FloatArray:
