@@ -137,32 +137,51 @@ def checks(arguments: list[str]) -> int:
 
 
 def all_tests() -> int:
-    """Run what waits for nothing real in several processes, then alone what needs real processes and wires.
+    """Run what waits for nothing real in several processes, and beside them what needs real processes and wires.
 
-    Each process takes the next file of tests that is free; the first one's output is shown at once, the others' when
-    all have ended. The names of all tests that failed are shown at the end. Returns the first exit code that is not 0.
+    The several give way to the one on real wires, whose output is shown at once. The names of all tests that failed are
+    shown at the end. Returns the first exit code that is not 0.
     """
-    with tempfile.TemporaryDirectory() as name, ExitStack() as files:
-        folder, failures = Path(name) / "taken", Path(name) / "failures"
-        folder.mkdir()
+    with tempfile.TemporaryDirectory() as name:
+        failures = Path(name) / "failures"
         pytest = [program("python"), "-m", "pytest", "tests", f"--failures={failures}"]
+        print("dev.py: tests on real processes and wires; beside them the others", flush=True)
+        code = side_by_side(gives_way([*pytest, "-m", "not wire"]), first=[*pytest, "-m", "wire"])
+        if failures.exists() and failures.read_text(encoding="utf-8"):
+            print(f"dev.py: these tests failed:\n{failures.read_text(encoding='utf-8')}", end="", flush=True)
+    return code
+
+
+def side_by_side(shared: list[str], first: list[str] | None = None) -> int:
+    """Run tests in several processes, each of which takes the next that is free, and show their output in the end.
+
+    Args:
+        shared: pytest's command for these.
+        first: what runs beside them with its output shown at once.
+
+    Returns:
+        The first exit code that is not 0.
+    """
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as files:
         # A cache would know only what one of them saw.
-        shared = [*pytest, "-m", "not wire", f"--shared={folder}", "-p", "no:cacheprovider"]
-        others = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE - 1)]
-        begun = [subprocess.Popen(shared, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in others]
+        command = [*shared, f"--shared={folder}", "-p", "no:cacheprovider"]
+        told = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE)]
+        begun = [subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told]
         try:
-            codes = [run(*shared), *(process.wait() for process in begun)]
+            codes = [0 if first is None else run(*first), *(process.wait() for process in begun)]
         finally:
             for process in begun:
                 process.terminate()
-        for said in others:
+        for said in told:
             said.seek(0)
             print(said.read(), flush=True)
-        print("dev.py: tests on real processes and wires", flush=True)
-        codes.append(run(*pytest, "-m", "wire"))
-        if failures.exists() and failures.read_text(encoding="utf-8"):
-            print(f"dev.py: these tests failed:\n{failures.read_text(encoding='utf-8')}", end="", flush=True)
     return next((code for code in codes if code), 0)
+
+
+def gives_way(command: list[str]) -> list[str]:
+    """The same command at a lower priority, where the machine has such."""
+    nice = shutil.which("nice")
+    return command if nice is None else [nice, "-n", "10", *command]
 
 
 def fully_covered(package: str, tests: str) -> int:
@@ -188,9 +207,8 @@ def faults(arguments: list[str]) -> int:
     if arguments[:1] == ["--mutate"]:
         return run(program("python"), "tests/faults/mutation.py", *arguments[1:])
     if arguments[:1] == ["--rows"]:
-        return run(
-            program("python"), "-m", "pytest", "tests/faults/test_every_row.py", "-v", "--durations=5", *arguments[1:]
-        )
+        rows = [program("python"), "-m", "pytest", "tests/faults/test_every_row.py", "-v", "--durations=5"]
+        return side_by_side([*rows, *arguments[1:]])
     return run(
         program("python"), "-m", "pytest", "tests/faults", "tests/simulators/test_faults.py", "-q", *arguments
     )
@@ -216,7 +234,8 @@ def main(arguments: list[str]) -> int:
         return faults(rest)
     if command == "worlds" and "--planted" in rest:
         rest.remove("--planted")
-        return run(program("python"), "tests/simulators/world/planted/planted_search.py", *rest)
+        script = "tests/simulators/world/planted/planted_search.py"
+        return run(program("python"), script, *rest, PYTHONPATH=str(ROOT / "tests" / "faults"))
     if command == "worlds":
         return run(program("rig"), "worlds", *rest)
     if command == "coverage":

@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,23 @@ class Answer:
     exit_code: int
     json: dict[str, Any]
     memory: dict[str, int] = field(default_factory=dict)
+
+
+def sines(frequency: Sequence[str], current: Sequence[str], amplitude: str, cycles: int, *, identify: bool) -> str:
+    """The matrix file of these sines on the demo damper."""
+    return f"""format = 1
+[specimen]
+serial_number = "MR-001"
+stroke = "170 mm"
+prior = "demo"
+[matrix]
+amplitude = ["{amplitude}"]
+frequency = {json.dumps(frequency)}
+current = {json.dumps(current)}
+cycles = {cycles}
+[identify]
+enabled = {json.dumps(identify)}
+"""
 
 
 def run(matrix: Path, out: Path, *arguments: str, speed: float = 1.0, seed: int = 0) -> Answer:

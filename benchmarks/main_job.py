@@ -19,7 +19,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from campaign_process import Answer, machine, run
+from campaign_process import Answer, machine, run, sines
 
 from rig.clock import monotonic_ns, utc_now
 from rig.recording.journal.campaign_log import read_log
@@ -28,21 +28,7 @@ TABLE_1 = Path(__file__).resolve().parent.parent / "examples" / "table1.toml"
 SPEED = 50.0
 SETTLING_S = 0.5
 """What `rig plan` allows a point beside its motion: current settles, rod back at the centre."""
-REAL_TIME_MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["50 mm"]
-frequency = ["1.5 Hz", "2 Hz"]
-current = ["0 A", "1 A", "2 A"]
-cycles = 10
-[identify]
-enabled = false
-"""
+REAL_TIME_MATRIX = sines(["1.5 Hz", "2 Hz"], ["0 A", "1 A", "2 A"], "50 mm", 10, identify=False)
 APPLICATION = ("application", "finaliser", "analyst")
 MB = 1e6
 

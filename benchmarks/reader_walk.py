@@ -27,24 +27,13 @@ from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
+from campaign_process import sines
+
 from rig.recording.conversion.conversion import finish_point
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = tuple(str(ROOT / room) + "/" for room in ("rig", "drivers", "protocols"))
-MATRIX = """format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["5 mm"]
-frequency = ["4 Hz"]
-current = ["0.5 A"]
-cycles = 6
-[identify]
-enabled = false
-"""
+MATRIX = sines(["4 Hz"], ["0.5 A"], "5 mm", 6, identify=False)
 
 T = TypeVar("T")
 

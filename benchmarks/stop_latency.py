@@ -27,6 +27,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
+from campaign_process import sines
 
 from protocols import frame_format
 from rig.bench.model import Bench
@@ -48,18 +49,7 @@ LIMIT_N = 5000.0
 APPROACH_N = (2500.0, 4900.0, LIMIT_N + 100.0)
 """A force that crosses the limit as physics can: the last of these samples does."""
 COMMAND_ADDRESS, HALT = 300, 9
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-mid_stroke = "0 mm"
-[matrix]
-waveform = ["sine"]
-amplitude = ["10 mm"]
-frequency = ["2 Hz"]
-current = ["1 A"]
-"""
+MATRIX = sines(["2 Hz"], ["1 A"], "10 mm", 6, identify=False)
 
 
 class Wires:

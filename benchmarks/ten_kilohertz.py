@@ -17,27 +17,12 @@ import threading
 from pathlib import Path
 
 import h5py
-from campaign_process import machine, run
+from campaign_process import machine, run, sines
 
 from rig.clock import utc_now
 from rig.recording.journal.ring_reader import RingProblem, RingReader
 
 FREQUENCY_Hz = 0.5
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["20 mm"]
-frequency = ["{frequency} Hz"]
-current = ["0.5 A"]
-cycles = {cycles}
-[identify]
-enabled = {identify}
-"""
 
 
 class Follower(threading.Thread):
@@ -82,8 +67,8 @@ def main() -> int:
         follower = Follower(Path(folder) / "out")
         matrix = Path(folder) / "matrix.toml"
         cycles = max(3, round(given.seconds * FREQUENCY_Hz) - 2)
-        identify = "true" if given.identify else "false"
-        matrix.write_text(MATRIX.format(frequency=FREQUENCY_Hz, cycles=cycles, identify=identify))
+        text = sines([f"{FREQUENCY_Hz} Hz"], ["0.5 A"], "20 mm", cycles, identify=given.identify)
+        matrix.write_text(text, encoding="utf-8")
         follower.start()
         answer = run(matrix, Path(folder) / "out", *options)
         follower.ended.set()

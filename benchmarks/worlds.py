@@ -8,7 +8,7 @@ Each prints the line that `docs/benchmarks.md` quotes: date, machine, load. `spe
 of processor time, so that what else the machine does counts less (it does count: shared caches, a shared core), and for
 each second of the wall. `same` runs every seed in processes of their own, under other hashes of Python's, in folders of
 other names, and compares journal, files and truth, all in one number. Another Python is tried by running
-`same --runs 1 --json` with each and comparing `digests` and `verdicts`.
+`same --runs 1 --json` with each and comparing `verdicts`: exit codes, what did not hold, and the events by name.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from campaign_process import machine
+
 from simulators.world.asked import Asked, seeds_of
 from simulators.world.runs import Ended, begin_worker, every, live, memory
 
@@ -38,14 +40,9 @@ WORKER = "one-after-the-other"
 
 def told() -> str:
     """Date, machine and load in short."""
-    processor = platform.processor() or platform.machine()
-    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-        if line.startswith("model name"):
-            processor = line.partition(":")[2].strip()
-            break
     load = " ".join(f"{value:.1f}" for value in os.getloadavg())
     python = f"Python {platform.python_version()}"
-    return f"{datetime.now(UTC):%Y-%m-%d}, {processor}, {os.cpu_count()} cores, {python}, load {load}"
+    return f"{datetime.now(UTC):%Y-%m-%d}, {machine()}, {python}, load {load}"
 
 
 def run(seed: int, root: Path) -> Ended:
@@ -98,7 +95,8 @@ def same(arguments: argparse.Namespace) -> dict[str, Any]:
     with ThreadPoolExecutor(arguments.jobs) as pool:
         for worlds in pool.map(lambda number: _elsewhere(arguments.seeds, number), numbers):
             for world in worlds:
-                seen[world["seed"]].add((world["digest"], json.dumps([world["sessions"], world["failed"]])))
+                verdict = json.dumps([world["sessions"], world["failed"], world["events"]])
+                seen[world["seed"]].add((world["digest"], verdict))
     differing = sorted(seed for seed, outcomes in seen.items() if len(outcomes) > 1)
     return {
         "seeds": len(seen), "runs": arguments.runs, "differing": differing,

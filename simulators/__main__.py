@@ -123,6 +123,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
 
     from simulators.injection import NEEDS_AUXILIARY
     from simulators.options import RigOptions, load_options, with_option
+    from simulators.plant.plant import specimen_model
     from simulators.rig import RunOptions
     from simulators.settings import with_settings
 
@@ -135,6 +136,10 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     for assignment in assignments:
         options = with_option(options, assignment)
     options = with_settings(options, values)
+    try:
+        specimen_model(options.damper)
+    except (KeyError, ValueError) as error:
+        raise FileProblem("damper", [str(error.args[0])]) from None
     if values["rate"] is not None:
         for table in ("load_cell", "lvdt", "auxiliary"):
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
@@ -241,8 +246,6 @@ def main(listing: bool, **values: Any) -> None:  # noqa: ANN401 (click hands opt
         asyncio.run(serve(arguments))
     except RigError as error:
         refuse(str(error), bool(values["as_json"]))
-    except (KeyError, ValueError) as error:
-        refuse(f"damper: {error.args[0] if error.args else error}", bool(values["as_json"]))
     except OSError as error:
         refuse(f"the simulated rig cannot start: {error}", bool(values["as_json"]))
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 from drivers.connection import ActuatorAddress, LinkKind
 from simulators.conditioner import group_delay_s
-from simulators.options import RigOptions, SensorOptions
+from simulators.options import SI_UNITS, RigOptions, SensorOptions
 
-SI_UNITS = {"N": "N", "mm": "m", "m/s^2": "m/s^2"}
 STALE_SAMPLES = 5
 STALE_S = 0.020
 RELAXED_STALE_S = 0.600

@@ -11,13 +11,15 @@ from typing import Any
 
 from pymodbus import FramerType
 from pymodbus.constants import ExcCodes
+from pymodbus.framer import FramerRTU
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from simulators import controller_firmware as wire
 from simulators.registers import RegisterBank
 
-_REQUEST_HEADER = 8
+_RTU_FUNCTION, _TCP_FUNCTION = 1, 7
+"""Where in an answer its function stands."""
 _READ_SIZE = 4096
 STALE_EVERY = 20
 """While the fault `late_answers` is on, its first answer and then one in so many comes late."""
@@ -158,8 +160,10 @@ class ModbusServer:
         changed = bytearray(packet)
         if faults.wrong_transaction:
             changed[1] ^= 0x55
-        if faults.wrong_function and len(changed) >= _REQUEST_HEADER:
-            changed[7] ^= 0x04
+        if faults.wrong_function:
+            changed[_RTU_FUNCTION if self._rtu else _TCP_FUNCTION] ^= 0x04
+            if self._rtu:
+                changed[-2:] = FramerRTU.compute_CRC(bytes(changed[:-2])).to_bytes(2, "big")
         return bytes(changed)
 
     def _send_late(self, packet: bytes) -> None:

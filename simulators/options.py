@@ -15,11 +15,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from protocols.line_format import LineFormat
 from rig.errors import FileProblem
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+
+    from protocols.line_format import LineFormat
 
     Options = TypeVar("Options", bound=DataclassInstance)
 
@@ -247,6 +248,9 @@ POSITIVE = {
     "damping", "friction_speed_m_s", "coil_heat_capacity_J_K",
 }
 NONZERO = {"gain", "current_gain"}
+SI_UNITS = {"N": "N", "mm": "m", "m/s^2": "m/s^2"}
+"""Of a sensor, by its unit on the wire."""
+CHOICES = {"unit": tuple(SI_UNITS), "format": ("frame16", "signed-decimal")}
 CEILINGS = {"rate_Hz": 10_000.0, "plant_rate_Hz": 100_000.0, "skew_s": 0.1, "delay_s": 0.1}
 FLOORS = {
     "plant_rate_Hz": 4000.0, "truth_rate_Hz": 1.0, "skew_s": 0.0, "delay_s": 0.0, "stiffness_N_m": 0.0,
@@ -347,7 +351,9 @@ def _numbers(present: Mapping[str, float], value: object, where: str, problems: 
 def _misfit(key: str, present: object, value: object) -> str:
     """Why `value` cannot replace `present`, or nothing."""
     if isinstance(present, str):
-        return "" if isinstance(value, str) else "expected a text in quotes"
+        if not isinstance(value, str):
+            return "expected a text in quotes"
+        return "" if value in CHOICES.get(key, (value,)) else f"expected one of {', '.join(CHOICES[key])}"
     if isinstance(present, bool):
         return "" if isinstance(value, bool) else "expected true or false"
     if isinstance(value, bool) or not isinstance(value, (int, float)):

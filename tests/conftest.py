@@ -1,4 +1,4 @@
-"""What holds for every test; how `dev.py test` divides the files of tests among processes."""
+"""What holds for every test; how `dev.py test` divides tests among processes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import gc
 import os
 import signal
 from collections.abc import Iterator
+from hashlib import sha256
 from itertools import groupby
 from pathlib import Path
 
@@ -25,7 +26,7 @@ STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", 
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--shared", type=Path, help="Folder in which processes say which file of tests each one takes.")
+    parser.addoption("--shared", type=Path, help="Folder in which processes say which tests each one takes.")
     parser.addoption("--failures", type=Path, help="File at whose end the names of the tests that failed are written.")
 
 
@@ -43,7 +44,7 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_runtestloop(session: pytest.Session) -> bool | None:
-    """With --shared this process runs the files of tests that no other one has taken yet; pytest's own loop else."""
+    """With --shared this process runs the tests that no other one has taken yet; pytest's own loop else."""
     folder = session.config.getoption("--shared")
     if folder is None or session.testsfailed or session.config.option.collectonly:
         return None
@@ -61,14 +62,18 @@ def pytest_runtestloop(session: pytest.Session) -> bool | None:
 
 
 def taken(items: list[pytest.Item], folder: Path) -> Iterator[pytest.Item]:
-    """The tests of each file that is free when its turn comes."""
-    for path, tests in groupby(items, lambda item: item.path):
-        name = str(path.relative_to(Path(__file__).parent)).replace(os.sep, "-")
+    """The tests of each file that is free when its turn comes, and those marked `apart` each by itself."""
+    for name, tests in groupby(items, unit):
         try:
-            (folder / name).touch(exist_ok=False)
+            (folder / sha256(name.encode()).hexdigest()).touch(exist_ok=False)
         except FileExistsError:
             continue
         yield from tests
+
+
+def unit(item: pytest.Item) -> str:
+    """What one process takes at once."""
+    return item.nodeid if item.get_closest_marker("apart") else str(item.path)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -63,7 +63,7 @@ def saves_alone(save: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(save)
     def locked(file: Any, *arguments: Any) -> None:  # noqa: ANN401 - numba's own
-        with alone(Path(file._index_path).parent):  # noqa: SLF001
+        with alone(Path(file._index_path).parent):  # noqa: SLF001 - numba tells it nowhere else
             save(file, *arguments)
 
     return locked

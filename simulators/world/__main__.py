@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from simulators.world.asked import Asked
-    from simulators.world.world import World
 
 FILE = click.Path(path_type=Path)
 
@@ -109,14 +108,15 @@ def _trace(seed: int, asked: Asked, path: Path) -> int:
     """One world, every task that runs as a line: virtual time (s), process, thread."""
     from simulators.world.invariants import judged
     from simulators.world.runs import begin_worker, memory
+    from simulators.world.telling import Told
     from simulators.world.world import World
 
     begin_worker()
     failed = False
     with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name, path.open("w", encoding="utf-8") as file:
-        told = Told()
-        world = told.world = World(asked.plan(seed), Path(name), told)
-        world.kernel.trace = lambda task: print(f"{told.time_s:.9f} {task.process!r} {task.name}", file=file)
+        world = World(asked.plan(seed), Path(name))
+        world.display = Told(world.kernel)
+        world.kernel.trace = lambda task: print(f"{world.kernel.time_s:.9f} {task.process!r} {task.name}", file=file)
         world.run(asked.until_s)
         for invariant, words, at_s in judged(world) if asked.until_s is None else ():
             failed = True
@@ -124,32 +124,13 @@ def _trace(seed: int, asked: Asked, path: Path) -> int:
     return EXIT_NOT_ALL_VALID if failed else EXIT_DONE
 
 
-class Told:
-    """Shows a world's campaign on the standard error, with its virtual time."""
-
-    def __init__(self) -> None:
-        self.world: World | None = None
-
-    @property
-    def time_s(self) -> float:
-        """Seconds since the world began."""
-        return 0.0 if self.world is None else self.world.kernel.time_s
-
-    def __getattr__(self, name: str) -> Callable[..., None]:
-        if name not in {"phase", "message"}:
-            return lambda *_: None
-        return lambda *words: click.echo(f"{self.time_s:9.3f} s  {' '.join(map(str, words))}", err=True)
-
-
 def _shrink(seed: int, asked: Asked, tell: Callable[[str], None]) -> None:
     """Tell the smallest world that still fails."""
-    from simulators.world.runs import live
+    from simulators.world.runs import live, memory
     from simulators.world.shrink import shrunk
-    from simulators.world.stage import load_everything
 
-    load_everything()
     plan = asked.plan(seed)
-    with tempfile.TemporaryDirectory(prefix="world-") as name:
+    with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
         _, ended = live(plan, Path(name))
     smallest, _ = shrunk(plan, ended, lambda words: tell(f"  seed {seed} {words}"))
     told = " ".join(f"--happening {happening}" for happening in smallest.happenings)

@@ -142,7 +142,7 @@ def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
         elif needed is not None and needed != link:
             has = "one controller cannot be reached by both" if len(links) > 1 else f"this bench reaches it by {link}"
             problem = f"happens only where the controller is reached by {needed}; {has}"
-        elif happening.what in NEEDS_AUXILIARY and "auxiliary" not in given.bench:
+        elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
             problem = "needs an auxiliary channel; give a --bench that has one"
         if problem:
             raise click.BadParameter(f"{happening.what!r}: {problem}", param_hint="--happening")
@@ -169,7 +169,7 @@ def _given(files: Files) -> tuple[Given, tuple[str, ...]]:
     matrix, bench = load_files(files.matrix, files.bench)
     user = UserBench.load(files.bench, matrix)
     given = _forecast(matrix, bench, read_text(files.matrix, LARGEST_MATRIX))
-    return replace(given, bench=text, actuator=user.actuator, tick_s=user.tick_s), user.stood_in
+    return _on_bench(given, text, user), user.stood_in
 
 
 def _drawn_matrices(path: Path, text: str) -> tuple[Given, tuple[str, ...]]:
@@ -188,7 +188,13 @@ def _drawn_matrices(path: Path, text: str) -> tuple[Given, tuple[str, ...]]:
     except Refused as error:
         raise Refused(error.slug, f"{path}: the matrices that worlds draw do not fit this bench; give your own with "
                       f"--matrix FILE\n{error}") from error  # fmt: skip
-    return Given(bench=text, actuator=user.actuator, tick_s=user.tick_s), user.stood_in
+    return _on_bench(Given(), text, user), user.stood_in
+
+
+def _on_bench(given: Given, text: str, user: UserBench) -> Given:
+    """The same on a user's bench."""
+    auxiliary = bool(user.auxiliaries)
+    return replace(given, bench=text, actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s)
 
 
 LARGEST_DRAWN = """format = 1

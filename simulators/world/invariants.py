@@ -78,14 +78,14 @@ def unarmed_stands_still(view: View) -> Findings:
 
 def points_are_there(view: View) -> Findings:
     """Every point that was told to be finished is on the disk, opens, and says what was told."""
+    if view.session is not view.world.sessions[-1] or view.world.folder is None:
+        return
     told: dict[str, dict[str, Any]] = {}
     for line in view.world.journal:
         if line.get("event") == "judged" and line.get("file"):
             told[str(line["id"])] = line
         if line.get("event") == "retimed":
             told.pop(str(line.get("file")), None)
-    if view.session is not view.world.sessions[-1] or view.world.folder is None:
-        return
     for name, line in told.items():
         path = view.world.folder / "points" / Path(line["file"]).name
         try:

@@ -6,8 +6,7 @@ import errno
 import json
 import math
 import random
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
@@ -130,22 +129,11 @@ class WorldPlan:
     turn_s: float = 0.005
     bench: str = ""
     lasts_s: float = 0.0
-    held_up: float = 0.01
+    held_up: float = HELD_UP_SHARE
 
     def without(self, happening: Happening) -> WorldPlan:
         """The same world without one thing."""
         return replace(self, happenings=tuple(kept for kept in self.happenings if kept is not happening))
-
-    def to_json(self) -> str:
-        """As one line."""
-        return json.dumps({**asdict(self), "happenings": [str(happening) for happening in self.happenings]})
-
-    @classmethod
-    def from_json(cls, text: str) -> WorldPlan:
-        """From `to_json`."""
-        fields: Mapping[str, object] = json.loads(text)
-        happenings = tuple(Happening.parse(str(entry)) for entry in fields["happenings"])  # type: ignore[attr-defined]
-        return cls(**{**fields, "happenings": happenings, "options": tuple(fields["options"])})  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -155,6 +143,7 @@ class Given:
     Attributes:
         matrix, bench: texts of the files; empty where none is given.
         actuator: "tcp" or "rtu", as the bench says; empty: drawn.
+        auxiliary: the bench has an auxiliary channel.
         motion_s: forecast of the campaign (s), over which things happen.
         lasts_s: how long it lasts at most (s).
         tick_s: how often the devices hand over what they have sent, at most (s).
@@ -163,6 +152,7 @@ class Given:
     matrix: str = ""
     bench: str = ""
     actuator: str = ""
+    auxiliary: bool = False
     motion_s: float = 0.0
     lasts_s: float = 0.0
     tick_s: float = math.inf
@@ -179,9 +169,9 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     actuator = "rtu" if chance.random() < 0.25 else "tcp"
     actuator = given.actuator or actuator
     happenings = _happenings(chance, actuator, given.motion_s)
-    tick_s, turn_s = chance.choice((0.003, 0.005, 0.008)), chance.choice((0.004, 0.006, 0.008))
-    text = given.matrix or _matrix(chance)
-    if 'id = "loop"' in text and chance.random() < SLOW_FILES_SHARE:
+    tick_s, turn_s = chance.choice((0.004, 0.008, 0.01)), chance.choice((0.004, 0.006, 0.008))
+    text, named = (given.matrix, False) if given.matrix else _matrix(chance)
+    if named and chance.random() < SLOW_FILES_SHARE:
         happenings = (*happenings, _around("finaliser-stalled", chance.uniform(*EARLY_S), chance))
     held_up = BUSY_HELD_UP if random.Random(f"busy {seed}").random() < BUSY_SHARE else HELD_UP_SHARE
     return WorldPlan(
@@ -230,21 +220,23 @@ def _combined(chance: random.Random) -> list[Happening]:
     ]
 
 
-def _matrix(chance: random.Random) -> str:
+def _matrix(chance: random.Random) -> tuple[str, bool]:
+    """A matrix, and whether its points have a name."""
     amplitudes = [f"{chance.choice((4, 5, 6, 8, 10))} mm"]
     frequencies = [f"{frequency} Hz" for frequency in sorted(chance.sample((2, 2.5, 3, 4), 2))]
     chosen_A = chance.sample((0, 0.25, 0.5, 0.75, 1.0), chance.choice((1, 2, 2)))
     currents = [f"{current_A} A" for current_A in sorted(chosen_A)]
     cycles = chance.choice((8, 10, 12)) if len(currents) == 1 else chance.choice((5, 6, 8))
     if chance.random() < NAMED_SHARE:
-        return _named_matrix(chance, amplitudes[0], frequencies[0], currents[0])
-    return "\n".join((
+        return _named_matrix(chance, amplitudes[0], frequencies[0], currents[0]), True
+    text = "\n".join((
         "format = 1", "[specimen]", 'serial_number = "MR-001"', 'stroke = "170 mm"', 'prior = "demo"', "[matrix]",
         f'waveform = ["{chance.choice(("sine", "sine", "triangle"))}"]', f"amplitude = {json.dumps(amplitudes)}",
         f"frequency = {json.dumps(frequencies)}", f"current = {json.dumps(currents)}", f"cycles = {cycles}",
         chance.choice(('order = "as written"', 'order = "as written"', 'order = "random"\nseed = 1')),
         "[campaign]", f"retries = {chance.choice((0, 0, 1, 2))}", "[identify]", "enabled = false", "",
     ))  # fmt: skip
+    return text, False
 
 
 def _named_matrix(chance: random.Random, amplitude: str, frequency: str, current: str) -> str:

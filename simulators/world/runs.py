@@ -10,6 +10,7 @@ import os
 import shutil
 import signal
 import tempfile
+import threading
 import time
 import traceback
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import islice
+from multiprocessing import connection
 from pathlib import Path
 
 from rig.errors import RigError
@@ -42,7 +44,7 @@ class Ended:
 
     Attributes:
         failed: invariant and words of everything that did not hold, with the virtual time (s).
-        digest: of everything it made.
+        digest: of everything it made; `events` of what happened in it, by name.
         rig_s: virtual seconds; `wall_s` the real ones it took, `cpu_s` those of the processor.
         happenings: what was to happen in it.
         moved_s: for how long the rod moved (s).
@@ -57,6 +59,7 @@ class Ended:
     cpu_s: float = 0.0
     happenings: tuple[str, ...] = ()
     moved_s: float = 0.0
+    events: str = ""
 
 
 def live(plan: WorldPlan, root: Path, until_s: float | None = None) -> tuple[World, Ended]:
@@ -70,7 +73,8 @@ def live(plan: WorldPlan, root: Path, until_s: float | None = None) -> tuple[Wor
     happenings = tuple(map(str, plan.happenings))
     moved_s = sum(session.truth.moved_s for session in world.sessions)
     return world, Ended(
-        plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes, cpu_s, happenings, moved_s
+        plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes, cpu_s, happenings, moved_s,
+        world.events(),
     )  # fmt: skip
 
 
@@ -94,13 +98,21 @@ def memory() -> str | None:
 
 
 def begin_worker() -> None:
-    """What a process does before its first world; an interrupt is its parent's business."""
+    """What a process does before its first world; an interrupt is its parent's business, whom it does not outlive."""
     with contextlib.suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if (parent := multiprocessing.parent_process()) is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     load_everything()
     gc.collect()
     gc.freeze()
     gc.set_threshold(SELDOM, 20, 100)
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended, however that did."""
+    connection.wait([parent])
+    os._exit(1)
 
 
 def every(seeds: range, asked: Asked, jobs: int) -> Iterator[Ended]:

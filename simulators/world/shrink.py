@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from simulators.world.plan import WorldPlan
-from simulators.world.runs import Ended, live
+from simulators.world.runs import Ended, live, memory
 
 FEWEST_CYCLES = 5
 
@@ -26,7 +26,7 @@ def shrunk(plan: WorldPlan, ended: Ended, tell: Callable[[str], None]) -> tuple[
     while again:
         again = False
         for smaller, words in _smaller(plan):
-            with tempfile.TemporaryDirectory(prefix="world-") as name:
+            with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
                 _, tried = live(smaller, Path(name))
             if wanted & {invariant for invariant, _, _ in tried.failed}:
                 tell(f"without {words}: still fails")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import pkgutil
 import signal
 from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,6 +22,7 @@ import simulators.named_port
 import simulators.rig
 import simulators.slcan_bus
 from rig.campaign import CampaignOptions, run_campaign
+from rig.campaign.results import Display
 from rig.errors import RigError
 from rig.recording.conversion import converter, finaliser
 from rig.station import process as station
@@ -41,6 +42,7 @@ STILL_M_S = 1e-3
 NO_CURRENT_A = 0.02
 
 
+@functools.cache
 def load_everything() -> None:
     """Import every module of the program, so that none finds the real machine when it is imported later."""
     for place in LOADED:
@@ -59,7 +61,7 @@ class Application:
         refusal: slug and words of what it raised.
     """
 
-    def __init__(self, stage: Stage, options: CampaignOptions, display: Any) -> None:  # noqa: ANN401
+    def __init__(self, stage: Stage, options: CampaignOptions, display: Display) -> None:
         self.answer: Any = None
         self.refusal: tuple[str, str] = ("", "")
         self._options = options
@@ -102,6 +104,7 @@ class Stage:
         self._ends = ExitStack()
 
     def __enter__(self) -> Stage:
+        load_everything()
         self.machine.programs = {
             "rig.station": station.main,
             "rig.recording.conversion.finaliser": lambda _: finaliser.main(),
@@ -115,7 +118,7 @@ class Stage:
         installed.put(rig.clock, "datetime", SimpleNamespace(now=lambda zone: machine.now().astimezone(zone)))
         installed.put(simulators.rig, "open_port", lambda _: device_loop.WirePort(kernel, machine.network))
         installed.put(simulators.named_port, "open_port", lambda _: device_loop.Tty(machine, self.root / "dev"))
-        named = {"serial_for_url": partial(device_loop.serial_for_url, machine)}
+        named = {"serial_for_url": functools.partial(device_loop.serial_for_url, machine)}
         installed.put(drivers.serial_port, "serial", Stand("serial", named, serial, "SerialTimeoutException"))
         installed.put(simulators.slcan_bus, "PeerQueue", device_loop.Queue)
         # Coarser than in production: adapters that hand over every few milliseconds, a busy application.

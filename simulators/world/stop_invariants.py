@@ -33,7 +33,7 @@ SEEN_LATER = frozenset({"load-train", "stop-ignored", "current-stuck", "coil-ope
 OTHER_NAMES = {
     "can-busoff:lost": {"can-lost"}, "current-tracking": {"load-train"},
     "current-tracking:over": {"overcurrent", "load-train"},
-    "sensor-stuck": {"sensor-saturated"}, "sensor-stuck:lvdt": {"sensor-saturated"},
+    "sensor-stuck": {"sensor-saturated"}, "sensor-stuck:lvdt": {"sensor-saturated"}, "modbus-mismatch": {"rtu-crc"},
 }
 """Faults that the station may name otherwise than their row."""
 DISK_SLUGS = {"disk-full", "dir-readonly", "fsync-error", "disk-error", "recorder-unwell", "task-dies", "slow-consumer"}
@@ -82,6 +82,9 @@ def first_cause_is_named(view: View) -> Findings:
     if answer is None or not trips or answer.exit_code != 4:
         return
     later = [line["slug"] for line in view.station("trip", "also")]
+    asked_ns = [at_ns for at_ns, happening in view.session.happened if happening.what in SIGNALS]
+    if answer.stopped_by in SIGNAL_SLUGS and any(at_ns < float(trips[-1]["latched_ns"]) for at_ns in asked_ns):
+        return  # The operator came before the station knew of anything.
     if answer.stopped_by != trips[-1]["slug"] and answer.stopped_by in later[1:]:
         yield f"stopped by {answer.stopped_by}, the first cause was {trips[-1]['slug']}", float(trips[-1]["t_ns"])
 
@@ -120,7 +123,7 @@ def a_stop_fault_is_noticed(view: View) -> Findings:
             continue
         happening = next((given for given in view.world.plan.happenings if given.what == line.text), None)
         running = view.between(line.host_ns + 1e9, view.session.ended_ns)
-        moved = len(running) and np.max(np.abs(running[:, 1])) > 0.02
+        moved = len(running) and np.max(np.abs(running[:, 1])) > MOVING_M_S
         if happening is not None and happening.lasts_s is None and moved and not told and slug not in said:
             yield f"{line.text} was not noticed", line.host_ns
 

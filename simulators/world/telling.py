@@ -6,20 +6,36 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any, Self
 
+import click
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
 from rig.cli.tables import BAD, GOOD, LOOK, duration
+from simulators.world.world import Silent
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from simulators.world.asked import Asked
+    from simulators.world.kernel import Kernel
     from simulators.world.runs import Ended
 
 LINES = 20
 """Where there is no terminal, so many lines tell how far it is."""
 LONGEST_WORDS = 1000
+
+
+class Told(Silent):
+    """Shows a world's campaign on the standard error, with its virtual time."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel = kernel
+
+    def phase(self, *words: object, **_: object) -> None:
+        """A line of it."""
+        click.echo(f"{self._kernel.time_s:9.3f} s  {' '.join(map(str, words))}", err=True)
+
+    message = phase
 
 
 class Telling:

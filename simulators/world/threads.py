@@ -64,7 +64,7 @@ class Lock:
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         """Take it."""
         self._kernel.system_call()
-        until_ns = self._waiters.until(None if timeout < 0 else timeout)
+        until_ns = self._waiters.until(None if timeout < 0 else timeout) if self._held else None
         while self._held:
             if not blocking or (until_ns is not None and self._kernel.now_ns >= until_ns):
                 return False

@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import signal
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.campaign import CampaignOptions
+from rig.campaign.results import Display
 from rig.matrix.model import load_matrix
+from rig.recording.journal.campaign_log import read_log
 from simulators.controller_firmware import Command, State
 from simulators.options import RigOptions, with_option
 from simulators.plant import records, step
@@ -39,6 +40,8 @@ REST_S = 90.0
 COLUMNS = (step.VELOCITY, step.CURRENT, step.DISPLACEMENT, step.FORCE)
 EVERY_S = 1e-3
 MOVES_M_S = 2e-3
+NAMES = ("event", "phase", "what", "slug", "id", "verdict", "exit_code")
+"""What a line of the journal says without numbers."""
 
 
 @dataclass(frozen=True)
@@ -124,8 +127,10 @@ class Session:
 class Silent:
     """A display nobody looks at."""
 
-    def __getattr__(self, _name: str) -> Callable[..., None]:
-        return lambda *_arguments, **_named: None
+    def phase(self, *_: object, **__: object) -> None:
+        """Nothing is shown."""
+
+    planned = progress = point_done = message = phase
 
 
 class World:
@@ -139,7 +144,7 @@ class World:
     """
 
     def __init__(
-        self, plan: WorldPlan, root: Path, display: Any = None, most_sessions: int = MOST_SESSIONS  # noqa: ANN401
+        self, plan: WorldPlan, root: Path, display: Display | None = None, most_sessions: int = MOST_SESSIONS
     ) -> None:
         self.plan = plan
         self.root = root
@@ -280,7 +285,7 @@ class World:
         elif what == "power-cut":
             stage.power_cut()
         elif what in FOREIGN:
-            self._stop_by_somebody_else(what)
+            self._stop_by_somebody_else(happening)
 
     def _spoil_the_disk(self, what: str, lasts_ns: int) -> None:
         """It refuses writes or flushes, or takes longer, until it is repaired."""
@@ -294,19 +299,21 @@ class World:
         else:
             disk.refuses = DISK[what]
 
-    def _stop_by_somebody_else(self, what: str) -> None:
+    def _stop_by_somebody_else(self, happening: Happening) -> None:
         """A running program is stopped by a command of another client, or at the panel; the next one if none runs."""
-        actuator = self.stage.rig.actuator
+        what, session, actuator = happening.what, self.sessions[-1], self.stage.rig.actuator
         if actuator.motion_state is not State.RUNNING:
             if self.stage.named("application"):
-                self.kernel.spawn(what, self._fate, lambda: self._stop_by_somebody_else(what), LOOK_AGAIN_NS)
+                self.kernel.spawn(what, self._fate, lambda: self._stop_by_somebody_else(happening), LOOK_AGAIN_NS)
             return
         if what == "foreign-stop":
             sequence = (actuator.sequence + FOREIGN_SEQUENCE) % 0xFFFF or 1
             actuator.execute({"sequence": sequence, "command": int(Command.FADE_STOP), "owner_id": 0})
         else:
             self.stage.rig.plant.order(mode=records.MODE_FADE)
-        self.sessions[-1].truth.note("FOREIGN", what)
+        if not any(known is happening for _, known in session.happened):
+            session.happened.append((self.kernel.now_ns, happening))
+        session.truth.note("FOREIGN", what)
 
     # What came of it
 
@@ -314,16 +321,7 @@ class World:
     def journal(self) -> list[dict[str, Any]]:
         """The campaign's journal, whole lines."""
         folder = self.folder
-        path = None if folder is None else folder / "journal.jsonl"
-        if path is None or not path.exists():
-            return []
-        lines = []
-        for line in path.read_bytes().split(b"\n"):
-            try:
-                lines.append(json.loads(line))
-            except ValueError:
-                continue
-        return lines
+        return [] if folder is None or not (folder / "journal.jsonl").exists() else read_log(folder)
 
     def digests(self) -> dict[str, str]:
         """A number for each of what the world has made: the journals, all files and their names, the truth."""
@@ -340,6 +338,12 @@ class World:
             truth.update(repr(session.truth.log).replace(str(self.root), "ROOT").encode())
         named = (("journal", journal), ("files", files), ("truth", truth))
         return {name: whole.hexdigest()[:16] for name, whole in named}
+
+    def events(self) -> str:
+        """One number for what happened by name, which another Python or processor makes the same."""
+        told = [[line.get(key) for key in NAMES] for line in self.journal]
+        obeyed = [line.code for session in self.sessions for line in session.truth.log]
+        return hashlib.sha256(json.dumps([told, obeyed]).encode()).hexdigest()[:16]
 
     def digest(self) -> str:
         """One number for everything that the world has made."""

@@ -12,14 +12,13 @@ import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import pytest
 from matrices import BRISK_POINTS, TWO_POINTS
 from watched_campaign import FINISH_S, RIG, Campaign, Ending
 from world_campaign import SEED, Setting, WorldCampaign, begin
 
-from simulators.world.stage import Stage, load_everything
+from simulators.world.stage import Stage
 
 Start = Callable[..., Campaign]
 BeginWorld = Callable[..., WorldCampaign]
@@ -60,18 +59,12 @@ def injected(faults: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(part for fault in faults for part in ("--fault", fault))
 
 
-@pytest.fixture(scope="session")
-def program() -> None:
-    """Every module of the program is loaded: a world replaces what they found of the machine."""
-    load_everything()
-
-
 @pytest.fixture
-def run(program: None, tmp_path: Path) -> Run:
+def run(tmp_path: Path) -> Run:
     """Runs a campaign in virtual time, with faults of the simulated rig, to its end: `run("estop@6")`."""
     worlds = itertools.count()
 
-    def to_the_end(*faults: str, simulator: tuple[str, ...] = (), **setting: Any) -> Ending:  # noqa: ANN401
+    def to_the_end(*faults: str, simulator: tuple[str, ...] = (), **setting: object) -> Ending:
         folder = tmp_path / f"world{next(worlds)}"
         folder.mkdir()
         with Stage(SEED, folder) as stage:
@@ -109,11 +102,11 @@ def in_motion(start: Start) -> InMotion:
 
 
 @pytest.fixture
-def begin_world(program: None, tmp_path: Path) -> Iterator[BeginWorld]:
+def begin_world(tmp_path: Path) -> Iterator[BeginWorld]:
     """Starts a campaign in virtual time that waits to be looked at; one a test."""
     with ExitStack() as ends:
 
-        def start_there(setting: Setting | None = None, **differing: Any) -> WorldCampaign:  # noqa: ANN401
+        def start_there(setting: Setting | None = None, **differing: object) -> WorldCampaign:
             folder = tmp_path / "world"
             folder.mkdir()
             return begin(ends.enter_context(Stage(SEED, folder)), folder, setting or Setting(**differing))

@@ -60,7 +60,7 @@ class Expected:
 
 def assert_stopped(ending: Ending, slug: str, **differing: object) -> None:
     """Assert the end state of a row whose reaction is a stop; what differs from `Expected` is given by name."""
-    expected, row, truth = Expected(**differing), MATRIX[slug], ending.truth  # type: ignore[arg-type]
+    expected, row, truth = Expected(**differing), MATRIX[slug], ending.truth  # type: ignore[arg-type]  # by name
     kind, named = expected.stop or row.end, expected.slug_of_station or slug
     assert ending.exit_code == EXIT_CODES[kind], ending.said
     assert ending.answer["stopped_by"] == named

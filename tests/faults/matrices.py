@@ -1,23 +1,29 @@
-"""Matrix files of the fault suite."""
+"""Matrix files of campaigns in tests."""
 
-TWO_POINTS = """
-format = 1
+import json
+
+
+def matrix_text(
+    *currents: str, amplitude: str = "20 mm", frequency: str = "2 Hz", cycles: int = 6, more: str = ""
+) -> str:
+    """Sines at these currents, in this order; `more` tables stand before the last one, nothing is identified."""
+    return f"""format = 1
 [specimen]
 serial_number = "MR-001"
 stroke = "170 mm"
-mid_stroke = "0 mm"
 prior = "demo"
 [matrix]
-waveform = ["sine"]
-amplitude = ["20 mm"]
-frequency = ["2 Hz"]
-current = ["0.5 A", "1.5 A"]
-cycles = 6
+amplitude = ["{amplitude}"]
+frequency = ["{frequency}"]
+current = {json.dumps(currents)}
+cycles = {cycles}
+{more}
 [identify]
 enabled = false
-[campaign]
-current_settled = "20 mA"
 """
+
+
+TWO_POINTS = matrix_text("0.5 A", "1.5 A", more='[campaign]\ncurrent_settled = "20 mA"')
 """Each point moves for 4 s; the second one's cycles begin a little more than 4 s after the first one's."""
 PERIOD_S = 0.5
 

@@ -15,32 +15,16 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
 from pathlib import Path
+
+from edits import ROOT, Edit, NoLongerThere, deaf_station, edited
 
 from rig.faults.matrix import MATRIX, REACTIONS
 
-ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("rig", "drivers", "protocols", "simulators")
 TIMEOUT_S = 150.0
 FAILED = 1
 """Exit code of pytest when tests ran and some failed."""
-
-
-@dataclass(frozen=True)
-class Edit:
-    """A changed line: `old` becomes `new` in `file`, relative to the project."""
-
-    file: str
-    old: str
-    new: str
-
-
-def deaf_station(slug: str) -> Edit:
-    """The station does not hear what its detectors report by this slug."""
-    row = "            row = REACTIONS[finding.slug]\n"
-    deaf = f'            if finding.slug == "{slug}":\n                continue\n'
-    return Edit("rig/station/supervisor.py", row, deaf + row)
 
 
 BLIND_RECORDER = (
@@ -163,16 +147,12 @@ def mutated_copy(edits: tuple[Edit, ...], folder: Path) -> None:
     """Copy the packages to `folder` and change them.
 
     Raises:
-        ValueError: a line to be changed is not there exactly once.
+        NoLongerThere: a line to be changed is not there exactly once.
     """
     for package in PACKAGES:
         shutil.copytree(ROOT / package, folder / package)  # compiled files too: they know their sources by the time
-    for edit in edits:
-        path = folder / edit.file
-        text = path.read_text(encoding="utf-8")
-        if text.count(edit.old) != 1:
-            raise ValueError(f"{edit.file} has {text.count(edit.old)} times: {edit.old.strip()}")
-        path.write_text(text.replace(edit.old, edit.new), encoding="utf-8")
+    for file in dict.fromkeys(edit.file for edit in edits):
+        (folder / file).write_text(edited(file, edits)[1], encoding="utf-8")
 
 
 def survives(slug: str) -> str:
@@ -184,7 +164,7 @@ def survives(slug: str) -> str:
         folder = Path(name)
         try:
             mutated_copy(edits, folder)
-        except ValueError as error:
+        except NoLongerThere as error:
             return f"the mutation no longer applies: {error}"
         command = [
             # -P: not the folder it is started in, the copy is what the test itself loads too.

@@ -31,6 +31,7 @@ NOT_RIGID = {"wrong-damper": 5e-3}
 """Rows that the slow proof move finds (m)."""
 
 
+@pytest.mark.apart
 @pytest.mark.parametrize("slug", MATRIX)
 def test_every_row_ends_as_the_matrix_says(slug: str, begin_world: Start) -> None:
     here = world_of(slug)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 from matrices import LONG_SECOND_POINT, TWO_POINTS
-from process_faults import signalled
 from watched_campaign import resumed, told
 from world_campaign import Setting
 
@@ -53,7 +52,7 @@ def test_a_changed_matrix_or_bench_is_not_resumed_and_a_double_id_not_loaded(
     moving: InMotion, tmp_path: Path
 ) -> None:
     campaign = moving()
-    ending = signalled(campaign, signal.SIGINT)
+    ending = campaign.end_by(signal.SIGINT)
     matrix = ending.folder / "matrix.toml"
     text = matrix.read_text(encoding="utf-8")
     matrix.write_text(text.replace('"20 mm"', '"25 mm"'), encoding="utf-8")
@@ -128,7 +127,7 @@ def test_an_absurd_bench_is_refused_with_key_and_value_before_anything_is_connec
 
 def test_another_damper_than_the_first_sessions_is_not_resumed(moving: InMotion) -> None:
     campaign = moving()
-    signalled(campaign, signal.SIGINT)
+    campaign.end_by(signal.SIGINT)
     code, answer = campaign.resumed(Setting(simulator=("--option", "damper.values.F0=-150.0")))
     assert (code, answer["stopped_by"]) == (3, "wrong-damper")
     assert answer["valid"] == 1, "what was finished is kept"

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from end_states import assert_stopped
 from matrices import LONG_SECOND_POINT
-from process_faults import signalled
 from watched_campaign import assert_completed
 
 from rig.recording.conversion.recovery import recover
@@ -32,14 +31,14 @@ def quiet_after(ending: Ending, stop_s: float, zero_s: float) -> None:
 
 
 def test_the_end_of_the_session_also_takes_the_pressure_away(moving: InMotion) -> None:
-    assert_stopped(signalled(moving(), signal.SIGHUP), "sigterm")
+    assert_stopped(moving().end_by(signal.SIGHUP), "sigterm")
 
 
 @pytest.mark.wire
 def test_a_killed_application_leaves_a_rig_at_rest_and_a_campaign_that_resumes(
     in_motion: InMotion,
 ) -> None:
-    ending = signalled(in_motion(), signal.SIGKILL)
+    ending = in_motion().end_by(signal.SIGKILL)
     assert ending.exit_code == -signal.SIGKILL
     truth = ending.truth
     stop = truth.first("FADE_STOP")

@@ -67,6 +67,15 @@ class Truth:
         """The samples from `time_s` on."""
         return slice(int(np.searchsorted(self.time_s, time_s)), None)
 
+    def at_rest(self, last_s: float) -> bool:
+        """The rod stood still over the last seconds recorded."""
+        return bool(np.ptp(self.displacement_m[self.since(self.time_s[-1] - last_s)]) < 1e-3)
+
+    def still_after(self, code: str, within_s: float) -> bool:
+        """The rod stands still at the end, and from `within_s` of the rig's clock after that code in its log."""
+        later = np.abs(self.velocity_m_s[self.since(self.first(code).time_s + within_s)])
+        return self.at_rest(0.05) and bool(np.all(later < 2e-3))
+
     def runs(self) -> list[slice]:
         """The samples of every motion program, in turn."""
         running = np.concatenate(([False], self.state == State.RUNNING, [False]))

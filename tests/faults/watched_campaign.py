@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +74,13 @@ def wait_until(true: Callable[[], bool], what: str, timeout_s: float = 60.0) -> 
         pause.wait(0.01)
 
 
+@lru_cache(maxsize=1)
+def events_in(path: Path, size: int) -> list[dict[str, Any]]:
+    """Whole lines of a simulated rig's live log of that size (bytes): it is asked for far more often than it grows."""
+    complete = path.read_bytes()[:size].splitlines(keepends=True)
+    return [json.loads(line) for line in complete if line.endswith(b"\n")]
+
+
 @dataclass(frozen=True)
 class Campaign:
     """`rig run` under way. Its rig's truth is in its directory, or where a rig of its own was told to write it."""
@@ -102,10 +109,7 @@ class Campaign:
     def happened(self, code: str, text: str = "", count: int = 1) -> bool:
         """Whether the simulated rig's live log has `count` such lines."""
         path = self.truth_path.with_name(f"{self.truth_path.name}.events.jsonl")
-        if not path.exists():
-            return False
-        complete = [line for line in path.read_text(encoding="utf-8").splitlines(keepends=True) if line[-1] == "\n"]
-        lines = [json.loads(line) for line in complete]
+        lines = events_in(path, path.stat().st_size) if path.exists() else []
         return sum(line["code"] == code and text in line["text"] for line in lines) >= count
 
     def wait_for(self, code: str, text: str = "", count: int = 1) -> None:
@@ -134,6 +138,12 @@ class Campaign:
     def send(self, number: int, role: str = "") -> None:
         """Send the application a signal, or one of its processes: "rig.station", "finaliser", "simulators"."""
         os.kill(self.child(role) if role else self.process.pid, number)
+
+    def end_by(self, number: int) -> Ending:
+        """Send the application a signal and wait for the end."""
+        sent_ns = self.now_ns
+        self.send(number)
+        return self.finish(sent_ns)
 
     def station_pid(self) -> int:
         """Process id of the station."""

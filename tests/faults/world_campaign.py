@@ -7,7 +7,7 @@ import signal
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from matrices import TWO_POINTS
 from watched_campaign import Campaign, Ending
@@ -28,6 +28,7 @@ REST_S = 60.0
 LOOK_NS = 500_000
 SEED = 1
 OUT = "out"
+Result = TypeVar("Result")
 
 Told = tuple[int, dict[str, Any]]
 """Exit code and answer."""
@@ -82,7 +83,7 @@ class WorldCampaign(Campaign):
 
     stage: Stage = None  # type: ignore[assignment]  # fields of the base have defaults
     application: Application = None  # type: ignore[assignment]
-    setting: Setting = None  # type: ignore[assignment]
+    setting: Setting = dataclasses.field(default_factory=Setting)
 
     def until(self, true: Callable[[], bool], what: str) -> None:
         """Let the world go on until something is true; it is asked every `LOOK_NS`."""
@@ -136,7 +137,7 @@ class WorldCampaign(Campaign):
         (process,) = self.stage.named(role)
         process.stalled_ns = self.now_ns + int(seconds * 1e9)
 
-    def do(self, what: Callable[[], Any]) -> Any:  # noqa: ANN401
+    def do(self, what: Callable[[], Result]) -> Result:
         """Have something done in a process of this machine; what it returns."""
         returned: list[Any] = []
         process = self.stage.machine.start("operator", lambda: returned.append(what()))
@@ -150,14 +151,14 @@ class WorldCampaign(Campaign):
         task.raises = RuntimeError("a defect in a thread")
         self.stage.kernel.wake(task)
 
-    def another(self, **options: Any) -> Told:  # noqa: ANN401
+    def another(self, **options: object) -> Told:
         """A further run of the application on this machine, to its end."""
         chosen = CampaignOptions(**{"matrix_path": self.out.parent / "matrix.toml", "out": self.out, **options})
         ran = Application(self.stage, chosen, Silent())
         self.until(lambda: not ran.process.alive, "the end of the other one")
         return int(ran.process.exit_code or 0), answered(ran)
 
-    def resumed(self, setting: Setting | None = None, **options: Any) -> Told:  # noqa: ANN401
+    def resumed(self, setting: Setting | None = None, **options: object) -> Told:
         """`rig run --resume` on a mended rig, or on one that is as `setting` says: exit code and answer."""
         stage, mended = self.stage, dataclasses.replace(self.setting, simulator=())
         stage.repair()
@@ -170,7 +171,7 @@ class WorldCampaign(Campaign):
         """The campaign's directory; it is there."""
         return next(iter(self.out.iterdir()))
 
-    def assert_completed(self, kept: str = "p001", **options: Any) -> None:  # noqa: ANN401
+    def assert_completed(self, kept: str = "p001", **options: object) -> None:
         """Resuming on a mended rig finishes the campaign: the finished point is not touched, all points are valid."""
         points = self.campaign_folder / "points"
         file = points / f"{kept}.h5"
@@ -209,21 +210,26 @@ def answered(ran: Application) -> dict[str, Any]:
     return {"slug": ran.refusal[0], "error": ran.refusal[1]}
 
 
-def serve(stage: Stage, folder: Path, setting: Setting, truth: Path | None) -> Path:
-    """Have the rig of a setting served; its bench file."""
-    arguments = ["--speed", str(setting.speed), "--seed", str(SEED), "--no-real-time", *setting.simulator]
-    with simulators_command.make_context("simulators", arguments) as context:
+def simulated_rig(*arguments: str, truth: Path | None) -> SimulatedRig:
+    """The rig of `python -m simulators ARGUMENTS`, with the ports of a world."""
+    with simulators_command.make_context("simulators", ["--seed", str(SEED), *arguments]) as context:
         asked = collect({**context.params})
     run = asked["run"]
-    run = dataclasses.replace(run, ports=BY_ID if run.ports == BY_ID else "socket", truth=truth)
-    bench = stage.serve(SimulatedRig(asked["options"], run), real_time=setting.real_time)
+    ports = BY_ID if run.ports == BY_ID else "socket"
+    return SimulatedRig(asked["options"], dataclasses.replace(run, ports=ports, truth=truth))
+
+
+def serve(stage: Stage, folder: Path, setting: Setting, truth: Path | None) -> Path:
+    """Have the rig of a setting served; its bench file."""
+    simulated = simulated_rig("--speed", str(setting.speed), *setting.simulator, truth=truth)
+    bench = stage.serve(simulated, real_time=setting.real_time)
     text = bench.read_text(encoding="utf-8")
     assert setting.bench_edit[0] in text
     bench.write_text(text.replace(*setting.bench_edit), encoding="utf-8")
     return bench
 
 
-def smaller_ring(usual: Callable[..., StationConfig], records: int, *given: Any) -> StationConfig:  # noqa: ANN401
+def smaller_ring(usual: Callable[..., StationConfig], records: int, *given: object) -> StationConfig:
     """The station's settings with a ring of so many records."""
     return dataclasses.replace(usual(*given), ring_capacity=records)
 

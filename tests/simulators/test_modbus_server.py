@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import pytest
 
 from drivers.errors import LinkLost, NoAnswer, RequestRefused, WrongAnswer
 from drivers.modbus_link import ModbusLink
+from protocols.modbus import decode_rtu, encode_rtu
 from simulators.injection import INJECTORS
-from simulators.modbus_server import STALE_EVERY
+from simulators.modbus_server import STALE_EVERY, ModbusServer
 from simulators.options import RigOptions
 from simulators.rig import RunOptions, SimulatedRig
 from simulators.schedule import ScheduledFault
@@ -91,8 +92,16 @@ def test_a_bad_connection_is_bad_until_the_host_connects_again(slug: str) -> Non
     assert words == [0x0102, 0x0304]
 
 
-def test_a_wrong_function_is_a_wrong_answer() -> None:
-    assert "function 7" in seen_by_a_host("modbus-mismatch", refusal_of(WrongAnswer, read))
+@pytest.mark.parametrize("actuator", ["tcp", "rtu"])
+def test_a_wrong_function_is_a_wrong_answer(actuator: str) -> None:
+    assert "function 7" in seen_by_a_host("modbus-mismatch", refusal_of(WrongAnswer, read), actuator)
+
+
+def test_on_rtu_a_wrong_function_has_the_checksum_of_its_frame() -> None:
+    no_registers: Any = None
+    server = ModbusServer(no_registers, 1, rtu=True)
+    server.faults.wrong_function = True
+    assert decode_rtu(server._trace(True, encode_rtu(1, bytes((3, 2, 0, 7))))) == (1, bytes((7, 2, 0, 7)))
 
 
 def test_stale_answers_come_now_and_then_after_the_time_out() -> None:

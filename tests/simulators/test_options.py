@@ -55,6 +55,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         ("noise", "expected table.key=value"), ("load_cell.noise=loud", "expected a number"),
         ("load_cell=3", "expected a table"), ("damper.values=3", "expected a table of numbers"),
         ("damper.set=3", "expected a text"), ("plant_rate_Hz=100.0", "at least 4000"), ("coil.ohm=nan", "finite"),
+        ("load_cell.unit=kp", "expected one of N, mm"), ("lvdt.format=ascii", "expected one of frame16"),
     ],
 )
 def test_a_wrong_option_says_what_would_fit(assignment: str, message: str) -> None:

@@ -273,7 +273,7 @@ def test_the_fault_list_names_all_sixty_one_rows() -> None:
 @pytest.mark.parametrize(
     "arguments",
     [["--fault", "sigkill"], ["--option", "load_cell.noize=1"], ["--model", "kwokk"], ["--speed", "0"],
-     ["--config", "no"]],
+     ["--config", "no"], ["--option", "damper.values.q=1"], ["--set", "spencer-bingham", "--model", "kwok"]],
 )
 def test_bad_usage_is_exit_code_2_without_a_traceback(arguments: list[str]) -> None:
     answer = subprocess.run([*COMMAND, *arguments], capture_output=True, check=False, text=True)

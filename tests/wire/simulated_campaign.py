@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,10 +20,8 @@ from rig.matrix.model import load_matrix
 from rig.recording.journal.campaign_log import read_log
 from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
-from simulators.world.stage import Application, Stage, load_everything
+from simulators.world.stage import Application, Stage
 from simulators.world.world import Silent
-
-loaded = functools.cache(load_everything)
 
 
 @dataclass(frozen=True)
@@ -132,7 +129,6 @@ def _resumed(stage: Stage, folder: Path, setting: Setting, truth: Path, requalif
 @contextmanager
 def session(folder: Path, matrix: str, *simulator: str, speed: float = 20.0, seed: int = 5) -> Iterator[Session]:
     """A campaign of this matrix on a rig with these arguments of `python -m simulators`; `folder` is empty."""
-    loaded()
     with Stage(seed, folder) as stage:
         yield Session(begin(stage, folder, Setting(("--seed", str(seed), *simulator), matrix, speed)))
 
@@ -140,7 +136,6 @@ def session(folder: Path, matrix: str, *simulator: str, speed: float = 20.0, see
 @contextmanager
 def taken_up(root: Path, folder: Path, speed: float, seed: int) -> Iterator[Session]:
     """A campaign that somebody else began, taken up on a rig of that seed; it lies in `root`."""
-    loaded()
     with Stage(seed, root) as stage:
         setting = Setting(("--seed", str(seed)), speed=speed)
         yield _resumed(stage, folder, setting, root / "truth.h5")

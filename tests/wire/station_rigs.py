@@ -12,9 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import h5py
-import numpy as np
-from simulated_campaign import loaded
+from matrices import matrix_text
+from true_states import Truth
+from world_campaign import simulated_rig
 
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
@@ -22,57 +22,16 @@ from rig.campaign.machine_resources import station_config
 from rig.clock import monotonic_ns
 from rig.matrix.model import load_matrix
 from rig.station.client import StationClient, StationLost
-from simulators.__main__ import collect
-from simulators.__main__ import main as simulators_command
-from simulators.rig import SimulatedRig
 from simulators.world.machine import Process
 from simulators.world.stage import Stage
 
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-mid_stroke = "0 mm"
-[matrix]
-waveform = ["sine"]
-amplitude = ["10 mm"]
-frequency = ["2 Hz"]
-current = ["1 A"]
-"""
+MATRIX = matrix_text("1 A", amplitude="10 mm")
 BEAT_S = 0.02
 PATIENCE_S = 60.0
 """Seconds for what must happen; never for how fast it happens."""
 Result = TypeVar("Result")
 Change = Callable[[Any], object]
 """What takes the place of a setting of the station, made of it."""
-
-
-class Truth:
-    """What really happened: arrays on the simulated clock, and the rig's log of commands."""
-
-    def __init__(self, path: Path) -> None:
-        with h5py.File(path) as file:
-            data = file["entry/data"]
-            self.names = list(data)
-            self.time_s = data["time"][:]
-            self.displacement_m = data["displacement"][:]
-            self.velocity_m_s = data["velocity"][:]
-            self.current_A = data["current"][:]
-            events = file["entry/events"]
-            lines = zip(events["time_ns"], events["code"], strict=True)
-            self.log = [(1e-9 * float(time_ns), code.decode()) for time_ns, code in lines]
-
-    def still_after(self, code: str, within_s: float) -> bool:
-        """The rod stands still at the end, and from `within_s` of the rig's clock after that code in its log."""
-        began_s = next(when_s for when_s, logged in self.log if logged == code)
-        later = np.abs(self.velocity_m_s[self.time_s > began_s + within_s])
-        return self.at_rest(0.05) and bool(np.all(later < 2e-3))
-
-    def at_rest(self, last_s: float) -> bool:
-        """The rod stood still over the last seconds recorded."""
-        tail = self.displacement_m[self.time_s > self.time_s[-1] - last_s]
-        return bool(np.ptp(tail) < 1e-3)
 
 
 class StationRig:
@@ -170,7 +129,7 @@ class WiredStationRig(StationRig):
         """End the simulated rig and read what really happened."""
         self.simulators.send_signal(signal.SIGTERM)
         self.simulators.wait(PATIENCE_S)
-        return Truth(self.truth_path)
+        return Truth.load(self.truth_path)
 
     def end(self) -> None:
         """End both processes."""
@@ -193,7 +152,7 @@ class Inside:
     def __init__(self, target: object, inside: Callable[[Callable[[], object]], object]) -> None:
         self._target, self._inside = target, inside
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
+    def __getattr__(self, name: str) -> object:
         value = getattr(self._target, name)
         if not callable(value):
             return value
@@ -204,7 +163,6 @@ class WorldStationRig(StationRig):
     """Station, devices and the test's own application in one process and in virtual time."""
 
     def __init__(self, folder: Path, speed: float, arguments: tuple[str, ...], **changes: Change) -> None:
-        loaded()
         self.truth_path = folder / "truth.h5"
         self.stage = Stage(1, folder)
         self.stage.__enter__()
@@ -212,10 +170,7 @@ class WorldStationRig(StationRig):
         self._silent = False
         self._application = Process(self.stage.machine, "application", None, None)
         self.stage.machine.processes[self._application.pid] = self._application
-        told = ["--speed", str(speed), "--seed", "1", "--truth", str(self.truth_path), *arguments]
-        with simulators_command.make_context("simulators", told) as context:
-            asked = collect({**context.params})
-        bench = self.stage.serve(SimulatedRig(asked["options"], replace(asked["run"], ports="socket")))
+        bench = self.stage.serve(simulated_rig("--speed", str(speed), *arguments, truth=self.truth_path))
         super().__init__(folder, bench, **changes)
         client = self.inside(lambda: StationClient.start(self.config, folder))
         self.client = Inside(client, self.inside)
@@ -273,7 +228,7 @@ class WorldStationRig(StationRig):
         devices = self.stage.devices
         self.stage.rig.stop()
         self.kernel.run(lambda: devices is None or not devices.alive)
-        return Truth(self.truth_path)
+        return Truth.load(self.truth_path)
 
     def end(self) -> None:
         """End the world."""

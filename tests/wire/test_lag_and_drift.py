@@ -7,26 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from matrices import matrix_text
 from simulated_campaign import Ended, options, simulated
 from true_states import Truth
 
 from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.recorded_point import RecordedPoint
 
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-amplitude = ["30 mm"]
-frequency = ["2 Hz"]
-current = ["0 A", "1 A", "2 A"]
-cycles = 10
-[identify]
-enabled = false
-"""
+MATRIX = matrix_text("0 A", "1 A", "2 A", amplitude="30 mm", cycles=10)
 LAG_S = 2e-3
 COVERING = 4.0
 """Standard deviations: beyond them is a defect, not bad luck."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from matrices import matrix_text
 from simulated_campaign import Ended, Session, session, simulated
 from true_states import Truth
 
@@ -26,18 +27,7 @@ if TYPE_CHECKING:
 
 Start = Callable[..., "Campaign"]
 
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-amplitude = ["40 mm"]
-frequency = ["1 Hz"]
-current = ["1.5 A", "1 A"]
-cycles = 6
-"""
+MATRIX = matrix_text("1.5 A", "1 A", amplitude="40 mm", frequency="1 Hz")
 COIL_LAG_S = 0.25
 FADE_S = 1.0 + 0.2
 

@@ -12,28 +12,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from matrices import matrix_text
 
 from rig.recording.journal.campaign_log import read_log
 
 pytestmark = pytest.mark.wire
 
 HERE = Path(__file__).parent / "plain_actuator"
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-mid_stroke = "0 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["10 mm"]
-frequency = ["1 Hz"]
-current = ["0.5 A", "1.0 A"]
-cycles = 5
-[identify]
-enabled = false
-"""
+MATRIX = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="1 Hz", cycles=5)
 
 
 @pytest.fixture

@@ -6,24 +6,12 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from matrices import matrix_text
 from simulated_campaign import session
 
 from rig.recording.recorded_point import RecordedPoint
 
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-amplitude = ["30 mm"]
-frequency = ["2 Hz"]
-current = ["1 A", "1.5 A", "2 A", "0.5 A", "1.2 A"]
-cycles = 6
-[identify]
-enabled = false
-"""
+MATRIX = matrix_text("1 A", "1.5 A", "2 A", "0.5 A", "1.2 A", amplitude="30 mm")
 
 
 def suspect_for_its_skew(file: Path) -> None:

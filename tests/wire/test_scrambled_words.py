@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from simulated_campaign import Session, loaded, session
+from matrices import matrix_text
+from simulated_campaign import Session, session
 
 from rig import errors
 from rig.recording.journal.campaign_log import read_log
+from simulators.world.stage import load_everything
 
 SCRAMBLED = "#"
 SCRAMBLER = f"""
@@ -23,20 +25,6 @@ except ImportError:
     pass
 else:
     rig.errors.told = lambda text: {SCRAMBLED!r}
-"""
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-amplitude = ["{amplitude}"]
-frequency = ["2 Hz"]
-current = ["0.5 A"]
-cycles = 5
-[identify]
-enabled = false
 """
 CODES = ("slug", "stopped_by", "rig_state", "exit_code", "valid", "total")
 ON_DEMO_BENCH = ("MATRIX", "--bench", "examples/demo-bench.toml", "--json")
@@ -96,13 +84,13 @@ def both(tmp_path: Path, scrambler: Path, text: str, *arguments: str) -> tuple[d
 
 
 def test_a_wrong_matrix_file(tmp_path: Path, scrambler: Path) -> None:
-    ended, answer = both(tmp_path, scrambler, MATRIX.format(amplitude="5 A"), "plan", *ON_DEMO_BENCH)
+    ended, answer = both(tmp_path, scrambler, matrix_text("0.5 A", amplitude="5 A", cycles=5), "plan", *ON_DEMO_BENCH)
     assert (ended["code"], ended["slug"]) == (2, "config-absurd")
     assert (answer["error"], answer["problems"]) == (SCRAMBLED, [SCRAMBLED])
 
 
 def test_a_matrix_that_does_not_fit_the_rig(tmp_path: Path, scrambler: Path) -> None:
-    ended, answer = both(tmp_path, scrambler, MATRIX.format(amplitude="84 mm"), "run", *ON_DEMO_BENCH)
+    ended, answer = both(tmp_path, scrambler, matrix_text("0.5 A", amplitude="84 mm", cycles=5), "run", *ON_DEMO_BENCH)
     assert (ended["code"], ended["slug"]) == (3, "matrix-infeasible")
     assert answer["error"] == SCRAMBLED
 
@@ -113,7 +101,7 @@ def test_a_matrix_that_does_not_fit_the_rig(tmp_path: Path, scrambler: Path) -> 
 def test_a_campaign_refused_spoiled_or_stopped_and_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str, code: int, slug: str | None
 ) -> None:
-    matrix, ends = MATRIX.format(amplitude="30 mm"), []
+    matrix, ends = matrix_text("0.5 A", amplitude="30 mm", cycles=5), []
     for name in ("plain", "scrambled"):
         if name == "scrambled":
             scramble(monkeypatch)
@@ -133,7 +121,7 @@ def test_a_campaign_refused_spoiled_or_stopped_and_resumed(
 
 def scramble(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every module that hands messages on hands on nothing but a sign."""
-    loaded()
+    load_everything()
     before = errors.told
     for module in [module for name, module in sys.modules.items() if name.startswith("rig.")]:
         if vars(module).get("told") is before:

@@ -4,27 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from matrices import matrix_text
 from simulated_campaign import Ended, options, simulated
 
 from rig.recording.recorded_point import RecordedPoint
-
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-amplitude = ["20 mm"]
-frequency = ["{frequency}"]
-current = [{currents}]
-cycles = {cycles}
-[campaign]
-retries = 1
-{campaign}
-[identify]
-enabled = false
-"""
 
 
 class Ending(Ended):
@@ -46,16 +29,17 @@ class Ending(Ended):
 
 
 def run(
-    folder: Path, *simulator: str, currents: str = '"0.5 A"', frequency: str = "1 Hz", cycles: int = 5,
+    folder: Path, *simulator: str, currents: tuple[str, ...] = ("0.5 A",), frequency: str = "1 Hz", cycles: int = 5,
     campaign: str = "",
 ) -> Ending:
-    matrix = MATRIX.format(currents=currents, frequency=frequency, cycles=cycles, campaign=campaign)
+    more = f"[campaign]\nretries = 1\n{campaign}"
+    matrix = matrix_text(*currents, frequency=frequency, cycles=cycles, more=more)
     ended = simulated(folder, matrix, *simulator, seed=3)
     return Ending(**vars(ended))
 
 
 def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_mend_them(tmp_path: Path) -> None:
-    ending = run(tmp_path, *options("load_cell.clip=1050"), currents='"0 A", "1.5 A"', frequency="5 Hz", cycles=20)
+    ending = run(tmp_path, *options("load_cell.clip=1050"), currents=("0 A", "1.5 A"), frequency="5 Hz", cycles=20)
     assert ending.exit_code == 5, ending.said
     assert ending.trips() == []
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
@@ -64,7 +48,7 @@ def test_peaks_clipped_for_a_moment_are_saturated_and_repeating_does_not_mend_th
 
 
 def test_a_load_cell_that_stays_at_its_amplifiers_end_stops_the_rig(tmp_path: Path) -> None:
-    ending = run(tmp_path, *options("load_cell.clip=480"), currents='"0 A", "1.5 A"')
+    ending = run(tmp_path, *options("load_cell.clip=480"), currents=("0 A", "1.5 A"))
     assert ending.exit_code == 4, ending.said
     assert ending.trips() == ["sensor-saturated"]
     assert ending.verdicts() == {"p001": "valid", "p002": "invalid"}
@@ -86,14 +70,14 @@ def test_a_damper_that_heats_is_named_and_repeated(tmp_path: Path) -> None:
         "damper.heat_capacity_J_K=8.0", "damper.heat_loss_W_K=0.1", "damper.coil_heat_capacity_J_K=1.0",
         "damper.coil_to_body_W_K=10.0",
     )
-    ending = run(tmp_path, *options(*heating), currents='"1 A"')
+    ending = run(tmp_path, *options(*heating), currents=("1 A",))
     assert ending.exit_code == 5, ending.said
     assert ending.reasons("p001")["temperature-drift"] == "test"
     assert set(ending.recorded()) == {"p001", "p001-attempt2"}
 
 
 def test_a_fixture_that_slips_is_named_and_repeated(tmp_path: Path) -> None:
-    ending = run(tmp_path, *options("damper.free_play_m=0.002"), currents='"1 A"')
+    ending = run(tmp_path, *options("damper.free_play_m=0.002"), currents=("1 A",))
     assert ending.exit_code == 5, ending.said
     assert ending.reasons("p001")["free-play"] == "bench"
     assert set(ending.recorded()) == {"p001", "p001-attempt2"}

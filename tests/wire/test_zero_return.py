@@ -6,26 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
+from matrices import matrix_text
 from simulated_campaign import simulated
 
 from rig.campaign.preflight.rest_check import read_zero_checks
 
-MATRIX = """
-format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-amplitude = ["20 mm"]
-frequency = ["1 Hz"]
-current = ["0 A", "1 A"]
-cycles = 4
-[identify]
-enabled = false
-"""
-
-
+MATRIX = matrix_text("0 A", "1 A", frequency="1 Hz", cycles=4)
 LONG = MATRIX.replace("cycles = 4", "cycles = 15")
 
 

@@ -70,6 +70,13 @@ class CurrentInterlock:
         return [Finding(slug, detail, t_ns, status.current_A, commanded_A)]
 
 
+def thrown_away(counted: SourceCounters) -> str:
+    """The fault for which status frames have been thrown away since the last good one; empty where none has."""
+    if not counted.bad_in_a_row:
+        return ""
+    return "can-malformed" if counted.malformed_in_a_row == counted.bad_in_a_row else "ecu-crc"
+
+
 class BusInterlock:
     """Follows what the ECU's driver counts: frames dropped, repeated, left out, and what others send.
 
@@ -102,8 +109,8 @@ class BusInterlock:
         findings = []
         bad = counted.bad_checks + counted.malformed
         if counted.bad_in_a_row > 0 and (bad > self._bad or counted.bad_in_a_row >= CONSECUTIVE):
-            malformed = counted.malformed_in_a_row == counted.bad_in_a_row
-            slug, wrong = ("can-malformed", "length or kind") if malformed else ("ecu-crc", "counter, CRC or length")
+            slug = thrown_away(counted)
+            wrong = "length or kind" if slug == "can-malformed" else "counter, CRC or length"
             detail = f"{counted.bad_in_a_row} ECU status frames in a row with a wrong {wrong}, thrown away"
             few = counted.bad_in_a_row < CONSECUTIVE
             findings.append(Finding(slug, detail, t_ns, counted.bad_in_a_row, CONSECUTIVE, warns=few))

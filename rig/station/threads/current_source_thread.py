@@ -16,7 +16,7 @@ from protocols.quality import Quality
 from rig.bench.settings import EcuConfig
 from rig.clock import monotonic_ns
 from rig.station.errors import StationRefused
-from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterlock, EcuInterlock
+from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterlock, EcuInterlock, thrown_away
 from rig.station.interlocks.finding import Finding
 from rig.station.log import say
 from rig.station.supervisor import Supervisor
@@ -247,10 +247,11 @@ class CurrentSourceThread(ReadingThread):
         return findings if silence is None else [*findings, silence]
 
     def _silence(self) -> str:
-        """Why no fresh status comes: the bus has errors, the ECU repeats old ones, or it says nothing."""
+        """Why no fresh status comes: the bus has errors, the ECU sends bad or old ones, or it says nothing."""
         if self._driver.bus_errors > self._bus_errors:
             return "can-busoff"
-        return "ecu-late" if self._driver.counters.duplicates > self._repeats else "ecu-silent"
+        late = self._driver.counters.duplicates > self._repeats
+        return thrown_away(self._driver.counters) or ("ecu-late" if late else "ecu-silent")
 
     def _is_clear(self) -> bool:
         status = self._driver.status

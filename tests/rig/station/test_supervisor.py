@@ -10,6 +10,7 @@ import pytest
 from station_bench import Told, config_for
 
 from drivers.can_current_source import CanCurrentSource
+from drivers.current_source import SourceBatch, SourceCounters
 from drivers.devices.source import current_source
 from drivers.ring import Channel, Record
 from rig.clock import monotonic_ns
@@ -148,6 +149,28 @@ def test_a_bus_that_takes_no_frame_beside_a_full_disk_costs_no_fade_out(supervis
     supervisor.report([FAULT])
     assert rod.actions == [StopAction.FADE]
     assert told.slugs("trip") == ["sensor-fault"]
+
+
+@pytest.mark.parametrize(
+    ("counted", "slug"),
+    [
+        (SourceCounters(), "ecu-silent"),
+        (SourceCounters(duplicates=1), "ecu-late"),
+        (SourceCounters(bad_checks=2, bad_in_a_row=2), "ecu-crc"),
+        (SourceCounters(malformed=2, bad_in_a_row=2, malformed_in_a_row=2), "can-malformed"),
+    ],
+)
+def test_no_good_status_is_named_by_what_comes_in_its_place(
+    supervisor: Supervisor, counted: SourceCounters, slug: str
+) -> None:
+    source = CanCurrentSource("slcan", "socket://127.0.0.1:1", current_source("demo"))
+    coil = CurrentSourceThread(
+        supervisor.config.ecu, source, EcuInterlock(3.0, 120.0, lambda: 0), supervisor, lambda records: None
+    )
+    source.counters = counted
+    later_ns = monotonic_ns() + int(1.05e9 * supervisor.config.ecu.stale_after_s)
+    findings = coil._judge(SourceBatch([], [], [], 0, 0, later_ns))
+    assert [finding.slug for finding in findings if not finding.warns] == [slug]
 
 
 def test_a_coil_that_keeps_the_stop_waiting_holds_up_neither_the_motion_nor_the_order_of_what_is_told(

@@ -8,41 +8,25 @@ import subprocess
 import sys
 from pathlib import Path
 
-from simulators.world.plan import Happening, WorldPlan
+from matrices import matrix_text
 
-MATRIX = """format = 1
-[specimen]
-serial_number = "MR-001"
-stroke = "170 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["6 mm"]
-frequency = ["4 Hz"]
-current = ["0.5 A"]
-cycles = 5
-[identify]
-enabled = false
-"""
+MATRIX = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz", cycles=5)
 HAPPENINGS = (("sensor-spike@0.4+0.3",), ("application-killed@3.0",), ("ecu-silent@0.4",))
 PROGRAM = """
 import json, sys
 from pathlib import Path
-from simulators.world.plan import WorldPlan
+from simulators.world.plan import Happening, WorldPlan
 from simulators.world.runs import live
-from simulators.world.stage import load_everything
-load_everything()
-for number, line in enumerate(sys.stdin):
+matrix, *worlds = json.load(sys.stdin)
+for number, happenings in enumerate(worlds):
     folder = Path(sys.argv[1]) / str(number)
     folder.mkdir()
-    world, ended = live(WorldPlan.from_json(line), folder)
+    world, ended = live(WorldPlan(number, matrix, tuple(map(Happening.parse, happenings))), folder)
     print(json.dumps([world.digests(), ended.sessions, ended.failed]))
 """
 
 
 def test_three_seeds_are_the_same_worlds_wherever_they_live(tmp_path: Path) -> None:
-    plans = [WorldPlan(seed, MATRIX, tuple(map(Happening.parse, given))) for seed, given in enumerate(HAPPENINGS)]
-    lines = "".join(f"{plan.to_json()}\n" for plan in plans)
     processes = []
     for number in ("1", "22"):
         folder = tmp_path / ("another-folder-" * int(number))[:200]
@@ -52,15 +36,15 @@ def test_three_seeds_are_the_same_worlds_wherever_they_live(tmp_path: Path) -> N
             env=os.environ | {"PYTHONHASHSEED": number, "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
         assert process.stdin is not None
-        process.stdin.write(lines)
+        process.stdin.write(json.dumps([MATRIX, *HAPPENINGS]))
         process.stdin.close()
         process.stdin = None
         processes.append(process)
     told = [process.communicate(timeout=170)[0].splitlines() for process in processes]
     one, other = (list(map(json.loads, lines)) for lines in told)
-    assert len(one) == len(plans)
+    assert len(one) == len(HAPPENINGS)
     assert one == other
     assert all(failed == [] for _, _, failed in one)
     journals = {digests["journal"] for digests, _, _ in one}
-    assert len(journals) == len(plans), "three worlds, not one"
+    assert len(journals) == len(HAPPENINGS), "three worlds, not one"
     assert [len(sessions) > 1 for _, sessions, _ in one] == [False, True, True]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matrices import matrix_text
 
 from drivers import catalogue
 from rig.bench.model import Bench
@@ -16,25 +17,12 @@ from rig.recording.recorded_point import RecordedPoint
 from simulators.world.asked import LARGEST_DRAWN, Files, asked_for
 from simulators.world.plan import drawn
 from simulators.world.runs import live
-from simulators.world.stage import load_everything
 
 ROOT = Path(__file__).resolve().parents[3]
 DEMO = (ROOT / "examples/demo-bench.toml").read_text(encoding="utf-8")
-MATRIX = """format = 1
-[specimen]
-serial_number = "MR-7"
-stroke = "120 mm"
-mid_stroke = "10 mm"
-prior = "demo"
-[matrix]
-waveform = ["sine"]
-amplitude = ["6 mm"]
-frequency = ["4 Hz"]
-current = ["0.5 A"]
-cycles = 6
-[identify]
-enabled = false
-"""
+MATRIX = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz").replace(
+    'serial_number = "MR-001"\nstroke = "170 mm"\n', 'serial_number = "MR-7"\nstroke = "120 mm"\nmid_stroke = "10 mm"\n'
+)
 OWN = {
     'url = "modbus-tcp://192.168.0.10:502"': 'url = "modbus-rtu:/dev/ttyUSB0"',
     "device_id = 1": "device_id = 9",
@@ -60,11 +48,6 @@ format = {pattern = 'P(?P<value>[+-]\\d{4}\\.\\d)', template = "P{value:+07.1f}"
 sensitivity = 1e5
 serial_number = "OP-1"
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def loaded() -> None:
-    load_everything()
 
 
 def files(folder: Path, bench: str, matrix: str = MATRIX) -> Files:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from planted_patching import Edit
+from edits import Edit
 
 STATION = "rig/station/supervisor.py"
 RECOVERY = "rig/recording/conversion/recovery.py"

@@ -9,26 +9,12 @@ import ast
 import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
-from types import CodeType, FunctionType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[4]
+from edits import Edit, NoLongerThere, edited
+
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
-
-
-class NoLongerThere(ValueError):
-    """A text that is to be replaced does not stand in its file exactly once, or not within a function."""
-
-
-@dataclass(frozen=True)
-class Edit:
-    """A changed line: `old` becomes `new` in `file`, relative to the project."""
-
-    file: str
-    old: str
-    new: str
 
 
 @contextmanager
@@ -47,21 +33,6 @@ def in_force(edits: tuple[Edit, ...]) -> Iterator[None]:
     finally:
         for function, code in before:
             function.__code__ = code
-
-
-def edited(file: str, edits: tuple[Edit, ...]) -> tuple[str, str]:
-    """A file's text before and after.
-
-    Raises:
-        NoLongerThere: an old text is not there exactly once.
-    """
-    before = after = (ROOT / file).read_text(encoding="utf-8")
-    for edit in edits:
-        if edit.file == file:
-            if after.count(edit.old) != 1:
-                raise NoLongerThere(f"{file} has {after.count(edit.old)} times: {edit.old.strip()}")
-            after = after.replace(edit.old, edit.new)
-    return before, after
 
 
 def _swaps(file: str, edits: tuple[Edit, ...]) -> list[tuple[FunctionType, CodeType]]:
@@ -93,7 +64,7 @@ def _codes(code: CodeType) -> Iterator[tuple[str, CodeType]]:
             yield from _codes(constant)
 
 
-def _function(module: Any, name: str) -> FunctionType:  # noqa: ANN401
+def _function(module: ModuleType, name: str) -> FunctionType:
     owner: Any = module
     for part in name.split("."):
         owner = vars(owner)[part]

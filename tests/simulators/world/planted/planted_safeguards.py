@@ -9,7 +9,7 @@ beyond them in motion).
 
 from __future__ import annotations
 
-from planted_patching import Edit
+from edits import Edit, deaf_station
 
 SUPERVISOR = "rig/station/supervisor.py"
 STOP = "rig/station/safe_stop.py"
@@ -20,18 +20,10 @@ CURRENT = "rig/station/interlocks/current_interlock.py"
 CHANNEL = "rig/station/interlocks/channel_interlock.py"
 REQUESTS = "rig/station/requests.py"
 PREPARATION = "rig/station/preparation.py"
-WATCHDOGS = "rig/station/watchdogs.py"
-
 
 UNWATCHED = Edit(
     CONTROLLER, "        findings = self._command(status, sent)\n", "        return []\n        findings = []\n"
 )
-
-
-def deaf(*slugs: str) -> Edit:
-    """Nobody hears what the detectors report by these names."""
-    row = "            row = REACTIONS[finding.slug]\n"
-    return Edit(SUPERVISOR, row, f"            if finding.slug in {slugs}:\n                continue\n{row}")
 
 
 SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
@@ -41,10 +33,10 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
         UNWATCHED,
     ),
     "echo": (Edit(ACTUATOR, "if self._unechoed >= CONSECUTIVE:", "if False:"),),
-    "e-stop-bit": (deaf("estop"),),
-    "controller-silent": (deaf("modbus-halfopen", "modbus-reset"),),
-    "controller-busy": (deaf("modbus-busy", "modbus-reject"),),
-    "controller-boots": (deaf("actuator-reboot"),),
+    "e-stop-bit": (deaf_station("estop"),),
+    "controller-silent": (deaf_station("modbus-halfopen", "modbus-reset"),),
+    "controller-busy": (deaf_station("modbus-busy", "modbus-reject"),),
+    "controller-boots": (deaf_station("actuator-reboot"),),
     "position-frozen": (
         Edit(CONTROLLER, "if travel_m > FROZEN_TRAVEL_M and self._repeats >= FROZEN_POLLS:", "if False:"),
         Edit(CONTROLLER, "if self._apart >= 2 * CONSECUTIVE:", "if False:"),
@@ -58,13 +50,13 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
     "ecu-counter": (
         Edit(CURRENT, "if counted.bad_in_a_row > 0 and (", "if False and ("),
     ),
-    "ecu-silent": (deaf("ecu-silent", "can-busoff", "can-lost"),),
+    "ecu-silent": (deaf_station("ecu-silent", "can-busoff", "can-lost"),),
     "foreign-frames": (Edit(CURRENT, "if counted.foreign_commands > self._foreign:", "if False:"),),
     "bus-load": (Edit(CURRENT, "if share <= FULL_BUS:", "if True:"),),
     # What the sensors say
     "sensor-silent": (
         Edit(SENSOR, "            self._supervisor.report([finding])\n", "            pass\n"),
-        deaf("loadcell-pulled", "lvdt-pulled"),
+        deaf_station("loadcell-pulled", "lvdt-pulled"),
     ),
     "sensor-stuck": (Edit(SENSOR, "if self._stands():", "if False:"),),
     "sensor-saturated": (Edit(CHANNEL, "if self._saturated >= CONSECUTIVE:", "if False:"),),
@@ -73,7 +65,7 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
     ),
     "damaged-frames": (
         Edit("rig/station/interlocks/line_interlock.py", "        if not damaged:\n", "        if True:\n"),
-        deaf("serial-baud"),
+        deaf_station("serial-baud"),
     ),
     # The stop
     "standstill-proved": (
@@ -112,8 +104,8 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
         ),
     ),
     "pressure-off-at-disarm": (Edit(REQUESTS, '        self._hydraulics({"level": "off"})\n', ""),),
-    "heartbeat": (deaf("host-stalled"),),
-    "own-lateness": (deaf("host-late", "host-silent"),),
+    "heartbeat": (deaf_station("host-stalled"),),
+    "own-lateness": (deaf_station("host-late", "host-silent"),),
     "watchdog-fed": (
         Edit(SUPERVISOR, "if not self._armed or self._starving or now_ns - self.tick_ns > STALLED_NS:", "if True:"),
     ),

@@ -13,37 +13,32 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import click
 from planted_cases import PLANTED
 from planted_patching import in_force
 
 from simulators.world import world as worlds
-from simulators.world.__main__ import seeds_of
+from simulators.world.asked import Asked, seeds_of
 from simulators.world.plan import drawn
-from simulators.world.runs import live, memory, one
+from simulators.world.runs import Ended, begin_worker, live, memory, one
 from simulators.world.shrink import shrunk
-from simulators.world.stage import load_everything
 
-ASKED = {"matrix": None, "happening": (), "until": None}
 SESSION_S = 120.0
 """Longer than a drawn campaign of these worlds takes."""
 
 
-def tried(name: str, seed: int) -> dict[str, Any]:
+def tried(name: str, seed: int) -> Ended:
     """The drawn world of a seed with a planted bug."""
-    load_everything()
     worlds.SESSION_S = SESSION_S
     with in_force(PLANTED[name]):
-        return one(seed, ASKED)
+        return one(seed, Asked())
 
 
 def smallest(name: str, seed: int) -> str:
     """What must happen in the smallest world that fails as this one does."""
-    load_everything()
     worlds.SESSION_S = SESSION_S
     plan = drawn(seed)
     with in_force(PLANTED[name]), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as folder:
@@ -52,18 +47,17 @@ def smallest(name: str, seed: int) -> str:
     return " ".join(map(str, least.happenings)) or "nothing has to happen"
 
 
-def looked_for(name: str, seeds: range, pool: ProcessPoolExecutor, jobs: int) -> Iterator[str]:
+def looked_for(name: str, seeds: range, pool: Executor, jobs: int) -> Iterator[str]:
     """The cells of a bug's row: seed, invariants, replay, shrunk to."""
     for start in range(seeds.start, seeds.stop, jobs):
         block = range(start, min(start + jobs, seeds.stop))
         for world in pool.map(tried, [name] * len(block), block):
-            if world["failed"]:
-                seed = int(world["seed"])
-                again = pool.submit(tried, name, seed).result()
-                same = (again["digest"], again["failed"]) == (world["digest"], world["failed"])
-                broken = dict.fromkeys(str(entry["invariant"]) for entry in world["failed"])
-                yield from (str(seed), ", ".join(broken), "the same" if same else "ANOTHER WORLD")
-                yield pool.submit(smallest, name, seed).result()
+            if world.failed:
+                again = pool.submit(tried, name, world.seed).result()
+                same = (again.digest, again.failed) == (world.digest, world.failed)
+                broken = dict.fromkeys(invariant for invariant, _, _ in world.failed)
+                yield from (str(world.seed), ", ".join(broken), "the same" if same else "ANOTHER WORLD")
+                yield pool.submit(smallest, name, world.seed).result()
                 return
     yield from (f"none of {len(seeds)}", "", "", "")
 
@@ -79,7 +73,7 @@ def main() -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     click.echo("| planted | first seed | does not hold | replay | shrunk to |\n|---|---|---|---|---|")
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(given.jobs, mp_context=context, max_tasks_per_child=50) as pool:
+    with ProcessPoolExecutor(given.jobs, mp_context=context, initializer=begin_worker, max_tasks_per_child=50) as pool:
         for name in given.names or PLANTED:
             cells = list(looked_for(name, seeds, pool, given.jobs))
             missed += not cells[1]

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 
+import planted_search
 import pytest
+from edits import Edit, NoLongerThere
 from planted_cases import CASES, PLANTED, Case, with_the_bug, without
-from planted_patching import Edit, NoLongerThere, in_force
+from planted_patching import in_force
 
 from rig.station import supervisor
+from simulators.world.asked import Asked
+from simulators.world.runs import Ended as World
 from simulators.world.runs import begin_worker
 
 Ended = tuple[dict[str, str], str]
@@ -18,7 +22,7 @@ Ended = tuple[dict[str, str], str]
 
 def world_of(case: Case) -> Case:
     """What several bugs may share."""
-    return replace(case, invariant="", random_seed=None)
+    return replace(case, invariant="")
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +58,21 @@ def test_a_bug_is_found_in_its_world_and_nothing_without_it(name: str, ended: di
 def test_a_bug_is_the_same_in_another_process(ended: dict[str | Case, Ended]) -> None:
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         assert pool.submit(with_the_bug, "stop-sent").result() == ended["stop-sent"]
+
+
+def test_a_search_names_the_first_seed_that_fails_its_replay_and_the_smallest_world(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def one(seed: int, asked: Asked) -> World:
+        failed = (("sent", "no stop", 1.0),) if asked.plan(seed).seed >= 5 else ()
+        return World(seed, failed, str(seed), 1.0, 1.0, (0,))
+
+    monkeypatch.setattr(planted_search, "one", one)
+    monkeypatch.setattr(planted_search, "smallest", lambda name, seed: f"{name} in {seed}")
+    monkeypatch.setattr(planted_search.worlds, "SESSION_S", 0.0)
+    with ThreadPoolExecutor(1) as pool:
+        cells = list(planted_search.looked_for("stop-sent", planted_search.seeds_of("3:9"), pool, 2))
+    assert cells == ["5", "sent", "the same", "stop-sent in 5"]
 
 
 def test_an_edit_is_in_force_only_for_a_while() -> None:
