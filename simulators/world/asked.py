@@ -26,6 +26,8 @@ from simulators.world.user_bench import LARGEST_BENCH, UserBench, longest_s
 
 LARGEST_MATRIX = 1 << 20
 LATEST_S = 1e6
+NOTHING = "nothing"
+"""In place of what happens: an undisturbed world."""
 _SEEDS = re.compile(r"(\d{1,15})(?::(\d{1,15}))?", re.ASCII)
 
 
@@ -49,14 +51,16 @@ class Asked:
 
     Attributes:
         given: the user's files and what follows from them.
-        happenings: in place of what is drawn; empty: drawn.
+        files: the user's.
+        happenings: in place of what is drawn; None: drawn.
         until_s: when each world ends; None: with its campaign.
         options: of the command, as they are written to get one of these worlds again.
         stood_in: what of the user's bench a world has otherwise.
     """
 
     given: Given = field(default_factory=Given)
-    happenings: tuple[Happening, ...] = ()
+    files: Files = field(default_factory=Files)
+    happenings: tuple[Happening, ...] | None = None
     until_s: float | None = None
     options: tuple[str, ...] = ()
     stood_in: tuple[str, ...] = ()
@@ -64,7 +68,7 @@ class Asked:
     def plan(self, seed: int) -> WorldPlan:
         """The world of a seed, with what was asked for in place of what is drawn."""
         plan = drawn(seed, self.given)
-        if not self.happenings:
+        if self.happenings is None:
             return plan
         return replace(plan, happenings=self.happenings, actuator=_link(self.happenings) or plan.actuator)
 
@@ -105,13 +109,13 @@ def asked_for(files: Files, happenings: Iterable[str], until_s: float | None) ->
     if until_s is not None and not (math.isfinite(until_s) and until_s > 0.0):
         raise click.BadParameter(f"{until_s:g}: expected a number of seconds above 0", param_hint="--until")
     words = tuple(happenings)
-    wanted = tuple(map(_happening, words))
+    wanted = () if words == (NOTHING,) else tuple(map(_happening, words))
     given, stood_in = _given(files)
     _check_happenings(wanted, given)
     options = [*files.options, *(word for text in words for word in ("--happening", text))]
     if until_s is not None:
-        options += ["--until", f"{until_s:g}"]
-    return Asked(given, wanted, until_s, tuple(options), stood_in)
+        options += ["--until", repr(until_s)]
+    return Asked(given, files, wanted if words else None, until_s, tuple(options), stood_in)
 
 
 def _happening(text: str) -> Happening:

@@ -25,11 +25,17 @@ LONGEST_WORDS = 1000
 class Telling:
     """Counts worlds and shows them.
 
+    Args (construction):
+        count: so many are to be run.
+        asked: what is the same for all of them.
+        shown: where it is shown.
+        bar: on a terminal, how far it is as a bar; not where a world tells of itself there.
+
     Attributes:
         failed: an object for everything that did not hold, as in the answer.
     """
 
-    def __init__(self, count: int, asked: Asked, shown: Console) -> None:
+    def __init__(self, count: int, asked: Asked, shown: Console, *, bar: bool = True) -> None:
         self.failed: list[dict[str, Any]] = []
         self.worlds = 0
         self.rig_s = 0.0
@@ -41,7 +47,7 @@ class Telling:
         self._told = 0
         self._bar = Progress(
             BarColumn(30, complete_style="cyan"), TextColumn("{task.description}"), console=shown, transient=True,
-            disable=not shown.is_terminal,
+            disable=not (bar and shown.is_terminal),
         )  # fmt: skip
         self._task: TaskID = self._bar.add_task(self._progress(), total=count)
 
