@@ -21,11 +21,13 @@ from simulators.bench import Addresses, bench_text
 from simulators.injection import NEEDS_AUXILIARY
 from simulators.options import RigOptions
 from simulators.schedule import BY_ID, ONLY_ON
-from simulators.world.plan import Given, Happening, WorldPlan, drawn
+from simulators.world.plan import STALLS, Given, Happening, WorldPlan, drawn
 from simulators.world.user_bench import LARGEST_BENCH, UserBench, longest_s
 
 LARGEST_MATRIX = 1 << 20
 LATEST_S = 1e6
+LASTS = (*STALLS, "pause", "slow-disk")
+"""What happens around the devices for a time: in no time nothing of it does."""
 NOTHING = "nothing"
 """In place of what happens: an undisturbed world."""
 _SEEDS = re.compile(r"(\d{1,15})(?::(\d{1,15}))?", re.ASCII)
@@ -126,6 +128,13 @@ def _happening(text: str) -> Happening:
     times_s = [time_s for time_s in (happening.at_s, happening.lasts_s) if time_s is not None]
     if not all(0.0 <= time_s <= LATEST_S for time_s in times_s):
         raise click.BadParameter(f"{text!r}: times are 0 to {LATEST_S:g} s", param_hint="--happening")
+    what, lasts_s = happening.what, happening.lasts_s
+    if what in LASTS and not lasts_s:
+        example = f"{what}@{happening.at_s:g}+0.5"
+        raise click.BadParameter(f"{text!r}: say for how long, such as {example}", param_hint="--happening")
+    if happening.around and lasts_s is not None and what not in (*LASTS, "clock-step"):
+        words = f"{text!r}: has no duration; write {what}@{happening.at_s:g}"
+        raise click.BadParameter(words, param_hint="--happening")
     return happening
 
 
