@@ -15,6 +15,7 @@ import numpy as np
 from rig.errors import FileProblem
 from rig.recording.recorded_point import RecordedPoint
 from simulators.world.plan import DEATHS, DISK
+from simulators.world.record_invariants import RECORD_CHECKS
 from simulators.world.stop_invariants import STOP_CHECKS
 from simulators.world.view import NO_CURRENT_A, STILL_M_S, STUCK_CURRENT, Findings, View
 from simulators.world.world import MOST_SESSIONS, World
@@ -133,6 +134,7 @@ CHECKS: dict[str, Callable[[View], Findings]] = {
     "points": points_are_there,
     "written": recorded_points_are_written,
     "answer": answer_agrees,
+    **RECORD_CHECKS,
 }
 
 

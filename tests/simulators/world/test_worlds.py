@@ -13,11 +13,13 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matrices import matrix_text
 
-from rig.campaign import results
+from rig.campaign import results, resume
 from rig.cli.main import answered
+from rig.recording.alignment import alignment
 from rig.station import supervisor
 from rig.station.safe_stop import StopAction
 from simulators.world import closely, runs
@@ -289,3 +291,23 @@ def test_interrupted_worlds_tell_what_they_did(tmp_path: Path) -> None:
     assert json.loads(out)["error"] == "stopped by operator"
     assert "of 10000" in err
     assert "Traceback" not in err
+
+
+def test_a_point_that_is_run_again_though_it_was_finished_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resume, "INVALID", "valid")
+    _, ended = live(plan("application-killed@5.5"), tmp_path)
+    assert "run-again" in {invariant for invariant, _, _ in ended.failed}
+
+
+def test_a_recorded_force_that_is_not_the_true_one_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    on_base = alignment._on_base
+
+    def stronger(*given: object) -> tuple[dict[str, object], object]:
+        values, flags = on_base(*given)
+        return {**values, "force": 1.3 * np.asarray(values["force"])}, flags
+
+    monkeypatch.setattr(alignment, "_on_base", stronger)
+    _, ended = live(plan(), tmp_path)
+    assert "true-record" in {invariant for invariant, _, _ in ended.failed}
