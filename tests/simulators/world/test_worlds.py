@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from matrices import matrix_text
 
-from rig.campaign import results, resume
+from rig.campaign import campaign, results, resume
 from rig.cli.main import answered
 from rig.recording.alignment import alignment
 from rig.station import supervisor
@@ -311,3 +311,14 @@ def test_a_recorded_force_that_is_not_the_true_one_is_found(tmp_path: Path, monk
     monkeypatch.setattr(alignment, "_on_base", stronger)
     _, ended = live(plan(), tmp_path)
     assert "true-record" in {invariant for invariant, _, _ in ended.failed}
+
+
+def test_a_stop_under_a_name_that_the_station_never_told_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result_of = campaign._result_of
+    monkeypatch.setattr(
+        campaign, "_result_of", lambda *given: replace(result_of(*given), stopped_by="estop", refused=False)
+    )
+    _, ended = live(plan("loadcell-pulled@0.5"), tmp_path)
+    assert "first-cause" in {invariant for invariant, _, _ in ended.failed}
