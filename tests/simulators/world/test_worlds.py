@@ -22,7 +22,7 @@ from rig.cli.main import answered
 from rig.recording.alignment import alignment
 from rig.station import supervisor
 from rig.station.safe_stop import StopAction
-from simulators.world import closely, runs
+from simulators.world import runs, shrink
 from simulators.world.__main__ import command
 from simulators.world.asked import Asked, Files, asked_for
 from simulators.world.plan import AROUND, Happening, WorldPlan, drawn
@@ -227,10 +227,10 @@ def test_a_smallest_world_is_told_with_the_command_that_runs_it(
 ) -> None:
     """Also where nothing has to happen in it."""
     ended = Ended(17, (("points", "gone", 12.5),), "ab", 36.0, 7.0, (0,))
-    monkeypatch.setattr(closely, "alone", lambda _: ended)
-    monkeypatch.setattr(closely, "shrunk", lambda given, *_: (replace(given, happenings=(), matrix=MATRIX), ended))
+    monkeypatch.setattr(shrink, "alone", lambda _: ended)
+    monkeypatch.setattr(shrink, "shrunk", lambda given, *_: (replace(given, happenings=(), matrix=MATRIX), ended))
     bench = Path("a bench.toml")
-    closely.tell_smallest(17, Asked(files=Files(bench=bench)))
+    shrink.tell_smallest(17, Asked(files=Files(bench=bench)))
     err = capfd.readouterr().err
     again = "rig worlds --seeds 17 --bench 'a bench.toml' --matrix smallest-17.toml --happening nothing"
     assert again in err
