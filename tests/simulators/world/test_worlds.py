@@ -37,7 +37,7 @@ def plan(*happenings: str, seed: int = 1) -> WorldPlan:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(loaded: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[World, Ended]:
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> tuple[World, Ended]:
     """The world of seed 1 in which nothing happens."""
     return live(plan(seed=1), tmp_path_factory.mktemp("undisturbed"))
 
