@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +16,6 @@ from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from simulators.world.asked import Asked
 
 FILE = click.Path(path_type=Path)
@@ -60,8 +58,7 @@ def command(
     wanted = seeds_of(seeds)
     _check_usage(wanted, ways)
     asked = asked_for(Files(matrix, bench), happening, ways["until"])
-    if ways["trace"] is not None:
-        return _trace(wanted[0], asked, ways["trace"])
+    _check_trace(ways["trace"], asked)
     return _run(wanted, asked, ways, as_json=as_json)
 
 
@@ -77,65 +74,46 @@ def _check_usage(seeds: range, ways: dict[str, Any]) -> None:
         raise click.UsageError("--shrink needs a world that is judged; leave --until and --trace out")
 
 
+def _check_trace(path: Path | None, asked: Asked) -> None:
+    """Refuse to write over one of the user's files.
+
+    Raises:
+        BadParameter: it is one of them.
+    """
+    for given in (asked.files.matrix, asked.files.bench):
+        if path is not None and given is not None and path.exists() and path.samefile(given):
+            words = f"{path} is what --matrix or --bench reads; name another file"
+            raise click.BadParameter(words, param_hint="--trace")
+
+
 def _run(seeds: range, asked: Asked, ways: dict[str, Any], *, as_json: bool) -> int:
     """Run them all; how far it is on the standard error.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; what was done is told.
     """
-    from simulators.world.runs import every
+    from simulators.world.closely import tell_smallest, traced
+    from simulators.world.runs import every, in_a_worker
     from simulators.world.telling import Telling
 
-    shown = console(as_json=True)
-    telling = Telling(len(seeds), asked, shown)
+    shown, trace = console(as_json=True), ways["trace"]
+    telling = Telling(len(seeds), asked, shown, bar=trace is None)
     try:
         with telling:
-            for world in every(seeds, asked, ways["jobs"]):
+            run = every(seeds, asked, ways["jobs"]) if trace is None else [in_a_worker(traced, seeds[0], asked, trace)]
+            for world in run:
                 telling.ended(world)
+        for seed in telling.failed_seeds if ways["shrink"] else ():
+            in_a_worker(tell_smallest, seed, asked)
     except KeyboardInterrupt:
         shown.print(telling.summary(), soft_wrap=True)
         raise
-    if ways["shrink"]:
-        for seed in telling.failed_seeds:
-            _shrink(seed, asked, lambda words: shown.print(words, markup=False, soft_wrap=True))
     if as_json:
         write_json(telling.answer())
     console(as_json=as_json).print(telling.summary(), soft_wrap=True)
     return EXIT_NOT_ALL_VALID if telling.failed else EXIT_DONE
 
 
-def _trace(seed: int, asked: Asked, path: Path) -> int:
-    """One world, every task that runs as a line: virtual time (s), process, thread."""
-    from simulators.world.invariants import judged
-    from simulators.world.runs import begin_worker, memory
-    from simulators.world.telling import Told
-    from simulators.world.world import World
-
-    begin_worker()
-    failed = False
-    with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name, path.open("w", encoding="utf-8") as file:
-        world = World(asked.plan(seed), Path(name))
-        world.display = Told(world.kernel)
-        world.kernel.trace = lambda task: print(f"{world.kernel.time_s:.9f} {task.process!r} {task.name}", file=file)
-        world.run(asked.until_s)
-        for invariant, words, at_s in judged(world) if asked.until_s is None else ():
-            failed = True
-            click.echo(f"{at_s:9.3f} s  {invariant}: {words}", err=True)
-    return EXIT_NOT_ALL_VALID if failed else EXIT_DONE
-
-
-def _shrink(seed: int, asked: Asked, tell: Callable[[str], None]) -> None:
-    """Tell the smallest world that still fails."""
-    from simulators.world.runs import live, memory
-    from simulators.world.shrink import shrunk
-
-    plan = asked.plan(seed)
-    with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
-        _, ended = live(plan, Path(name))
-    smallest, _ = shrunk(plan, ended, lambda words: tell(f"  seed {seed} {words}"))
-    told = " ".join(f"--happening {happening}" for happening in smallest.happenings)
-    tell(f"seed {seed}, smallest: {told or 'nothing has to happen'}\n{smallest.matrix}")
-
-
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that nothing is left behind
     sys.exit(answered(command, sys.argv[1:], "rig worlds"))

@@ -21,11 +21,15 @@ from simulators.bench import Addresses, bench_text
 from simulators.injection import NEEDS_AUXILIARY
 from simulators.options import RigOptions
 from simulators.schedule import BY_ID, ONLY_ON
-from simulators.world.plan import Given, Happening, WorldPlan, drawn
+from simulators.world.plan import STALLS, Given, Happening, WorldPlan, drawn
 from simulators.world.user_bench import LARGEST_BENCH, UserBench, longest_s
 
 LARGEST_MATRIX = 1 << 20
 LATEST_S = 1e6
+LASTS = (*STALLS, "pause", "slow-disk")
+"""What happens around the devices for a time: in no time nothing of it does."""
+NOTHING = "nothing"
+"""In place of what happens: an undisturbed world."""
 _SEEDS = re.compile(r"(\d{1,15})(?::(\d{1,15}))?", re.ASCII)
 
 
@@ -49,14 +53,16 @@ class Asked:
 
     Attributes:
         given: the user's files and what follows from them.
-        happenings: in place of what is drawn; empty: drawn.
+        files: the user's.
+        happenings: in place of what is drawn; None: drawn.
         until_s: when each world ends; None: with its campaign.
         options: of the command, as they are written to get one of these worlds again.
         stood_in: what of the user's bench a world has otherwise.
     """
 
     given: Given = field(default_factory=Given)
-    happenings: tuple[Happening, ...] = ()
+    files: Files = field(default_factory=Files)
+    happenings: tuple[Happening, ...] | None = None
     until_s: float | None = None
     options: tuple[str, ...] = ()
     stood_in: tuple[str, ...] = ()
@@ -64,7 +70,7 @@ class Asked:
     def plan(self, seed: int) -> WorldPlan:
         """The world of a seed, with what was asked for in place of what is drawn."""
         plan = drawn(seed, self.given)
-        if not self.happenings:
+        if self.happenings is None:
             return plan
         return replace(plan, happenings=self.happenings, actuator=_link(self.happenings) or plan.actuator)
 
@@ -105,13 +111,13 @@ def asked_for(files: Files, happenings: Iterable[str], until_s: float | None) ->
     if until_s is not None and not (math.isfinite(until_s) and until_s > 0.0):
         raise click.BadParameter(f"{until_s:g}: expected a number of seconds above 0", param_hint="--until")
     words = tuple(happenings)
-    wanted = tuple(map(_happening, words))
+    wanted = () if words == (NOTHING,) else tuple(map(_happening, words))
     given, stood_in = _given(files)
     _check_happenings(wanted, given)
     options = [*files.options, *(word for text in words for word in ("--happening", text))]
     if until_s is not None:
-        options += ["--until", f"{until_s:g}"]
-    return Asked(given, wanted, until_s, tuple(options), stood_in)
+        options += ["--until", repr(until_s)]
+    return Asked(given, files, wanted if words else None, until_s, tuple(options), stood_in)
 
 
 def _happening(text: str) -> Happening:
@@ -122,6 +128,13 @@ def _happening(text: str) -> Happening:
     times_s = [time_s for time_s in (happening.at_s, happening.lasts_s) if time_s is not None]
     if not all(0.0 <= time_s <= LATEST_S for time_s in times_s):
         raise click.BadParameter(f"{text!r}: times are 0 to {LATEST_S:g} s", param_hint="--happening")
+    what, lasts_s = happening.what, happening.lasts_s
+    if what in LASTS and not lasts_s:
+        example = f"{what}@{happening.at_s:g}+0.5"
+        raise click.BadParameter(f"{text!r}: say for how long, such as {example}", param_hint="--happening")
+    if happening.around and lasts_s is not None and what not in (*LASTS, "clock-step"):
+        words = f"{text!r}: has no duration; write {what}@{happening.at_s:g}"
+        raise click.BadParameter(words, param_hint="--happening")
     return happening
 
 

@@ -13,13 +13,14 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import connection
 from pathlib import Path
+from typing import TypeVar
 
 from rig.errors import RigError
 from simulators.world.asked import Asked
@@ -36,6 +37,12 @@ ROOM = 256 << 20
 """A worker's worlds take no more than that (bytes)."""
 SELDOM = 50_000
 """A world makes much and keeps it: the garbage collector looks after so many objects."""
+LEAVES_S = 3.0
+"""A process that is asked to end takes no longer."""
+
+T = TypeVar("T")
+_under_way: list[str] = []
+"""Folders of the worlds that this process runs."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +69,14 @@ class Ended:
     events: str = ""
 
 
-def live(plan: WorldPlan, root: Path, until_s: float | None = None) -> tuple[World, Ended]:
-    """Run a world and judge it."""
+def live(
+    plan: WorldPlan, root: Path, until_s: float | None = None, begin: Callable[[World], None] | None = None
+) -> tuple[World, Ended]:
+    """Run a world and judge it; `begin` is called with it first."""
     began_s, cpu_s = time.perf_counter(), time.process_time()
     world = World(plan, root)
+    if begin is not None:
+        begin(world)
     world.run(until_s)
     failed = () if until_s is not None else tuple(judged(world))
     wall_s, cpu_s = time.perf_counter() - began_s, time.process_time() - cpu_s
@@ -79,14 +90,22 @@ def live(plan: WorldPlan, root: Path, until_s: float | None = None) -> tuple[Wor
 
 
 def one(seed: int, asked: Asked) -> Ended:
-    """Run the world of a seed; one that breaks the simulation itself has failed."""
-    plan = asked.plan(seed)
+    """Run the world of a seed."""
+    return alone(asked.plan(seed), asked.until_s)
+
+
+def alone(plan: WorldPlan, until_s: float | None = None, begin: Callable[[World], None] | None = None) -> Ended:
+    """Run a world in a folder that is gone with it; one that breaks the simulation itself has failed."""
     with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
+        _under_way.append(name)
         try:
-            _, ended = live(plan, Path(name), asked.until_s)
+            _, ended = live(plan, Path(name), until_s, begin)
         except Exception:  # noqa: BLE001 - told as this world's failure, the others go on
             words = traceback.format_exc(limit=-6)
-            return Ended(seed, (("world", words, 0.0),), "", 0.0, 0.0, (), happenings=tuple(map(str, plan.happenings)))
+            happenings = tuple(map(str, plan.happenings))
+            return Ended(plan.seed, (("world", words, 0.0),), "", 0.0, 0.0, (), happenings=happenings)
+        finally:
+            _under_way.remove(name)
     return ended
 
 
@@ -101,6 +120,7 @@ def begin_worker() -> None:
     """What a process does before its first world; an interrupt is its parent's business, whom it does not outlive."""
     with contextlib.suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, _leave)
     if (parent := multiprocessing.parent_process()) is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     load_everything()
@@ -112,6 +132,15 @@ def begin_worker() -> None:
 def _end_with(parent: int) -> None:
     """End this process when its parent has ended, however that did."""
     connection.wait([parent])
+    _leave()
+
+
+def _leave(*_: object) -> None:
+    """End this process now, and its world with all files: what takes its place removes them, undisturbed."""
+    with contextlib.suppress(OSError, ValueError):
+        if _under_way:
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+            os.execvp("rm", ["rm", "-rf", "--", *_under_way])
     os._exit(1)
 
 
@@ -121,13 +150,8 @@ def every(seeds: range, asked: Asked, jobs: int) -> Iterator[Ended]:
     Raises:
         RigError: a process was ended from outside.
     """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: one world is one thread
     waiting, under_way = iter(seeds), set[Future[Ended]]()
-    pool = ProcessPoolExecutor(
-        min(jobs, len(seeds)), mp_context=multiprocessing.get_context("spawn"), initializer=begin_worker,
-        max_tasks_per_child=WORLDS_A_WORKER,
-    )  # fmt: skip
-    try:
+    with _pool(min(jobs, len(seeds))) as pool:
         while True:
             free = AHEAD * jobs - len(under_way)
             under_way |= {pool.submit(one, seed, asked) for seed in islice(waiting, free)}
@@ -137,6 +161,32 @@ def every(seeds: range, asked: Asked, jobs: int) -> Iterator[Ended]:
                 under_way, return_when=concurrent.futures.FIRST_COMPLETED
             )
             yield from sorted((future.result() for future in done), key=lambda ended: ended.seed)
+
+
+def in_a_worker(do: Callable[..., T], *arguments: object) -> T:
+    """Do something with worlds in a process of its own, so that an interrupt ends it and not a part of a world.
+
+    Raises:
+        RigError: the process was ended from outside.
+    """
+    with _pool(1) as pool:
+        return pool.submit(do, *arguments).result()
+
+
+@contextlib.contextmanager
+def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes for worlds; whatever ends this one's work ends them.
+
+    Raises:
+        RigError: one was ended from outside.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the workers: one world is one thread
+    pool = ProcessPoolExecutor(
+        processes, mp_context=multiprocessing.get_context("spawn"), initializer=begin_worker,
+        max_tasks_per_child=WORLDS_A_WORKER,
+    )  # fmt: skip
+    try:
+        yield pool
     except BrokenProcessPool as error:
         raise RigError("a process that ran worlds was killed (out of memory?); try fewer --jobs") from error
     except BaseException:
@@ -146,8 +196,12 @@ def every(seeds: range, asked: Asked, jobs: int) -> Iterator[Ended]:
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
-    """End a pool now, whatever its processes do."""
+    """End a pool now, whatever its processes do; each takes its world's folder with it if it still can."""
     workers = list(multiprocessing.active_children())
     pool.shutdown(wait=False, cancel_futures=True)
     for worker in workers:
+        worker.terminate()
+    until_s = time.monotonic() + LEAVES_S
+    for worker in workers:
+        worker.join(max(0.0, until_s - time.monotonic()))
         worker.kill()

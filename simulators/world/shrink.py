@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 from simulators.world.plan import WorldPlan
-from simulators.world.runs import Ended, live, memory
+from simulators.world.runs import Ended, alone
 
 FEWEST_CYCLES = 5
 
@@ -26,8 +24,7 @@ def shrunk(plan: WorldPlan, ended: Ended, tell: Callable[[str], None]) -> tuple[
     while again:
         again = False
         for smaller, words in _smaller(plan):
-            with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
-                _, tried = live(smaller, Path(name))
+            tried = alone(smaller)
             if wanted & {invariant for invariant, _, _ in tried.failed}:
                 tell(f"without {words}: still fails")
                 plan, ended, again = smaller, tried, True

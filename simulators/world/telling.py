@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any, Self
 
-import click
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
@@ -26,14 +27,16 @@ LONGEST_WORDS = 1000
 
 
 class Told(Silent):
-    """Shows a world's campaign on the standard error, with its virtual time."""
+    """Shows a world's campaign on the standard error, which is another one inside of it, with its virtual time."""
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
+        self._shown = sys.stderr
 
     def phase(self, *words: object, **_: object) -> None:
         """A line of it."""
-        click.echo(f"{self._kernel.time_s:9.3f} s  {' '.join(map(str, words))}", err=True)
+        with contextlib.suppress(OSError):
+            print(f"{self._kernel.time_s:9.3f} s ", *words, file=self._shown, flush=True)
 
     message = phase
 
@@ -41,11 +44,17 @@ class Told(Silent):
 class Telling:
     """Counts worlds and shows them.
 
+    Args (construction):
+        count: so many are to be run.
+        asked: what is the same for all of them.
+        shown: where it is shown.
+        bar: on a terminal, how far it is as a bar; not where a world tells of itself there.
+
     Attributes:
         failed: an object for everything that did not hold, as in the answer.
     """
 
-    def __init__(self, count: int, asked: Asked, shown: Console) -> None:
+    def __init__(self, count: int, asked: Asked, shown: Console, *, bar: bool = True) -> None:
         self.failed: list[dict[str, Any]] = []
         self.worlds = 0
         self.rig_s = 0.0
@@ -57,7 +66,7 @@ class Telling:
         self._told = 0
         self._bar = Progress(
             BarColumn(30, complete_style="cyan"), TextColumn("{task.description}"), console=shown, transient=True,
-            disable=not shown.is_terminal,
+            disable=not (bar and shown.is_terminal),
         )  # fmt: skip
         self._task: TaskID = self._bar.add_task(self._progress(), total=count)
 

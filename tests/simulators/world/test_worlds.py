@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,10 +20,10 @@ from rig.campaign import results
 from rig.cli.main import answered
 from rig.station import supervisor
 from rig.station.safe_stop import StopAction
-from simulators.world import runs
+from simulators.world import closely, runs
 from simulators.world import world as course
 from simulators.world.__main__ import command
-from simulators.world.asked import Asked
+from simulators.world.asked import Asked, Files, asked_for
 from simulators.world.plan import AROUND, Happening, WorldPlan, drawn
 from simulators.world.runs import Ended, live
 from simulators.world.shrink import shrunk
@@ -157,6 +159,9 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
         (["--seeds", "1", "--happening", "usb-renumber@1"], "ports with names do not exist in a world"),
         (["--seeds", "1", "--happening", "rtu-crc@1", "--happening", "modbus-reset@1"], "reached by tcp"),
         (["--seeds", "1", "--happening", "loadcell-pulled:auxiliary@1"], "needs an auxiliary channel"),
+        (["--seeds", "1", "--happening", "station-stalled@3"], "say for how long, such as station-stalled@3+0.5"),
+        (["--seeds", "1", "--happening", "pause@3+0"], "say for how long"),
+        (["--seeds", "1", "--happening", "disk-full@3+2"], "has no duration; write disk-full@3"),
         (["--seeds", "1", "--until", "nan"], "expected a number of seconds above 0"),
         (["--seeds", "0:2", "--trace", "steps"], "--trace writes one world"),
         (["--seeds", "1", "--shrink", "--until", "3"], "--shrink needs a world that is judged"),
@@ -204,6 +209,80 @@ def test_a_world_that_breaks_the_simulation_is_a_failure_of_its_own(monkeypatch:
     (failure,) = runs.one(3, Asked()).failed
     assert failure[0] == "world"
     assert "ZeroDivisionError" in failure[1]
+
+
+def test_a_trace_is_never_written_over_a_file_that_is_read(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    matrix = tmp_path / "matrix.toml"
+    matrix.write_text(MATRIX, encoding="utf-8")
+    (tmp_path / "link").symlink_to(matrix)
+    arguments = ["--seeds", "1", "--until", "0.1", "--matrix", str(matrix), "--trace", str(tmp_path / "link"), "--json"]
+    assert answered(command, arguments, "rig worlds") == 2
+    assert "name another file" in json.loads(capfd.readouterr().out)["error"]
+    assert matrix.read_text(encoding="utf-8") == MATRIX
+
+
+def test_a_traced_world_is_answered_as_any_other(tmp_path: Path) -> None:
+    done = worlds("--seeds", "3", "--until", "1.5", "--trace", "steps", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["worlds"] == 1
+    assert "connecting" in done.stderr
+    assert "nothing was judged" in done.stderr
+    assert (tmp_path / "steps").read_text(encoding="utf-8").count("application") > 10
+
+
+def test_a_smallest_world_is_told_with_the_command_that_runs_it(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where nothing has to happen in it."""
+    ended = Ended(17, (("points", "gone", 12.5),), "ab", 36.0, 7.0, (0,))
+    monkeypatch.setattr(closely, "alone", lambda _: ended)
+    monkeypatch.setattr(closely, "shrunk", lambda given, *_: (replace(given, happenings=(), matrix=MATRIX), ended))
+    bench = Path("a bench.toml")
+    closely.tell_smallest(17, Asked(files=Files(bench=bench)))
+    err = capfd.readouterr().err
+    again = "rig worlds --seeds 17 --bench 'a bench.toml' --matrix smallest-17.toml --happening nothing"
+    assert again in err
+    assert err.rstrip().endswith(MATRIX.rstrip())
+    assert asked_for(Files(), ["nothing"], None).plan(17).happenings == ()
+    assert drawn(17).happenings
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("traced", [False, True])
+def test_worlds_that_are_ended_leave_nothing(end: signal.Signals, traced: bool, tmp_path: Path) -> None:
+    """To the whole group as a terminal does it, or to the parent alone."""
+    arguments = ["--seeds", "2", "--trace", str(tmp_path / "steps")] if traced else ["--seeds", "0:99", "--jobs", "1"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "simulators.world", *arguments], start_new_session=True, stderr=subprocess.DEVNULL
+    ) as process:
+        within_s = time.monotonic() + 60.0
+        while not (rooms := set().union(*map(folders_of, children(process.pid)))):
+            assert process.poll() is None, "ended by itself"
+            assert time.monotonic() < within_s, "no world begins"
+            time.sleep(0.05)
+        workers = children(process.pid)
+        (os.killpg if end is signal.SIGINT else os.kill)(process.pid, end)
+        assert process.wait(20) == (-9 if end is signal.SIGKILL else 4)
+    while any(folder.exists() for folder in rooms) or any(map(folders_of, workers)):
+        assert time.monotonic() < within_s + 10.0, rooms
+        time.sleep(0.05)
+
+
+def children(parent: int) -> list[int]:
+    """Processes whose parent is this one."""
+    tasks = Path(f"/proc/{parent}/task/{parent}/children")
+    return [int(number) for number in tasks.read_text().split()] if tasks.exists() else []
+
+
+def folders_of(process: int) -> set[Path]:
+    """Folders of worlds in which a process has files open."""
+    opened = set()
+    with contextlib.suppress(OSError):
+        for handle in Path(f"/proc/{process}/fd").iterdir():
+            with contextlib.suppress(OSError):
+                path = handle.readlink()
+                opened |= {folder for folder in path.parents if folder.name.startswith("world-")}
+    return opened
 
 
 def test_interrupted_worlds_tell_what_they_did() -> None:
