@@ -29,6 +29,8 @@ GAIN_FLOOR = 1e-3
 OFFSET_FLOOR = 0.05
 """... and of an offset, as a share of its tolerance."""
 LAG_FLOOR_S = 2e-5
+COARSE_ZERO = 2.0
+"""An offset known worse than its tolerance comes of too few polls in a loop, and so does its error: so much larger."""
 WEAK_LAG = 2.0
 """Tolerances beyond which a loop's lag is too uncertain to be asked; alone, one is enough."""
 LONE_LAG = 1.5
@@ -226,7 +228,10 @@ def _zeros(instruments: Instruments, points: Sequence[Checked], k: float) -> dic
 
     agreements = {point.id: instruments.of(point).offset for point in points}
     floor = OFFSET_FLOOR * tolerance
-    estimates = {name: offset.widened(floor) for name, offset in agreements.items() if offset is not None}
+    estimates = {
+        name: replace(offset, std=(COARSE_ZERO if offset.std > tolerance else 1.0) * offset.std).widened(floor)
+        for name, offset in agreements.items() if offset is not None
+    }
     return _doubts(points, estimates, _Limit(0.0, tolerance, k), told, jumps=True)
 
 

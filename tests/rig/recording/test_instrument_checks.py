@@ -103,6 +103,18 @@ def test_one_point_whose_zero_jumped_is_doubted_alone() -> None:
     assert doubted == {"p005"}
 
 
+def test_zeros_of_loops_with_few_polls_are_not_as_certain_as_they_say() -> None:
+    """Estimates of a clean campaign at 10 Hz on Modbus RTU, three polls in a cycle: the true offset is 0."""
+    allowed = Tolerances(force_zero_N=18.4)
+    first, second = (
+        replace(point, force=Agreement(offset=offset), tolerances=allowed)
+        for point, offset in zip(campaign(13, 2), (Estimate(77.1, 19.8), Estimate(108.4, 35.9)), strict=True)
+    )
+    assert not slugs(judge([first, second])) - CHANGES
+    many = [replace(point, force=Agreement(offset=Estimate(150.0, 20.0))) for point in campaign(14)]
+    assert "load-cell-zero" in slugs(judge(many))
+
+
 def test_a_comparison_that_failed_at_one_point_says_nothing_of_the_instruments() -> None:
     points = campaign(12)
     wrong = Agreement(Estimate(0.98, 0.004), Estimate(-161.0, 3.0), Estimate(0.0108, 0.0004), 2.25e-4)
