@@ -92,8 +92,9 @@ def _run(seeds: range, asked: Asked, ways: dict[str, Any], *, as_json: bool) -> 
     Raises:
         KeyboardInterrupt: Ctrl-C; what was done is told.
     """
-    from simulators.world.closely import tell_smallest, traced
+    from simulators.world.closely import traced
     from simulators.world.runs import every, in_a_worker
+    from simulators.world.shrink import tell_smallest
     from simulators.world.telling import Telling
 
     shown, trace = console(as_json=True), ways["trace"]

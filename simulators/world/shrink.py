@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
+from rig.cli.output import say
+from simulators.world.asked import NOTHING, Asked, Files
 from simulators.world.plan import WorldPlan
 from simulators.world.runs import Ended, alone
 
@@ -50,3 +54,25 @@ def _smaller(plan: WorldPlan) -> list[tuple[WorldPlan, str]]:
             matrix = "\n".join([*lines[:place], f"cycles = {cycles // 2}", *lines[place + 1 :], ""])
             worlds.append((replace(plan, matrix=matrix), f"{cycles - cycles // 2} cycles"))
     return worlds
+
+
+def tell_smallest(seed: int, asked: Asked) -> None:
+    """Tell the smallest world that still fails, and how to run it."""
+    plan = asked.plan(seed)
+    ended = alone(plan)
+    if not ended.failed:
+        say(f"seed {seed} holds this time", err=True)
+        return
+    smallest, _ = shrunk(plan, ended, lambda words: say(f"  seed {seed} {words}", err=True))
+    say(_words(smallest, asked, same_matrix=smallest.matrix == asked.given.matrix), err=True)
+
+
+def _words(smallest: WorldPlan, asked: Asked, *, same_matrix: bool) -> str:
+    """A world that was made smaller: the command that runs it, below it the matrix that it needs."""
+    files, name = asked.files, Path(f"smallest-{smallest.seed}.toml")
+    words = ["rig", "worlds", "--seeds", str(smallest.seed)]
+    words += files.options if same_matrix else Files(name, files.bench).options
+    for happening in tuple(map(str, smallest.happenings)) or (NOTHING,):
+        words += ["--happening", happening]
+    again = f"seed {smallest.seed}, smallest: {shlex.join(words)}"
+    return again if same_matrix else f"{again}\nwith {name}:\n{smallest.matrix}"

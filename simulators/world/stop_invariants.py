@@ -50,6 +50,10 @@ WATCHERS = {"application-stalled": 0.8, "station-stalled": 0.2}
 """So long (s) each may stand still while the rod moves and nobody minds."""
 MOVING_SHARE = 0.5
 OWN_SLUGS = frozenset({"host-late", "host-silent"})
+SEEN_BY_STATION = frozenset({
+    "estop", "loadcell-pulled", "lvdt-pulled", "ecu-overtemp", "actuator-frozen", "current-stuck", "second-master",
+})
+"""Causes that only the station's own detectors name."""
 SPOILED = frozenset({"sensor-nan", "sample-gap", "rtu-stale"})
 
 
@@ -85,6 +89,9 @@ def first_cause_is_named(view: View) -> Findings:
     asked_ns = [at_ns for at_ns, happening in view.session.happened if happening.what in SIGNALS]
     if answer.stopped_by in SIGNAL_SLUGS and any(at_ns < float(trips[-1]["latched_ns"]) for at_ns in asked_ns):
         return  # The operator came before the station knew of anything.
+    told = {line["slug"] for line in view.station("trip", "also", "warning")}
+    if answer.stopped_by in SEEN_BY_STATION - told:
+        yield f"stopped by {answer.stopped_by}, which the station never told", float(trips[-1]["t_ns"])
     if answer.stopped_by != trips[-1]["slug"] and answer.stopped_by in later[1:]:
         yield f"stopped by {answer.stopped_by}, the first cause was {trips[-1]['slug']}", float(trips[-1]["t_ns"])
 

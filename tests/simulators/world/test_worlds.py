@@ -13,14 +13,16 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matrices import matrix_text
 
-from rig.campaign import results
+from rig.campaign import campaign, results, resume
 from rig.cli.main import answered
+from rig.recording.alignment import alignment
 from rig.station import supervisor
 from rig.station.safe_stop import StopAction
-from simulators.world import closely, runs
+from simulators.world import runs, shrink
 from simulators.world import world as course
 from simulators.world.__main__ import command
 from simulators.world.asked import Asked, Files, asked_for
@@ -235,10 +237,10 @@ def test_a_smallest_world_is_told_with_the_command_that_runs_it(
 ) -> None:
     """Also where nothing has to happen in it."""
     ended = Ended(17, (("points", "gone", 12.5),), "ab", 36.0, 7.0, (0,))
-    monkeypatch.setattr(closely, "alone", lambda _: ended)
-    monkeypatch.setattr(closely, "shrunk", lambda given, *_: (replace(given, happenings=(), matrix=MATRIX), ended))
+    monkeypatch.setattr(shrink, "alone", lambda _: ended)
+    monkeypatch.setattr(shrink, "shrunk", lambda given, *_: (replace(given, happenings=(), matrix=MATRIX), ended))
     bench = Path("a bench.toml")
-    closely.tell_smallest(17, Asked(files=Files(bench=bench)))
+    shrink.tell_smallest(17, Asked(files=Files(bench=bench)))
     err = capfd.readouterr().err
     again = "rig worlds --seeds 17 --bench 'a bench.toml' --matrix smallest-17.toml --happening nothing"
     assert again in err
@@ -299,3 +301,34 @@ def test_interrupted_worlds_tell_what_they_did() -> None:
     assert json.loads(out)["error"] == "stopped by operator"
     assert "of 20, " in err
     assert "Traceback" not in err
+
+
+def test_a_point_that_is_run_again_though_it_was_finished_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resume, "INVALID", "valid")
+    _, ended = live(plan("application-killed@5.5"), tmp_path)
+    assert "run-again" in {invariant for invariant, _, _ in ended.failed}
+
+
+def test_a_recorded_force_that_is_not_the_true_one_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    on_base = alignment._on_base
+
+    def stronger(*given: object) -> tuple[dict[str, object], object]:
+        values, flags = on_base(*given)
+        return {**values, "force": 1.3 * np.asarray(values["force"])}, flags
+
+    monkeypatch.setattr(alignment, "_on_base", stronger)
+    _, ended = live(plan(), tmp_path)
+    assert "true-record" in {invariant for invariant, _, _ in ended.failed}
+
+
+def test_a_stop_under_a_name_that_the_station_never_told_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result_of = campaign._result_of
+    monkeypatch.setattr(
+        campaign, "_result_of", lambda *given: replace(result_of(*given), stopped_by="estop", refused=False)
+    )
+    _, ended = live(plan("loadcell-pulled@0.5"), tmp_path)
+    assert "first-cause" in {invariant for invariant, _, _ in ended.failed}
