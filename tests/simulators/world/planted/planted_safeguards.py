@@ -49,6 +49,7 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
     "ecu-faults": (Edit(CURRENT, "if faults & int(bits)\n", "if False\n"),),
     "ecu-counter": (
         Edit(CURRENT, "if counted.bad_in_a_row > 0 and (", "if False and ("),
+        Edit(CURRENT, "if not counted.bad_in_a_row:", "if True:"),
     ),
     "ecu-silent": (deaf_station("ecu-silent", "can-busoff", "can-lost"),),
     "foreign-frames": (Edit(CURRENT, "if counted.foreign_commands > self._foreign:", "if False:"),),
