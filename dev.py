@@ -137,51 +137,40 @@ def checks(arguments: list[str]) -> int:
 
 
 def all_tests() -> int:
-    """Run what waits for nothing real in several processes, and beside them what needs real processes and wires.
+    """Run what waits for nothing real in several processes, then alone what needs real processes and wires.
 
-    The several give way to the one on real wires, whose output is shown at once. The names of all tests that failed are
-    shown at the end. Returns the first exit code that is not 0.
+    The names of all tests that failed are shown at the end. Returns the first exit code that is not 0.
     """
     with tempfile.TemporaryDirectory() as name:
         failures = Path(name) / "failures"
         pytest = [program("python"), "-m", "pytest", "tests", f"--failures={failures}"]
-        print("dev.py: tests on real processes and wires; beside them the others", flush=True)
-        code = side_by_side(gives_way([*pytest, "-m", "not wire"]), first=[*pytest, "-m", "wire"])
+        code = side_by_side([*pytest, "-m", "not wire"])
+        print("dev.py: tests on real processes and wires", flush=True)
+        code = run(*pytest, "-m", "wire") or code
         if failures.exists() and failures.read_text(encoding="utf-8"):
             print(f"dev.py: these tests failed:\n{failures.read_text(encoding='utf-8')}", end="", flush=True)
     return code
 
 
-def side_by_side(shared: list[str], first: list[str] | None = None) -> int:
-    """Run tests in several processes, each of which takes the next that is free, and show their output in the end.
+def side_by_side(command: list[str]) -> int:
+    """Run pytest's command in several processes, each of which takes the next tests that are free.
 
-    Args:
-        shared: pytest's command for these.
-        first: what runs beside them with its output shown at once.
-
-    Returns:
-        The first exit code that is not 0.
+    The first one's output is shown at once, the others' when all have ended. Returns the first exit code that is not 0.
     """
     with tempfile.TemporaryDirectory() as folder, ExitStack() as files:
         # A cache would know only what one of them saw.
-        command = [*shared, f"--shared={folder}", "-p", "no:cacheprovider"]
-        told = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE)]
-        begun = [subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told]
+        command = [*command, f"--shared={folder}", "-p", "no:cacheprovider"]
+        told = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE - 1)]
+        others = [subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told]
         try:
-            codes = [0 if first is None else run(*first), *(process.wait() for process in begun)]
+            codes = [run(*command), *(process.wait() for process in others)]
         finally:
-            for process in begun:
+            for process in others:
                 process.terminate()
         for said in told:
             said.seek(0)
             print(said.read(), flush=True)
     return next((code for code in codes if code), 0)
-
-
-def gives_way(command: list[str]) -> list[str]:
-    """The same command at a lower priority, where the machine has such."""
-    nice = shutil.which("nice")
-    return command if nice is None else [nice, "-n", "10", *command]
 
 
 def fully_covered(package: str, tests: str) -> int:
