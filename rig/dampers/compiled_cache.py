@@ -23,16 +23,17 @@ LOCK = "save.lock"
 
 
 def njit(**options: Any) -> Callable[[F], F]:  # noqa: ANN401 - numba's own options
-    """`numba.njit`, each function under a name of its own contents.
+    """`numba.njit`, each function under a name of its own contents; what is not kept is part of the loop that calls it.
 
     Numba tells the symbols of functions of one name apart by a count of the process. What the cache gives was counted
     in another process: a loop from there and a function compiled here could share a symbol, and one model run as
-    another.
+    another. A loop that only calls a function takes the one compiled for itself here, and the one optimised with the
+    loop when it comes from the cache: the last bits of a sum would depend on which process came first.
     """
 
     def compiled(function: F) -> F:
         function.__qualname__ = f"{function.__qualname__}_{contents(function):08x}"
-        made: F = numba.njit(**options)(function)
+        made: F = numba.njit(**{"forceinline": not options.get("cache", False), **options})(function)
         return made
 
     return compiled

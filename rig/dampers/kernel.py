@@ -9,7 +9,7 @@ coil.
 
 Numba does not notice when a function that a cached one calls has changed, so only whole loops are `cached`, one for
 each model, each a closure over this room's `fingerprint`: another fingerprint, another cache entry. What a cached loop
-calls is not cached itself: called from the cache it is not inlined, and the last bits of a sum differ.
+calls is not cached itself but part of it (see `compiled_cache.njit`).
 """
 
 from __future__ import annotations

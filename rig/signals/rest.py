@@ -223,3 +223,17 @@ def _noise(first: Reading, last: Reading) -> float:
     freedom = first.count + last.count - 2
     variance = ((first.count - 1) * first.std**2 + (last.count - 1) * last.std**2) / freedom
     return SURE * (1.0 + FEW / freedom) * math.sqrt(variance * (1.0 / first.count + 1.0 / last.count))
+
+
+def stands(values: FloatArray, tolerance: float) -> bool:
+    """Whether a signal, shape (n,), shows one value: both halves of it have the same mean, within a tolerance."""
+    half = len(values) // 2
+    return abs(float(np.mean(values[:half]) - np.mean(values[half:]))) <= tolerance
+
+
+def difference_N(up_N: FloatArray, down_N: FloatArray) -> tuple[float, float]:
+    """Mean of one way less mean of the other, and its standard error (N); not known with few samples."""
+    if min(len(up_N), len(down_N)) < FEWEST_STATUSES:
+        return 0.0, math.inf
+    error_N = math.sqrt(float(np.var(up_N)) / len(up_N) + float(np.var(down_N)) / len(down_N))
+    return float(np.mean(up_N) - np.mean(down_N)), error_N

@@ -29,7 +29,7 @@ def test_every_row_has_its_world_or_a_reason_why_it_cannot_have_one() -> None:
 
 def test_the_test_that_the_matrix_names_is_there_for_every_row() -> None:
     test = test_every_row.test_every_row_ends_as_the_matrix_says
-    (marks,) = test.pytestmark
+    (marks,) = (mark for mark in test.pytestmark if mark.name == "parametrize")
     names = {f"{test_every_row.__name__}.py::{test.__name__}[{slug}]" for slug in marks.args[1]}
     assert names == {row.test for row in MATRIX.values() if row.tested}
 

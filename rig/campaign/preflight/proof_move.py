@@ -31,6 +31,7 @@ from rig.matrix.sections import Specimen
 from rig.recording.atomic_write import write_text_durably
 from rig.recording.journal.ring_reader import RecordBlock
 from rig.signals.arrays import FloatArray
+from rig.signals.rest import difference_N, stands
 from rig.text_file import read_json
 
 SWAPPED = "sensors-swapped"
@@ -40,7 +41,6 @@ SCALE_TOLERANCE = 0.1
 FORCE_FACTOR = 2.0
 """The controller's force input is coarse: the two forces may differ by this factor."""
 FEWEST_SAMPLES = 10
-FEWEST_STATUSES = 3
 SURE = 6.0
 """Standard errors by which a difference of forces is more than noise."""
 QUIET_S = 0.1
@@ -87,23 +87,15 @@ def judge_proof(up: Leg, down: Leg) -> StopCause | None:
     scale = shown_m / moved_m if moved_m > 0.5 * PROOF_M else math.nan
     if not abs(scale - 1.0) <= SCALE_TOLERANCE:
         return because(SWAPPED, "lvdt-scale", shown_mm=1e3 * shown_m, moved_mm=1e3 * moved_m)
-    force_N, noise_N = _difference(up.force_N, down.force_N)
+    force_N, noise_N = difference_N(up.force_N, down.force_N)
     if force_N < -SURE * noise_N:
         return because(SWAPPED, "force-sign", force_N=-force_N)
-    coarse_N, coarse_noise_N = _difference(up.controller_force_N, down.controller_force_N)
+    coarse_N, coarse_noise_N = difference_N(up.controller_force_N, down.controller_force_N)
     if abs(coarse_N) <= SURE * coarse_noise_N or abs(force_N) <= SURE * noise_N:
         return None
     if not 1.0 / FORCE_FACTOR <= force_N / coarse_N <= FORCE_FACTOR:
         return because(SWAPPED, "force-scale", force_N=force_N, own_N=coarse_N)
     return None
-
-
-def _difference(up_N: NDArray[np.float64], down_N: NDArray[np.float64]) -> tuple[float, float]:
-    """Mean of one way less mean of the other, and its standard error (N); not known with few samples."""
-    if min(len(up_N), len(down_N)) < FEWEST_STATUSES:
-        return 0.0, math.inf
-    error_N = math.sqrt(float(np.var(up_N)) / len(up_N) + float(np.var(down_N)) / len(down_N))
-    return float(np.mean(up_N) - np.mean(down_N)), error_N
 
 
 @dataclass
@@ -145,6 +137,10 @@ class ProofMove:
             at_end.append(block.records[block.records["host_ns"] > held_ns + SETTLED_NS])
             lvdt_m, position_m = _values(at_end, Channel.DISPLACEMENT), _values(at_end, Channel.POSITION)
             if observer.device_s < held_s + QUIET_S or len(lvdt_m) < FEWEST_SAMPLES or len(position_m) == 0:
+                return None
+            if not stands(lvdt_m, 0.05 * PROOF_M):  # the host was held up: samples of the way that came late
+                at_end.clear()
+                held_s = observer.device_s
                 return None
             forces = _values(on_the_way, Channel.FORCE), _values(on_the_way, Channel.CONTROLLER_FORCE)
             rest_N = _values(at_end, Channel.FORCE)

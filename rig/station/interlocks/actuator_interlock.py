@@ -78,6 +78,7 @@ class ActuatorInterlock:
         self._program_s = math.inf
         self._program_began_s = math.nan
         self._restless = 0
+        self._shown_m: float | None = None
         self._commands = CommandWatch(acknowledged=capabilities.acknowledge)
 
     def expect_program(self, duration_s: float, cycles: float) -> None:
@@ -105,7 +106,7 @@ class ActuatorInterlock:
         self._follow_bits(status, findings)
         if self.leased and (status.owner == self.owner_id or not self._has_lease):
             findings += self._commands.judge(status, sent)
-        self._follow_program(status, lvdt_speed_m_s, findings)
+        self._follow_program(status, lvdt_m, lvdt_speed_m_s, findings)
         unknown = [name for name in self._measured if not math.isfinite(getattr(status, name))]
         if unknown:
             detail = f"controller's {', '.join(unknown)} not a finite number"
@@ -181,8 +182,14 @@ class ActuatorInterlock:
         elif status.owner == 0:
             findings.append(Finding("actuator-reboot", "controller no longer knows our lease", t_ns))
 
-    def _follow_program(self, status: ActuatorStatus, lvdt_speed_m_s: float, findings: list[Finding]) -> None:
-        """A program ends when its cycles are done, and where the controller holds, the rod stands."""
+    def _follow_program(
+        self, status: ActuatorStatus, lvdt_m: float | None, lvdt_speed_m_s: float, findings: list[Finding]
+    ) -> None:
+        """A program ends when its cycles are done, and where the controller holds, the rod stands.
+
+        Only an LVDT that shows another position than at the poll before says anew that the rod moves: on a host that
+        is held up its last value may be from before the end of the motion.
+        """
         t_ns = status.received_ns
         if status.state != State.RUNNING:
             self._program_began_s = math.nan
@@ -193,7 +200,11 @@ class ActuatorInterlock:
             detail = f"the program has run for {ran_s:.3f} s, it lasts {self._program_s:.3f} s"
             findings.append(Finding("stop-ignored", detail, t_ns, ran_s, self._program_s))
         restless = status.state in AT_REST_STATES and abs(lvdt_speed_m_s) > RESTLESS_M_S
-        self._restless = self._restless + 1 if restless else 0
+        shown_m, self._shown_m = self._shown_m, lvdt_m
+        if not restless:
+            self._restless = 0
+        elif lvdt_m is not None and lvdt_m != shown_m:
+            self._restless += 1
         if self._restless >= 4 * CONSECUTIVE:
             detail = f"the controller says {State(status.state).name}, the LVDT moves at {lvdt_speed_m_s:.3g} m/s"
             findings.append(Finding("stop-ignored", detail, t_ns, lvdt_speed_m_s, RESTLESS_M_S))

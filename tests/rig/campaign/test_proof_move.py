@@ -94,3 +94,20 @@ def test_both_ways_are_found_in_the_records(sign: float, slug: str | None) -> No
     (_, judged) = found
     assert isinstance(judged, ev.ProofJudged)
     assert (judged.cause.slug if judged.cause else None) == slug
+
+
+def test_samples_of_the_way_that_come_late_are_no_samples_of_its_end() -> None:
+    """The controller is there, the LVDT's values of the last 100 ms of the way are still in the port."""
+    observer = Observer()
+    proof = ProofMove(observer, lambda up, down: None)
+    show(observer, block(0, State.HOLD, 0.0, 0.0))
+    events, t_ms = [], 0
+    for leg in range(2):
+        target_m = proof.target(leg, -0.08, 0.08)
+        proof.watch(target_m, t_ms * MS)
+        show(observer, block(t_ms + 10, State.MOVING, 0.0, 60.0 - 120.0 * leg))
+        for step in range(40):
+            late_m = target_m * min(1.0, 0.5 + 0.05 * step)
+            events.append(show(observer, block(t_ms + 20 + 10 * step, State.HOLD, target_m, 0.0, late_m)))
+        t_ms += 1000
+    assert [event for event in events if event is not None] == [ev.ProofLegDone(), ev.ProofJudged(None)]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -75,3 +78,19 @@ def test_what_a_compiled_function_calls_is_compiled_with_it(module: ModuleType) 
     called = {name for value in compiled.values() for name in value.py_func.__code__.co_names}
     kept = {name for name, value in compiled.items() if not isinstance(value._cache, NullCache)}
     assert not called & kept
+
+
+SUMS = """
+import hashlib, numpy
+from rig.identification.models.kernels import tanh_objective
+draws = numpy.random.default_rng(1).standard_normal
+sums = tanh_objective(draws((300, 12)), *(draws(1042) for _ in range(6)))
+print(hashlib.sha256(sums.tobytes()).hexdigest())
+"""
+
+
+def test_what_is_compiled_and_what_comes_from_the_cache_gives_the_same_bits(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    told = [subprocess.check_output([sys.executable, "-c", SUMS], env=environment) for _ in range(2)]
+    assert told[0] == told[1]
+    assert list(tmp_path.rglob("*.nbc")), "the second one had nothing to take"

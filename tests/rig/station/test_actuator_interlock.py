@@ -217,9 +217,17 @@ def test_a_program_that_runs_past_its_end_is_a_stop_that_was_ignored() -> None:
 
 def test_a_controller_that_says_hold_while_the_lvdt_moves_is_not_believed() -> None:
     made = judge()
-    said = [slugs(made, status(ms, state=State.HOLD), 0.0, 0.1) for ms in range(0, 150, 10)]
+    said = [slugs(made, status(ms, state=State.HOLD), 1e-6 * ms, 0.1) for ms in range(0, 150, 10)]
     assert said[:11] == [[]] * 11
     assert said[11:] == [["stop-ignored"]] * 4
+
+
+def test_an_lvdt_that_is_read_late_does_not_disprove_a_controller_that_holds() -> None:
+    """Its last value is from the motion before; every other poll has a new one, then the rod is seen to stand."""
+    made = judge()
+    held = [slugs(made, status(ms, state=State.HOLD), 1e-6 * (ms // 20), 0.1) for ms in range(0, 200, 10)]
+    assert held == [[]] * 20
+    assert slugs(made, status(200, state=State.HOLD), 1e-5, 0.0) == []
 
 
 @pytest.mark.parametrize(("current_A", "trips"), [(3.15, False), (3.151, True), (-3.151, True)])
