@@ -139,6 +139,7 @@ class Telling:
         """The object of `--json`."""
         return {
             "worlds": self.worlds,
+            "judged": self._asked.until_s is None,
             "failed": sorted(self.failed, key=lambda entry: (entry["seed"], entry["at_s"])),
             "rig_hours": round(self.rig_s / 3600.0, 4),
             "wall_s": round(self.wall_s, 3),

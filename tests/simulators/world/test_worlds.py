@@ -227,6 +227,7 @@ def test_a_traced_world_is_answered_as_any_other(tmp_path: Path) -> None:
     done = worlds("--seeds", "3", "--until", "1.5", "--trace", "steps", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["worlds"] == 1
+    assert json.loads(done.stdout)["judged"] is False
     assert "connecting" in done.stderr
     assert "nothing was judged" in done.stderr
     assert (tmp_path / "steps").read_text(encoding="utf-8").count("application") > 10
