@@ -78,7 +78,9 @@ def live(
     if begin is not None:
         begin(world)
     world.run(until_s)
-    failed = () if until_s is not None else tuple(judged(world))
+    broken = () if until_s is not None else judged(world)
+    # Paths as they are in every run of this world, not in this one's folder, which is gone soon.
+    failed = tuple((invariant, words.replace(f"{root}/", ""), at_s) for invariant, words, at_s in broken)
     wall_s, cpu_s = time.perf_counter() - began_s, time.process_time() - cpu_s
     codes = tuple(session.exit_code for session in world.sessions)
     happenings = tuple(map(str, plan.happenings))
