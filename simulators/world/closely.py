@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from pathlib import Path
 
 from simulators.world.asked import Asked
-from simulators.world.kernel import Task
+from simulators.world.kernel import Kernel, Task
 from simulators.world.runs import Ended, alone
-from simulators.world.telling import Told
-from simulators.world.world import World
+from simulators.world.world import Silent, World
+
+
+class Told(Silent):
+    """Shows a world's campaign on the standard error, which is another one inside of it, with its virtual time."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel = kernel
+        self._shown = sys.stderr
+
+    def phase(self, *words: object, **_: object) -> None:
+        """A line of it."""
+        with contextlib.suppress(OSError):
+            print(f"{self._kernel.time_s:9.3f} s ", *words, file=self._shown, flush=True)
+
+    message = phase
 
 
 def traced(seed: int, asked: Asked, path: Path) -> Ended:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
 import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any, Self
@@ -12,33 +10,16 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from rich.text import Text
 
 from rig.cli.tables import BAD, GOOD, LOOK, duration
-from simulators.world.world import Silent
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from simulators.world.asked import Asked
-    from simulators.world.kernel import Kernel
     from simulators.world.runs import Ended
 
 LINES = 20
 """Where there is no terminal, so many lines tell how far it is."""
 LONGEST_WORDS = 1000
-
-
-class Told(Silent):
-    """Shows a world's campaign on the standard error, which is another one inside of it, with its virtual time."""
-
-    def __init__(self, kernel: Kernel) -> None:
-        self._kernel = kernel
-        self._shown = sys.stderr
-
-    def phase(self, *words: object, **_: object) -> None:
-        """A line of it."""
-        with contextlib.suppress(OSError):
-            print(f"{self._kernel.time_s:9.3f} s ", *words, file=self._shown, flush=True)
-
-    message = phase
 
 
 class Telling:

@@ -70,6 +70,10 @@ class CurrentInterlock:
         return [Finding(slug, detail, t_ns, status.current_A, commanded_A)]
 
 
+WRONG = {"can-malformed": "length or kind", "ecu-crc": "counter, CRC or length"}
+"""What a status frame that is thrown away for these faults has wrong."""
+
+
 def thrown_away(counted: SourceCounters) -> str:
     """The fault for which status frames have been thrown away since the last good one; empty where none has."""
     if not counted.bad_in_a_row:
@@ -110,8 +114,7 @@ class BusInterlock:
         bad = counted.bad_checks + counted.malformed
         if counted.bad_in_a_row > 0 and (bad > self._bad or counted.bad_in_a_row >= CONSECUTIVE):
             slug = thrown_away(counted)
-            wrong = "length or kind" if slug == "can-malformed" else "counter, CRC or length"
-            detail = f"{counted.bad_in_a_row} ECU status frames in a row with a wrong {wrong}, thrown away"
+            detail = f"{counted.bad_in_a_row} ECU status frames in a row with a wrong {WRONG[slug]}, thrown away"
             few = counted.bad_in_a_row < CONSECUTIVE
             findings.append(Finding(slug, detail, t_ns, counted.bad_in_a_row, CONSECUTIVE, warns=few))
         self._bad = bad
