@@ -52,6 +52,8 @@ LATEST_S = 16.0
 LATEST_FAULT_S = 9.0
 COOLS_S = 30.0
 """A hot ECU cools down by then; one that stays hot is waited for, up to an hour."""
+TICKS_S, TURNS_S = (0.004, 0.008, 0.01, 0.01), (0.004, 0.008, 0.008, 0.008)
+"""The finer, the closer to a real rig, and the slower."""
 NEVER_DRAWN = frozenset(NEEDS_AUXILIARY) | {"usb-renumber"}
 
 
@@ -125,8 +127,8 @@ class WorldPlan:
     happenings: tuple[Happening, ...] = ()
     actuator: str = "tcp"
     options: tuple[str, ...] = ()
-    tick_s: float = 0.005
-    turn_s: float = 0.005
+    tick_s: float = 0.01
+    turn_s: float = 0.008
     bench: str = ""
     lasts_s: float = 0.0
     held_up: float = HELD_UP_SHARE
@@ -169,7 +171,7 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     actuator = "rtu" if chance.random() < 0.25 else "tcp"
     actuator = given.actuator or actuator
     happenings = _happenings(chance, actuator, given.motion_s)
-    tick_s, turn_s = chance.choice((0.004, 0.008, 0.01)), chance.choice((0.004, 0.006, 0.008))
+    tick_s, turn_s = chance.choice(TICKS_S), chance.choice(TURNS_S)
     text, named = (given.matrix, False) if given.matrix else _matrix(chance)
     if named and chance.random() < SLOW_FILES_SHARE:
         happenings = (*happenings, _around("finaliser-stalled", chance.uniform(*EARLY_S), chance))
