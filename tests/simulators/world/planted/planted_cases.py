@@ -11,6 +11,7 @@ from edits import Edit
 from matrices import matrix_text
 from planted_findings import FINDINGS
 from planted_patching import in_force
+from planted_reach import watched
 from planted_safeguards import SAFEGUARDS
 
 from simulators.world import world as worlds
@@ -19,10 +20,10 @@ from simulators.world.plan import Happening, WorldPlan
 from simulators.world.runs import memory
 
 PLANTED: dict[str, tuple[Edit, ...]] = {**FINDINGS, **SAFEGUARDS}
-SESSION_S, REST_S = 25.0, 8.0
+SESSION_S, REST_S = 16.0, 8.0
 """A campaign of one short point ends long before."""
 MATRIX = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz", cycles=8)
-LONG = MATRIX.replace("cycles = 8", "cycles = 20")
+LONG = MATRIX.replace("cycles = 8", "cycles = 16")
 """So long that a bug that lets the rod move on is seen to do so."""
 
 
@@ -65,9 +66,11 @@ def with_the_bug(name: str) -> tuple[dict[str, str], str]:
     return lived(CASES[name], PLANTED[name])
 
 
-def without(case: Case) -> tuple[dict[str, str], str]:
-    """`lived` as the program is."""
-    return lived(case, ())
+def without(case: Case) -> tuple[dict[str, str], set[str]]:
+    """What did not hold in a case's world as the program is, and by which planted bugs it comes."""
+    with watched(PLANTED) as marks:
+        failed, _ = lived(case, ())
+    return failed, {name for name, _ in marks}
 
 
 PULLED = ("loadcell-pulled@0.5",)
@@ -115,6 +118,13 @@ CASES: dict[str, Case] = {
     "sensor-saturated": Case("cause", ("sensor-saturated@0.5",)),
     "sensor-spikes": Case("cause", ("sensor-spike@0.5",)),
     "damaged-frames": Case("moves-on", ("serial-garbage@0.5",), matrix=LONG),
+    "stroke-limit": Case("limits", ("second-master:offset@0.1",), matrix=LONG),
+    "speed-limit": Case("limits", ("second-master:span@0.1",), matrix=LONG),
+    "force-limit": Case("limits", ("load-train:jammed@0.5",)),
+    "acceleration-limit": Case("acceleration", ("second-master:jumps@0.5",)),
+    "current-limit": Case("limits", ("current-stuck:full@0.5",)),
+    "coil-temperature": Case("limits", ("ecu-overtemp:coil@0.5",)),
+    "positions-compared": Case("moves-on", ("actuator-frozen:slips@0.1",), matrix=LONG),
     "standstill-proved": Case("true-proof", PULLED),
     "current-proved": Case("true-proof", ("current-stuck@0.5",)),
     "pressure-off-after-s1": Case("true-proof", ("sigterm@5",)),
