@@ -14,17 +14,16 @@ from planted_patching import in_force
 from planted_reach import watched
 from planted_safeguards import SAFEGUARDS
 
+from simulators.world import stop_invariants
 from simulators.world import world as worlds
 from simulators.world.invariants import judged
 from simulators.world.plan import Happening, WorldPlan
 from simulators.world.runs import memory
 
 PLANTED: dict[str, tuple[Edit, ...]] = {**FINDINGS, **SAFEGUARDS}
-SESSION_S, REST_S = 16.0, 8.0
-"""A campaign of one short point ends long before."""
+SESSION_S, REST_S, UNNOTICED_S = 16.0, 5.0, 1.0
+"""A campaign of one short point ends long before; a rod that moves on for a second is seen to do so."""
 MATRIX = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz", cycles=8)
-LONG = MATRIX.replace("cycles = 8", "cycles = 16")
-"""So long that a bug that lets the rod move on is seen to do so."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class Case:
 
 def lived(case: Case, edits: Sequence[Edit]) -> tuple[dict[str, str], str]:
     """One session of a case's world with these edits: what did not hold, and the digest of all it made."""
-    worlds.SESSION_S, worlds.REST_S = SESSION_S, REST_S
+    worlds.SESSION_S, worlds.REST_S, stop_invariants.UNNOTICED_S = SESSION_S, REST_S, UNNOTICED_S
     with in_force(tuple(edits)), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
         world = worlds.World(case.plan, Path(name), most_sessions=1)
         world.run()
@@ -100,31 +99,31 @@ CASES: dict[str, Case] = {
     "S3-foreign-stop": Case("foreign-noticed", ("foreign-stop@4",)),
     "S7-log-first": Case("sent", ("log-full@3", "can-busoff:lost@0.5")),
     "S8-late-word": Case("told-first", ("loadcell-pulled@0.5", "lvdt-pulled@0.5"), seed=3, held_up=0.3),
-    "lease": Case("moves-on", ("second-master@0.5",), matrix=LONG),
+    "lease": Case("moves-on", ("second-master@0.5",)),
     "echo": Case("cause", ("modbus-write-lost@0.5",)),
     "e-stop-bit": Case("cause", ("estop@0.5",)),
-    "controller-silent": Case("moves-on", ("modbus-halfopen@0.5",), matrix=LONG),
+    "controller-silent": Case("moves-on", ("modbus-halfopen@0.5",)),
     "controller-busy": Case("cause", ("modbus-reject@0.5",)),
     "controller-boots": Case("cause", ("actuator-reboot@0.5",)),
-    "position-frozen": Case("moves-on", ("actuator-frozen@0.5",), matrix=LONG),
+    "position-frozen": Case("moves-on", ("actuator-frozen@0.5",)),
     "overrun": Case("cause", ("stop-ignored@0.5",)),
-    "ecu-faults": Case("moves-on", ("ecu-overtemp@0.5",), matrix=LONG),
+    "ecu-faults": Case("moves-on", ("ecu-overtemp@0.5",)),
     "ecu-counter": Case("cause", ("ecu-crc@0.5",)),
     "ecu-silent": Case("cause", ("ecu-silent@0.5",)),
-    "foreign-frames": Case("moves-on", ("can-foreign@0.5",), matrix=LONG),
-    "bus-load": Case("moves-on", ("can-babble@0.5",), matrix=LONG),
+    "foreign-frames": Case("moves-on", ("can-foreign@0.5",)),
+    "bus-load": Case("moves-on", ("can-babble@0.5",)),
     "sensor-silent": Case("cause", PULLED),
-    "sensor-stuck": Case("moves-on", ("sensor-stuck@0.5",), matrix=LONG),
+    "sensor-stuck": Case("moves-on", ("sensor-stuck@0.5",)),
     "sensor-saturated": Case("cause", ("sensor-saturated@0.5",)),
     "sensor-spikes": Case("cause", ("sensor-spike@0.5",)),
-    "damaged-frames": Case("moves-on", ("serial-garbage@0.5",), matrix=LONG),
-    "stroke-limit": Case("limits", ("second-master:offset@0.1",), matrix=LONG),
-    "speed-limit": Case("limits", ("second-master:span@0.1",), matrix=LONG),
+    "damaged-frames": Case("moves-on", ("serial-garbage@0.5",)),
+    "stroke-limit": Case("limits", ("second-master:offset@0.1",)),
+    "speed-limit": Case("limits", ("second-master:span@0.1", "sigint@5.5")),
     "force-limit": Case("limits", ("load-train:jammed@0.5",)),
-    "acceleration-limit": Case("acceleration", ("second-master:jumps@0.5",)),
+    "acceleration-limit": Case("acceleration", ("second-master:jumps@0.3", "sigint@4")),
     "current-limit": Case("limits", ("current-stuck:full@0.5",)),
     "coil-temperature": Case("limits", ("ecu-overtemp:coil@0.5",)),
-    "positions-compared": Case("moves-on", ("actuator-frozen:slips@0.1",), matrix=LONG),
+    "positions-compared": Case("moves-on", ("actuator-frozen:slips@0.1",)),
     "standstill-proved": Case("true-proof", PULLED),
     "current-proved": Case("true-proof", ("current-stuck@0.5",)),
     "pressure-off-after-s1": Case("true-proof", ("sigterm@5",)),

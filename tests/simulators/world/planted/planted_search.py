@@ -1,9 +1,10 @@
-"""Planted bugs looked for in random worlds: `python3 dev.py worlds --planted [NAME...] [--seeds 0:200]`.
+"""Planted bugs looked for in random worlds: `python3 dev.py worlds --planted [NAME...] [--seeds 0:200] [--shrink]`.
 
-First every world is run without a bug, and which bugs it comes by is noted. Then, for each bug, the worlds that come by
+Some worlds are run without a bug, and which bugs they come by is noted. Then, for each bug, those worlds that come by
 where it matters are tried with it, by seed, those first that come by a line which few of them reach: the first in which
-an invariant does not hold, the same world again in another process, and the smallest world in which it still does not
-hold. Worlds are run to the end of their first session, in which everything happens.
+an invariant does not hold, the same world again in another process, and what happens in it, or in the smallest world in
+which it still does not hold. So on with the next worlds for what was not found. Worlds are run to the end of their
+first session, in which everything happens.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 
@@ -30,6 +31,8 @@ from simulators.world.shrink import shrunk
 
 SESSION_S, REST_S = 120.0, 30.0
 """Longer than a drawn campaign of these worlds takes, and than a stop."""
+BLOCK = 40
+"""So many worlds are run without a bug before the bugs are tried in them."""
 FEW = 0.5
 """A line that a smaller share of all worlds comes by says where it is worth looking first."""
 
@@ -70,54 +73,67 @@ def smallest(name: str, seed: int) -> str:
     return " ".join(map(str, least.happenings)) or "nothing has to happen"
 
 
-def worth_trying(name: str, without: Sequence[Unbugged]) -> tuple[list[int], int]:
-    """Seeds of worlds in which a bug can make a difference, in the order in which they are tried; how many first."""
+def worth_trying(name: str, without: Sequence[Unbugged]) -> list[int]:
+    """Seeds of worlds in which a bug can make a difference, in the order in which they are tried."""
     seeds = [
         [world.seed for world in without if (name, number) in world.comes_by and not world.fails]
         for number in range(len(PLANTED[name]))
     ]
     first = sorted({seed for some in seeds if len(some) < FEW * len(without) for seed in some})
-    return [*first, *sorted({seed for some in seeds for seed in some} - set(first))], len(first)
+    return [*first, *sorted({seed for some in seeds for seed in some} - set(first))]
 
 
-def looked_for(name: str, seeds: Sequence[int], pool: Executor, jobs: int) -> Iterator[str]:
-    """The cells of a bug's row: seed, how many were tried, invariants, replay, shrunk to."""
+def looked_for(name: str, seeds: Sequence[int], pool: Executor, jobs: int) -> tuple[int, Ended | None]:
+    """How many of these worlds were tried with a bug, and the first in which something does not hold."""
     for start in range(0, len(seeds), jobs):
         block = seeds[start : start + jobs]
         for place, world in enumerate(pool.map(tried, [name] * len(block), block), start=start + 1):
             if world.failed:
-                again = pool.submit(tried, name, world.seed).result()
-                same = (again.digest, again.failed) == (world.digest, world.failed)
-                broken = dict.fromkeys(invariant for invariant, _, _ in world.failed)
-                yield from (str(world.seed), str(place), ", ".join(broken), "the same" if same else "ANOTHER WORLD")
-                yield pool.submit(smallest, name, world.seed).result()
-                return
-    yield from ("none", str(len(seeds)), "", "", "")
+                return place, world
+    return len(seeds), None
+
+
+def row(name: str, count: int, world: Ended, pool: Executor, *, shrinks: bool) -> str:
+    """A line of the table: bug, seed, how many were tried, what does not hold, replay, what happens."""
+    again = pool.submit(tried, name, world.seed).result()
+    same = (again.digest, again.failed) == (world.digest, world.failed)
+    broken = ", ".join(dict.fromkeys(invariant for invariant, _, _ in world.failed))
+    happens = pool.submit(smallest, name, world.seed).result() if shrinks else " ".join(world.happenings)
+    return f"| {name} | {world.seed} | {count} | {broken} | {'the same' if same else 'ANOTHER WORLD'} | {happens} |"
 
 
 def main() -> int:
-    """A table: bug, how many worlds come by it, the first of them that fails, invariants, replay, shrunk to."""
+    """A table of the bugs as they are found, and those that are not."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
-    parser.add_argument("names", nargs="*", choices=sorted(PLANTED), metavar="NAME")
+    parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seeds", default="0:200")
+    parser.add_argument("--shrink", action="store_true")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
-    seeds, missed, begin_s = seeds_of(given.seeds), 0, time.monotonic()
+    if unknown := set(given.names) - set(PLANTED):
+        parser.error(f"{', '.join(sorted(unknown))}: there are {', '.join(PLANTED)}")
+    seeds, begin_s = seeds_of(given.seeds), time.monotonic()
+    tries = dict.fromkeys(given.names or PLANTED, 0)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    click.echo("| planted | first seed | tried | does not hold | replay | what happens |\n|---|---|---|---|---|---|")
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(given.jobs, mp_context=context, initializer=begin_worker, max_tasks_per_child=50) as pool:
-        without = list(pool.map(unbugged, seeds))
-        failing = [world.seed for world in without if world.fails]
-        click.echo(f"{len(seeds)} worlds without a bug in {time.monotonic() - begin_s:.0f} s; left out: {failing}")
-        click.echo("| planted | come by | first seed | tried | does not hold | replay | shrunk to |")
-        click.echo("|---|---|---|---|---|---|---|")
-        for name in given.names or PLANTED:
-            worth, first = worth_trying(name, without)
-            cells = list(looked_for(name, worth, pool, given.jobs))
-            missed += not cells[2]
-            click.echo(f"| {name} | {first or len(worth)} | {' | '.join(cells)} |")
-    click.echo(f"{len(given.names or PLANTED) - missed} found, {missed} not, {time.monotonic() - begin_s:.0f} s")
-    return 5 if missed else 0
+        for start in range(seeds.start, seeds.stop, BLOCK):
+            without = list(pool.map(unbugged, range(start, min(start + BLOCK, seeds.stop))))
+            for world in without:
+                if world.fails:
+                    click.echo(f"seed {world.seed} is left out: something does not hold without any bug", err=True)
+            for name in list(tries):
+                count, ended = looked_for(name, worth_trying(name, without), pool, given.jobs)
+                tries[name] += count
+                if ended is not None:
+                    click.echo(row(name, tries.pop(name), ended, pool, shrinks=given.shrink))
+            if not tries:
+                break
+    for name, count in tries.items():
+        click.echo(f"| {name} | none | {count} | | | |")
+    click.echo(f"{len(tries)} not found, {time.monotonic() - begin_s:.0f} s", err=True)
+    return 5 if tries else 0
 
 
 if __name__ == "__main__":

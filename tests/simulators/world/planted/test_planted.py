@@ -78,23 +78,24 @@ def test_a_world_that_does_not_come_by_a_bug_is_the_same_with_it() -> None:
 def test_worlds_that_come_by_a_rare_line_are_tried_first() -> None:
     comes_by = {3: {("lease", 1)}, 4: {("lease", 0), ("lease", 1)}, 5: {("lease", 1)}, 6: {("echo", 0)}}
     worlds = [Unbugged(seed, frozenset(marks), fails=False) for seed, marks in comes_by.items()]
-    assert planted_search.worth_trying("lease", worlds) == ([4, 3, 5], 1)
-    assert planted_search.worth_trying("lease", [replace(world, fails=True) for world in worlds]) == ([], 0)
+    assert planted_search.worth_trying("lease", worlds) == [4, 3, 5]
+    assert planted_search.worth_trying("lease", [replace(world, fails=True) for world in worlds]) == []
 
 
-def test_a_search_names_the_first_seed_that_fails_its_replay_and_the_smallest_world(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_search_names_the_first_seed_that_fails_and_its_replay(monkeypatch: pytest.MonkeyPatch) -> None:
     def first_session(plan: WorldPlan) -> World:
         failed = (("sent", "no stop", 1.0),) if plan.seed >= 5 else ()
-        return World(plan.seed, failed, str(plan.seed), 1.0, 1.0, (0,))
+        return World(plan.seed, failed, str(plan.seed), 1.0, 1.0, (0,), happenings=("estop@1",))
 
     monkeypatch.setattr(planted_search, "first_session", first_session)
     monkeypatch.setattr(planted_search, "smallest", lambda name, seed: f"{name} in {seed}")
     with ThreadPoolExecutor(1) as pool:
-        cells = list(planted_search.looked_for("stop-sent", range(3, 9), pool, 2))
-        assert cells == ["5", "3", "sent", "the same", "stop-sent in 5"]
-        assert next(planted_search.looked_for("stop-sent", range(3, 5), pool, 2)) == "none"
+        count, world = planted_search.looked_for("stop-sent", range(3, 9), pool, 2)
+        assert world is not None
+        row = planted_search.row("stop-sent", count, world, pool, shrinks=False)
+        assert row == "| stop-sent | 5 | 3 | sent | the same | estop@1 |"
+        assert planted_search.row("stop-sent", count, world, pool, shrinks=True).endswith("| stop-sent in 5 |")
+        assert planted_search.looked_for("stop-sent", range(3, 5), pool, 2) == (2, None)
 
 
 def test_an_edit_is_in_force_only_for_a_while() -> None:
