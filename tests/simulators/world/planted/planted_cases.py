@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from edits import Edit
@@ -139,3 +139,24 @@ CASES: dict[str, Case] = {
     "watchdog-fed": Case("refused"),
     "watchdog-proved": Case("refused", ("watchdog-absent",)),
 }
+EVERY_TIME = (
+    "S1-hangs", "S2-others-journals", "S3-foreign-stop", "S7-log-first", "S8-late-word", "lease", "echo",
+    "sensor-silent", "stroke-limit", "acceleration-limit", "current-limit", "standstill-proved", "zero-at-once",
+    "stop-sent", "link-ends", "pressure-off-at-disarm", "own-lateness", "watchdog-fed",
+)
+"""Whose worlds the test suite runs: some for each invariant; `python3 dev.py worlds --planted --made` runs all."""
+
+
+def judged_by_case(name: str, bug: dict[str, str], healthy: tuple[dict[str, str], set[str]]) -> str:
+    """What is wrong with a case: with the bug its invariant must break, without it nothing may; empty when right."""
+    failed, comes_by = healthy
+    if failed:
+        return f"without the bug: {failed}"
+    if name not in comes_by:
+        return "its world does not come by the bug"
+    return "" if CASES[name].invariant in bug else f"{CASES[name].invariant} holds with the bug: {bug}"
+
+
+def world_of(case: Case) -> Case:
+    """What several bugs may share."""
+    return replace(case, invariant="")

@@ -1,5 +1,7 @@
 """Planted bugs looked for in random worlds: `python3 dev.py worlds --planted [NAME...] [--seeds 0:200] [--shrink]`.
 
+With `--made` each in the world that was made for it, which must fail with the bug and hold without.
+
 Some worlds are run without a bug, and which bugs they come by is noted. Then, for each bug, those worlds that come by
 where it matters are tried with it, by seed, those first that come by a line which few of them reach: the first in which
 an invariant does not hold, the same world again in another process, and what happens in it, or in the smallest world in
@@ -19,7 +21,8 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 
 import click
-from planted_cases import PLANTED
+from planted_cases import CASES, PLANTED, judged_by_case, with_the_bug, world_of
+from planted_cases import without as without_bugs
 from planted_patching import in_force
 from planted_reach import Mark, watched
 
@@ -108,32 +111,52 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seeds", default="0:200")
     parser.add_argument("--shrink", action="store_true")
+    parser.add_argument("--made", action="store_true")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
     if unknown := set(given.names) - set(PLANTED):
         parser.error(f"{', '.join(sorted(unknown))}: there are {', '.join(PLANTED)}")
-    seeds, begin_s = seeds_of(given.seeds), time.monotonic()
-    tries = dict.fromkeys(given.names or PLANTED, 0)
+    begin_s = time.monotonic()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    click.echo("| planted | first seed | tried | does not hold | replay | what happens |\n|---|---|---|---|---|---|")
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(given.jobs, mp_context=context, initializer=begin_worker, max_tasks_per_child=50) as pool:
-        for start in range(seeds.start, seeds.stop, BLOCK):
-            without = list(pool.map(unbugged, range(start, min(start + BLOCK, seeds.stop))))
-            for world in without:
-                if world.fails:
-                    click.echo(f"seed {world.seed} is left out: something does not hold without any bug", err=True)
-            for name in list(tries):
-                count, ended = looked_for(name, worth_trying(name, without), pool, given.jobs)
-                tries[name] += count
-                if ended is not None:
-                    click.echo(row(name, tries.pop(name), ended, pool, shrinks=given.shrink))
-            if not tries:
-                break
+        missed = made(given.names or list(CASES), pool) if given.made else drawn_worlds(given, pool)
+    click.echo(f"{missed} not found, {time.monotonic() - begin_s:.0f} s", err=True)
+    return 5 if missed else 0
+
+
+def drawn_worlds(given: argparse.Namespace, pool: Executor) -> int:
+    """Look for bugs in the worlds of the seeds; tell the table, return how many were not found."""
+    seeds, tries = seeds_of(given.seeds), dict.fromkeys(given.names or PLANTED, 0)
+    click.echo("| planted | first seed | tried | does not hold | replay | what happens |\n|---|---|---|---|---|---|")
+    for start in range(seeds.start, seeds.stop, BLOCK):
+        without = list(pool.map(unbugged, range(start, min(start + BLOCK, seeds.stop))))
+        for world in without:
+            if world.fails:
+                click.echo(f"seed {world.seed} is left out: something does not hold without any bug", err=True)
+        for name in list(tries):
+            count, ended = looked_for(name, worth_trying(name, without), pool, given.jobs)
+            tries[name] += count
+            if ended is not None:
+                click.echo(row(name, tries.pop(name), ended, pool, shrinks=given.shrink))
+        if not tries:
+            break
     for name, count in tries.items():
         click.echo(f"| {name} | none | {count} | | | |")
-    click.echo(f"{len(tries)} not found, {time.monotonic() - begin_s:.0f} s", err=True)
-    return 5 if tries else 0
+    return len(tries)
+
+
+def made(names: list[str], pool: Executor) -> int:
+    """Run each bug in the world made for it; tell what is wrong, return with how many something is."""
+    worlds_of = {name: world_of(CASES[name]) for name in names}
+    cases = list(dict.fromkeys(worlds_of.values()))
+    bugs, healthy = pool.map(with_the_bug, names), dict(zip(cases, pool.map(without_bugs, cases), strict=True))
+    wrong = 0
+    for name, (failed, _) in zip(names, bugs, strict=True):
+        words = judged_by_case(name, failed, healthy[worlds_of[name]])
+        click.echo(f"{name}: {words or CASES[name].invariant}")
+        wrong += bool(words)
+    return wrong
 
 
 if __name__ == "__main__":
