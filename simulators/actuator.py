@@ -111,7 +111,7 @@ class Actuator:
         self.plant.state["tripped"] = 0
         self.plant.state["fault_bits"] = 0
         self.plant.order(mode=records.MODE_OFF, pressure=0)
-        self._order_limits()
+        self.order_limits()
 
     @property
     def state(self) -> State:
@@ -140,8 +140,8 @@ class Actuator:
     @property
     def seen_m(self) -> float:
         """The piston's position as the position loop sees it (m): the sensor's gain and zero, no filter."""
-        given = self.plant.position_input.options
-        return given.gain * self.plant.value("position_m") + given.zero
+        shown = self.plant.position_input
+        return shown.options.gain * self.plant.value("position_m") + shown.zero
 
     def tick(self, served_s: float) -> None:
         """Judge the watchdog and the e-stop; `served_s` is wall time in which this rig was running (s)."""
@@ -195,7 +195,7 @@ class Actuator:
             return False
         self.config_words = list(words)
         self.limits = limits
-        self._order_limits()
+        self.order_limits()
         return True
 
     def write_table(self, values: Values) -> bool:
@@ -357,7 +357,8 @@ class Actuator:
         if int(self.plant.command["mode"][0]) == records.MODE_LOCKED:
             self.plant.state["setpoint_m"] = self.seen_m
 
-    def _order_limits(self) -> None:
+    def order_limits(self) -> None:
+        """Have the plant watch the limits that the host has written."""
         limits = self.limits
         self.plant.order(
             position_min_m=limits.position_min_m,

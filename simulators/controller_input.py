@@ -16,10 +16,15 @@ _NO_TIMES = np.zeros(0)
 
 
 class ControllerInput:
-    """Follows a quantity of the plant; what a register shows of it is read at any time."""
+    """Follows a quantity of the plant; what a register shows of it is read at any time.
+
+    Attributes:
+        zero: as the options say it, until a fault moves it.
+    """
 
     def __init__(self, options: InputOptions, dt_s: float, start: float) -> None:
         self.options = options
+        self.zero = options.zero
         self._dt_s = dt_s
         self._delay = DelayLine(options.delay_s, dt_s)
         self._filter = np.array([start, 0.0, start, start])
@@ -38,7 +43,7 @@ class ControllerInput:
 
     def read(self, random: np.random.Generator) -> float:
         """What the register shows now (SI); every reading has noise of its own."""
-        value = self.options.gain * self._filter[0] + self.options.zero
+        value = self.options.gain * self._filter[0] + self.zero
         value += self.options.noise * random.standard_normal()
         if self.options.resolution > 0.0:
             value = round(value / self.options.resolution) * self.options.resolution

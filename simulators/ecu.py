@@ -43,6 +43,7 @@ class EcuFaults:
     coil_open: bool = False
     coil_short: bool = False
     stuck_current: bool = False
+    full_current: bool = False
     gain: float = 1.0
     silent: bool = False
     late: bool = False
@@ -169,6 +170,8 @@ class Ecu:
         eta_1_s = self._eta_1_s
         if self.faults.stuck_current:
             wanted_A = self.plant.value("current_A")
+        if self.faults.full_current:
+            wanted_A = self.options.limit_A
         if self.faults.coil_open:
             wanted_A, eta_1_s = 0.0, OPEN_ETA_1_S
         self.plant.order(coil_A=wanted_A)

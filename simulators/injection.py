@@ -9,43 +9,15 @@ changed what happened (a reboot, a pulled cable), or because they are there befo
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
 
 from rig.clock import monotonic_ns
 from simulators import ecu_firmware as wire
 from simulators.actuator import ENDLESS_CYCLES
+from simulators.beyond_limits import BEYOND_LASTING, BEYOND_PASSING
 from simulators.controller_firmware import Command, Result
+from simulators.faulty import Faulty, LastingInjector, PassingInjector, Undo
 from simulators.named_port import NamedPort
 from simulators.slcan_bus import ERROR, standard_line
-
-if TYPE_CHECKING:
-    from simulators.actuator import Actuator
-    from simulators.channel import Channel
-    from simulators.ecu import Ecu
-    from simulators.modbus_server import ModbusServer
-    from simulators.plant.plant import Plant
-    from simulators.registers import RegisterBank
-    from simulators.slcan_bus import SlcanBus
-
-
-class Faulty(Protocol):
-    """What a fault can be switched on in: the simulated rig's parts."""
-
-    plant: Plant
-    actuator: Actuator
-    bank: RegisterBank
-    ecu: Ecu
-    bus: SlcanBus
-    modbus: ModbusServer
-    every_tick: list[Callable[[], None]]
-
-    def channel(self, name: str) -> Channel:
-        """The sensor channel of that name."""
-
-
-Undo = Callable[[], None]
-LastingInjector = Callable[[Faulty], None]
-PassingInjector = Callable[[Faulty], Undo]
 
 FOREIGN_OWNER = 999
 BABBLED_FRAMES_S = 4200.0
@@ -297,6 +269,7 @@ LASTING_VARIANTS: dict[str, LastingInjector] = {
     "usb-renumber:lvdt": _renumbered("lvdt"),
     "clock-drift:lvdt": _drifting("lvdt"),
     "not-tared:lvdt": _not_tared("lvdt", LVDT_ZERO_SHARE),
+    **BEYOND_LASTING,
 }
 PASSING: dict[str, PassingInjector] = {
     "modbus-busy": _switched(_link, "busy"),
@@ -340,7 +313,11 @@ PASSING_VARIANTS: dict[str, PassingInjector] = {
     "sample-gap:lvdt": _switched(_lvdt, "gaps"),
     "sample-gap:backwards": _switched(_load_cell, "time_backwards"),
     "sample-gap:lvdt-backwards": _switched(_lvdt, "time_backwards"),
+    "current-stuck:full": _switched(_ecu, "full_current"),
+    **BEYOND_PASSING,
 }
+BEYOND_LIMITS = ("current-stuck:full", *BEYOND_LASTING, *BEYOND_PASSING)
+"""Variants that drive the rig beyond the bench's limits."""
 INJECTORS: dict[str, Callable[[Faulty], Undo | None]] = {**LASTING, **PASSING}
 """One for each row of the fault matrix that is hit on the wire."""
 VARIANTS: dict[str, Callable[[Faulty], Undo | None]] = {**LASTING_VARIANTS, **PASSING_VARIANTS}

@@ -22,7 +22,8 @@ from simulators.channel import Channel
 from simulators.clock import DeviceClock, ServedTime
 from simulators.controller_firmware import State
 from simulators.ecu import Ecu
-from simulators.injection import INJECTORS, VARIANTS, Undo
+from simulators.faulty import Undo
+from simulators.injection import INJECTORS, VARIANTS
 from simulators.modbus_server import ModbusServer
 from simulators.named_port import NamedPort
 from simulators.options import RigOptions, SensorOptions

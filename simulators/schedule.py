@@ -12,12 +12,12 @@ import difflib
 import math
 import random
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
 from rig.faults.row import Ending
-from simulators.injection import INJECTORS, NEEDS_AUXILIARY, PASSING, PASSING_VARIANTS, VARIANTS
+from simulators.injection import BEYOND_LIMITS, INJECTORS, NEEDS_AUXILIARY, PASSING, PASSING_VARIANTS, VARIANTS
 
 MOST_DRAWN = 3
 WITHIN_S = 10.0
@@ -25,6 +25,8 @@ WITHIN_S = 10.0
 PASSING_SHARE = 0.5
 SHORTEST_S, LONGEST_S = 0.05, 2.0
 """How long a drawn fault lasts that passes."""
+BEYOND_SHARE = 0.2
+"""Of a row's drawn faults: so many are those that drive the rig beyond its limits."""
 BY_ID = "by-id"
 ONLY_ON = {
     "modbus-reset": "tcp", "modbus-halfopen": "tcp", "modbus-wrong-tid": "tcp", "rtu-stale": "rtu", "rtu-crc": "rtu",
@@ -163,10 +165,14 @@ def drawn_fault(slug: str, chance: random.Random, within_s: float) -> ScheduledF
     passes = slug in PASSING and chance.random() < PASSING_SHARE
     if MATRIX[slug].end is Ending.REFUSE:
         return ScheduledFault(slug, None, variant=variant)
-    return ScheduledFault(slug, after_s, lasts_s if passes else math.inf, variant)
+    fault = ScheduledFault(slug, after_s, lasts_s, variant)
+    return fault if passes and fault.passes else replace(fault, lasts_s=math.inf)
 
 
 def _variant(slug: str, chance: random.Random) -> str:
-    """One of the row's faults, each as likely; its own is empty."""
-    names = [name.partition(":")[2] for name in sorted(VARIANTS) if name.startswith(f"{slug}:")]
-    return chance.choice(["", *(name for name in names if f"{slug}:{name}" not in NEEDS_AUXILIARY)])
+    """One of the row's faults, its own is empty; those beyond the bench's limits are rarer."""
+    names = [name for name in sorted(VARIANTS) if name.startswith(f"{slug}:") and name not in NEEDS_AUXILIARY]
+    beyond = [name for name in names if name in BEYOND_LIMITS]
+    if beyond and chance.random() < BEYOND_SHARE:
+        return chance.choice(beyond).partition(":")[2]
+    return chance.choice(["", *(name.partition(":")[2] for name in names if name not in beyond)])

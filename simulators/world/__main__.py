@@ -37,6 +37,8 @@ FILE = click.Path(path_type=Path)
 @click.option("--happening", multiple=True, metavar="WHAT[@T[+D]]",
               help="What happens, in place of what is drawn (repeatable): a row of the fault matrix T s after the "
                    "first cycle begins, or application-killed, power-cut ... T s after the start; for D s.")
+@click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
+              help="How the controller is reached; by default as your bench or what happens needs it, else drawn.")
 @click.option("--until", type=float, metavar="S", help="End each world after S virtual seconds; nothing is judged.")
 @click.option("--trace", type=FILE, help="Write every step of one world to this file.")
 @click.option("--shrink", is_flag=True, help="For each world that fails, look for the smallest one that still does.")
@@ -57,7 +59,7 @@ def command(
 
     wanted = seeds_of(seeds)
     _check_usage(wanted, ways)
-    asked = asked_for(Files(matrix, bench), happening, ways["until"])
+    asked = asked_for(Files(matrix, bench), happening, ways["until"], ways["actuator"] or "")
     _check_trace(ways["trace"], asked)
     return _run(wanted, asked, ways, as_json=as_json)
 

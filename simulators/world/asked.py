@@ -72,7 +72,8 @@ class Asked:
         plan = drawn(seed, self.given)
         if self.happenings is None:
             return plan
-        return replace(plan, happenings=self.happenings, actuator=_link(self.happenings) or plan.actuator)
+        actuator = self.given.actuator or _link(self.happenings) or plan.actuator
+        return replace(plan, happenings=self.happenings, actuator=actuator)
 
     def again(self, seed: int) -> str:
         """The command that runs the world of a seed again."""
@@ -100,11 +101,17 @@ def seeds_of(text: str) -> range:
     return range(first, end)
 
 
-def asked_for(files: Files, happenings: Iterable[str], until_s: float | None) -> Asked:
+def asked_for(files: Files, happenings: Iterable[str], until_s: float | None, actuator: str = "") -> Asked:
     """Read and judge the user's files and words.
 
+    Args:
+        files: the user's.
+        happenings: in place of what is drawn; none: drawn.
+        until_s: when each world ends; None: with its campaign.
+        actuator: "tcp" or "rtu"; empty: as the bench says, else drawn.
+
     Raises:
-        BadParameter: a happening or time that is none.
+        BadParameter: a happening or time that is none, or another link than the bench's.
         FileProblem: a file cannot be used, or no simulated rig can stand in for the bench.
         Refused: the matrix does not fit the bench.
     """
@@ -113,8 +120,13 @@ def asked_for(files: Files, happenings: Iterable[str], until_s: float | None) ->
     words = tuple(happenings)
     wanted = () if words == (NOTHING,) else tuple(map(_happening, words))
     given, stood_in = _given(files)
+    if actuator and given.actuator not in {"", actuator}:
+        raise click.BadParameter(f"this bench reaches the controller by {given.actuator}", param_hint="--actuator")
+    given = replace(given, actuator=given.actuator or actuator)
     _check_happenings(wanted, given)
     options = [*files.options, *(word for text in words for word in ("--happening", text))]
+    if actuator:
+        options += ["--actuator", actuator]
     if until_s is not None:
         options += ["--until", repr(until_s)]
     return Asked(given, files, wanted if words else None, until_s, tuple(options), stood_in)

@@ -6,11 +6,12 @@ import errno
 import json
 import math
 import random
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
-from simulators.injection import INJECTORS, NEEDS_AUXILIARY
+from simulators.injection import BEYOND_LIMITS, INJECTORS, NEEDS_AUXILIARY, PASSING_VARIANTS
 from simulators.schedule import ONLY_ON, drawn_fault, parse_fault
 from simulators.world.kernel import HELD_UP_SHARE
 
@@ -48,6 +49,8 @@ SLOW_FILES_SHARE = 0.5
 EARLY_S = (4.0, 7.0)
 """While the first points of a campaign are run."""
 BUSY_SHARE, BUSY_HELD_UP = 0.1, 0.3
+BEYOND_SHARE, BEYOND_LASTS_SHARE = 0.2, 0.8
+"""Something drives the rig beyond its limits, and mostly does not stop by itself."""
 LATEST_S = 16.0
 LATEST_FAULT_S = 9.0
 COOLS_S = 30.0
@@ -170,11 +173,14 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     chance = random.Random(f"plan {seed}")
     actuator = "rtu" if chance.random() < 0.25 else "tcp"
     actuator = given.actuator or actuator
-    happenings = _happenings(chance, actuator, given.motion_s)
-    tick_s, turn_s = chance.choice(TICKS_S), chance.choice(TURNS_S)
+    # Each from a stream of its own, so that the others stay as they are, whatever is given in its place.
+    happenings = _happenings(random.Random(f"happenings {seed}"), actuator, given.motion_s)
+    pace = random.Random(f"pace {seed}")
+    tick_s, turn_s = pace.choice(TICKS_S), pace.choice(TURNS_S)
     text, named = (given.matrix, False) if given.matrix else _matrix(chance)
     if named and chance.random() < SLOW_FILES_SHARE:
         happenings = (*happenings, _around("finaliser-stalled", chance.uniform(*EARLY_S), chance))
+    happenings = _in_order((*happenings, *_beyond_limits(random.Random(f"beyond {seed}"), given.motion_s)))
     held_up = BUSY_HELD_UP if random.Random(f"busy {seed}").random() < BUSY_SHARE else HELD_UP_SHARE
     return WorldPlan(
         seed, text, happenings, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s, held_up=held_up,
@@ -202,8 +208,23 @@ def _happenings(chance: random.Random, actuator: str, motion_s: float) -> tuple[
             chosen[-1] = replace(chosen[-1], at_s=round(before + chance.uniform(0.0, SUDDEN_S), 3))
     if chance.random() < COMBINED_SHARE:
         chosen += _combined(chance)
+    return _in_order(chosen)
+
+
+def _in_order(chosen: Iterable[Happening]) -> tuple[Happening, ...]:
+    """By time; signals may come again, nothing else does."""
     unique = {(happening.what, happening.what in SIGNALS and happening.at_s): happening for happening in chosen}
     return tuple(sorted(unique.values(), key=lambda happening: (happening.at_s or 0.0, happening.what)))
+
+
+def _beyond_limits(chance: random.Random, motion_s: float) -> tuple[Happening, ...]:
+    """In some worlds something that drives the rig beyond the bench's limits, while the first points are run."""
+    if chance.random() >= BEYOND_SHARE:
+        return ()
+    what, at_s = chance.choice(BEYOND_LIMITS), round(chance.uniform(0.0, max(EARLY_S[0], motion_s)), 3)
+    lasts_s = round(chance.uniform(0.1, 2.0), 3)
+    passes = what in PASSING_VARIANTS and chance.random() >= BEYOND_LASTS_SHARE
+    return (Happening(what, at_s, lasts_s if passes else None),)
 
 
 def _around(what: str, at_s: float, chance: random.Random) -> Happening:

@@ -27,7 +27,7 @@ from simulators.world.asked import Asked
 from simulators.world.invariants import judged
 from simulators.world.plan import WorldPlan
 from simulators.world.stage import load_everything
-from simulators.world.world import World
+from simulators.world.world import MOST_SESSIONS, World
 
 WORLDS_A_WORKER = 100
 """A worker begins anew after so many: what killed processes held is given back with it."""
@@ -53,7 +53,7 @@ class Ended:
         failed: invariant and words of everything that did not hold, with the virtual time (s).
         digest: of everything it made; `events` of what happened in it, by name.
         rig_s: virtual seconds; `wall_s` the real ones it took, `cpu_s` those of the processor.
-        happenings: what was to happen in it.
+        happenings: what was to happen in it; `not_happened`: of these what was to come later than its campaign's end.
         moved_s: for how long the rod moved (s).
     """
 
@@ -67,14 +67,16 @@ class Ended:
     happenings: tuple[str, ...] = ()
     moved_s: float = 0.0
     events: str = ""
+    not_happened: tuple[str, ...] = ()
 
 
 def live(
-    plan: WorldPlan, root: Path, until_s: float | None = None, begin: Callable[[World], None] | None = None
+    plan: WorldPlan, root: Path, until_s: float | None = None, begin: Callable[[World], None] | None = None,
+    most_sessions: int = MOST_SESSIONS,
 ) -> tuple[World, Ended]:
     """Run a world and judge it; `begin` is called with it first."""
     began_s, cpu_s = time.perf_counter(), time.process_time()
-    world = World(plan, root)
+    world = World(plan, root, most_sessions=most_sessions)
     if begin is not None:
         begin(world)
     world.run(until_s)
@@ -87,7 +89,7 @@ def live(
     moved_s = sum(session.truth.moved_s for session in world.sessions)
     return world, Ended(
         plan.seed, failed, world.digest(), world.kernel.time_s, wall_s, codes, cpu_s, happenings, moved_s,
-        world.events(),
+        world.events(), () if until_s is not None else tuple(map(str, world.not_happened)),
     )  # fmt: skip
 
 
@@ -96,12 +98,15 @@ def one(seed: int, asked: Asked) -> Ended:
     return alone(asked.plan(seed), asked.until_s)
 
 
-def alone(plan: WorldPlan, until_s: float | None = None, begin: Callable[[World], None] | None = None) -> Ended:
+def alone(
+    plan: WorldPlan, until_s: float | None = None, begin: Callable[[World], None] | None = None,
+    most_sessions: int = MOST_SESSIONS,
+) -> Ended:
     """Run a world in a folder that is gone with it; one that breaks the simulation itself has failed."""
     with tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
         _under_way.append(name)
         try:
-            _, ended = live(plan, Path(name), until_s, begin)
+            _, ended = live(plan, Path(name), until_s, begin, most_sessions)
         except Exception:  # noqa: BLE001 - told as this world's failure, the others go on
             words = traceback.format_exc(limit=-6)
             happenings = tuple(map(str, plan.happenings))

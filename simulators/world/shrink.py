@@ -15,13 +15,16 @@ from simulators.world.runs import Ended, alone
 FEWEST_CYCLES = 5
 
 
-def shrunk(plan: WorldPlan, ended: Ended, tell: Callable[[str], None]) -> tuple[WorldPlan, Ended]:
+def shrunk(
+    plan: WorldPlan, ended: Ended, tell: Callable[[str], None], run: Callable[[WorldPlan], Ended] | None = None
+) -> tuple[WorldPlan, Ended]:
     """Leave out one thing after the other, and points of the matrix, as long as an invariant of the same name breaks.
 
     Args:
         plan: a world that fails.
         ended: how it ended.
         tell: is told what is tried.
+        run: runs a world, to its end where nothing is given.
     """
     wanted = {invariant for invariant, _, _ in ended.failed}
     again = True
@@ -29,7 +32,7 @@ def shrunk(plan: WorldPlan, ended: Ended, tell: Callable[[str], None]) -> tuple[
         again, held = False, set[str]()
         while untried := [(smaller, words) for smaller, words in _smaller(plan) if words not in held]:
             smaller, words = untried[0]
-            tried = alone(smaller)
+            tried = (run or alone)(smaller)
             if wanted & {invariant for invariant, _, _ in tried.failed}:
                 tell(f"without {words}: still fails")
                 plan, ended, again = smaller, tried, bool(held)
@@ -74,7 +77,9 @@ def _words(smallest: WorldPlan, asked: Asked, *, same_matrix: bool) -> str:
     files, name = asked.files, Path(f"smallest-{smallest.seed}.toml")
     words = ["rig", "worlds", "--seeds", str(smallest.seed)]
     words += files.options if same_matrix else Files(name, files.bench).options
-    for happening in tuple(map(str, smallest.happenings)) or (NOTHING,):
-        words += ["--happening", happening]
+    happenings = tuple(map(str, smallest.happenings)) or (NOTHING,)
+    words += [word for happening in happenings for word in ("--happening", happening)]
+    if not asked.given.actuator:
+        words += ["--actuator", smallest.actuator]
     again = f"seed {smallest.seed}, smallest: {shlex.join(words)}"
     return again if same_matrix else f"{again}\nwith {name}:\n{smallest.matrix}"

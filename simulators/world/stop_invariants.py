@@ -28,11 +28,17 @@ LATE_JOURNAL_S = 0.5
 UNNOTICED_S = 3.0
 """So long the rod may move with a fault that everybody can see."""
 MOVING_M_S = 0.02
-SEEN_LATER = frozenset({"load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking"})
-"""Rows that show only when a loop has changed, a motion is to end, or a current is to flow."""
+SEEN_LATER = frozenset({
+    "load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking", "second-master:jumps",
+})  # fmt: skip
+"""Rows that show only when a loop has changed, a motion is to end, or a current is to flow; jumps spoil the point."""
 OTHER_NAMES = {
     "can-busoff:lost": {"can-lost"}, "current-tracking": {"load-train"},
     "current-tracking:over": {"overcurrent", "load-train"},
+    "second-master:span": {"speed-limit", "stroke-limit", "load-train"},
+    "second-master:offset": {"stroke-limit", "load-train"}, "second-master:jumps": {"load-train", "speed-limit"},
+    "actuator-frozen:slips": {"position-disagreement", "load-train"}, "load-train:jammed": {"force-limit"},
+    "ecu-overtemp:coil": {"coil-temperature"}, "current-stuck:full": {"overcurrent", "load-train"},
     "sensor-stuck": {"sensor-saturated"}, "sensor-stuck:lvdt": {"sensor-saturated"}, "modbus-mismatch": {"rtu-crc"},
 }
 """Faults that the station may name otherwise than their row."""
@@ -64,7 +70,7 @@ def stop_stays_stopped(view: View) -> Findings:
         until_ns = view.restarted_ns(t_ns)
         moving = view.between(t_ns + (STILL_AFTER_S + view.stalled_s) * 1e9, until_ns)
         late = moving[np.abs(moving[:, 1]) > STILL_M_S]
-        if len(late) and not view.faults() & {"second-master"}:
+        if len(late) and not view.faults_by_name() & {"second-master"}:
             yield f"the rod moves {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
         gone_s = CURRENT_AFTER_S if view.hidden else CURRENT_AT_ONCE_S
         powered = view.between(float(trip["latched_ns"]) + gone_s * 1e9, until_ns)
@@ -178,7 +184,7 @@ def what_is_proved_is_true(view: View) -> Findings:
         rows = view.between(t_ns - 20e6, t_ns)
         if not len(rows):
             continue
-        _, speed, current, _, _, pressure = rows[-1]
+        _, speed, current, _, _, pressure, _ = rows[-1]
         if abs(speed) > STILL_M_S:
             yield f"standstill was proved at {speed:.3g} m/s", t_ns
         if safe.get("current_zero") and abs(current) > 2 * NO_CURRENT_A:
@@ -209,7 +215,9 @@ def a_lasting_fault_ends_the_motion(view: View) -> Findings:
     until_ns = min((float(trip["latched_ns"]) for trip in view.station("trip")), default=view.session.ended_ns)
     for at_ns, fault in view.begun(until_ns):
         row = MATRIX.get(fault.partition(":")[0])
-        if row is None or not isinstance(row.end, StopKind) or row.slug in SEEN_LATER or not view.stays(fault):
+        if row is None or not isinstance(row.end, StopKind) or not view.stays(fault):
+            continue
+        if SEEN_LATER & {row.slug, fault}:
             continue
         rows = view.between(at_ns, until_ns)
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)

@@ -32,11 +32,13 @@ class Telling:
         bar: on a terminal, how far it is as a bar; not where a world tells of itself there.
 
     Attributes:
-        failed: an object for everything that did not hold, as in the answer.
+        failed: an object for everything that did not hold, as in the answer; `not_happened` likewise for what was to
+            happen later than the campaign lasted.
     """
 
     def __init__(self, count: int, asked: Asked, shown: Console, *, bar: bool = True) -> None:
         self.failed: list[dict[str, Any]] = []
+        self.not_happened: list[dict[str, Any]] = []
         self.worlds = 0
         self.rig_s = 0.0
         self.digests: dict[int, str] = {}
@@ -75,6 +77,10 @@ class Telling:
         self.worlds += 1
         self.rig_s += world.rig_s
         self.digests[world.seed] = world.digest
+        self.not_happened += [{"seed": world.seed, "happening": words} for words in world.not_happened]
+        if world.not_happened and self._asked.happenings is not None:
+            words = f"seed {world.seed}: the campaign ended before {', '.join(world.not_happened)}"
+            self._shown.print(Text(words, style=LOOK), soft_wrap=True)
         again = self._asked.again(world.seed)
         for invariant, words, at_s in world.failed:
             self.failed.append(
@@ -109,6 +115,10 @@ class Telling:
         seeds = self.failed_seeds
         if not seeds and (not self.worlds or self._asked.until_s is not None):
             return line.append("nothing was judged", style=LOOK)
+        if self.not_happened:
+            count = len({entry["seed"] for entry in self.not_happened})
+            late = f"in {'1 of them' if count == 1 else f'{count} of them'} something would have come after the end, "
+            line.append(late, style=LOOK)
         if not seeds:
             return line.append("everything held in every one", style=GOOD)
         kinds = Counter(entry["invariant"] for entry in self.failed)
@@ -122,6 +132,7 @@ class Telling:
             "worlds": self.worlds,
             "judged": self._asked.until_s is None,
             "failed": sorted(self.failed, key=lambda entry: (entry["seed"], entry["at_s"])),
+            "not_happened": sorted(self.not_happened, key=lambda entry: entry["seed"]),
             "rig_hours": round(self.rig_s / 3600.0, 4),
             "wall_s": round(self.wall_s, 3),
             "digests": dict(sorted(self.digests.items())),

@@ -20,6 +20,8 @@ KILLING = frozenset({"application-killed", "station-killed", "power-cut"})
 UNSEEN = frozenset({"modbus", "rtu", "controller", "can", "ecu"})
 """Places of the fault matrix where a fault may hide whether the rig has stopped."""
 STUCK_CURRENT = frozenset({"current-stuck"})
+PLAIN = frozenset({"second-master:span", "second-master:offset", "second-master:jumps", "ecu-overtemp:coil"})
+"""Faults at those places that hide nothing."""
 STARTING = ("centring", "proving the sensors by a slow move")
 
 
@@ -56,13 +58,22 @@ class View:
 
     def faults(self) -> set[str]:
         """Rows whose fault the devices had in this session."""
-        return {line.text.partition(":")[0] for line in self.session.truth.log if line.code == "FAULT"}
+        return {name.partition(":")[0] for name in self.faults_by_name()}
+
+    def faults_by_name(self) -> set[str]:
+        """The same, each as `SLUG` or `SLUG:VARIANT`."""
+        return {line.text for line in self.session.truth.log if line.code == "FAULT"}
+
+    @property
+    def _hiding_places(self) -> set[str]:
+        """Places of the fault matrix at which something is wrong that may hide something."""
+        slugs = (name.partition(":")[0] for name in self.faults_by_name() - PLAIN)
+        return {MATRIX[slug].place for slug in slugs if slug in MATRIX}
 
     @property
     def hidden(self) -> bool:
         """Something may hide whether the rig has stopped, or keep those who see it from running."""
-        rows = [MATRIX[slug] for slug in self.faults() if slug in MATRIX]
-        return any(row.place in UNSEEN for row in rows) or any(
+        return bool(self._hiding_places & UNSEEN) or any(
             happening.what in KILLING or happening.what in STALLS or happening.what in FOREIGN
             for _, happening in self.session.happened
         )
@@ -70,16 +81,14 @@ class View:
     @property
     def hidden_way(self) -> bool:
         """Something may be wrong with the way to the controller, or with whoever goes it."""
-        rows = [MATRIX[slug] for slug in self.faults() if slug in MATRIX]
-        return any(row.place in {"modbus", "rtu", "controller"} for row in rows) or any(
+        return bool(self._hiding_places & {"modbus", "rtu", "controller"}) or any(
             happening.what in KILLING or happening.what in STALLS for _, happening in self.session.happened
         )
 
     @property
     def hidden_pressure(self) -> bool:
         """Something may keep the station from taking the pressure away, or from seeing that it is gone."""
-        rows = [MATRIX[slug] for slug in self.faults() if slug in MATRIX]
-        return any(row.place in UNSEEN for row in rows) or any(
+        return bool(self._hiding_places & UNSEEN) or any(
             happening.what in {"station-killed", "power-cut", *FOREIGN} for _, happening in self.session.happened
         )
 

@@ -37,7 +37,7 @@ FOREIGN_SEQUENCE = 1000
 LOOK_AGAIN_NS = 100_000_000
 REST_S = 90.0
 """So long after the end of the application everything must be at rest (virtual s)."""
-COLUMNS = (step.VELOCITY, step.CURRENT, step.DISPLACEMENT, step.FORCE)
+COLUMNS = (step.VELOCITY, step.CURRENT, step.DISPLACEMENT, step.FORCE, step.COIL_TEMPERATURE)
 EVERY_S = 1e-3
 MOVES_M_S = 2e-3
 NAMES = ("event", "phase", "what", "slug", "id", "verdict", "exit_code")
@@ -75,7 +75,8 @@ class WorldTruth:
         # The slice ends now; before it the rig's clock may have waited.
         ends_ns = self._kernel.now_ns
         self._times.append(ends_ns - (len(rows) - 1 - np.arange(len(rows))) * self._every * plant.dt_s * 1e9)
-        self._rows.append(np.column_stack((rows, np.full(len(rows), float(plant.command["pressure"][0])))))
+        pressure = np.full(len(rows), float(plant.command["pressure"][0]))
+        self._rows.append(np.column_stack((rows[:, :4], pressure, rows[:, 4])))
 
     def note(self, code: str, text: str, time_s: float | None = None) -> None:
         """A line of the log."""
@@ -88,9 +89,9 @@ class WorldTruth:
 
     @cached_property
     def arrays(self) -> NDArray[np.float64]:
-        """Host's clock (ns), velocity (m/s), current (A), displacement (m), force (N), pressure level: (n, 6)."""
+        """Host's clock (ns), velocity (m/s), current (A), displacement (m), force (N), pressure level, coil (degC)."""
         if not self._rows:
-            return np.empty((0, 6))
+            return np.empty((0, 7))
         return np.column_stack((np.concatenate(self._times), np.concatenate(self._rows)))
 
     @property
@@ -316,6 +317,19 @@ class World:
         session.truth.note("FOREIGN", what)
 
     # What came of it
+
+    @property
+    def not_happened(self) -> tuple[Happening, ...]:
+        """What was to happen later than the campaign's first session lasted."""
+        if not self.sessions:
+            return self.plan.happenings
+        first = self.sessions[0]
+        begun = {line.text for line in first.truth.log if line.code == "FAULT"}
+        return tuple(
+            happening for happening in self.plan.happenings
+            if (happening.what not in begun if not happening.around else
+                not any(known is happening for _, known in first.happened))
+        )
 
     @property
     def journal(self) -> list[dict[str, Any]]:

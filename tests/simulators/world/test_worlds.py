@@ -26,6 +26,7 @@ from simulators.world import runs, shrink
 from simulators.world import world as course
 from simulators.world.__main__ import command
 from simulators.world.asked import Asked, Files, asked_for
+from simulators.world.invariants import judged
 from simulators.world.plan import AROUND, Happening, WorldPlan, drawn
 from simulators.world.runs import Ended, live
 from simulators.world.shrink import shrunk
@@ -54,6 +55,23 @@ def test_an_undisturbed_world_is_one_valid_campaign(undisturbed: tuple[World, En
     rows = world.sessions[0].truth.arrays
     assert 0.1 < rows[:, 1].max() < 0.2, "6 mm at 4 Hz"
     assert 0.45 < rows[:, 2].max() < 0.55
+
+
+@pytest.mark.parametrize(
+    ("invariant", "event", "key", "other"),
+    [("points", "result", "verdict", "suspect"), ("wanted-current", "judged", "current_A", 0.2)],
+)
+def test_a_journal_that_tells_otherwise_is_found(
+    invariant: str, event: str, key: str, other: object, undisturbed: tuple[World, Ended],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A verdict that is not the file's, a current that was not the coil's."""
+    world = undisturbed[0]
+    told = world.journal
+    line = next(line for line in told if line.get("event") == event)
+    (line["points"][0] if event == "result" else line)[key] = other
+    monkeypatch.setattr(World, "journal", property(lambda _: told))
+    assert invariant in {failed for failed, _, _ in judged(world)}
 
 
 def test_another_seed_is_another_world(undisturbed: tuple[World, Ended], tmp_path: Path) -> None:
@@ -135,8 +153,9 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
     matrix = tmp_path / "matrix.toml"
     matrix.write_text(MATRIX.replace('"0 A", ', ""), encoding="utf-8")
     done = worlds(
-        "--seeds", "3:5", "--matrix", "matrix.toml", "--happening", "sigint@3", "--jobs", "1", "--json", cwd=tmp_path
-    )
+        "--seeds", "3:5", "--matrix", "matrix.toml", "--happening", "sigint@3", "--happening", "estop@99",
+        "--jobs", "1", "--json", cwd=tmp_path,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     assert (answer["worlds"], answer["failed"]) == (2, [])
@@ -145,6 +164,9 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
     assert len(set(answer["digests"].values())) == 2
     assert "2/2 worlds, none failed" in done.stderr
     assert "everything held in every one" in done.stderr
+    assert answer["not_happened"] == [{"seed": 3, "happening": "estop@99"}, {"seed": 4, "happening": "estop@99"}]
+    assert "seed 4: the campaign ended before estop@99" in done.stderr
+    assert "in 2 of them something would have come after the end" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -164,6 +186,7 @@ def test_the_command_tells_what_it_did(tmp_path: Path) -> None:
         (["--seeds", "1", "--happening", "station-stalled@3"], "say for how long, such as station-stalled@3+0.5"),
         (["--seeds", "1", "--happening", "pause@3+0"], "say for how long"),
         (["--seeds", "1", "--happening", "disk-full@3+2"], "has no duration; write disk-full@3"),
+        (["--seeds", "1", "--happening", "rtu-crc@1", "--actuator", "tcp"], "this bench reaches it by tcp"),
         (["--seeds", "1", "--until", "nan"], "expected a number of seconds above 0"),
         (["--seeds", "0:2", "--trace", "steps"], "--trace writes one world"),
         (["--seeds", "1", "--shrink", "--until", "3"], "--shrink needs a world that is judged"),
@@ -243,11 +266,16 @@ def test_a_smallest_world_is_told_with_the_command_that_runs_it(
     bench = Path("a bench.toml")
     shrink.tell_smallest(17, Asked(files=Files(bench=bench)))
     err = capfd.readouterr().err
-    again = "rig worlds --seeds 17 --bench 'a bench.toml' --matrix smallest-17.toml --happening nothing"
+    again = "rig worlds --seeds 17 --bench 'a bench.toml' --matrix smallest-17.toml --happening nothing --actuator tcp"
     assert again in err
     assert err.rstrip().endswith(MATRIX.rstrip())
     assert asked_for(Files(), ["nothing"], None).plan(17).happenings == ()
     assert drawn(17).happenings
+    assert {asked_for(Files(), ["modbus-reset@1"], None).plan(seed).actuator for seed in range(9)} == {"tcp"}
+    asked = asked_for(Files(), ["estop@1"], None, "rtu")
+    assert [asked.plan(seed) for seed in range(9)] == [
+        replace(drawn(seed), happenings=(Happening("estop", 1.0),), actuator="rtu") for seed in range(9)
+    ]
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 import importlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -24,7 +24,22 @@ def in_force(edits: tuple[Edit, ...]) -> Iterator[None]:
     Raises:
         NoLongerThere: one of them cannot be made.
     """
-    swaps = [swap for file in dict.fromkeys(edit.file for edit in edits) for swap in _swaps(file, edits)]
+    trees = {}
+    for file in dict.fromkeys(edit.file for edit in edits):
+        before, after = edited(file, edits)
+        trees[file] = ast.parse(before), ast.parse(after)
+    with swapped(trees):
+        yield
+
+
+@contextmanager
+def swapped(files: Mapping[str, tuple[ast.Module, ast.Module]]) -> Iterator[None]:
+    """The functions of these files that differ have the second one's code in place of the first one's.
+
+    Raises:
+        NoLongerThere: none differs, or what differs is no function.
+    """
+    swaps = [swap for file, (before, after) in files.items() for swap in _swaps(file, before, after)]
     before = [(function, function.__code__) for function, _ in swaps]
     try:
         for function, code in swaps:
@@ -35,10 +50,9 @@ def in_force(edits: tuple[Edit, ...]) -> Iterator[None]:
             function.__code__ = code
 
 
-def _swaps(file: str, edits: tuple[Edit, ...]) -> list[tuple[FunctionType, CodeType]]:
+def _swaps(file: str, before: ast.Module, after: ast.Module) -> list[tuple[FunctionType, CodeType]]:
     """Functions of a module that change, and their new code."""
-    before, after = edited(file, edits)
-    old, new = dict(_functions(ast.parse(before))), dict(_functions(ast.parse(after)))
+    old, new = dict(_functions(before)), dict(_functions(after))
     changed = [name for name in new if name in old and ast.dump(new[name]) != ast.dump(old[name])]
     if not changed:
         raise NoLongerThere(f"{file}: no function changes")

@@ -3,8 +3,7 @@
 Not here, because another one does the same and no world shows the difference: the refusal of a second motion command
 after a trip (the application asks for none), the commands' watch without the program's count of cycles, the comparison
 of currents (the safe stop and the file judge them too), samples lost or not a number (the file finds them itself), the
-stop's acknowledgement, the limits of force, stroke, speed, current and temperature (no fault of the simulated rig goes
-beyond them in motion).
+stop's acknowledgement, the controller's own limits of stroke, speed and force (the station judges its samples).
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ STOP = "rig/station/safe_stop.py"
 ACTUATOR = "rig/station/threads/actuator_thread.py"
 SENSOR = "rig/station/threads/sensor_thread.py"
 CONTROLLER = "rig/station/interlocks/actuator_interlock.py"
+MOTION = "rig/station/interlocks/motion_interlock.py"
 CURRENT = "rig/station/interlocks/current_interlock.py"
 CHANNEL = "rig/station/interlocks/channel_interlock.py"
 REQUESTS = "rig/station/requests.py"
@@ -68,6 +68,16 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
         Edit("rig/station/interlocks/line_interlock.py", "        if not damaged:\n", "        if True:\n"),
         deaf_station("serial-baud"),
     ),
+    # The bench's limits
+    "stroke-limit": (Edit(CHANNEL, "        if low <= value <= high:\n", "        if True:\n"),),
+    "speed-limit": (Edit(MOTION, "if self._over >= CONSECUTIVE:", "if False:"),),
+    "force-limit": (deaf_station("force-limit"),),
+    "acceleration-limit": (
+        Edit(PREPARATION, "=limits.acceleration_m_s2,", "=2.0 * limits.acceleration_m_s2,"),
+    ),
+    "current-limit": (Edit(CURRENT, "if abs(status.current_A) > self.current_limit_A:", "if False:"),),
+    "coil-temperature": (Edit(CURRENT, "if temperature.coil_degC > limit:", "if False:"),),
+    "positions-compared": (Edit(CONTROLLER, "if self._apart >= 2 * CONSECUTIVE:", "if False:"),),
     # The stop
     "standstill-proved": (
         Edit(

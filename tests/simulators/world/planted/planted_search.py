@@ -1,7 +1,12 @@
-"""Planted bugs looked for in random worlds: `python3 dev.py worlds --planted [NAME...] [--seeds 0:200]`.
+"""Planted bugs looked for in random worlds: `python3 dev.py worlds --planted [NAME...] [--seeds 0:200] [--shrink]`.
 
-For each bug the first seed in whose drawn world an invariant does not hold, the same world again in another process,
-and the smallest world in which it still does not hold.
+With `--made` each in the world that was made for it, which must fail with the bug and hold without.
+
+Some worlds are run without a bug, and which bugs they come by is noted. Then, for each bug, those worlds that come by
+where it matters are tried with it, by seed, those first that come by a line which few of them reach: the first in which
+an invariant does not hold, the same world again in another process, and what happens in it, or in the smallest world in
+which it still does not hold. So on with the next worlds for what was not found. Worlds are run to the end of their
+first session, in which everything happens.
 """
 
 from __future__ import annotations
@@ -10,76 +15,148 @@ import argparse
 import multiprocessing
 import os
 import sys
-import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
-from pathlib import Path
+from dataclasses import dataclass
 
 import click
-from planted_cases import PLANTED
+from planted_cases import CASES, PLANTED, judged_by_case, with_the_bug, world_of
+from planted_cases import without as without_bugs
 from planted_patching import in_force
+from planted_reach import Mark, watched
 
 from simulators.world import world as worlds
-from simulators.world.asked import Asked, seeds_of
-from simulators.world.plan import drawn
-from simulators.world.runs import Ended, begin_worker, live, memory, one
+from simulators.world.asked import seeds_of
+from simulators.world.plan import WorldPlan, drawn
+from simulators.world.runs import Ended, alone, begin_worker
 from simulators.world.shrink import shrunk
 
-SESSION_S = 120.0
-"""Longer than a drawn campaign of these worlds takes."""
+SESSION_S, REST_S = 120.0, 30.0
+"""Longer than a drawn campaign of these worlds takes, and than a stop."""
+BLOCK = 40
+"""So many worlds are run without a bug before the bugs are tried in them."""
+FEW = 0.5
+"""A line that a smaller share of all worlds comes by says where it is worth looking first."""
+
+
+@dataclass(frozen=True)
+class Unbugged:
+    """A seed's world without any bug: what it comes by, and whether something does not hold in it anyway."""
+
+    seed: int
+    comes_by: frozenset[Mark]
+    fails: bool
+
+
+def first_session(plan: WorldPlan) -> Ended:
+    """A world to the end of its first session."""
+    worlds.SESSION_S, worlds.REST_S = SESSION_S, REST_S
+    return alone(plan, most_sessions=1)
+
+
+def unbugged(seed: int) -> Unbugged:
+    """The drawn world of a seed as the program is."""
+    with watched(PLANTED) as marks:
+        ended = first_session(drawn(seed))
+    return Unbugged(seed, frozenset(marks), bool(ended.failed))
 
 
 def tried(name: str, seed: int) -> Ended:
     """The drawn world of a seed with a planted bug."""
-    worlds.SESSION_S = SESSION_S
     with in_force(PLANTED[name]):
-        return one(seed, Asked())
+        return first_session(drawn(seed))
 
 
 def smallest(name: str, seed: int) -> str:
     """What must happen in the smallest world that fails as this one does."""
-    worlds.SESSION_S = SESSION_S
     plan = drawn(seed)
-    with in_force(PLANTED[name]), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as folder:
-        _, ended = live(plan, Path(folder))
-        least, _ = shrunk(plan, ended, lambda _: None)
+    with in_force(PLANTED[name]):
+        least, _ = shrunk(plan, first_session(plan), lambda _: None, first_session)
     return " ".join(map(str, least.happenings)) or "nothing has to happen"
 
 
-def looked_for(name: str, seeds: range, pool: Executor, jobs: int) -> Iterator[str]:
-    """The cells of a bug's row: seed, invariants, replay, shrunk to."""
-    for start in range(seeds.start, seeds.stop, jobs):
-        block = range(start, min(start + jobs, seeds.stop))
-        for world in pool.map(tried, [name] * len(block), block):
+def worth_trying(name: str, without: Sequence[Unbugged]) -> list[int]:
+    """Seeds of worlds in which a bug can make a difference, in the order in which they are tried."""
+    seeds = [
+        [world.seed for world in without if (name, number) in world.comes_by and not world.fails]
+        for number in range(len(PLANTED[name]))
+    ]
+    first = sorted({seed for some in seeds if len(some) < FEW * len(without) for seed in some})
+    return [*first, *sorted({seed for some in seeds for seed in some} - set(first))]
+
+
+def looked_for(name: str, seeds: Sequence[int], pool: Executor, jobs: int) -> tuple[int, Ended | None]:
+    """How many of these worlds were tried with a bug, and the first in which something does not hold."""
+    for start in range(0, len(seeds), jobs):
+        block = seeds[start : start + jobs]
+        for place, world in enumerate(pool.map(tried, [name] * len(block), block), start=start + 1):
             if world.failed:
-                again = pool.submit(tried, name, world.seed).result()
-                same = (again.digest, again.failed) == (world.digest, world.failed)
-                broken = dict.fromkeys(invariant for invariant, _, _ in world.failed)
-                yield from (str(world.seed), ", ".join(broken), "the same" if same else "ANOTHER WORLD")
-                yield pool.submit(smallest, name, world.seed).result()
-                return
-    yield from (f"none of {len(seeds)}", "", "", "")
+                return place, world
+    return len(seeds), None
+
+
+def row(name: str, count: int, world: Ended, pool: Executor, *, shrinks: bool) -> str:
+    """A line of the table: bug, seed, how many were tried, what does not hold, replay, what happens."""
+    again = pool.submit(tried, name, world.seed).result()
+    same = (again.digest, again.failed) == (world.digest, world.failed)
+    broken = ", ".join(dict.fromkeys(invariant for invariant, _, _ in world.failed))
+    happens = pool.submit(smallest, name, world.seed).result() if shrinks else " ".join(world.happenings)
+    return f"| {name} | {world.seed} | {count} | {broken} | {'the same' if same else 'ANOTHER WORLD'} | {happens} |"
 
 
 def main() -> int:
-    """A table: bug, first failing seed, invariants, replay, shrunk to."""
+    """A table of the bugs as they are found, and those that are not."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
-    parser.add_argument("names", nargs="*", choices=sorted(PLANTED), metavar="NAME")
+    parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--seeds", default="0:200")
+    parser.add_argument("--shrink", action="store_true")
+    parser.add_argument("--made", action="store_true")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
-    seeds, missed, begin_s = seeds_of(given.seeds), 0, time.monotonic()
+    if unknown := set(given.names) - set(PLANTED):
+        parser.error(f"{', '.join(sorted(unknown))}: there are {', '.join(PLANTED)}")
+    begin_s = time.monotonic()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    click.echo("| planted | first seed | does not hold | replay | shrunk to |\n|---|---|---|---|---|")
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(given.jobs, mp_context=context, initializer=begin_worker, max_tasks_per_child=50) as pool:
-        for name in given.names or PLANTED:
-            cells = list(looked_for(name, seeds, pool, given.jobs))
-            missed += not cells[1]
-            click.echo(f"| {name} | {' | '.join(cells)} |")
-    click.echo(f"{len(given.names or PLANTED) - missed} found, {missed} not, {time.monotonic() - begin_s:.0f} s")
+        missed = made(given.names or list(CASES), pool) if given.made else drawn_worlds(given, pool)
+    click.echo(f"{missed} not found, {time.monotonic() - begin_s:.0f} s", err=True)
     return 5 if missed else 0
+
+
+def drawn_worlds(given: argparse.Namespace, pool: Executor) -> int:
+    """Look for bugs in the worlds of the seeds; tell the table, return how many were not found."""
+    seeds, tries = seeds_of(given.seeds), dict.fromkeys(given.names or PLANTED, 0)
+    click.echo("| planted | first seed | tried | does not hold | replay | what happens |\n|---|---|---|---|---|---|")
+    for start in range(seeds.start, seeds.stop, BLOCK):
+        without = list(pool.map(unbugged, range(start, min(start + BLOCK, seeds.stop))))
+        for world in without:
+            if world.fails:
+                click.echo(f"seed {world.seed} is left out: something does not hold without any bug", err=True)
+        for name in list(tries):
+            count, ended = looked_for(name, worth_trying(name, without), pool, given.jobs)
+            tries[name] += count
+            if ended is not None:
+                click.echo(row(name, tries.pop(name), ended, pool, shrinks=given.shrink))
+        if not tries:
+            break
+    for name, count in tries.items():
+        click.echo(f"| {name} | none | {count} | | | |")
+    return len(tries)
+
+
+def made(names: list[str], pool: Executor) -> int:
+    """Run each bug in the world made for it; tell what is wrong, return with how many something is."""
+    worlds_of = {name: world_of(CASES[name]) for name in names}
+    cases = list(dict.fromkeys(worlds_of.values()))
+    bugs, healthy = pool.map(with_the_bug, names), dict(zip(cases, pool.map(without_bugs, cases), strict=True))
+    wrong = 0
+    for name, (failed, _) in zip(names, bugs, strict=True):
+        words = judged_by_case(name, failed, healthy[worlds_of[name]])
+        click.echo(f"{name}: {words or CASES[name].invariant}")
+        wrong += bool(words)
+    return wrong
 
 
 if __name__ == "__main__":

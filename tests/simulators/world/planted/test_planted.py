@@ -9,36 +9,44 @@ from dataclasses import replace
 import planted_search
 import pytest
 from edits import Edit, NoLongerThere
-from planted_cases import CASES, PLANTED, Case, with_the_bug, without
+from planted_cases import (
+    CASES,
+    EVERY_TIME,
+    PLANTED,
+    PULLED,
+    Case,
+    judged_by_case,
+    lived,
+    with_the_bug,
+    without,
+    world_of,
+)
 from planted_patching import in_force
+from planted_reach import watched
+from planted_search import Unbugged
 
 from rig.station import supervisor
-from simulators.world.asked import Asked
+from simulators.world.plan import WorldPlan
 from simulators.world.runs import Ended as World
 from simulators.world.runs import begin_worker
 
 Ended = tuple[dict[str, str], str]
-
-
-def world_of(case: Case) -> Case:
-    """What several bugs may share."""
-    return replace(case, invariant="")
+Without = tuple[dict[str, str], set[str]]
 
 
 @pytest.fixture(scope="module")
-def ended() -> dict[str | Case, Ended]:
-    """Every case with its bug by name, and each of their worlds without; in two processes."""
-    worlds: dict[str | Case, Ended] = {}
-    names, cases = list(CASES), list(dict.fromkeys(map(world_of, CASES.values())))
+def ended() -> tuple[dict[str, Ended], dict[Case, Without]]:
+    """Cases with their bugs by name, and each of their worlds without; in two processes."""
+    names, cases = EVERY_TIME, list(dict.fromkeys(world_of(CASES[name]) for name in EVERY_TIME))
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(2, mp_context=context, initializer=begin_worker) as pool:
-        worlds.update(zip(names, pool.map(with_the_bug, names), strict=True))
-        worlds.update(zip(cases, pool.map(without, cases), strict=True))
-    return worlds
+        bugs, healthy = pool.map(with_the_bug, names), pool.map(without, cases)
+        return dict(zip(names, bugs, strict=True)), dict(zip(cases, healthy, strict=True))
 
 
 def test_every_bug_has_its_world() -> None:
     assert set(CASES) == set(PLANTED)
+    assert {CASES[name].invariant for name in EVERY_TIME} == {case.invariant for case in CASES.values()}
 
 
 @pytest.mark.parametrize("name", PLANTED)
@@ -48,31 +56,49 @@ def test_the_text_of_every_edit_stands_in_a_function_exactly_once(name: str) -> 
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("name", CASES)
-def test_a_bug_is_found_in_its_world_and_nothing_without_it(name: str, ended: dict[str | Case, Ended]) -> None:
-    case = CASES[name]
-    assert ended[world_of(case)][0] == {}
-    assert case.invariant in ended[name][0], f"held: {ended[name][0]}"
-
-
-def test_a_bug_is_the_same_in_another_process(ended: dict[str | Case, Ended]) -> None:
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        assert pool.submit(with_the_bug, "stop-sent").result() == ended["stop-sent"]
-
-
-def test_a_search_names_the_first_seed_that_fails_its_replay_and_the_smallest_world(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("name", EVERY_TIME)
+def test_a_bug_is_found_in_its_world_and_nothing_without_it(
+    name: str, ended: tuple[dict[str, Ended], dict[Case, Without]]
 ) -> None:
-    def one(seed: int, asked: Asked) -> World:
-        failed = (("sent", "no stop", 1.0),) if asked.plan(seed).seed >= 5 else ()
-        return World(seed, failed, str(seed), 1.0, 1.0, (0,))
+    assert judged_by_case(name, ended[0][name][0], ended[1][world_of(CASES[name])]) == ""
 
-    monkeypatch.setattr(planted_search, "one", one)
+
+def test_a_bug_is_the_same_in_another_process(ended: tuple[dict[str, Ended], dict[Case, Without]]) -> None:
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        assert pool.submit(with_the_bug, "stop-sent").result() == ended[0]["stop-sent"]
+
+
+def test_a_world_that_does_not_come_by_a_bug_is_the_same_with_it() -> None:
+    """As it is one that tells what it comes by."""
+    pulled = Case("", PULLED)
+    with watched(PLANTED) as marks:
+        healthy = lived(pulled, ())
+    assert ("echo", 0) not in marks
+    assert lived(pulled, PLANTED["echo"]) == healthy
+    assert lived(pulled, PLANTED["sensor-silent"]) != healthy
+
+
+def test_worlds_that_come_by_a_rare_line_are_tried_first() -> None:
+    comes_by = {3: {("lease", 1)}, 4: {("lease", 0), ("lease", 1)}, 5: {("lease", 1)}, 6: {("echo", 0)}}
+    worlds = [Unbugged(seed, frozenset(marks), fails=False) for seed, marks in comes_by.items()]
+    assert planted_search.worth_trying("lease", worlds) == [4, 3, 5]
+    assert planted_search.worth_trying("lease", [replace(world, fails=True) for world in worlds]) == []
+
+
+def test_a_search_names_the_first_seed_that_fails_and_its_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    def first_session(plan: WorldPlan) -> World:
+        failed = (("sent", "no stop", 1.0),) if plan.seed >= 5 else ()
+        return World(plan.seed, failed, str(plan.seed), 1.0, 1.0, (0,), happenings=("estop@1",))
+
+    monkeypatch.setattr(planted_search, "first_session", first_session)
     monkeypatch.setattr(planted_search, "smallest", lambda name, seed: f"{name} in {seed}")
-    monkeypatch.setattr(planted_search.worlds, "SESSION_S", 0.0)
     with ThreadPoolExecutor(1) as pool:
-        cells = list(planted_search.looked_for("stop-sent", planted_search.seeds_of("3:9"), pool, 2))
-    assert cells == ["5", "sent", "the same", "stop-sent in 5"]
+        count, world = planted_search.looked_for("stop-sent", range(3, 9), pool, 2)
+        assert world is not None
+        row = planted_search.row("stop-sent", count, world, pool, shrinks=False)
+        assert row == "| stop-sent | 5 | 3 | sent | the same | estop@1 |"
+        assert planted_search.row("stop-sent", count, world, pool, shrinks=True).endswith("| stop-sent in 5 |")
+        assert planted_search.looked_for("stop-sent", range(3, 5), pool, 2) == (2, None)
 
 
 def test_an_edit_is_in_force_only_for_a_while() -> None:
