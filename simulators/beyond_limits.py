@@ -13,7 +13,7 @@ from collections.abc import Callable
 from simulators.faulty import Faulty, LastingInjector, PassingInjector, Undo
 from simulators.plant import records
 
-GROWTH_1_S = 2.0
+GROWTH_1_S = 6.0
 FASTEST, FARTHEST, STRONGEST = 1.3, 1.12, 1.3
 """Peak speed, set-point's centre and force, as shares of the controller's limits."""
 SPAN = 0.95

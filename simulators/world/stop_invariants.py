@@ -25,8 +25,8 @@ SEEN_NS = 300e6
 """By then the station has looked at the controller again, whatever was sent meanwhile."""
 SENT_S = 0.25
 LATE_JOURNAL_S = 0.5
-UNNOTICED_S = 3.0
-"""So long the rod may move with a fault that everybody can see."""
+UNNOTICED_S, UNNOTICED_TIMES = 1.0, 10.0
+"""So long the rod may move with a fault that everybody can see: that, or so many times what its row allows."""
 MOVING_M_S = 0.02
 SEEN_LATER = frozenset({
     "load-train", "stop-ignored", "current-stuck", "coil-open-short", "current-tracking", "second-master:jumps",
@@ -221,7 +221,7 @@ def a_lasting_fault_ends_the_motion(view: View) -> Findings:
             continue
         rows = view.between(at_ns, until_ns)
         moved_s = 1e-3 * np.count_nonzero(np.abs(rows[:, 1]) > MOVING_M_S)
-        if moved_s > UNNOTICED_S:
+        if moved_s > max(UNNOTICED_S, UNNOTICED_TIMES * (row.limit_s or 0.0)):
             yield f"{fault}: the rod moved on for {moved_s:.1f} s", at_ns
 
 

@@ -14,15 +14,14 @@ from planted_patching import in_force
 from planted_reach import watched
 from planted_safeguards import SAFEGUARDS
 
-from simulators.world import stop_invariants
 from simulators.world import world as worlds
 from simulators.world.invariants import judged
 from simulators.world.plan import Happening, WorldPlan
 from simulators.world.runs import memory
 
 PLANTED: dict[str, tuple[Edit, ...]] = {**FINDINGS, **SAFEGUARDS}
-SESSION_S, REST_S, UNNOTICED_S = 16.0, 5.0, 1.0
-"""A campaign of one short point ends long before; a rod that moves on for a second is seen to do so."""
+SESSION_S, REST_S = 16.0, 5.0
+"""A campaign of one short point ends long before."""
 MATRIX = matrix_text("0.5 A", amplitude="6 mm", frequency="4 Hz", cycles=8)
 
 
@@ -53,7 +52,7 @@ class Case:
 
 def lived(case: Case, edits: Sequence[Edit]) -> tuple[dict[str, str], str]:
     """One session of a case's world with these edits: what did not hold, and the digest of all it made."""
-    worlds.SESSION_S, worlds.REST_S, stop_invariants.UNNOTICED_S = SESSION_S, REST_S, UNNOTICED_S
+    worlds.SESSION_S, worlds.REST_S = SESSION_S, REST_S
     with in_force(tuple(edits)), tempfile.TemporaryDirectory(prefix="world-", dir=memory()) as name:
         world = worlds.World(case.plan, Path(name), most_sessions=1)
         world.run()

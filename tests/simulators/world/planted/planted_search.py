@@ -2,11 +2,14 @@
 
 With `--made` each in the world that was made for it, which must fail with the bug and hold without.
 
-Some worlds are run without a bug, and which bugs they come by is noted. Then, for each bug, those worlds that come by
-where it matters are tried with it, by seed, those first that come by a line which few of them reach: the first in which
-an invariant does not hold, the same world again in another process, and what happens in it, or in the smallest world in
-which it still does not hold. So on with the next worlds for what was not found. Worlds are run to the end of their
-first session, in which everything happens.
+For each bug the first worlds are tried in which something happens of what happens in the world made for it, which
+their plans say. Then, for those not found, a block of worlds is run without a bug, and which bugs they come by is
+noted: those that come by where a bug matters are tried with it, by seed; where a line of the bug is reached by less
+than half of the worlds, only those that come by such a line. So on with the next block.
+
+Told are the first world tried in which an invariant does not hold (but holds without the bug), the same world again in
+another process, and what happens in it, or in the smallest world in which it still does not hold. Worlds are run to the
+end of their first session, in which everything happens.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 
 import click
 from planted_cases import CASES, PLANTED, judged_by_case, with_the_bug, world_of
@@ -28,16 +32,18 @@ from planted_reach import Mark, watched
 
 from simulators.world import world as worlds
 from simulators.world.asked import seeds_of
-from simulators.world.plan import WorldPlan, drawn
+from simulators.world.plan import Happening, WorldPlan, drawn
 from simulators.world.runs import Ended, alone, begin_worker
 from simulators.world.shrink import shrunk
 
 SESSION_S, REST_S = 120.0, 30.0
 """Longer than a drawn campaign of these worlds takes, and than a stop."""
+LIKELY = 10
+"""So many of the worlds are tried first in which what a bug needs is drawn."""
 BLOCK = 40
 """So many worlds are run without a bug before the bugs are tried in them."""
 FEW = 0.5
-"""A line that a smaller share of all worlds comes by says where it is worth looking first."""
+"""A line that a smaller share of all worlds comes by says where it is worth looking."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +83,20 @@ def smallest(name: str, seed: int) -> str:
 
 
 def worth_trying(name: str, without: Sequence[Unbugged]) -> list[int]:
-    """Seeds of worlds in which a bug can make a difference, in the order in which they are tried."""
+    """Seeds of worlds in which a bug can make a difference, ascending."""
     seeds = [
         [world.seed for world in without if (name, number) in world.comes_by and not world.fails]
         for number in range(len(PLANTED[name]))
     ]
-    first = sorted({seed for some in seeds if len(some) < FEW * len(without) for seed in some})
-    return [*first, *sorted({seed for some in seeds for seed in some} - set(first))]
+    few = [some for some in seeds if len(some) < FEW * len(without)]
+    return sorted({seed for some in few or seeds for seed in some})
+
+
+def likely(name: str, seeds: range) -> list[int]:
+    """Seeds in whose worlds something is drawn that happens in the world made for a bug, ascending; any if nothing."""
+    what = {Happening.parse(text).what for text in CASES[name].happenings}
+    drawn_too = (seed for seed in seeds if not what or what & {given.what for given in drawn(seed).happenings})
+    return list(islice(drawn_too, LIKELY))
 
 
 def looked_for(name: str, seeds: Sequence[int], pool: Executor, jobs: int) -> tuple[int, Ended | None]:
@@ -119,7 +132,7 @@ def main() -> int:
     begin_s = time.monotonic()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(given.jobs, mp_context=context, initializer=begin_worker, max_tasks_per_child=50) as pool:
+    with ProcessPoolExecutor(given.jobs, mp_context=context, initializer=begin_worker) as pool:
         missed = made(given.names or list(CASES), pool) if given.made else drawn_worlds(given, pool)
     click.echo(f"{missed} not found, {time.monotonic() - begin_s:.0f} s", err=True)
     return 5 if missed else 0
@@ -129,7 +142,11 @@ def drawn_worlds(given: argparse.Namespace, pool: Executor) -> int:
     """Look for bugs in the worlds of the seeds; tell the table, return how many were not found."""
     seeds, tries = seeds_of(given.seeds), dict.fromkeys(given.names or PLANTED, 0)
     click.echo("| planted | first seed | tried | does not hold | replay | what happens |\n|---|---|---|---|---|---|")
-    for start in range(seeds.start, seeds.stop, BLOCK):
+    for name in list(tries):
+        tries[name], ended = looked_for(name, likely(name, seeds), pool, given.jobs)
+        if ended is not None and not pool.submit(unbugged, ended.seed).result().fails:
+            click.echo(row(name, tries.pop(name), ended, pool, shrinks=given.shrink))
+    for start in range(seeds.start, seeds.stop, BLOCK) if tries else ():
         without = list(pool.map(unbugged, range(start, min(start + BLOCK, seeds.stop))))
         for world in without:
             if world.fails:

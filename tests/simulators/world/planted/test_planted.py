@@ -26,7 +26,7 @@ from planted_reach import watched
 from planted_search import Unbugged
 
 from rig.station import supervisor
-from simulators.world.plan import WorldPlan
+from simulators.world.plan import WorldPlan, drawn
 from simulators.world.runs import Ended as World
 from simulators.world.runs import begin_worker
 
@@ -78,10 +78,15 @@ def test_a_world_that_does_not_come_by_a_bug_is_the_same_with_it() -> None:
     assert lived(pulled, PLANTED["sensor-silent"]) != healthy
 
 
-def test_worlds_that_come_by_a_rare_line_are_tried_first() -> None:
+def test_of_a_rare_line_only_the_worlds_that_come_by_it_are_tried() -> None:
     comes_by = {3: {("lease", 1)}, 4: {("lease", 0), ("lease", 1)}, 5: {("lease", 1)}, 6: {("echo", 0)}}
     worlds = [Unbugged(seed, frozenset(marks), fails=False) for seed, marks in comes_by.items()]
-    assert planted_search.worth_trying("lease", worlds) == [4, 3, 5]
+    assert planted_search.worth_trying("lease", worlds) == [4]
+    assert planted_search.worth_trying("echo", worlds) == [6]
+    first, *more = planted_search.likely("echo", range(200))
+    assert "modbus-write-lost" in {happening.what for happening in drawn(first).happenings}
+    assert more == sorted(set(more))
+    assert planted_search.worth_trying("lease", worlds[:1]) == []
     assert planted_search.worth_trying("lease", [replace(world, fails=True) for world in worlds]) == []
 
 
