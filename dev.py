@@ -46,6 +46,8 @@ COMPILED = [
 LEAST_COVERAGE = 95
 SIDE_BY_SIDE = 2
 """Processes among which the tests without real processes and wires are divided."""
+PRECEDENCE = 10
+"""By so much nicer are others to the tests on real processes and wires, where they may run beside them."""
 
 
 def program(name: str) -> str:
@@ -137,33 +139,50 @@ def checks(arguments: list[str]) -> int:
 
 
 def all_tests() -> int:
-    """Run what waits for nothing real in several processes, then alone what needs real processes and wires.
+    """Run what waits for nothing real in several processes, and beside them what needs real processes and wires.
 
+    Those take precedence, for they have deadlines; where this user may not give it to them they run alone afterwards.
     The names of all tests that failed are shown at the end. Returns the first exit code that is not 0.
     """
     with tempfile.TemporaryDirectory() as name:
         failures = Path(name) / "failures"
         pytest = [program("python"), "-m", "pytest", "tests", f"--failures={failures}"]
-        code = side_by_side([*pytest, "-m", "not wire"])
-        print("dev.py: tests on real processes and wires", flush=True)
-        code = run(*pytest, "-m", "wire") or code
+        numbers, wires = [*pytest, "-m", "not wire"], [*pytest, "-m", "wire", "-p", "no:cacheprovider"]
+        beside = may_take_precedence()
+        code = side_by_side(numbers, wires if beside else None)
+        code = code if beside else run(*wires) or code
         if failures.exists() and failures.read_text(encoding="utf-8"):
             print(f"dev.py: these tests failed:\n{failures.read_text(encoding='utf-8')}", end="", flush=True)
     return code
 
 
-def side_by_side(command: list[str]) -> int:
+def may_take_precedence() -> bool:
+    """This user may let a process go before others."""
+    if not hasattr(os, "nice"):
+        return False
+    ask = [sys.executable, "-c", f"import os; os.nice(-{PRECEDENCE})"]
+    return subprocess.run(ask, stderr=subprocess.DEVNULL, check=False).returncode == 0
+
+
+def side_by_side(shared: list[str], urgent: list[str] | None = None) -> int:
     """Run pytest's command in several processes, each of which takes the next tests that are free.
 
-    The first one's output is shown at once, the others' when all have ended. Returns the first exit code that is not 0.
+    The first one's output is shown at once, the others' when all have ended, that of the `urgent` command last; it goes
+    before the others. Returns the first exit code that is not 0.
     """
     with tempfile.TemporaryDirectory() as folder, ExitStack() as files:
         # A cache would know only what one of them saw.
-        command = [*command, f"--shared={folder}", "-p", "no:cacheprovider"]
-        told = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in range(SIDE_BY_SIDE - 1)]
-        others = [subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT) for said in told]
+        shared = [*shared, f"--shared={folder}", "-p", "no:cacheprovider"]
+        commands = [shared] * (SIDE_BY_SIDE - 1)
+        told = [files.enter_context(tempfile.TemporaryFile("w+")) for _ in (*commands, urgent)]
+        others = [subprocess.Popen(command, cwd=ROOT, stdout=said, stderr=subprocess.STDOUT)
+                  for command, said in zip(commands, told, strict=False)]
+        if urgent is not None:
+            others.append(subprocess.Popen(
+                urgent, cwd=ROOT, stdout=told[-1], stderr=subprocess.STDOUT, preexec_fn=partial(os.nice, -PRECEDENCE)
+            ))
         try:
-            codes = [run(*command), *(process.wait() for process in others)]
+            codes = [run(*shared), *(process.wait() for process in others)]
         finally:
             for process in others:
                 process.terminate()

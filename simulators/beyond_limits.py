@@ -77,14 +77,14 @@ def _offset(rig: Faulty, elapsed_s: float) -> None:
 
 
 def _jumps(rig: Faulty, elapsed_s: float) -> None:
-    """The centre jumps to and fro, which asks for more acceleration than the rod may have."""
+    """The centre jumps back and forth, which asks for more acceleration than the rod may have."""
     before, now = (int((rig.plant.time_s - ago_s) / JUMP_EVERY_S) for ago_s in (elapsed_s, 0.0))
     if now != before:
         rig.plant.order(centre_m=float(rig.plant.command["centre_m"][0]) + math.copysign(JUMP_M, now % 2 - 0.5))
 
 
 def slipping(rig: Faulty) -> None:
-    """The transducer of the position loop slips while the rod goes to and fro: the rod is not where it says."""
+    """The transducer of the position loop slips while the rod goes back and forth: the rod is not where it says."""
     plant = rig.plant
     before_s = plant.time_s
 

@@ -55,6 +55,8 @@ LATEST_S = 16.0
 LATEST_FAULT_S = 9.0
 COOLS_S = 30.0
 """A hot ECU cools down by then; one that stays hot is waited for, up to an hour."""
+TICKS_S, TURNS_S = (0.004, 0.008, 0.01, 0.01), (0.004, 0.008, 0.008, 0.008)
+"""The finer, the closer to a real rig, and the slower."""
 NEVER_DRAWN = frozenset(NEEDS_AUXILIARY) | {"usb-renumber"}
 
 
@@ -128,8 +130,8 @@ class WorldPlan:
     happenings: tuple[Happening, ...] = ()
     actuator: str = "tcp"
     options: tuple[str, ...] = ()
-    tick_s: float = 0.005
-    turn_s: float = 0.005
+    tick_s: float = 0.01
+    turn_s: float = 0.008
     bench: str = ""
     lasts_s: float = 0.0
     held_up: float = HELD_UP_SHARE
@@ -174,7 +176,7 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     # Each from a stream of its own, so that the others stay as they are, whatever is given in its place.
     happenings = _happenings(random.Random(f"happenings {seed}"), actuator, given.motion_s)
     pace = random.Random(f"pace {seed}")
-    tick_s, turn_s = pace.choice((0.004, 0.008, 0.01)), pace.choice((0.004, 0.006, 0.008))
+    tick_s, turn_s = pace.choice(TICKS_S), pace.choice(TURNS_S)
     text, named = (given.matrix, False) if given.matrix else _matrix(chance)
     if named and chance.random() < SLOW_FILES_SHARE:
         happenings = (*happenings, _around("finaliser-stalled", chance.uniform(*EARLY_S), chance))

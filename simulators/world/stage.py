@@ -92,7 +92,7 @@ class Stage:
         installed: the stand-ins, once entered.
     """
 
-    def __init__(self, seed: int, root: Path, tick_s: float = 0.005, turn_s: float = 0.005) -> None:
+    def __init__(self, seed: int, root: Path, tick_s: float = 0.005, turn_s: float = 0.008) -> None:
         self.root = root
         self.kernel = Kernel(seed)
         self.disk = Disk(self.kernel, root, seed)

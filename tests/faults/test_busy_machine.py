@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -28,12 +29,16 @@ MANY_POINTS = BRISK_POINTS.replace('["4 Hz"]', '["0.5 Hz", "1 Hz", "1.5 Hz", "2 
 
 @pytest.fixture
 def four_busy_processes() -> Iterator[None]:
-    """Nobody leaves this machine's processors idle."""
+    """Nobody leaves this machine's processors idle; the rig goes before nobody, wherever these tests do."""
+    precedence = os.getpriority(os.PRIO_PROCESS, 0)
+    os.setpriority(os.PRIO_PROCESS, 0, max(0, precedence))
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
     yield
     for process in busy:
         process.kill()
         process.wait()
+    if precedence < 0:
+        os.setpriority(os.PRIO_PROCESS, 0, precedence)
 
 
 @pytest.mark.usefixtures("four_busy_processes")

@@ -103,7 +103,7 @@ def test_a_jumping_set_point_asks_for_all_the_acceleration_there_is() -> None:
         harder = np.diff(passed(rig, 1.0)[:, VELOCITY]).max() / rig.plant.dt_s
         assert before < 10.0
         assert harder == pytest.approx(60.0)
-        assert abs(float(rig.plant.command["centre_m"][0])) <= 6.001e-3, "to and fro"
+        assert abs(float(rig.plant.command["centre_m"][0])) <= 6.001e-3, "back and forth"
 
     lived(story)
 

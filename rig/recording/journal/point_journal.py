@@ -19,7 +19,7 @@ from typing import IO, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.recording.journal.journal_file import JournalContent, JournalProblem, release, scan_journal
+from rig.recording.journal.journal_file import JournalContent, JournalProblem, joined, release, scan_journal
 from rig.recording.layout import RECORD_DTYPE, PointContext, Records, channel_name
 from rig.signals.chunked_column import Column, parts
 from rig.signals.waveform import is_waveform
@@ -199,7 +199,7 @@ class ChannelSplit:
         """
         for stored in self._stored.values():
             stored.finish()
-        held: dict[int, Records] = {number: np.concatenate(blocks) for number, blocks in self._blocks.items()}
+        held: dict[int, Records] = {number: joined(blocks) for number, blocks in self._blocks.items()}
         return {channel_name(number): records for number, records in sorted({**held, **self._stored}.items())}
 
     def _spill(self) -> None:

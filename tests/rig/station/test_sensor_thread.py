@@ -21,7 +21,7 @@ from rig.station.supervisor import Supervisor
 from rig.station.threads.sensor_thread import SensorRole, SensorThread
 
 PERIOD_S = 0.004
-STALE_S = 0.1
+STALE_S = 0.4
 PATIENCE_S = 5.0
 
 Line = Callable[[int], bytes]
