@@ -40,9 +40,7 @@ REST_FORCE_NOISE_SHARE = 0.02
 REST_DISPLACEMENT_NOISE_M = 0.5e-3
 MIRRORED_SHARE = 0.05
 REST_WINDOW_S = 0.5
-FEWEST_AT_REST = {
-    Channel.CONTROLLER_FORCE: 10, Channel.FORCE: FEWEST_SAMPLES, Channel.DISPLACEMENT: FEWEST_SAMPLES,
-}
+FEWEST_AT_REST = {Channel.CONTROLLER_FORCE: 10, Channel.FORCE: FEWEST_SAMPLES, Channel.DISPLACEMENT: FEWEST_SAMPLES}
 """A fast rig's window is over after one or two statuses, which say little of the controller's own noisy force input."""
 
 
@@ -214,10 +212,7 @@ def _outside(mean_m: float, limits: RestLimits) -> StopCause | None:
 
 
 def watch_rest(observer: Observer, judge: Callable[[AtRest], ev.Event]) -> None:
-    """Wait for what `judge` says of the next 0.5 s of the controller's clock, or longer until there is enough to judge.
-
-    A host that was held up, or a slow sensor, brings less in that time; how long it may take is the phase's deadline.
-    """
+    """Wait for what `judge` says of the controller's next 0.5 s, or of more where the host was held up meanwhile."""
     until_s = observer.device_s + REST_WINDOW_S if observer.device_s else math.nan
     parts: list[NDArray[Any]] = []
 
