@@ -20,6 +20,15 @@ WIDTH = 100
 @json_option
 def command(slug: str | None, as_json: bool) -> int:
     """Say what SLUG means: a fault, refusal, finding or reason by its name. Without SLUG: list them all."""
+    return _show(slug, as_json=as_json)
+
+
+def _show(slug: str | None, *, as_json: bool) -> int:
+    """Print one explanation, or the list.
+
+    Raises:
+        UsageError: nothing has this name; names that are like it are in the message.
+    """
     from rig.explanations.explanation import explained, texts
 
     known = texts()

@@ -19,7 +19,7 @@ DONE = {
     StopKind.PRESSURE_OFF: "Stopped (S1): the coil went to 0 A at once, the controller faded the motion out, then the "
     "pressure was taken away.",
     Ending.WARN: "Flagged and noted; the campaign goes on.",
-    Ending.INVALID: "The running point is invalid; the campaign goes on, and repeats it where [campaign] retries allows.",
+    Ending.INVALID: "The running point is invalid; the campaign goes on, repeating it where [campaign] retries allows.",
     Ending.REFUSE: "Refused; nothing moved.",
 }
 """What follows from how a fault ends."""
