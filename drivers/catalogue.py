@@ -18,8 +18,9 @@ from drivers.errors import UnknownDevice
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
 from drivers.sample_stream import SampleScale
-from drivers.serial_sensor import BINARY, CLOCKED, SerialSensor
-from protocols.line_format import PRESETS, from_description
+from drivers.sensor_formats import described_format
+from drivers.serial_sensor import BINARY, CLOCKED, LineSettings, SerialSensor
+from protocols.sensor_presets import TABLES
 
 __all__ = [
     "SensorConnection",
@@ -108,15 +109,15 @@ class SensorConnection:
 
     Attributes:
         url: its port.
-        baudrate: Bd.
+        line: settings of its serial line, or its baud rate alone.
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
-        format: name of a format, or the description of a line.
+        format: name of a format, path of its file, or its table.
         scale: from the wire to SI, and its rate.
     """
 
     url: str
-    baudrate: int
+    line: LineSettings | int
     name: str
     channel: Channel
     format: str | Mapping[str, Any]
@@ -134,8 +135,8 @@ def register_sensor(name: str, maker: SensorMaker) -> None:
 
 
 def sensor_format_names() -> tuple[str, ...]:
-    """Every name that a sensor's `format` may have, beside the description of a line."""
-    return (*BINARY, *PRESETS, *_SENSORS)
+    """Every name that a sensor's `format` may have, beside a file's name and a table."""
+    return (*BINARY, *TABLES, *_SENSORS)
 
 
 def clocked_format_names() -> tuple[str, ...]:
@@ -147,13 +148,13 @@ def make_sensor(connection: SensorConnection) -> Sensor:
     """The driver of a sensor; nothing is opened.
 
     Raises:
-        LocalProtocolError: no format of that name, or a line description that contradicts itself.
+        LocalProtocolError: no format of that name, or a description that contradicts itself.
     """
     given = connection.format
     if isinstance(given, str) and given in _SENSORS:
         return _SENSORS[given](connection)
-    line_format = given if isinstance(given, str) else from_description(given)
+    line_format = given if isinstance(given, str) else described_format(given)
     return SerialSensor(
-        connection.url, connection.baudrate, name=connection.name, channel=connection.channel,
+        connection.url, connection.line, name=connection.name, channel=connection.channel,
         line_format=line_format, scale=connection.scale,
     )

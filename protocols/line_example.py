@@ -210,13 +210,3 @@ def filled(line_format: LineFormat, text: Sequence[str], number: str, sign: str)
 def checksum_digits(line_format: LineFormat) -> int:
     """Hexadecimal digits of the checksum; 0 without one."""
     return 0 if line_format.checksum == "none" else 2 * CHECKSUMS[line_format.checksum.removesuffix(HEX)].size
-
-
-def largest(line_format: LineFormat, style: Style) -> float:
-    """The largest power of ten, less one step, that can be written with either sign; 0.0 where none can."""
-    text, best = parts(line_format.pattern), 0.0
-    for exponent in range(-6, 17):
-        number = 10.0**exponent - style.step
-        if number > 0 and all(_fits(line_format, text, style, one) for one in (number, -number)):
-            best = number
-    return best

@@ -116,7 +116,12 @@ class Bench(Section):
                 "checks": True,
             }
         )
-        tables = {"actuator": {"register_map": self.actuator.register_map}}
+        tables = {
+            "actuator": {"register_map": self.actuator.register_map},
+            "load_cell": {"format": self.load_cell.format},
+            "lvdt": {"format": self.lvdt.format},
+            "auxiliary": [{"format": sensor.format} for sensor in self.auxiliary],
+        }
         return hashlib.sha256(named_files.with_contents(text, tables).encode()).hexdigest()
 
     def overdue(self, today: date) -> tuple[str, ...]:

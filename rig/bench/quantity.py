@@ -7,7 +7,7 @@ schema, reading values back (`rig.bench.settings_json`) their `check` is called:
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -130,9 +130,18 @@ class Text:
         return core_schema.str_schema(min_length=1, max_length=self.longest, strict=True, pattern=self.pattern)
 
 
+class Problems(ValueError):
+    """What a check of a whole table found wrong in it, every place of it."""
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        super().__init__("; ".join(f"{'.'.join(map(str, place))}: {text}" if place else text for place, text in problems))
+        self.problems = tuple(problems)
+
+
 @dataclass(frozen=True)
 class Check:
-    """Annotation with a check of its own: a function that returns the value, or raises ValueError with what would fit.
+    """Annotation with a check of its own: a function that returns the value, or raises ValueError with what would fit,
+    `Problems` for a table.
 
     With `alone` nothing else looks at the value, whatever its type.
     """
@@ -145,8 +154,17 @@ class Check:
 
         inner = handler(source)
         if self.alone:
-            return core_schema.no_info_plain_validator_function(self.check, json_schema_input_schema=inner)
-        return core_schema.no_info_after_validator_function(self.check, inner)
+            return core_schema.no_info_plain_validator_function(self._placed, json_schema_input_schema=inner)
+        return core_schema.no_info_after_validator_function(self._placed, inner)
+
+    def _placed(self, value: Any) -> Any:  # noqa: ANN401 - whatever the field holds
+        """The checked value; problems inside of it with their places, as the validator tells them."""
+        try:
+            return self.check(value)
+        except Problems as found:
+            from rig.bench.section import located
+
+            raise located(found.problems) from found
 
 
 def key(name: str | None = None, **shape: object) -> dict[str, object]:

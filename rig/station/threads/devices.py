@@ -84,7 +84,7 @@ class Devices:
 
     def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
         driver = make_sensor(SensorConnection(
-            given.url, given.baudrate, given.label, role.channel, given.format,
+            given.url, given.line, given.label, role.channel, given.format,
             scale_of(given, self.config.device_rate),
         ))
         return SensorThread(given, driver, role, self._supervisor, append)
