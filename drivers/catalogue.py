@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.connection import ActuatorConnection
+from drivers.connection import ActuatorConnection, LineSettings
 from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
 from drivers.devices.source import current_source, current_source_names
@@ -19,7 +19,7 @@ from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
 from drivers.sample_stream import SampleScale
 from drivers.sensor_formats import described_format
-from drivers.serial_sensor import BINARY, CLOCKED, LineSettings, SerialSensor
+from drivers.serial_sensor import BINARY, CLOCKED, SerialSensor
 from protocols.sensor_presets import TABLES
 
 __all__ = [

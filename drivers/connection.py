@@ -1,4 +1,4 @@
-"""How to reach an actuator: its address, parsed once, and what else a driver needs to connect."""
+"""How to reach a device: an actuator's address, parsed once, a serial line's settings, and what else it needs."""
 
 from __future__ import annotations
 
@@ -68,6 +68,23 @@ class ActuatorConnection:
     owner_id: int = 0
     baudrate: int = 115_200
     parity: str = "N"
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """Of a serial line; sockets have none.
+
+    Attributes:
+        baudrate: Bd.
+        data_bits: 7 or 8.
+        parity: "N", "E" or "O".
+        stop_bits: 1 or 2.
+    """
+
+    baudrate: int = 115200
+    data_bits: int = 8
+    parity: str = "N"
+    stop_bits: int = 1
 
 
 def draw_owner_id() -> int:

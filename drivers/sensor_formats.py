@@ -71,6 +71,13 @@ def table_of(given: Given) -> Mapping[str, Any]:
     return {"base": given}
 
 
+def stated_unit(given: Given) -> str:
+    """The unit that a file or table states; empty where it states none, or for a preset."""
+    if isinstance(given, str) and not is_file(given):
+        return ""
+    return str(table_of(given).get("unit", ""))
+
+
 def _from_file(path: Path) -> SensorFormat:
     table, lines = _read(path)
     try:

@@ -1,12 +1,13 @@
-"""A sensor on a serial line or socket: load cell, LVDT, auxiliary channels. It sends readings by itself, or is asked."""
+"""A sensor on a serial line or socket (load cell, LVDT, auxiliary channels) that sends by itself or is asked."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import cast
 
+from drivers.connection import LineSettings
 from drivers.errors import DriverError
 from drivers.ring import Channel
 from drivers.sample_stream import Batch, Decoder, SampleCounters, SampleScale, SampleStream
@@ -32,23 +33,6 @@ AHEAD_S = 0.25
 """Requests under way to a sensor whose clock is not the host's: at most so many bytes, or for so much wall time."""
 AHEAD_TIMEOUT_S = 1.0
 """Such a sensor's clock may stand still for a while."""
-
-
-@dataclass(frozen=True, slots=True)
-class LineSettings:
-    """Of a serial line; sockets have none.
-
-    Attributes:
-        baudrate: Bd.
-        data_bits: 7 or 8.
-        parity: "N", "E" or "O".
-        stop_bits: 1 or 2.
-    """
-
-    baudrate: int = 115200
-    data_bits: int = 8
-    parity: str = "N"
-    stop_bits: int = 1
 
 
 USUAL = LineSettings()
@@ -239,7 +223,7 @@ class Poll:
         self._asked_ns = 0
 
     def given_up(self, now_ns: int) -> bool:
-        """Whether an answer is overdue; its request, and those behind it, are forgotten and nothing is asked for a while."""
+        """Whether an answer is overdue; then all requests are forgotten, and nothing is asked for a while."""
         if not self._asked or now_ns - self._asked_ns <= self._timeout_ns:
             return False
         self._asked.clear()

@@ -90,9 +90,9 @@ class Field:
 
     def meaning(self, raw: float) -> int:
         """Status bits for a number of the value or the status."""
-        if self.valid is not None and not self.valid[0] <= raw <= self.valid[1]:
-            if raw not in self.fault_values:
-                return STATUS_OVERLOAD
+        beyond = self.valid is not None and not self.valid[0] <= raw <= self.valid[1]
+        if beyond and raw not in self.fault_values:
+            return STATUS_OVERLOAD
         status = 0
         if raw in self.overload_values or (self.overload_bits and int(raw) & self.overload_bits):
             status |= STATUS_OVERLOAD
@@ -155,12 +155,6 @@ class BinaryFormat:
     def has_sequence(self) -> bool:
         """Frames carry a number of their own."""
         return "sequence" in self.fields
-
-    def decoder(self) -> object:
-        """What splits a byte stream into readings (a `BinaryDecoder`)."""
-        from protocols.binary_decoder import BinaryDecoder
-
-        return BinaryDecoder(self)
 
     def intact(self, frame: bytes) -> bool:
         """Whether sync, end, fixed bits and checksum of a frame of the right length are right."""

@@ -1,5 +1,7 @@
-"""What is wrong with a sensor format beyond the shape of its entries: entries that contradict each other, formats that
-can never match, frames whose beginning nobody can tell."""
+"""What is wrong with a sensor format beyond the shape of its entries.
+
+Entries that contradict each other, formats that can never match, frames whose beginning nobody can tell.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,8 @@ def _of_columns(values: Mapping[str, Any], problems: list[Problem]) -> str | Non
         if name not in HOLES:
             problems.append((("columns", name), f"unknown column; known are {', '.join(HOLES)}"))
         elif isinstance(place, int) is (separator is None):
-            wanted = "[first, last] character" if separator is None else "the number of the column, for there is a separator"
+            wanted = "the number of the column, for there is a separator"
+            wanted = "[first, last] character" if separator is None else wanted
             problems.append((("columns", name), f"must be {wanted}"))
     if "value" not in columns:
         problems.append((("columns",), "needs the column of the value"))
@@ -122,7 +125,8 @@ def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Pro
         ("status", "status", bool(made.status)),
     ):  # fmt: skip
         if given and group not in groups:
-            yield (key,), f"{column} needs a group (?P<{group}>...)" if column == "pattern" else f"needs a column {group}"
+            needed = f"pattern needs a group (?P<{group}>...)" if column == "pattern" else f"needs a column {group}"
+            yield (key,), needed
         elif group in groups and not given:
             what = {"checksum": "a checksum, such as checksum = \"xor-hex\"", "sign": 'sign = "separate"',
                     "status": 'status, such as status = { ST = "ok", OL = "overload" }'}[group]  # fmt: skip
@@ -145,15 +149,18 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
         try:
             made.template.format(value=0.0, unit=made.unit, checksum="0" * checksum_digits(made))
         except (KeyError, IndexError, ValueError, AttributeError) as error:
-            yield ("template",), f"template {made.template!r}: {error!r}; it may have {{value}}, {{unit}} and {{checksum}}"
+            known = "it may have {value}, {unit} and {checksum}"
+            yield ("template",), f"template {made.template!r}: {error!r}; {known}"
             return
+    fixed = "".join(part for part in parts(made.pattern) if not part.startswith("\0"))
     if not any(fitting(made, [number]) for number in TRIED):
         written = "".join(part if not part.startswith("\0") else f"<{part[1:].partition(':')[0]}>" for part in
                           parts(made.pattern))  # fmt: skip
         with_unit = f" with the unit {made.unit!r}" if "unit" in made.groups else ""
         digits = f" and a checksum of {checksum_digits(made)} digits" if made.checksum != "none" else ""
-        yield (("pattern",), f"can never match: no {made.number} number{with_unit}{digits} fits into a line like {written!r}")
-    elif made.terminator.decode("latin-1") in "".join(part for part in parts(made.pattern) if not part.startswith("\0")):
+        told = f"no {made.number} number{with_unit}{digits} fits into a line like {written!r}"
+        yield ("pattern",), f"can never match: {told}"
+    elif made.terminator.decode("latin-1") in fixed:
         yield ("pattern",), "can never match: the pattern has the terminator in it, which ends the line before"
 
 
@@ -228,7 +235,7 @@ def _stuffing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterato
     elif made.stuffing == "dle" and not (
         len(made.sync) == len(made.end) == 2 and made.sync[0] == made.end[0] == 0x10 and made.sync[1] != made.end[1]
     ):
-        yield ("stuffing",), "dle needs a sync [0x10, ...] and an end [0x10, ...] of two bytes, their second bytes different"
+        yield ("stuffing",), "dle needs a sync [0x10, ...] and an end [0x10, ...] of two different bytes each"
     elif made.stuffing == "slip" and (made.end != b"\xc0" or made.sync not in {b"", b"\xc0"}):
         yield ("stuffing",), "slip needs end = [0xC0], and the same or no sync"
     if made.stuffing == "escape" and made.escape in {*made.sync, *made.end}:
@@ -252,10 +259,15 @@ def _packed_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[
     for shift in range(1, count):
         pairs = [(marks[at], marks[(at + shift) % count]) for at in range(count)]
         if not any((one[1] ^ other[1]) & one[0] & other[0] for one, other in pairs):
-            yield ("packed",), f"where a frame begins cannot be told: moved by {shift} bytes its fixed bits are the same"
+            told = f"moved by {shift} bytes its fixed bits are the same"
+            yield ("packed",), f"where a frame begins cannot be told: {told}"
             return
     if count == 1:
         yield ("packed",), "needs two bytes or more"
+    yield from _packed_fields(made, values)
+
+
+def _packed_fields(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
     for letter, name in LETTERS.items():
         there = any(letter in byte for byte in made.packed)
         if there and name not in made.fields:
@@ -295,5 +307,6 @@ def _never(name: str, item: Field, made: BinaryFormat) -> Iterator[Problem]:
             yield (key,), f"{beyond[0]} can never occur: the field holds {low} to {high}"
     if item.valid is not None and (item.valid[1] < low or item.valid[0] > high):
         yield ("valid",), f"can never match: the field holds {low} to {high}"
-    if (item.overload_bits | item.fault_bits) >= count:
-        yield (("overload_bits" if item.overload_bits >= count else "fault_bits"),), f"beyond the field's bits, {high:#x}"
+    for key, mask in (("overload_bits", item.overload_bits), ("fault_bits", item.fault_bits)):
+        if mask >= count:
+            yield (key,), f"beyond the field's bits, {count - 1:#x}"

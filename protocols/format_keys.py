@@ -1,7 +1,7 @@
-"""The keys of a sensor format's table: what each may hold, read with every problem at once, and as a JSON schema.
+r"""The keys of a sensor format's table: what each may hold, read with every problem at once, and as a JSON schema.
 
 A table is what TOML gives: texts, numbers, lists, tables. Byte strings are written as text of ASCII characters
-("\\r\\n", in double quotes), or as a list of numbers ([0x10, 0x7E]).
+("\r\n", in double quotes), or as a list of numbers ([0x10, 0x7E]).
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ def _text(key: Key, value: object) -> str:
         raise ValueError("expected text")
     if key.choices and value not in key.choices:
         meant = difflib.get_close_matches(value, key.choices, n=1, cutoff=0.6)
-        raise ValueError(f"must be one of {', '.join(key.choices)}" + (f"; did you mean {meant[0]!r}?" if meant else ""))
+        said = f"; did you mean {meant[0]!r}?" if meant else ""
+        raise ValueError(f"must be one of {', '.join(key.choices)}{said}")
     return value
 
 
@@ -61,7 +62,7 @@ def _bytes(key: Key, value: object) -> bytes:
         if not value.isascii():
             raise ValueError("expected ASCII text, or a list of bytes such as [0x02, 0xA5]")
         if any(written in value for written in ("\\r", "\\n", "\\x", "\\0", "\\u")):
-            raise ValueError('a backslash means itself in single quotes; write "\\r\\n" in double quotes, or [0x0D, 0x0A]')
+            raise ValueError('a backslash is itself in single quotes; write "\\r\\n" in double quotes, or [0x0D, 0x0A]')
         return value.encode("ascii")
     if isinstance(value, (list, tuple)) and all(type(item) is int and 0 <= item <= 0xFF for item in value):
         return bytes(value)
@@ -169,7 +170,8 @@ KINDS: Mapping[str, tuple[Callable[[Key, object], Any], Mapping[str, Any]]] = {
     "words": (lambda key, value: _table_of(key, value, "texts", _text), _object({"type": "string"})),
     "factors": (lambda key, value: _table_of(key, value, "numbers", _number), _object(_NUMBER_SCHEMA)),
     "places": (
-        lambda key, value: _table_of(key, value, "places", _place), _object({"anyOf": [{"type": "integer"}, _PAIR_SCHEMA]})
+        lambda key, value: _table_of(key, value, "places", _place),
+        _object({"anyOf": [{"type": "integer"}, _PAIR_SCHEMA]}),
     ),
     "table": (_table, {"type": "object"}),
 }  # fmt: skip
@@ -201,9 +203,8 @@ def read(table: Table, keys: Mapping[str, Key], place: Place, problems: list[Pro
 
 def schema_of(keys: Mapping[str, Key]) -> dict[str, Any]:
     """JSON schema of a table with these keys."""
-    return {
-        "type": "object", "additionalProperties": False, "properties": {name: _schema(key) for name, key in keys.items()},
-    }  # fmt: skip
+    properties = {name: _schema(key) for name, key in keys.items()}
+    return {"type": "object", "additionalProperties": False, "properties": properties}
 
 
 def _schema(key: Key) -> dict[str, Any]:

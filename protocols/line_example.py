@@ -1,8 +1,8 @@
-"""A line that a format accepts, made from its pattern: by it a format that can never match is found, and lines are
-written where a format does not say how.
+"""A line that a format accepts, made from its pattern.
 
-The pattern is walked part by part for its shortest text; the number is tried in many ways of writing it until one fits
-for every number that is wanted.
+By it a format that can never match is found, and lines are written where a format does not say how. The pattern is
+walked part by part for its shortest text; the number is tried in many ways of writing it until one fits for every
+number that is wanted.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 import re
 import string
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -20,9 +20,9 @@ from protocols.line_format import LineFormat
 
 _parser: Any = importlib.import_module("re._parser")  # the standard library's own reading of a pattern, not annotated
 _PREFERRED = "0 " + string.digits + string.ascii_uppercase + string.ascii_lowercase + "".join(map(chr, range(33, 127)))
-_CATEGORIES = {
-    "CATEGORY_DIGIT": str.isdigit, "CATEGORY_NOT_DIGIT": lambda letter: not letter.isdigit(),
-    "CATEGORY_SPACE": str.isspace, "CATEGORY_NOT_SPACE": lambda letter: not letter.isspace(),
+_CATEGORIES: Mapping[str, Callable[[str], bool]] = {
+    "CATEGORY_DIGIT": lambda letter: letter.isdigit(), "CATEGORY_NOT_DIGIT": lambda letter: not letter.isdigit(),
+    "CATEGORY_SPACE": lambda letter: letter.isspace(), "CATEGORY_NOT_SPACE": lambda letter: not letter.isspace(),
     "CATEGORY_WORD": lambda letter: letter.isalnum() or letter == "_",
     "CATEGORY_NOT_WORD": lambda letter: not (letter.isalnum() or letter == "_"),
 }  # fmt: skip
@@ -38,13 +38,13 @@ def widths(pattern: str) -> tuple[int, int]:
 
 
 def parts(pattern: str) -> list[str]:
-    """The shortest text of a pattern, cut at its groups of `HOLES`: these are in it as NUL, name, `:` and least width."""
+    """The shortest text of a pattern, cut at its groups of `HOLES`, which are NUL, name, `:` and least width."""
     tree = _parser.parse(pattern, re.ASCII)
     names = {number: name for name, number in tree.state.groupdict.items() if name in HOLES}
-    found: list[str] = []
-    _walk(tree, names, found)
+    pieces: list[str] = []
+    _walk(tree, names, pieces)
     joined: list[str] = []
-    for text in found:
+    for text in pieces:
         if joined and not text.startswith("\0") and not joined[-1].startswith("\0"):
             joined[-1] += text
         else:
@@ -52,28 +52,28 @@ def parts(pattern: str) -> list[str]:
     return joined
 
 
-def _walk(tree: Any, names: dict[int, str], found: list[str]) -> None:  # noqa: ANN401 - the parser's own tree
+def _walk(tree: Any, names: dict[int, str], pieces: list[str]) -> None:  # noqa: ANN401 - the parser's own tree
     for operation, argument in tree:
         kind = str(operation)
         if kind == "LITERAL":
-            found.append(chr(argument))
+            pieces.append(chr(argument))
         elif kind in {"NOT_LITERAL", "ANY", "IN"}:
-            found.append(_letter(kind, argument))
+            pieces.append(_letter(kind, argument))
         elif kind in {"MAX_REPEAT", "MIN_REPEAT", "POSSESSIVE_REPEAT"}:
             least, _, inner = argument
             for _ in range(least or int(_holds(inner, names))):
-                _walk(inner, names, found)
+                _walk(inner, names, pieces)
         elif kind == "SUBPATTERN":
             number, _, _, inner = argument
             if number in names:
-                found.append(f"\0{names[number]}:{inner.getwidth()[0]}")
+                pieces.append(f"\0{names[number]}:{inner.getwidth()[0]}")
             else:
-                _walk(inner, names, found)
+                _walk(inner, names, pieces)
         elif kind == "BRANCH":
             branches = argument[1]
-            _walk(next((one for one in branches if _holds(one, names)), branches[0]), names, found)
+            _walk(next((one for one in branches if _holds(one, names)), branches[0]), names, pieces)
         elif kind == "ATOMIC_GROUP":
-            _walk(argument, names, found)
+            _walk(argument, names, pieces)
 
 
 def _holds(tree: Any, names: dict[int, str]) -> bool:  # noqa: ANN401 - as above

@@ -3,7 +3,7 @@ r"""ASCII lines: one reading a line, described by data.
     signed-decimal       +0001234.5 N\r\n
     laumas-fast          001234\r\n                  negative: -01234\r\n
     laumas-checksummed   &T001234P000000\03\r        two hex digits: XOR of the characters between & and \
-    flintec              G+01.100\r                  after SG\r
+    flintec              G+01.100\r\n                after SG\r
 
 A line is accepted whole or not at all: the pattern must match all of it, the number must be a plain number, the unit
 must be an expected one and the checksum right. The first line after the start is dropped, for its beginning may be
@@ -112,10 +112,6 @@ class LineFormat:
         """The pattern over a whole line."""
         return self._regex.fullmatch(text)
 
-    def decoder(self) -> LineDecoder:
-        """What splits a byte stream into readings."""
-        return LineDecoder(self)
-
     def decode(self, line: bytes) -> tuple[float, int]:
         """Value and status bits of one line.
 
@@ -215,7 +211,7 @@ class LineFormat:
             raw = int(digits, 16)
             if self.number == "hexadecimal-signed" and raw >> (4 * len(digits) - 1):
                 raw -= 1 << 4 * len(digits)
-            return raw / 10**self.decimals
+            return float(raw) / 10.0**self.decimals
         number = float(digits)
         if not math.isfinite(number):
             return None

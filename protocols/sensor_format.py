@@ -1,5 +1,4 @@
-"""Sensor formats from their descriptions: tables as TOML gives them become line formats and binary formats, or every
-reason why they cannot.
+"""Sensor formats from their descriptions, or every reason why a description cannot be used.
 
 A description is a table of `LINE_KEYS` or `FRAME_KEYS`, or the name of a preset; `base = "preset"` takes another one's
 entries where the table has none of its own.
@@ -61,7 +60,7 @@ LINE_KEYS: Mapping[str, Key] = {
     "checksum": Key("text", "sum written in group or column `checksum` (default none)", choices=LINE_CHECKSUMS),
     "checksum_from": Key("text", "character before the first one covered (default: all from the line's beginning)"),
     "checksum_to": Key("text", "character behind the last one covered (default: all up to the checksum)"),
-    "checksum_over": Key("span", "[first, last] character covered, counted from 1, in place of the two", 1, LONGEST_LINE),
+    "checksum_over": Key("span", "[first, last] character covered, counted from 1, in place of both", 1, LONGEST_LINE),
     "template": Key("text", "how a simulated sensor writes it, such as \"ST,{value:+08.3f}\"; made from the pattern "
                             "where it is not stated"),
 }  # fmt: skip

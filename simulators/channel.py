@@ -35,7 +35,8 @@ class Channel:
 
         Args:
             now_ns: host's monotonic clock, at the slice's end.
-            start_s, end_s: the slice to come, simulated time (s).
+            start_s: the slice's begin, simulated time (s).
+            end_s: its end.
             speed: of simulated time.
         """
         waiting, wanted = self.sensor.requests, self.sensor.options.format

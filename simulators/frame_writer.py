@@ -13,6 +13,7 @@ from protocols.errors import LocalProtocolError
 from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 from simulators.bit_sums import size_of, total_of
 
+Whole = NDArray[np.int64]
 _DLE = 0x10
 _LETTERS = {"value": "v", "status": "s", "sequence": "n", "time": "t"}
 
@@ -45,7 +46,7 @@ class FrameWriter:
         self.size = self._longest + self.differ
 
     def __call__(
-        self, value: NDArray[np.float64], status: NDArray[np.uint8], sequence: NDArray[np.int64], stamp_us: NDArray[np.int64]
+        self, value: NDArray[np.float64], status: NDArray[np.uint8], sequence: Whole, stamp_us: Whole
     ) -> NDArray[np.uint8]:
         """Frames (n, size) of readings, status bits, sample numbers and device clock (us), all of shape (n,)."""
         frames = map(self._row, value.tolist(), status.tolist(), sequence.tolist(), stamp_us.tolist())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import reduce
+from itertools import product
 from operator import xor
 
 import numpy as np
@@ -13,7 +14,6 @@ from protocols.frame_format import STATUS_OVERLOAD, STATUS_SENSOR_FAULT
 from protocols.line_example import checksum_digits, filled, fitting, parts
 from protocols.line_format import LineFormat
 from simulators.bit_sums import total_of
-
 
 
 class LineWriter:
@@ -42,13 +42,14 @@ class LineWriter:
                 f"{line_format.name}: {low:g} to {high:g} {line_format.unit} do not fit: the pattern "
                 f"{line_format.pattern!r} has no room for them"
             )
-        lengths = {len(self._line(value)) for value in values}
         self._middle = middle
+        words = [self._token(line_format.overload_tokens, "overload"), self._token(line_format.fault_tokens, "fault")]
+        lengths = {*(len(self._line(value)) for value in values), *(len(word) for word in words if word)}
         self._longest = max(lengths)
         self.differ = len(lengths) > 1
         self.size = self._longest + self.differ
-        self._overload = self._token(line_format.overload_tokens, "overload") or self._noise()
-        self._fault = self._token(line_format.fault_tokens, "fault") or self._overload
+        self._overload = words[0] or self._noise()
+        self._fault = words[1] or self._overload
 
     def __call__(
         self, value: NDArray[np.float64], status: NDArray[np.uint8], *_: NDArray[np.int64]
@@ -118,7 +119,8 @@ class LineWriter:
         wanted = self._format
         match = wanted.match(text)
         if match is None:
-            raise LocalProtocolError(f"{wanted.name}: {value:g} {wanted.unit} does not fit: {text!r} breaks the pattern")
+            told = f"{value:g} {wanted.unit} does not fit: {text!r} breaks the pattern"
+            raise LocalProtocolError(f"{wanted.name}: {told}")
         if wanted.checksum == "none":
             return text
         first, last = match.span("checksum")
@@ -143,9 +145,10 @@ class LineWriter:
                  if group == "value" or wanted.status[word] == meaning]  # fmt: skip
         for group, word in words:
             begin, stop = match.span(group)
-            for fill in (word.ljust(stop - begin), word.rjust(stop - begin), word.center(stop - begin)):
-                tried = text[:begin] + fill + text[stop:]
-                if wanted.match(tried) is not None and (self.differ or len(tried) == len(text)):
+            room = max(0, stop - begin - len(word))
+            for left, right in sorted(product(range(room + 1), repeat=2), key=lambda pads: abs(sum(pads) - room)):
+                tried = f"{text[:begin]}{' ' * left}{word}{' ' * right}{text[stop:]}"
+                if wanted.match(tried) is not None:
                     return wanted.start + self._summed(tried, 0.0).encode("ascii") + wanted.terminator
         return b""
 

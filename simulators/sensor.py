@@ -132,7 +132,7 @@ class Sensor:
         return self._damage(self._released(end_s))
 
     def _instants(self, end_s: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Draws (n, 2), device clock (us), nominal and true times (s) of the samples up to the slice's end, each (n,)."""
+        """Draws (n, 2), device clock (us), nominal and true times (s), each (n,), of the slice's samples."""
         first, clock, asked = self._tick, self.clock, self.requests
         if asked and math.isfinite(asked[0]):
             times_s = np.array(asked)

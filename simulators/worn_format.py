@@ -1,4 +1,4 @@
-"""A simulated sensor that wears a described format: what its numbers on the wire are, and the bench file's words for it."""
+"""A simulated sensor that wears a described format: what its numbers on the wire are."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.sensor_formats import FRAME16, Given, described_format, is_file, table_of
+from drivers.sensor_formats import FRAME16, described_format, is_file, table_of
 from protocols.errors import LocalProtocolError
 from protocols.format_keys import FormatProblems
 from protocols.line_format import LineFormat

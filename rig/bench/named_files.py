@@ -38,9 +38,8 @@ def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     result = dict(data)
     for entry in ENTRIES:
         table, key = entry
-        whole = [
-            {**one, key: str(folder / one[key])} if is_file(entry, one.get(key)) else one for one in _tables(data, table)
-        ]
+        tables = _tables(data, table)
+        whole = [{**one, key: str(folder / one[key])} if is_file(entry, one.get(key)) else one for one in tables]
         if whole:
             result[table] = whole[0] if isinstance(data[table], Mapping) else tuple(whole)
     return result

@@ -134,20 +134,22 @@ class Problems(ValueError):
     """What a check of a whole table found wrong in it, every place of it."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:
-        super().__init__("; ".join(f"{'.'.join(map(str, place))}: {text}" if place else text for place, text in problems))
+        told = (f"{'.'.join(map(str, place))}: {text}" if place else text for place, text in problems)
+        super().__init__("; ".join(told))
         self.problems = tuple(problems)
 
 
 @dataclass(frozen=True)
 class Check:
-    """Annotation with a check of its own: a function that returns the value, or raises ValueError with what would fit,
-    `Problems` for a table.
+    """Annotation with a check of its own: a function that returns the value, or raises ValueError with what would fit.
 
-    With `alone` nothing else looks at the value, whatever its type.
+    For a table it raises `Problems`. With `alone` nothing else looks at the value, whatever its type.
     """
 
     check: Callable[[Any], Any]
     alone: bool = False
+    located: ClassVar[Callable[..., Any]]
+    """How the validator is told problems with their places: set by `rig.bench.section`, which loads the validator."""
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         from pydantic_core import core_schema
@@ -158,13 +160,16 @@ class Check:
         return core_schema.no_info_after_validator_function(self._placed, inner)
 
     def _placed(self, value: Any) -> Any:  # noqa: ANN401 - whatever the field holds
-        """The checked value; problems inside of it with their places, as the validator tells them."""
+        """The checked value.
+
+        Raises:
+            error: problems inside of it, with their places as the validator tells them.
+        """
         try:
             return self.check(value)
-        except Problems as found:
-            from rig.bench.section import located
-
-            raise located(found.problems) from found
+        except Problems as problems:
+            error: Exception = Check.located(problems.problems)
+            raise error from problems
 
 
 def key(name: str | None = None, **shape: object) -> dict[str, object]:

@@ -8,14 +8,12 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import date
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
+from drivers.connection import LineSettings
 from rig import units
 from rig.bench import address
 from rig.bench.quantity import Check, Problem, Problems, Quantity, Settings, Text, Wording, key
-
-if TYPE_CHECKING:
-    from drivers.serial_sensor import LineSettings
 
 # A limit outside these is a slip of the pen, not a damper test rig (fault row `config-absurd`).
 Force = Annotated[float, Quantity("force", "0 N", "200 kN", above=True)]
@@ -86,7 +84,7 @@ class Calibration(Settings):
     points: tuple[CalibrationPoint, CalibrationPoint] | None = field(
         default=None,
         metadata=key(
-            description="two points of the certificate, in place of a sensitivity: what is on the wire, and what it means",
+            description="two points of the certificate, in place of a sensitivity: on the wire, and meant",
             examples=[[["0.002 mV/V", "0 N"], ["2.001 mV/V", "10 kN"]]],
         ),
     )
@@ -96,7 +94,7 @@ class Calibration(Settings):
     )
     capacity: str | None = field(default=None, metadata=key(description="load of the rated output", examples=["10 kN"]))
     zero: WireValue | None = field(
-        default=None, metadata=key(description="what is on the wire at zero, with a rated output", examples=["0.01 mV/V"])
+        default=None, metadata=key(description="on the wire at zero, with a rated output", examples=["0.01 mV/V"])
     )
     serial_number: Name = field(metadata=key(examples=["LC-1234"]))
     certificate: str = field(default="", metadata=key(max_length=128))
@@ -146,11 +144,8 @@ class Calibration(Settings):
             yield (ways[0] if ways else "offset",), str(problem)
             return
         if not 0.0 < slope < math.inf:
-            meaning = "the load falls as the wire's value rises" if slope < 0.0 else "it has no slope"
-            yield (
-                (ways[0] if ways else "sensitivity",),
-                f'{meaning}; write the loads with the other sign, and polarity = "reversed"' if slope < 0.0 else meaning,
-            )
+            way_out = 'falls as the wire\'s value rises; write the loads with the other sign, and polarity = "reversed"'
+            yield (ways[0] if ways else "sensitivity",), f"the load {way_out}" if slope < 0.0 else "it has no slope"
 
 
 def _known_format(value: object) -> str | dict[str, Any]:
@@ -213,8 +208,6 @@ class SensorConfig(Settings):
     @property
     def line(self) -> LineSettings:
         """Settings of its serial line."""
-        from drivers.serial_sensor import LineSettings
-
         return LineSettings(self.baudrate, self.data_bits, self.parity, self.stop_bits)
 
     @property
@@ -253,8 +246,30 @@ class SensorConfig(Settings):
 
     def problems(self) -> Iterator[Problem]:
         """A calibration has the sensor's own dimension."""
-        for place, text in self.calibration.problems_with(self.dimension):
+        for place, text in (*self.calibration.problems_with(self.dimension), *self._unit_problems()):
             yield ("calibration", *place), text
+
+    def _unit_problems(self) -> Iterator[Problem]:
+        """The format's unit, where it states one, is the calibration's."""
+        from drivers.sensor_formats import stated_unit
+
+        unit, given = stated_unit(self.format), self.calibration
+        if not unit:
+            return
+        for name in ("points", "rated_output", "zero"):
+            values = getattr(given, name) or ()
+            for value in [wire for wire, _ in values] if name == "points" else [values]:
+                if wire_unit(value or 0) not in {"", unit}:
+                    yield (name,), f"the format's unit is {unit}; write these values in it, or without a unit"
+                    break
+        known = units.UNITS.get(units.ALIASES.get(unit, unit))
+        usual = given.sensitivity == 1.0 and given.points is None and given.rated_output is None
+        if known is not None and usual and not (known.dimension == self.dimension and known.scale == 1.0):
+            if known.dimension == self.dimension:
+                yield ("sensitivity",), f"the format's unit is {unit}; write sensitivity = {known.scale!r}"
+            else:
+                told = f"the format's unit is {unit}, which is no {self.dimension}; state a sensitivity"
+                yield ("sensitivity",), told
 
 
 @dataclass(frozen=True, kw_only=True)

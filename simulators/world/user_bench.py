@@ -190,13 +190,13 @@ def _sensor(sensor: SensorConfig, usual: SensorOptions, span_m: float = 0.0) -> 
     described = _format(sensor)
     zero = shown_at_zero * per_si
     bandwidth_Hz, skew_s = _filter(sensor.delay_s, sensor.bandwidth_Hz or usual.bandwidth_Hz)
+    own = described == FRAME16
     return replace(
         usual, unit="N", wire_per_si=0.5 * full / span_m if span_m else per_si, rate_Hz=sensor.rate_Hz,
-        format=described, described="" if described == FRAME16 else sensor.format, range=full, noise=usual.noise / usual.range * full,
-        resolution=usual.resolution / usual.range * full,
-        offset=zero if described == FRAME16 else 0.0, wire_zero=0.0 if described == FRAME16 else zero, reversed=calibration.sign < 0.0,
-        bandwidth_Hz=bandwidth_Hz, skew_s=skew_s, serial_number=calibration.serial_number, baudrate=sensor.baudrate,
-        burst_s=min(usual.burst_s, BURST_SHARE * sensor.stale_after_s),
+        format=described, described="" if own else sensor.format, range=full, noise=usual.noise / usual.range * full,
+        resolution=usual.resolution / usual.range * full, offset=zero if own else 0.0, wire_zero=0.0 if own else zero,
+        reversed=calibration.sign < 0.0, bandwidth_Hz=bandwidth_Hz, skew_s=skew_s, baudrate=sensor.baudrate,
+        serial_number=calibration.serial_number, burst_s=min(usual.burst_s, BURST_SHARE * sensor.stale_after_s),
     )  # fmt: skip
 
 
