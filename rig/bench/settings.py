@@ -128,7 +128,20 @@ class ActuatorConfig(Settings):
             description="delay of the controller's own position and force inputs; sensors are checked against them",
         ),
     )
+    setpoint_late_s: Annotated[float, Quantity("time", "2 ms", "500 ms")] | None = field(
+        default=None,
+        metadata=key(
+            "setpoint_late",
+            description="of an actuator that is streamed its set-points: one sent so much after its time is late; not "
+            "stated: one poll",
+        ),
+    )
     serial_number: Name | None = None
+
+    @property
+    def late_setpoint_s(self) -> float:
+        """A set-point sent so much after its time is late (s)."""
+        return self.poll_s if self.setpoint_late_s is None else self.setpoint_late_s
 
 
 @dataclass(frozen=True, kw_only=True)
