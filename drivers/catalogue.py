@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from drivers.capabilities import Capabilities
 from drivers.connection import ActuatorConnection
 from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
@@ -24,6 +25,7 @@ from protocols.line_format import PRESETS, from_description
 
 __all__ = [
     "SensorConnection",
+    "actuator_capabilities",
     "actuator_names",
     "check_actuator",
     "check_current_source",
@@ -86,6 +88,17 @@ def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
     from drivers.modbus_actuator import ModbusActuator
 
     return as_actuator(ModbusActuator(connection, controller(name)), connection.motion)
+
+
+def actuator_capabilities(name: str) -> Capabilities:
+    """What a known kind of actuator can do; nothing is opened.
+
+    Raises:
+        LocalProtocolError: its description cannot be read or contradicts itself.
+    """
+    if name in _REGISTERED:
+        return _REGISTERED[name](ActuatorConnection("")).capabilities
+    return controller(name).capabilities
 
 
 def make_current_source(name: str, interface: str, channel: str, bitrate: int) -> CurrentSource:

@@ -35,6 +35,8 @@ from drivers.setpoint_generator import Setpoint, SetpointGenerator
 from protocols.errors import LocalProtocolError
 
 SENT_KEPT = 64
+FEWEST_SETPOINTS = 20
+"""In a cycle: with fewer its shape is no longer the one that was asked for."""
 GENERATED = frozenset({Command.MOVE_TO, Command.START, Command.FADE_STOP, Command.HALT})
 """Commands that are set-points here; a halt only where the device has none of its own."""
 HOLDING = frozenset({State.HOLD, State.MOVING, State.RUNNING})

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from datetime import date
 from typing import Annotated, Literal
 
+from drivers.catalogue import actuator_capabilities
 from rig.bench import address
 from rig.bench.quantity import Check, Problem, Quantity, Settings, Text, key
 from rig.bench.sensor_settings import (
@@ -31,6 +32,7 @@ from rig.bench.sensor_settings import (
 
 ECU_STATUS_Hz = 100.0
 MOST_AUXILIARY = 7
+LATE_SETPOINT_S = 0.010
 SPIKE_FORCE_SHARE = 0.6
 """A triangle's reversal turns the whole yield force round between two samples; a larger jump is no physics."""
 SPIKE_SPEED_FACTOR = 2.0
@@ -133,15 +135,20 @@ class ActuatorConfig(Settings):
         metadata=key(
             "setpoint_late",
             description="of an actuator that is streamed its set-points: one sent so much after its time is late; not "
-            "stated: one poll",
+            "stated: 10 ms, or one poll if that is longer",
         ),
     )
     serial_number: Name | None = None
 
     @property
+    def setpoints_s(self) -> float | None:
+        """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
+        return None if actuator_capabilities(self.register_map).generator else self.poll_s
+
+    @property
     def late_setpoint_s(self) -> float:
         """A set-point sent so much after its time is late (s)."""
-        return self.poll_s if self.setpoint_late_s is None else self.setpoint_late_s
+        return max(self.poll_s, LATE_SETPOINT_S) if self.setpoint_late_s is None else self.setpoint_late_s
 
 
 @dataclass(frozen=True, kw_only=True)

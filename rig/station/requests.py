@@ -24,6 +24,7 @@ from dataclasses import asdict
 
 from drivers.errors import DriverError, RequestRefused
 from drivers.roles import ActuatorStatus, Command, Move, Program, State, Waveform, state_name
+from drivers.streamed_actuator import FEWEST_SETPOINTS
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.faults.row import StopKind
@@ -48,6 +49,7 @@ QUIET_NS = 250_000_000
 QUIET_PATIENCE_NS = 2_000_000_000
 """... which is waited for so long."""
 ACTUATOR = "actuator"
+LIMIT_SLACK = 1e-6
 
 
 class Requests:
@@ -215,10 +217,37 @@ class Requests:
             table_length=self._write_table(arguments) if waveform is Waveform.TABLE else 0,
         )
         period_s = 1.0 / frequency_Hz
+        self._require_followable(program)
         self._supervisor.movement = Movement(self._config.actuator.fade_out_cycles * period_s, period_s)
         self._devices.actuator.judge.expect_program(program.all_cycles * period_s, program.all_cycles)
         status = self._commands.command(Command.START, program)
         return {"program_id": status.program_id, "state": state_name(status.state)}
+
+    def _require_followable(self, program: Program) -> None:
+        """A motion that is streamed is within the machine's limits, and its cycle has enough set-points.
+
+        Raises:
+            StationRefused: it is not; an actuator with a generator of its own knows by itself.
+        """
+        if self._devices.actuator.capabilities.generator:
+            return
+        limits, poll_s = self._config.limits, self._config.actuator.poll_s * self._config.device_rate
+        omega, sine = 2.0 * math.pi * program.frequency_Hz, program.waveform is Waveform.SINE
+        speed_m_s = (omega if sine else 4.0 * program.frequency_Hz) * program.amplitude_m
+        acceleration_m_s2 = omega**2 * program.amplitude_m if sine else 0.0
+        problems = []
+        if program.frequency_Hz * poll_s * FEWEST_SETPOINTS > 1.0 + LIMIT_SLACK:
+            most_Hz = 1.0 / (FEWEST_SETPOINTS * poll_s)
+            problems.append(
+                f"{program.frequency_Hz:g} Hz has fewer than {FEWEST_SETPOINTS} set-points a cycle at polls of "
+                f"{1e3 * self._config.actuator.poll_s:g} ms: at most {most_Hz:g} Hz, or a shorter poll"
+            )
+        if speed_m_s > limits.speed_m_s * (1.0 + LIMIT_SLACK):
+            problems.append(f"speed {speed_m_s:g} m/s, allowed {limits.speed_m_s:g} m/s")
+        if acceleration_m_s2 > limits.acceleration_m_s2 * (1.0 + LIMIT_SLACK):
+            problems.append(f"acceleration {acceleration_m_s2:g} m/s^2, allowed {limits.acceleration_m_s2:g} m/s^2")
+        if problems:
+            raise StationRefused("matrix-infeasible", f"start: {'; '.join(problems)}")
 
     def _write_table(self, arguments: Arguments) -> int:
         """Load a table waveform; its number of values.
