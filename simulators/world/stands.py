@@ -30,6 +30,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from drivers import plugins
 from simulators.world import futures, threads
 from simulators.world.kernel import Kernel
 from simulators.world.machine import Machine, Process
@@ -355,6 +356,12 @@ class Told(io.TextIOBase):
         return 2
 
 
+def _places() -> frozenset[str]:
+    """Packages whose modules find a world's machine: the project's, and those that bring drivers as plug-ins."""
+    brought = (plug_in for group in plugins.DRIVERS for plug_in in plugins.found(group))
+    return frozenset(PLACES) | {plug_in.target.partition(":")[0].partition(".")[0] for plug_in in brought}
+
+
 PLACES = ("rig", "drivers", "protocols", "simulators")
 ALSO = ("can.bus", "can.interfaces.slcan", "pathlib")
 """Other people's modules that look at the clock, or at files for us."""
@@ -380,11 +387,12 @@ class Installed:
         setattr(module, name, value)
 
     def __enter__(self) -> Installed:
+        places = _places()
         for module_name, module in list(real_sys.modules.items()):
             place = module_name.partition(".")[0]
             if module is None or module_name.startswith("simulators.world"):
                 continue
-            if place not in PLACES and module_name not in ALSO:
+            if place not in places and module_name not in ALSO:
                 continue
             for name, value in list(vars(module).items()):
                 stand = self._stands.get(id(value))
