@@ -34,6 +34,7 @@ COMMANDS = {
     "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
     "plugins": ("rig.cli.plugins", "List what other packages bring: drivers, models, methods, sections, exports."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
+    "explain": ("rig.cli.explain", "What a slug means: a fault, refusal or finding by its name."),
     "worlds": ("rig.cli.worlds", "Try a matrix in simulated worlds, each with a bad day of its own."),
 }
 
