@@ -79,6 +79,12 @@ def names(group: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(plug_in.name for plug_in in found(group)))
 
 
+def driver_packages() -> frozenset[str]:
+    """The top packages in which the drivers of plug-ins lie; nothing is loaded."""
+    brought = (plug_in for group in DRIVERS for plug_in in found(group))
+    return frozenset(plug_in.target.partition(":")[0].partition(".")[0] for plug_in in brought)
+
+
 def plug_in_of(group: str, name: str) -> PlugIn | None:
     """The plug-in of that name; None when there is none.
 

@@ -356,12 +356,6 @@ class Told(io.TextIOBase):
         return 2
 
 
-def _places() -> frozenset[str]:
-    """Packages whose modules find a world's machine: the project's, and those that bring drivers as plug-ins."""
-    brought = (plug_in for group in plugins.DRIVERS for plug_in in plugins.found(group))
-    return frozenset(PLACES) | {plug_in.target.partition(":")[0].partition(".")[0] for plug_in in brought}
-
-
 PLACES = ("rig", "drivers", "protocols", "simulators")
 ALSO = ("can.bus", "can.interfaces.slcan", "pathlib")
 """Other people's modules that look at the clock, or at files for us."""
@@ -387,7 +381,7 @@ class Installed:
         setattr(module, name, value)
 
     def __enter__(self) -> Installed:
-        places = _places()
+        places = {*PLACES, *plugins.driver_packages()}
         for module_name, module in list(real_sys.modules.items()):
             place = module_name.partition(".")[0]
             if module is None or module_name.startswith("simulators.world"):
