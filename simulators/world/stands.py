@@ -381,12 +381,11 @@ class Installed:
         setattr(module, name, value)
 
     def __enter__(self) -> Installed:
-        places = {*PLACES, *plugins.driver_packages()}
         for module_name, module in list(real_sys.modules.items()):
             place = module_name.partition(".")[0]
             if module is None or module_name.startswith("simulators.world"):
                 continue
-            if place not in places and module_name not in ALSO:
+            if place not in {*PLACES, *plugins.driver_packages()} and module_name not in ALSO:
                 continue
             for name, value in list(vars(module).items()):
                 stand = self._stands.get(id(value))
