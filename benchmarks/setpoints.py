@@ -138,7 +138,8 @@ def main() -> None:
         f"{result['steps']} set-points at {result['rate_Hz']:g} Hz, real-time {result['real_time']}: p99 "
         f"{1e3 * result['p99_s']:.1f} ms late (goal {1e3 * GOAL_P99_S:g}), worst {1e3 * result['worst_s']:.1f} ms; "
         f"{result['skipped']} left out, {100 * result['skipped_share']:.3f} % (goal below {100 * GOAL_SKIPPED:g} %); "
-        f"a loop that only sleeps: p99 {1e3 * result['bare_p99_s']:.1f} ms late; steal {100 * result['steal_share']:.1f} % of {result['processors']} processors; "
+        f"a loop that only sleeps: p99 {1e3 * result['bare_p99_s']:.1f} ms late; "
+        f"steal {100 * result['steal_share']:.1f} % of {result['processors']} processors; "
         f"{result['polls_Hz']:.0f} status blocks a second (goal {GOAL_POLLS_HZ:g})"
     )
 

@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 from datetime import date
 from typing import Annotated, Literal
 
-from drivers.catalogue import actuator_capabilities
+from drivers.catalogue import make_actuator
+from drivers.connection import ActuatorConnection
 from rig.bench import address
 from rig.bench.quantity import Check, Problem, Quantity, Settings, Text, key
 from rig.bench.sensor_settings import (
@@ -143,7 +144,8 @@ class ActuatorConfig(Settings):
     @property
     def setpoints_s(self) -> float | None:
         """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
-        return None if actuator_capabilities(self.register_map).generator else self.poll_s
+        connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
+        return None if make_actuator(self.register_map, connection).capabilities.generator else self.poll_s
 
     @property
     def late_setpoint_s(self) -> float:
