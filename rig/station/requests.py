@@ -1,6 +1,8 @@
 """What the application may ask for; each answer comes after the thing asked for is proved, not merely sent.
 
     connect                                          open everything, prove identities, measure rates
+    examine                                          the same, but what is wrong with one device hides no other's;
+                                                     nothing can be armed unless all is well
     arm                                              lease, limits written and read back, 0 A frames, interlocks on
     starve_watchdog                                  prove that the controller trips when it is not fed
     hydraulics   level=off|low|on
@@ -24,15 +26,16 @@ from dataclasses import asdict
 
 from drivers.errors import DriverError, RequestRefused
 from drivers.roles import ActuatorStatus, Command, Move, Program, State, Waveform, state_name
-from drivers.streamed_actuator import FEWEST_SETPOINTS
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
 from rig.faults.row import StopKind
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.errors import StationRefused
+from rig.station.examination import NOTHING_STOPS_IT, examine
 from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.link_faults import link_slug
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
+from rig.station.interlocks.setpoint_interlock import unfollowable
 from rig.station.preparation import Preparation
 from rig.station.safe_stop import STILL_S, Movement
 from rig.station.supervisor import Supervisor
@@ -49,7 +52,8 @@ QUIET_NS = 250_000_000
 QUIET_PATIENCE_NS = 2_000_000_000
 """... which is waited for so long."""
 ACTUATOR = "actuator"
-LIMIT_SLACK = 1e-6
+BEFORE = frozenset({"connect", "examine", "status"})
+"""What may be asked for before the devices are connected."""
 
 
 class Requests:
@@ -64,6 +68,7 @@ class Requests:
         self._connected = False
         self._table: dict[str, Callable[[Arguments], Answer]] = {
             "connect": self._connect,
+            "examine": self._examine,
             "arm": self._arm,
             "starve_watchdog": self._starve_watchdog,
             "hydraulics": self._hydraulics,
@@ -97,7 +102,7 @@ class Requests:
         handler = self._table.get(do)
         if handler is None:
             raise StationRefused("bad-request", f"no request {do!r}; known: {', '.join(self._table)}, shutdown")
-        if not self._connected and do not in {"connect", "status"}:
+        if not self._connected and do not in BEFORE:
             raise StationRefused("not-connected", f"{do}: connect first")
         try:
             return handler(arguments)
@@ -114,16 +119,21 @@ class Requests:
 
     # Before motion
 
+    def _examine(self, arguments: Arguments) -> Answer:
+        del arguments
+        if self._connected:
+            raise StationRefused("bad-request", "examine: already connected")
+        answer = examine(self._devices, self._preparation)
+        self._connected = answer.all_well
+        return asdict(answer)
+
     def _connect(self, arguments: Arguments) -> Answer:
         del arguments
         if self._connected:
             raise StationRefused("bad-request", "connect: already connected")
         capabilities = self._devices.actuator.capabilities
         if not capabilities.can_be_stopped:
-            raise StationRefused(
-                "watchdog-absent", "the actuator has no watchdog and its pressure cannot be taken away: nothing would "
-                "stop it when this host fails"
-            )
+            raise StationRefused("watchdog-absent", NOTHING_STOPS_IT)
         self._devices.open()
         try:
             self._devices.start()
@@ -229,24 +239,9 @@ class Requests:
         Raises:
             StationRefused: it is not; an actuator with a generator of its own knows by itself.
         """
-        if self._devices.actuator.capabilities.generator:
-            return
-        limits, poll_s = self._config.limits, self._config.actuator.poll_s * self._config.device_rate
-        omega, sine = 2.0 * math.pi * program.frequency_Hz, program.waveform is Waveform.SINE
-        speed_m_s = (omega if sine else 4.0 * program.frequency_Hz) * program.amplitude_m
-        acceleration_m_s2 = omega**2 * program.amplitude_m if sine else 0.0
-        problems = []
-        if program.frequency_Hz * poll_s * FEWEST_SETPOINTS > 1.0 + LIMIT_SLACK:
-            most_Hz = 1.0 / (FEWEST_SETPOINTS * poll_s)
-            problems.append(
-                f"{program.frequency_Hz:g} Hz has fewer than {FEWEST_SETPOINTS} set-points a cycle at polls of "
-                f"{1e3 * self._config.actuator.poll_s:g} ms: at most {most_Hz:g} Hz, or a shorter poll"
-            )
-        if speed_m_s > limits.speed_m_s * (1.0 + LIMIT_SLACK):
-            problems.append(f"speed {speed_m_s:g} m/s, allowed {limits.speed_m_s:g} m/s")
-        if acceleration_m_s2 > limits.acceleration_m_s2 * (1.0 + LIMIT_SLACK):
-            problems.append(f"acceleration {acceleration_m_s2:g} m/s^2, allowed {limits.acceleration_m_s2:g} m/s^2")
-        if problems:
+        poll_s = self._config.actuator.poll_s * self._config.device_rate
+        problems = unfollowable(program, self._config.limits, poll_s)
+        if problems and not self._devices.actuator.capabilities.generator:
             raise StationRefused("matrix-infeasible", f"start: {'; '.join(problems)}")
 
     def _write_table(self, arguments: Arguments) -> int:

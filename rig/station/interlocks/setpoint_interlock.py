@@ -10,7 +10,10 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
+from drivers.roles import Program, Waveform
 from drivers.setpoint_generator import Setpoint
+from drivers.streamed_actuator import FEWEST_SETPOINTS
+from rig.bench.settings import Limits
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
 LATE = "setpoints-late"
@@ -30,6 +33,33 @@ SERVO_S = 0.03
 STANDS_SHARE = 0.2
 """A rod that moves less than this share of what its set-points of the last `REMEMBERED_STEPS` do stands still."""
 REMEMBERED_STEPS = 10
+LIMIT_SLACK = 1e-6
+
+
+def unfollowable(program: Program, limits: Limits, poll_s: float) -> list[str]:
+    """Why a motion cannot be streamed, in words; nothing where it can.
+
+    Args:
+        program: the motion.
+        limits: of the machine.
+        poll_s: period of the set-points (s of the device's time).
+    """
+    frequency_Hz, sine = program.frequency_Hz, program.waveform is Waveform.SINE
+    omega = 2.0 * math.pi * frequency_Hz
+    speed_m_s = (omega if sine else 4.0 * frequency_Hz) * program.amplitude_m
+    acceleration_m_s2 = omega**2 * program.amplitude_m if sine else 0.0
+    most_Hz = 1.0 / (FEWEST_SETPOINTS * poll_s)
+    problems = []
+    if frequency_Hz > most_Hz * (1.0 + LIMIT_SLACK):
+        problems.append(
+            f"{frequency_Hz:g} Hz has fewer than {FEWEST_SETPOINTS} set-points a cycle: at most {most_Hz:g} Hz, or a "
+            "shorter poll"
+        )
+    if speed_m_s > limits.speed_m_s * (1.0 + LIMIT_SLACK):
+        problems.append(f"speed {speed_m_s:g} m/s, allowed {limits.speed_m_s:g} m/s")
+    if acceleration_m_s2 > limits.acceleration_m_s2 * (1.0 + LIMIT_SLACK):
+        problems.append(f"acceleration {acceleration_m_s2:g} m/s^2, allowed {limits.acceleration_m_s2:g} m/s^2")
+    return problems
 
 
 @dataclass

@@ -6,8 +6,10 @@ import math
 
 import pytest
 
+from drivers.roles import Program, Waveform
 from drivers.setpoint_generator import Setpoint
-from rig.station.interlocks.setpoint_interlock import SetpointInterlock
+from rig.bench.settings import Limits
+from rig.station.interlocks.setpoint_interlock import SetpointInterlock, unfollowable
 from rig.station.threads.setpoint_stream import PollSteps
 
 PERIOD_S = 0.01
@@ -104,3 +106,27 @@ def test_polls_that_take_too_long_follow_each_other_at_once_where_no_set_points_
         assert steps.take(now_ns) is not None
         assert steps.next_ns <= now_ns + 10 * MS
     assert steps.next_ns == 30 * MS, "it is late already: the next poll follows at once, none is made up for"
+
+
+LIMITS = Limits(
+    position_m=(-0.085, 0.085), speed_m_s=0.8, acceleration_m_s2=60.0, force_N=5e3, current_A=3.0,
+    coil_temperature_degC=120.0,
+)
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        (Program(Waveform.SINE, 0.02, 5.0), []),
+        (Program(Waveform.SINE, 0.002, 5.1), ["at most 5 Hz"]),
+        (Program(Waveform.SINE, 0.03, 4.5), ["speed 0.848"]),
+        (Program(Waveform.TRIANGLE, 0.05, 4.1), ["speed 0.82 m/s, allowed 0.8 m/s"]),
+        (Program(Waveform.SINE, 0.1, 5.5), ["at most 5 Hz", "speed 3.46", "acceleration 119.4"]),
+    ],
+)
+def test_a_motion_beyond_the_limits_or_with_too_few_set_points_is_not_streamed(
+    program: Program, said: list[str]
+) -> None:
+    problems = unfollowable(program, LIMITS, PERIOD_S)
+    assert len(problems) == len(said)
+    assert all(words in problem for words, problem in zip(said, problems, strict=True))
