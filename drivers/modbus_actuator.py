@@ -9,6 +9,7 @@ from dataclasses import asdict, astuple
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
 from drivers.devices.controller import ControllerDescription
+from drivers.devices.other_order import read_otherwise
 from drivers.errors import DriverError, LinkLost, NoAnswer, WrongAnswer, WrongLayout
 from drivers.modbus_link import ModbusLink
 from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Move, Program
@@ -115,7 +116,9 @@ class ModbusActuator:
             shown = ", ".join(
                 f"{name} {_shown(getattr(identity, name))}, expected {_shown(expected[name])}" for name in wrong
             )
-            raise WrongLayout("actuator", self.url, f"{shown}: wrong word order, scale, layout or device")
+            otherwise, fix = read_otherwise(block, words, expected)
+            why = otherwise or "wrong word order, scale, layout or device"
+            raise WrongLayout("actuator", self.url, f"{shown}; {why}", fix)
         return identity
 
     def read_status(self) -> ActuatorStatus:
