@@ -149,7 +149,8 @@ class Calibration(Settings):
 
 
 def _known_format(value: object) -> str | dict[str, Any]:
-    from drivers.catalogue import sensor_format_names
+    from drivers.catalogue import check_sensor_format, sensor_format_names
+    from drivers.plugins import BrokenPlugIn
     from drivers.sensor_formats import described_format, is_file
     from protocols.format_keys import FormatProblems
 
@@ -162,6 +163,10 @@ def _known_format(value: object) -> str | dict[str, Any]:
                 f"unknown format; {said}known: {', '.join(known)}, a file's name that ends in .toml, or a table that "
                 f"describes the format"
             )
+        try:
+            check_sensor_format(value)
+        except BrokenPlugIn as error:
+            raise ValueError(str(error)) from error
         return value
     if not isinstance(value, (str, dict)):
         raise ValueError("must be the name of a format or of a file in quotes, or a table that describes the format")
