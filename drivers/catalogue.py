@@ -209,6 +209,6 @@ def make_sensor(connection: SensorConnection) -> Sensor:
             return brought
     line_format = given if isinstance(given, str) else described_format(given)
     return SerialSensor(
-        connection.url, replace(connection.framing, baudrate=connection.baudrate), name=connection.name, channel=connection.channel,
-        line_format=line_format, scale=connection.scale,
+        connection.url, replace(connection.framing, baudrate=connection.baudrate), name=connection.name,
+        channel=connection.channel, line_format=line_format, scale=connection.scale,
     )

@@ -10,14 +10,18 @@ from rig.errors import EXIT_DONE
 
 
 @click.command(name="schema", cls=Command, examples=("rig schema matrix > matrix.schema.json",))
-@click.argument("file", type=click.Choice(["bench", "matrix"]))
+@click.argument("file", type=click.Choice(["bench", "matrix", "sensor-format"]))
 @json_option
 def command(file: str, as_json: bool) -> int:
-    """Print the JSON schema of the bench or matrix FILE, for editors that validate while you type."""
+    """Print the JSON schema of the bench, matrix or sensor format FILE, for editors that validate while you type."""
     del as_json  # a schema is JSON anyway
+    from protocols.sensor_format import json_schema
     from rig.bench.model import Bench
     from rig.matrix.model import Matrix
 
-    schema = (Bench if file == "bench" else Matrix).model_json_schema(by_alias=True)
+    if file == "sensor-format":
+        schema = json_schema()
+    else:
+        schema = (Bench if file == "bench" else Matrix).model_json_schema(by_alias=True)
     write_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": f"{file} file"})
     return EXIT_DONE
