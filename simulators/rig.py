@@ -259,6 +259,8 @@ class SimulatedRig:
             if data:
                 channel.port.write(data, channel.sensor.frame_size)
         self.bus.send(self.ecu.frames())
+        if self.first_cycle_s is None:
+            self.first_cycle_s = self.actuator.turned_s
         if self.truth is not None:
             self.truth.slice()
 

@@ -38,6 +38,8 @@ LOADED = (
     "protocols", "drivers", "rig.bench", "rig.station", "rig.campaign", "rig.check", "rig.recording", "rig.matrix",
     "rig.signals", "rig.faults", "rig.dampers", "simulators",
 )
+TESTS = "simulators.testing"
+"""What a user's tests are made with: it needs pytest, and nothing in a world needs it."""
 STILL_M_S = 1e-3
 NO_CURRENT_A = 0.02
 
@@ -48,7 +50,7 @@ def load_everything() -> None:
     for place in LOADED:
         package = importlib.import_module(place)
         for module in pkgutil.walk_packages(package.__path__, f"{place}."):
-            if not module.name.endswith("__main__"):
+            if not module.name.endswith("__main__") and not module.name.startswith(TESTS):
                 importlib.import_module(module.name)
 
 

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Container, Iterator
 
 from drivers.catalogue import SensorConnection, make_actuator, make_current_source, make_sensor
-from drivers.connection import ActuatorConnection
+from drivers.connection import ActuatorConnection, MotionTerms
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
 from drivers.roles import Sensor
@@ -72,6 +72,7 @@ class Devices:
         driver = make_actuator(given_actuator.register_map, ActuatorConnection(
             given_actuator.url, given_actuator.device_id, given_actuator.timeout_s, owner_id,
             given_actuator.baudrate, given_actuator.parity,
+            MotionTerms(given_actuator.fade_out_cycles, given_actuator.halt_deceleration_m_s2, config.device_rate),
         ))
         interlock = ActuatorInterlock(
             owner_id,
