@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.clock import monotonic_ns
-from rig.dampers.catalogue import KINDS
+from rig.dampers.catalogue import KINDS, NO_KIND
 from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.channel import Channel
@@ -259,6 +259,8 @@ class SimulatedRig:
             if data:
                 channel.port.write(data, channel.sensor.frame_size)
         self.bus.send(self.ecu.frames())
+        if self.first_cycle_s is None:
+            self.first_cycle_s = self.actuator.turned_s
         if self.truth is not None:
             self.truth.slice()
 
@@ -281,8 +283,8 @@ class SimulatedRig:
     def _add(self, name: str, options: SensorOptions, column: int, kind: str) -> None:
         clock = DeviceClock.drawn(options.clock_offset_us, options.clock_ppm, next(self._draws))
         sensor = Sensor(options, clock, next(self._draws), self.plant.time_s)
-        by_id = kind == BY_ID
-        port = NamedPort(self._ports_folder(), f"{options.serial_number}-{name}") if by_id else open_port(kind)
+        by_id = f"{options.serial_number}-{name}"
+        port = NamedPort(self._ports_folder(), by_id) if kind == BY_ID else open_port(kind, options.baudrate)
         self.channels.append(Channel(name, sensor, port, column))
 
     def _ports_folder(self) -> Path:
@@ -322,7 +324,7 @@ class SimulatedRig:
         parameters = {f"parameter_{name}": value for name, value in plant.values.items()}
         return {
             "damper_model": plant.model.name,
-            "damper_kind": KINDS[plant.model.name, plant.model.hysteresis],
+            "damper_kind": KINDS.get((plant.model.name, plant.model.hysteresis), NO_KIND),
             "parameter_names": list(plant.values),
             **parameters,
             "coil_eta": float(plant.constants["coil_eta_1_s"][0]),
