@@ -17,9 +17,9 @@ import rig.dampers
 from rig.dampers import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.misfit_weights import weighted_by_misfit
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
-from rig.identification.models.misfit_weights import weighted_by_misfit
 from rig.identification.models.separable import GivenUp, motion_scale
 from rig.identification.models.solving import GUARD_S, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
