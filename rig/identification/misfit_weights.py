@@ -24,7 +24,7 @@ def misfit_over_scatter(candidates: Sequence[Candidate], fitted: Sequence[Measur
     """Root mean square error of the best candidate over the scatter of the tests (1); NaN where that is not known."""
     power = [test.noise_N**2 * test.u_m.size for test in fitted]
     scatter_N = math.sqrt(sum(power) / sum(test.u_m.size for test in fitted))
-    least_N = min(score(each.model, each.solution.values, fitted).rmse_N for each in candidates)
+    least_N = min(score(candidate.model, candidate.solution.values, fitted).rmse_N for candidate in candidates)
     return least_N / scatter_N if scatter_N > 0.0 else math.nan
 
 
@@ -46,8 +46,8 @@ def weighted_by_misfit(
     if not MISFIT < ratio < math.inf:
         return list(candidates), method, ratio
     weighted, again = replace(method, weight=RELATIVE), []
-    for each in candidates:
-        solution = solve(each.model, fitted, weighted, each.findings, each.solution.values)
-        evaluations = each.solution.evaluations + solution.evaluations
-        again.append(replace(each, solution=replace(solution, evaluations=evaluations)))
+    for candidate in candidates:
+        solution = solve(candidate.model, fitted, weighted, candidate.findings, candidate.solution.values)
+        evaluations = candidate.solution.evaluations + solution.evaluations
+        again.append(replace(candidate, solution=replace(solution, evaluations=evaluations)))
     return again, weighted, ratio
