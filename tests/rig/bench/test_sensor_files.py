@@ -78,11 +78,11 @@ def test_a_kept_bench_file_finds_its_format_again(tmp_path: Path) -> None:
 
 
 def test_every_problem_of_a_format_s_file_is_told_with_its_line(tmp_path: Path) -> None:
-    wrong = FORMAT.replace("crc16-modbus", "crc16-modbis").replace('"i32"', '"i33"').replace("length", "lenght")
+    wrong = FORMAT.replace("crc16-modbus", "crc16-modbis").replace('"i32"', '"i33"').replace("length", "length_")
     problems = refused(bench(tmp_path, BY_FILE, described=wrong))
     assert len(problems) == 3
     assert all('load_cell.format = "cell.toml"' in problem for problem in problems)
-    assert "cell.toml line 3: lenght: unknown key 'lenght'; did you mean length?" in problems[0]
+    assert "cell.toml line 3: length_: unknown key 'length_'; did you mean length?" in problems[0]
     assert "cell.toml line 4: checksum: must be one of none, xor" in problems[1]
     assert "cell.toml line 7: fields.value.type: must be one of" in problems[2]
 
