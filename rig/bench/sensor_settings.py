@@ -256,7 +256,7 @@ class SensorConfig(Settings):
 
     def _unit_problems(self) -> Iterator[Problem]:
         """The format's unit, where it states one, is the calibration's."""
-        from drivers.sensor_formats import stated_unit
+        from drivers.sensor_formats import is_file, stated_unit
 
         unit, given = stated_unit(self.format), self.calibration
         if not unit:
@@ -267,7 +267,8 @@ class SensorConfig(Settings):
                 if wire_unit(value or 0) not in {"", unit}:
                     yield (name,), f"the format's unit is {unit}; write these values in it, or without a unit"
                     break
-        known = units.UNITS.get(units.ALIASES.get(unit, unit))
+        # A table stands beside its calibration; of a file nobody sees here what its numbers are.
+        known = units.UNITS.get(units.ALIASES.get(unit, unit)) if is_file(self.format) else None
         usual = given.sensitivity == 1.0 and given.points is None and given.rated_output is None
         if known is not None and usual and not (known.dimension == self.dimension and known.scale == 1.0):
             if known.dimension == self.dimension:
