@@ -35,6 +35,10 @@ class SourceFault(IntFlag):
     RESTARTED = 1 << 6
 
 
+UNKNOWN_STATE = -1
+"""Of a current source that does not tell its state."""
+
+
 class SourceStatus(NamedTuple):
     """One status of the current source: `state` a `SourceState`, `faults` of `SourceFault`, measured current in A."""
 
@@ -43,8 +47,16 @@ class SourceStatus(NamedTuple):
     faults: int
 
 
+class SourceTiming(NamedTuple):
+    """How often a current source tells what (s of its clock); 0 for what it never tells."""
+
+    status_s: float = 0.010
+    temperature_s: float = 0.100
+    identity_s: float = 1.0
+
+
 class SourceTemperature(NamedTuple):
-    """Temperatures in degC, supply in V, and how often the source has started."""
+    """Temperatures in degC, supply in V, and how often the source has started; NaN for what it does not measure."""
 
     coil_degC: float
     source_degC: float
@@ -53,7 +65,7 @@ class SourceTemperature(NamedTuple):
 
 
 class SourceIdentity(NamedTuple):
-    """Who the current source is."""
+    """Who the current source is; 0 for what it does not tell."""
 
     serial_number: int
     firmware: int
@@ -118,6 +130,18 @@ class CurrentSource(Protocol):
     temperature: SourceTemperature | None
     identity: SourceIdentity | None
     send_error: DriverError | None
+
+    @property
+    def timing(self) -> SourceTiming:
+        """How often it tells what."""
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What it cannot do or does not tell: a name, and what is left without it."""
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Slug and words of why what is heard cannot be believed; two empty texts while nothing speaks against it."""
 
     @property
     def identity_problem(self) -> str:
