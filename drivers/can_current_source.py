@@ -16,6 +16,7 @@ from drivers.current_source import (
     SourceStatus,
     SourceTemperature,
     SourceTiming,
+    SourceTraits,
 )
 from drivers.devices.ecu_description import (
     BOOTS,
@@ -34,7 +35,6 @@ from drivers.devices.ecu_description import (
     STATE,
     SUPPLY,
     EcuDescription,
-    HeardMessage,
 )
 from drivers.errors import DriverError
 from drivers.frame_checks import FrameChecks
@@ -99,6 +99,12 @@ class CanCurrentSource:
     def timing(self) -> SourceTiming:
         """How often it tells what."""
         return self._description.timing
+
+    @property
+    def traits(self) -> SourceTraits:
+        """What else the rig has to know of it."""
+        described = self._description
+        return SourceTraits(own_timeout=described.command_timeout_s is not None, lowest_A=described.low_A)
 
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:
@@ -285,7 +291,7 @@ class CanCurrentSource:
         if is_status and CURRENT in values:
             self._take_status(batch, step)
         if message.roles & {COIL, ECU, SUPPLY, BOOTS}:
-            self._take_temperature(message, values, batch)
+            self._take_temperature(values, batch)
         if message.roles & {SERIAL, FIRMWARE, LAYOUT}:
             self._take_identity()
 
@@ -293,7 +299,7 @@ class CanCurrentSource:
         """A frame that is none of the ECU's."""
         self.counters.other_bits += (_EXTENDED_BITS if key & EXTENDED else _STANDARD_BITS) + 8 * length
         if key ^ EXTENDED in self._heard:
-            self._checks.malformed(key ^ EXTENDED == self._description.status, counted_in_a_row=False)
+            self._checks.malformed(key ^ EXTENDED == self._description.status)
         elif key in self._own:
             self.counters.foreign_commands += 1
         else:
@@ -314,7 +320,7 @@ class CanCurrentSource:
         if told != self._reported and any(role == STATE or role.startswith(FAULTS) for role in roles):
             self._report(batch, status)
 
-    def _take_temperature(self, message: HeardMessage, values: dict[str, float], batch: SourceBatch) -> None:
+    def _take_temperature(self, values: dict[str, float], batch: SourceBatch) -> None:
         """Record temperatures and supply; and, for late readers, state and faults as they stand."""
         for role, channel in _TEMPERATURES:
             if role in values:
@@ -327,7 +333,7 @@ class CanCurrentSource:
             known.get(COIL, math.nan), known.get(ECU, math.nan), known.get(SUPPLY, math.nan), int(known.get(BOOTS, 0))
         )
         batch.temperatures.append(temperature)
-        if self.status is not None and message.name:
+        if self.status is not None:
             self._report(batch, self.status)
 
     def _take_identity(self) -> None:

@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.connection import ActuatorConnection
+from drivers.connection import ActuatorConnection, CanAddress
 from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
-from drivers.devices.source import current_source, current_source_names
+from drivers.devices.source import current_source, current_source_names, current_source_problems, is_dbc
 from drivers.errors import UnknownDevice
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
@@ -28,6 +28,9 @@ __all__ = [
     "check_current_source",
     "clocked_format_names",
     "current_source_names",
+    "current_source_problems",
+    "current_source_range_A",
+    "is_dbc",
     "make_actuator",
     "make_current_source",
     "make_sensor",
@@ -70,6 +73,16 @@ def check_current_source(name: str) -> None:
     current_source(name)
 
 
+def current_source_range_A(name: str, roles: str | Mapping[str, Any] | None) -> tuple[float, float]:
+    """Lowest and highest current (A) that the set-point of a current source can hold.
+
+    Raises:
+        LocalProtocolError: it cannot be used.
+    """
+    described = current_source(name, roles)
+    return described.low_A, described.high_A
+
+
 def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
     """The driver of a kind of actuator; nothing is opened.
 
@@ -87,19 +100,26 @@ def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
     return ModbusActuator(connection, controller(name))
 
 
-def make_current_source(name: str, interface: str, channel: str, bitrate: int) -> CurrentSource:
-    """The driver of a kind of current source; nothing is opened.
+def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: CanAddress) -> CurrentSource:
+    """The driver of a current source on CAN; nothing is opened.
+
+    Args:
+        name: of a kind of current source, or the path of a DBC file.
+        roles: of a DBC file: path of the roles file, or its contents.
+        bus: where it is.
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
+        LocalProtocolError: a DBC and its roles cannot be used.
     """
-    if name not in current_source_names():
+    if name not in current_source_names() and not is_dbc(name):
         raise UnknownDevice(
-            "ecu", channel, f"dbc {name!r} is not known; known: {', '.join(current_source_names())}"
+            "ecu", bus.channel, f"dbc {name!r} is not known; known: {', '.join(current_source_names())}"
         )
     from drivers.can_current_source import CanCurrentSource
+    from drivers.can_port import CanPort
 
-    return CanCurrentSource(interface, channel, current_source(name), bitrate=bitrate)
+    return CanCurrentSource(CanPort(bus), current_source(name, roles))
 
 
 @dataclass(frozen=True, slots=True)

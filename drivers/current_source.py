@@ -55,6 +55,22 @@ class SourceTiming(NamedTuple):
     identity_s: float = 1.0
 
 
+class SourceTraits(NamedTuple):
+    """What the rig has to know of a current source beside its statuses.
+
+    Attributes:
+        own_timeout: without commands it goes to 0 A by itself.
+        measures: it measures its current; else a status repeats what was asked for.
+        settling_s: a new set-point's current is there after so long (s of its clock).
+        lowest_A: the most negative current it drives (A); None: as negative as positive.
+    """
+
+    own_timeout: bool = True
+    measures: bool = True
+    settling_s: float = 0.15
+    lowest_A: float | None = None
+
+
 class SourceTemperature(NamedTuple):
     """Temperatures in degC, supply in V, and how often the source has started; NaN for what it does not measure."""
 
@@ -67,8 +83,8 @@ class SourceTemperature(NamedTuple):
 class SourceIdentity(NamedTuple):
     """Who the current source is; 0 for what it does not tell."""
 
-    serial_number: int
-    firmware: int
+    serial_number: int | str
+    firmware: int | str
     layout: int
 
 
@@ -134,6 +150,10 @@ class CurrentSource(Protocol):
     @property
     def timing(self) -> SourceTiming:
         """How often it tells what."""
+
+    @property
+    def traits(self) -> SourceTraits:
+        """What else the rig has to know of it."""
 
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:

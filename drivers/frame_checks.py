@@ -38,11 +38,11 @@ class FrameChecks:
             if key != description.status and any(role == STATE or role.startswith(FAULTS) for role in message.roles)
         }
 
-    def malformed(self, is_status: bool, *, counted_in_a_row: bool = True) -> None:
+    def malformed(self, is_status: bool) -> None:
         """A frame of another length or kind."""
         counters = self._counters
         counters.malformed += 1
-        if is_status and counted_in_a_row:
+        if is_status:
             counters.bad_in_a_row += 1
             counters.malformed_in_a_row += 1
 
@@ -94,14 +94,14 @@ class FrameChecks:
             self._heard_ns[key] = now_ns
 
     def complete(self, now_ns: int) -> bool:
-        """Whether state and faults, where they come in other messages than the current, have come and are not too old."""
+        """Whether state and faults, where they have messages of their own, have come and are not too old."""
         for key, patience_ns in self._companions.items():
             if key not in self._heard_ns or (patience_ns and now_ns - self._heard_ns[key] > patience_ns):
                 return False
         return True
 
     def refusal(self) -> tuple[str, str]:
-        """Slug and words of why a message cannot be believed: none of its frames has had a right checksum or counter."""
+        """Slug and words of why a message cannot be believed: no frame of it has had a right checksum and counter."""
         for name, differences in self._differences.items():
             if name in self._good or len(differences) < FEWEST:
                 continue

@@ -193,7 +193,8 @@ class FrameWriter:
             raw = int(values[name]) & (1 << signal.length) - 1 if placed.plain else signal.raw(values[name])
             words[signal.big_endian] |= raw << signal.shift(self.size)
         little, big = words
-        return bytearray((little | int.from_bytes(big.to_bytes(self.size, "big"), "little")).to_bytes(self.size, "little"))
+        turned = int.from_bytes(big.to_bytes(self.size, "big"), "little")
+        return bytearray((little | turned).to_bytes(self.size, "little"))
 
 
 def put(data: bytearray, signal: Signal, raw: int) -> None:
@@ -210,11 +211,12 @@ def take(data: bytes, signal: Signal) -> int:
     return word >> signal.shift(len(data)) & (1 << signal.length) - 1
 
 
-_Cut = tuple[int, int, int, bool, Signal, tuple[float, float, float] | None, tuple[tuple[int, int, int, frozenset[int]], ...]]
+_Pages = tuple[tuple[int, int, int, frozenset[int]], ...]
+_Cut = tuple[int, int, int, bool, Signal, tuple[float, float, float] | None, _Pages]
 
 
 def _cut(placed: Placed, size: int) -> _Cut:
-    """How a signal is cut out of a frame: byte order, shift, mask, whether it has a sign or is a float, factor, pages."""
+    """How a signal is cut out of a frame: byte order, shift, mask, whether it is signed or a float, factor, pages."""
     signal = placed.signal
     special = signal.signed or signal.is_float
     factor = None if placed.plain else (*_factor(signal.scale), signal.offset)

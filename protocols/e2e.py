@@ -42,10 +42,11 @@ class Crc:
             return tuple(_steps(byte, lambda register: register >> 1 ^ (turned if register & 1 else 0))
                          for byte in range(256))
         top, mask = 1 << self.width - 1, (1 << self.width) - 1
-        return tuple(
-            _steps(byte << self.width - 8, lambda register: (register << 1 ^ (self.polynomial if register & top else 0)) & mask)
-            for byte in range(256)
-        )
+
+        def step(register: int) -> int:
+            return (register << 1 ^ (self.polynomial if register & top else 0)) & mask
+
+        return tuple(_steps(byte << self.width - 8, step) for byte in range(256))
 
     def function(self) -> Callable[[bytes], int]:
         """The check as a function of bytes."""
@@ -177,7 +178,9 @@ def checked(counter: Signal, modulus: int, checksum: Signal, crc: Crc, covered: 
     )
 
 
-def profile_1(data_id: int, counter: Signal, checksum: Signal, mode: str = "both", nibble: Signal | None = None) -> Protection:
+def profile_1(
+    data_id: int, counter: Signal, checksum: Signal, mode: str = "both", nibble: Signal | None = None
+) -> Protection:
     """AUTOSAR E2E profile 1: CRC-8 in a whole byte, counter 0..14 in four bits.
 
     Args:
@@ -223,7 +226,9 @@ def profile_5(data_id: int, counter: Signal, checksum: Signal) -> Protection:
     )
 
 
-def profile_11(data_id: int, counter: Signal, checksum: Signal, mode: str = "both", nibble: Signal | None = None) -> Protection:
+def profile_11(
+    data_id: int, counter: Signal, checksum: Signal, mode: str = "both", nibble: Signal | None = None
+) -> Protection:
     """AUTOSAR E2E profile 11: as profile 1 with the modes `both` and `nibble`, its header where `counter` says."""
     made = profile_1(data_id, counter, checksum, mode, nibble)
     return Protection("e2e-11", counter, FIFTEEN, checksum, made.compute, made.fixed, data_id)

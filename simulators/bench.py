@@ -28,7 +28,9 @@ class Addresses:
     auxiliary_urls: Sequence[str]
 
 
-def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed: bool) -> str:
+def bench_text(
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = ('dbc = "demo"',)
+) -> str:
     """The bench file as TOML text.
 
     Args:
@@ -36,6 +38,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         addresses: its open ports.
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
+        ecu: entries of [ecu] that say what the current ECU is.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -65,10 +68,9 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         'interface = "slcan"',
         f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
         "bitrate = 500000",
-        'dbc = "demo"',
+        *ecu,
         'command_period = "10 ms"',
         f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
-        f"serial_number = {options.coil.serial_number}",
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
     lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)

@@ -100,7 +100,8 @@ def _message(given: Any, lines: Mapping[tuple[str, ...], int]) -> DbcMessage:  #
         item.name: DbcSignal(
             plain[item.name], lines.get((given.name, item.name), 0),
             {int(number): str(name) for number, name in (item.choices or {}).items()},
-            _number(item.raw_initial), item.minimum, item.maximum, _pages(item, given, plain), bool(item.is_multiplexer),
+            _number(item.raw_initial), item.minimum, item.maximum, _pages(item, given, plain),
+            bool(item.is_multiplexer),
         )
         for item in given.signals
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from drivers.current_source import SourceFault, SourceState, SourceTiming
 from drivers.roles import UNNAMED
-from protocols.can_signals import FrameReader, FrameWriter
+from protocols.can_signals import FrameReader, FrameWriter, Signal
 from protocols.e2e import Protection
 
 EXTENDED = 1 << 31
@@ -87,6 +87,8 @@ class EcuDescription:
         timing: how often it tells what.
         low_A, high_A: what the set-point can hold.
         lacking: what is not there: name, and what is left without it.
+        signals: message and signal (scaled to A, degC, V, us) of every role.
+        pages: of a heard message with pages, the multiplexers' numbers of each that has a role.
     """
 
     name: str
@@ -106,6 +108,8 @@ class EcuDescription:
     cyclic: bool = True
     command_timeout_s: float | None = None
     lacking: tuple[tuple[str, str], ...] = ()
+    signals: Mapping[str, tuple[str, Signal]] = field(default_factory=dict)
+    pages: Mapping[str, list[dict[str, int]]] = field(default_factory=dict)
 
     @property
     def roles(self) -> frozenset[str]:

@@ -8,7 +8,6 @@ from drivers.devices.ecu_description import (
     COIL,
     ENABLE,
     FAULTS,
-    LAYOUT,
     SERIAL,
     STATE,
     SUPPLY,
@@ -29,7 +28,7 @@ def lacking(described: EcuDescription) -> tuple[tuple[str, str], ...]:
             "it is not stated that the current goes to 0 A when this host falls silent (command_timeout): if the host "
             "or the bus dies, the current stays until the supply is switched off by hand",
         ),
-        "faults": (told_faults, "its own faults are not seen: open coil, short, heat; current and temperature are judged"),
+        "faults": (told_faults, "its own faults (open coil, short, heat) are not seen; its current is judged"),
         "enable": (ENABLE in sends, "its output stage cannot be switched off; a stop commands 0 A"),
         "counter": (
             status.protection.counter is not None or CLOCK in status.roles,
@@ -48,7 +47,7 @@ def lacking(described: EcuDescription) -> tuple[tuple[str, str], ...]:
         "layout": (described.layout is not None, "nothing proves that its frames are laid out as the DBC says"),
         "periods": (
             not unwatched,
-            f"how often {', '.join(unwatched)} come is stated nowhere; write it under [periods] to have their silence seen",
+            f"how often {', '.join(unwatched)} should come is stated nowhere; write it under [periods]",
         ),
     }
     return tuple((name, text) for name, (has, text) in without.items() if not has)

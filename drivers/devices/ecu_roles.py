@@ -36,7 +36,7 @@ from drivers.devices.ecu_lacking import lacking
 from drivers.devices.role_protection import read_protection
 from drivers.devices.role_reading import Found, Place, Reading, RoleProblems
 from drivers.devices.sent_frames import sent_frames
-from protocols.can_signals import FrameReader, Placed
+from protocols.can_signals import FrameReader, Placed, Signal
 from protocols.e2e import Protection
 
 SENT_ROLES = (COMMAND, ENABLE, CLEAR)
@@ -107,7 +107,7 @@ class _Roles:
         timeout_s = None if timeout is None else reading.seconds(timeout, ("command_timeout",))
         cyclic = reading.choice(self._roles.get("sending", SENDING[0]), SENDING, ("sending",)) == SENDING[0]
         if not cyclic and timeout_s is not None:
-            reading.wrong(("sending",), "with a command_timeout the source goes to 0 A between two changes; send cyclic")
+            reading.wrong(("sending",), "with a command_timeout it goes to 0 A between two changes; send cyclic")
         layout = self._layout()
         if reading.problems:
             raise RoleProblems(reading.problems)
@@ -117,7 +117,7 @@ class _Roles:
             states, fault_bits,
             tuple(FaultSignal(field, numbers, fault) for field, _, numbers, fault in self._fault_signals),
             0.0 if clock is None else clock.signal.scale, 0 if clock is None else 1 << clock.signal.length,
-            layout, cyclic, timeout_s,
+            layout, cyclic, timeout_s, signals=self._signals(), pages=self._pages(),
         )
         return replace(made, lacking=lacking(made))
 
@@ -163,7 +163,7 @@ class _Roles:
         return numbers[0] or 0, numbers[1] or 0
 
     def _states(self) -> dict[int, SourceState]:
-        """The neutral state of each code that has one; without any entry, those whose names in the DBC are such words."""
+        """The neutral state of each code that has one; without any entry, those whose names in the DBC say so."""
         found, table = self._found.get(STATE), self._tables.get(STATE, {})
         if found is None:
             return {}
@@ -232,9 +232,12 @@ class _Roles:
             low_A, high_A = max(low_A, given.minimum), min(high_A, given.maximum)
         steps = 0.0 if signal.is_float else abs(round(-signal.offset / signal.scale) * signal.scale + signal.offset)
         if not low_A - ZERO_A <= 0.0 <= high_A + ZERO_A or steps > ZERO_A:
-            self._reading.wrong((COMMAND,), f"{signal.name} (line {given.line} of the DBC) holds {low_A:g} A to {high_A:g} A "
-                                f"in steps of {abs(signal.scale):g} A: it cannot give 0 A, and nothing would stop the "
-                                "coil's current; name a set-point that can")  # fmt: skip
+            self._reading.wrong(
+                (COMMAND,),
+                f"{signal.name} (line {given.line} of the DBC) holds {low_A:g} A to {high_A:g} A in steps of "
+                f"{abs(signal.scale):g} A: it cannot give 0 A, and nothing would take the coil's current away; "
+                "name a set-point that can",
+            )
         return low_A, high_A
 
     def _protections(self) -> dict[str, Protection]:
@@ -280,8 +283,11 @@ class _Roles:
         for what, bits in protection.places(message.size).items():
             for field, placed in fields.items():
                 if bits & placed.signal.bits(message.size):
-                    self._reading.wrong(tuple(field.split(".")), f"{placed.signal.name} and {what} of [protection."
-                                        f"{message.name}] take the same bits; check offset, crc and counter")  # fmt: skip
+                    self._reading.wrong(
+                        tuple(field.split(".")),
+                        f"{placed.signal.name} and {what} of [protection.{message.name}] take the same bits; check "
+                        "offset, crc and counter",
+                    )
 
     def _check_messages(
         self, protections: Mapping[str, Protection], periods: Mapping[str, float], sent: set[str]
@@ -299,7 +305,8 @@ class _Roles:
         for name in sorted(used | sent):
             message = self._reading.messages[name]
             if (owner := owners.setdefault(_key(message), name)) != name:
-                self._reading.wrong((), f"{owner} and {name} have one identifier, 0x{message.identifier:X}", message.line)
+                said = f"{owner} and {name} have one identifier, 0x{message.identifier:X}"
+                self._reading.wrong((), said, message.line)
 
     def _timing(self, heard: Mapping[int, HeardMessage]) -> SourceTiming:
         """Periods as stated; where nobody states one, what is usual."""
@@ -309,6 +316,21 @@ class _Roles:
             (of[COIL] or OTHER_S) if COIL in of else 0.0,
             max((of[role] or 10 * OTHER_S for role in (SERIAL, FIRMWARE, LAYOUT) if role in of), default=0.0),
         )
+
+    def _signals(self) -> dict[str, tuple[str, Signal]]:
+        told = {field: found for field, found, _, _ in self._fault_signals}
+        return {role: (found.message.name, found.signal) for role, found in (self._found | told).items()}
+
+    def _pages(self) -> dict[str, list[dict[str, int]]]:
+        """The pages of heard messages on which a role is; one that another contains is none of its own."""
+        pages: dict[str, list[dict[str, int]]] = {}
+        told = [found for role, found in self._found.items() if role not in SENT_ROLES]
+        for found in (*told, *(found for _, found, _, _ in self._fault_signals)):
+            page = {multiplexer.name: min(numbers) for multiplexer, numbers in found.given.pages}
+            if page and page not in pages.setdefault(found.message.name, []):
+                pages[found.message.name].append(page)
+        return {name: [one for one in all_ if not any(one.items() < other.items() for other in all_)]
+                for name, all_ in pages.items()}  # fmt: skip
 
     def _layout(self) -> int | None:
         table, found = self._tables.get(LAYOUT), self._found.get(LAYOUT)

@@ -116,9 +116,8 @@ def _e2e(reading: Reading, message: DbcMessage, given: Mapping[str, Any], profil
         return None
     at = 8 * offset
     checksum = _named(reading, message, given, "crc", Signal("the checksum", at, 16 if wide else 8))
-    counter = _named(
-        reading, message, given, "counter", Signal("the counter", at + 16, 8) if wide else Signal("the counter", at + 8, 4)
-    )
+    usual = Signal("the counter", at + 16, 8) if wide else Signal("the counter", at + 8, 4)
+    counter = _named(reading, message, given, "counter", usual)
     if checksum is None or counter is None or not _fits(reading, message, profile, checksum, counter):
         return None
     if profile == "e2e-2":
@@ -142,9 +141,10 @@ def _e2e(reading: Reading, message: DbcMessage, given: Mapping[str, Any], profil
 def _data_ids(reading: Reading, given: Mapping[str, Any], place: Place) -> list[int] | None:
     data_ids = given.get("data_ids")
     if not isinstance(data_ids, list | tuple) or len(data_ids) != _IDS or not all(
-        type(item) is int and 0 <= item <= 0xFF for item in data_ids  # noqa: PLR2004 - a byte
+        type(item) is int and 0 <= item <= 0xFF for item in data_ids
     ):
-        reading.wrong((*place, "data_ids"), "profile 2 has a list of 16 data ids, one a counter value, each 0 to 255 (0xFF)")
+        said = "profile 2 has a list of 16 data ids, one a counter value, each 0 to 255 (0xFF)"
+        reading.wrong((*place, "data_ids"), said)
         return None
     return list(data_ids)
 
@@ -161,8 +161,9 @@ def _fits(reading: Reading, message: DbcMessage, profile: str, checksum: Signal,
         reading.wrong((*place, "crc"), f"{profile} has a checksum of {bits} bits in whole bytes{order}; "
                       f"{checksum.name} has {checksum.length} from bit {checksum.start}")  # fmt: skip
     if counter.length != count_bits:
-        reading.wrong((*place, "counter"), f"{profile} counts in {count_bits} bits; {counter.name} has {counter.length}")
-    if profile == "e2e-2" and bytes_of != range(0, 1):
+        said = f"{profile} counts in {count_bits} bits; {counter.name} has {counter.length}"
+        reading.wrong((*place, "counter"), said)
+    if profile == "e2e-2" and bytes_of != range(1):
         reading.wrong((*place, "crc"), "e2e-2 has its checksum in byte 0")
     return len(reading.problems) == before
 

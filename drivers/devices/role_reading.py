@@ -1,4 +1,4 @@
-"""The entries of a roles file held against a DBC: every one that cannot be used is noted with its place, none raises."""
+"""The entries of a roles file held against a DBC: each that cannot be used is noted with its place, none raises."""
 
 from __future__ import annotations
 
@@ -133,11 +133,12 @@ class Reading:
             if matching:
                 return matching[0]
             near = difflib.get_close_matches(value, names.values(), n=2, cutoff=0.5) or list(names.values())[:8]
-            known = f"nearest: {', '.join(near)}" if names else "the DBC names none of its values (VAL_); give the number"
+            known = f"nearest: {', '.join(near)}" if names else "the DBC names none of its values; give the number"
             self.wrong(place, f"{signal.name} has no value named {value!r}; {known}")
             return None
         if not isinstance(value, int):
-            self.wrong(place, f"must be a whole number as on the wire, or the name of a value of {signal.name} in quotes")
+            said = f"must be a whole number as on the wire, or the name of a value of {signal.name} in quotes"
+            self.wrong(place, said)
             return None
         if not signal.low <= value <= signal.high:
             self.wrong(place, f"{signal.name} holds {signal.low:g} to {signal.high:g} on the wire")
@@ -163,7 +164,7 @@ class Reading:
     def seconds(self, value: object, place: Place) -> float | None:
         """A duration such as "10 ms"."""
         match = _DURATION.fullmatch(value) if isinstance(value, str) else None
-        if match is None or not 0.0 < float(match[1]) * _SECONDS[match[2]] <= 60.0:  # noqa: PLR2004 - the text says so
+        if match is None or not 0.0 < float(match[1]) * _SECONDS[match[2]] <= 60.0:
             self.wrong(place, 'must be a duration with its unit, such as "10 ms"; allowed: more than 0 s to 60 s')
             return None
         return float(match[1]) * _SECONDS[match[2]]
@@ -214,7 +215,7 @@ def _unusable(given: DbcSignal, message: DbcMessage) -> str:
         return f"its offset is {signal.offset:g}"
     if signal.is_float and signal.length not in {16, 32, 64}:
         return f"a float has 16, 32 or 64 bits, this one {signal.length}"
-    if not 1 <= signal.length <= 64:  # noqa: PLR2004 - no DBC signal is longer
+    if not 1 <= signal.length <= 64:
         return f"it has {signal.length} bits; allowed: 1 to 64"
     bits = signal.bits(message.size)
     if min(bits) < 0 or max(bits) >= 8 * message.size:

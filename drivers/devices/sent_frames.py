@@ -93,10 +93,10 @@ def _pages(message: DbcMessage, roles: Mapping[str, Found], constants: Mapping[s
     pages: list[Page] = []
     for given in wanted:
         if given.pages:
-            page = tuple(
-                (multiplexer.name, constants[multiplexer.name] if constants.get(multiplexer.name) in numbers else min(numbers))
+            page = [
+                (multiplexer.name, stated if (stated := constants.get(multiplexer.name)) in numbers else min(numbers))
                 for multiplexer, numbers in given.pages
-            )
+            ]
             pages.append(tuple(sorted(page)))
     # A page that another one contains is sent with it.
     distinct = list(dict.fromkeys(pages))
