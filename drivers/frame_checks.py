@@ -33,7 +33,9 @@ class FrameChecks:
         status = description.heard[description.status]
         self._by_clock = status.protection.counter is None and CLOCK in status.roles
         self._companions = {
-            key: max(LEAST_PATIENCE_NS, int(1e9 * PATIENCE_PERIODS * message.period_s)) if message.period_s else 0
+            key: max(LEAST_PATIENCE_NS, int(1e9 * PATIENCE_PERIODS * message.pages * message.period_s))
+            if message.period_s
+            else 0
             for key, message in description.heard.items()
             if key != description.status and any(role == STATE or role.startswith(FAULTS) for role in message.roles)
         }
@@ -110,9 +112,11 @@ class FrameChecks:
             said += f", data id 0x{protection.data_id:X})" if protection.data_id >= 0 else ")"
             if set(differences) == {0}:
                 return "ecu-crc", f"every frame of {name} has a counter beyond its range ({protection.profile})"
+            slug = "ecu-crc"
             if len(set(differences)) == 1 and protection.data_id >= 0:
                 wrong = f"wrong by the same bits every time (0x{differences[-1]:02X}): it has another E2E data id"
-                return "e2e-data-id", f"{said}, {wrong}; write the right data_id under [protection.{name}]"
+                slug = "e2e-data-id"
+                return slug, f"{said}, {wrong}; write the right data_id under [protection.{name}]"
             fix = f"check profile, E2E data id and signals under [protection.{name}], and that the DBC is this ECU's"
-            return "ecu-crc", f"{said}, wrong in other bits every time; {fix}"
+            return slug, f"{said}, wrong in other bits every time; {fix}"
         return "", ""

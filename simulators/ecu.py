@@ -63,15 +63,12 @@ class Ecu:
         clock: DeviceClock,
         random: np.random.Generator,
         log: Callable[[str, str], None],
-        wire: EcuWire | None = None,
     ) -> None:
-        self.wire: EcuWire = wire or DemoWire()
         self.plant = plant
         self.clock = clock
         self.faults = EcuFaults()
         self.log = log
         self.options = options
-        self.command_timeout_s = self.wire.timeout_s(options.command_timeout_s)
         self.boot_count = options.boot_count
         self.supply_V = options.supply_V
         self._ambient_degC = ambient_degC
@@ -80,8 +77,14 @@ class Ecu:
         self._held: list[Frame] = []
         self._repeats = False
         self._eta_1_s = float(plant.constants["coil_eta_1_s"][0])
-        now_us = clock.unwrapped_us(plant.time_s)
-        self._next_us = {name: math.ceil(now_us / period) * period for name, period in self.wire.periods_us.items()}
+        self.wear(DemoWire())
+
+    def wear(self, wire: EcuWire) -> None:
+        """Be an ECU with these frames from now on, just started."""
+        self.wire = wire
+        self.command_timeout_s = wire.timeout_s(self.options.command_timeout_s)
+        now_us = self.clock.unwrapped_us(self.plant.time_s)
+        self._next_us = {name: math.ceil(now_us / period) * period for name, period in wire.periods_us.items()}
         self.boot()
 
     def boot(self) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.clock import monotonic_ns
-from rig.dampers.catalogue import KINDS
+from rig.dampers.catalogue import KINDS, NO_KIND
 from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.channel import Channel
@@ -102,8 +102,9 @@ class SimulatedRig:
         self.ecu = Ecu(
             self.plant, coil, options.damper.ambient_degC,
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
-            None if run.worn_ecu is None else run.worn_ecu.load(),
         )
+        if run.worn_ecu is not None:
+            self.ecu.wear(run.worn_ecu.load())
         self.bus = SlcanBus(self.ecu.receive)
         rtu = run.actuator == "rtu"
         self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports != "socket")
@@ -335,7 +336,7 @@ class SimulatedRig:
         parameters = {f"parameter_{name}": value for name, value in plant.values.items()}
         return {
             "damper_model": plant.model.name,
-            "damper_kind": KINDS[plant.model.name, plant.model.hysteresis],
+            "damper_kind": KINDS.get((plant.model.name, plant.model.hysteresis), NO_KIND),
             "parameter_names": list(plant.values),
             **parameters,
             "coil_eta": float(plant.constants["coil_eta_1_s"][0]),

@@ -28,7 +28,7 @@ class DbcSignal:
 
     Attributes:
         signal: where it lies, and what a step of it is worth.
-        line: in the file (from 1); 0 where it was not found.
+        line: in the file (from 1); 0 where it was not named.
         names: names of its numbers (VAL_).
         start_number: what is sent while nobody says otherwise (GenSigStartValue), as on the wire.
         minimum, maximum: the range that the file states, in the signal's unit; None where it states none.
@@ -83,15 +83,15 @@ def parse_dbc(text: str) -> dict[str, DbcMessage]:
 
 def _lines(text: str) -> dict[tuple[str, ...], int]:
     """The line of every message, and of every signal below its message."""
-    found: dict[tuple[str, ...], int] = {}
+    named: dict[tuple[str, ...], int] = {}
     message = ""
     for number, line in enumerate(text.splitlines(), start=1):
         if (match := _MESSAGE.match(line)) is not None:
             message = match[2]
-            found.setdefault((message,), number)
+            named.setdefault((message,), number)
         elif (match := _SIGNAL.match(line)) is not None:
-            found.setdefault((message, match[1]), number)
-    return found
+            named.setdefault((message, match[1]), number)
+    return named
 
 
 def _message(given: Any, lines: Mapping[tuple[str, ...], int]) -> DbcMessage:  # noqa: ANN401 - cantools has no types

@@ -44,7 +44,10 @@ class SentFrame:
 
 @dataclass(frozen=True)
 class HeardMessage:
-    """A message that is read; `period_s` is 0 where nobody knows how often it comes."""
+    """A message that is read; `period_s` is 0 where nobody knows how often it comes.
+
+    One with pages shows each of them once in `pages` frames.
+    """
 
     name: str
     size: int
@@ -52,6 +55,7 @@ class HeardMessage:
     protection: Protection
     period_s: float
     roles: frozenset[str]
+    pages: int = 1
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ class _Roles:
         self._roles = roles
         reading.only(roles, (*ROLE_KEYS, *TABLES, *PLAIN_KEYS), ())
         self._tables = {role: self._table(role) for role in ROLE_KEYS if role in roles}
-        self._found = {role: found for role in self._tables if (found := self._find(role)) is not None}
+        self._found = {role: named for role in self._tables if (named := self._find(role)) is not None}
         self._fault_signals: list[tuple[str, Found, frozenset[int], SourceFault]] = []
 
     def description(self, name: str) -> EcuDescription:
@@ -91,15 +91,15 @@ class _Roles:
         Raises:
             RoleProblems: with everything that is wrong.
         """
-        reading, found = self._reading, self._found
+        reading, named = self._reading, self._found
         for role in (COMMAND, CURRENT):
             if role not in self._roles:
                 reading.wrong((role,), 'is missing; write "Message.signal" with the names of the DBC')
-        on_off = {role: self._on_off(role) for role in (ENABLE, CLEAR) if role in found}
+        on_off = {role: self._on_off(role) for role in (ENABLE, CLEAR) if role in named}
         states, fault_bits = self._states(), self._faults()
         low_A, high_A = self._range()
         protections, periods = self._protections(), self._periods()
-        sent = sent_frames(reading, {role: found[role] for role in SENT_ROLES if role in found}, on_off,
+        sent = sent_frames(reading, {role: named[role] for role in SENT_ROLES if role in named}, on_off,
                            self._roles.get("constants"), protections)  # fmt: skip
         heard = self._heard(protections, periods)
         self._check_messages(protections, periods, {frame.name for frame in sent})
@@ -111,9 +111,9 @@ class _Roles:
         layout = self._layout()
         if reading.problems:
             raise RoleProblems(reading.problems)
-        clock = found.get(CLOCK)
+        clock = named.get(CLOCK)
         made = EcuDescription(
-            name, sent, heard, _key(found[CURRENT].message), on_off, self._timing(heard), low_A, high_A,
+            name, sent, heard, _key(named[CURRENT].message), on_off, self._timing(heard), low_A, high_A,
             states, fault_bits,
             tuple(FaultSignal(field, numbers, fault) for field, _, numbers, fault in self._fault_signals),
             0.0 if clock is None else clock.signal.scale, 0 if clock is None else 1 << clock.signal.length,
@@ -135,27 +135,27 @@ class _Roles:
             if role != FAULTS and isinstance(self._roles[role], str | Mapping):
                 self._reading.wrong(place, 'signal is missing; write signal = "Message.signal"')
             return None
-        found = self._reading.find(table["signal"], (role, "signal") if "signal" in self._as_table(role) else place)
-        if found is None:
+        named = self._reading.find(table["signal"], (role, "signal") if "signal" in self._as_table(role) else place)
+        if named is None:
             return None
         if role in MEASURED or role == COMMAND:
-            found = self._reading.in_unit(found, MEASURED.get(role, "current"), table, place)
-        elif found.signal.is_float:
-            self._reading.wrong(place, f"{found.signal.name} is a float; must be a whole number on the wire")
+            named = self._reading.in_unit(named, MEASURED.get(role, "current"), table, place)
+        elif named.signal.is_float:
+            self._reading.wrong(place, f"{named.signal.name} is a float; must be a whole number on the wire")
             return None
-        if found is not None and role == CLOCK and (found.signal.is_float or found.signal.scale < 0.0):
-            self._reading.wrong(place, f"{found.signal.name} must be a whole number that counts up")
+        if named is not None and role == CLOCK and (named.signal.is_float or named.signal.scale < 0.0):
+            self._reading.wrong(place, f"{named.signal.name} must be a whole number that counts up")
             return None
-        return found
+        return named
 
     def _as_table(self, role: str) -> Mapping[str, Any]:
         given = self._roles[role]
         return given if isinstance(given, Mapping) else {}
 
     def _on_off(self, role: str) -> tuple[int, int]:
-        table, found = self._tables[role], self._found[role]
+        table, named = self._tables[role], self._found[role]
         numbers = [
-            self._reading.number(table.get(key, default), found, (role, key) if key in table else (role,))
+            self._reading.number(table.get(key, default), named, (role, key) if key in table else (role,))
             for key, default in (("on", 1), ("off", 0))
         ]
         if numbers[0] is not None and numbers[0] == numbers[1]:
@@ -164,15 +164,15 @@ class _Roles:
 
     def _states(self) -> dict[int, SourceState]:
         """The neutral state of each code that has one; without any entry, those whose names in the DBC say so."""
-        found, table = self._found.get(STATE), self._tables.get(STATE, {})
-        if found is None:
+        named, table = self._found.get(STATE), self._tables.get(STATE, {})
+        if named is None:
             return {}
         if not table.keys() & STATES.keys():
-            named = {number: name.casefold() for number, name in found.given.names.items()}
-            return {number: STATES[name] for number, name in named.items() if name in STATES}
+            words = {number: name.casefold() for number, name in named.given.names.items()}
+            return {number: STATES[word] for number, word in words.items() if word in STATES}
         codes: dict[int, SourceState] = {}
         for word, meaning in STATES.items():
-            for number in self._reading.numbers(table[word], found, (STATE, word)) if word in table else ():
+            for number in self._reading.numbers(table[word], named, (STATE, word)) if word in table else ():
                 if number in codes:
                     self._reading.wrong((STATE, word), f"{number} is {str(codes[number].name).lower()} already")
                 codes[number] = meaning
@@ -212,21 +212,21 @@ class _Roles:
         """A fault with a signal of its own: "Message.signal", or {signal = ..., value = ...}."""
         table = given if isinstance(given, Mapping) else {"signal": given}
         self._reading.only(table, ("signal", "value"), place)
-        found = self._reading.find(table.get("signal"), place)
-        if found is None:
+        named = self._reading.find(table.get("signal"), place)
+        if named is None:
             return
-        if found.signal.is_float:
-            self._reading.wrong(place, f"{found.signal.name} is a float; must be a whole number on the wire")
+        if named.signal.is_float:
+            self._reading.wrong(place, f"{named.signal.name} is a float; must be a whole number on the wire")
             return
-        numbers = self._reading.numbers(table["value"], found, place) if "value" in table else frozenset[int]()
-        self._fault_signals.append((f"{FAULTS}.{place[-1]}", found, numbers, meaning))
+        numbers = self._reading.numbers(table["value"], named, place) if "value" in table else frozenset[int]()
+        self._fault_signals.append((f"{FAULTS}.{place[-1]}", named, numbers, meaning))
 
     def _range(self) -> tuple[float, float]:
         """What the set-point holds (A); a problem where 0 A is not among it."""
-        found = self._found.get(COMMAND)
-        if found is None:
+        named = self._found.get(COMMAND)
+        if named is None:
             return -math.inf, math.inf
-        signal, given = found.signal, found.given
+        signal, given = named.signal, named.given
         low_A, high_A = sorted(number * signal.scale + signal.offset for number in (signal.low, signal.high))
         if given.minimum is not None and given.maximum is not None and given.minimum < given.maximum:
             low_A, high_A = max(low_A, given.minimum), min(high_A, given.maximum)
@@ -262,12 +262,12 @@ class _Roles:
     def _heard(self, protections: Mapping[str, Protection], periods: Mapping[str, float]) -> dict[int, HeardMessage]:
         """The messages that are read, each with what is wanted of it."""
         wanted: dict[str, dict[str, Placed]] = {}
-        for role, found in self._found.items():
+        for role, named in self._found.items():
             if role not in SENT_ROLES:
                 plain = role not in MEASURED or role == CLOCK
-                wanted.setdefault(found.message.name, {})[role] = found.placed(plain=plain)
-        for field, found, _, _ in self._fault_signals:
-            wanted.setdefault(found.message.name, {})[field] = found.placed(plain=True)
+                wanted.setdefault(named.message.name, {})[role] = named.placed(plain=plain)
+        for field, named, _, _ in self._fault_signals:
+            wanted.setdefault(named.message.name, {})[field] = named.placed(plain=True)
         heard: dict[int, HeardMessage] = {}
         for name, fields in wanted.items():
             message = self._reading.messages[name]
@@ -275,7 +275,7 @@ class _Roles:
             self._overlaps(message, fields, protection)
             heard[_key(message)] = HeardMessage(
                 name, message.size, FrameReader(message.size, fields), protection,
-                periods.get(name, message.period_s), frozenset(fields),
+                periods.get(name, message.period_s), frozenset(fields), _page_count(message),
             )
         return heard
 
@@ -293,8 +293,8 @@ class _Roles:
         self, protections: Mapping[str, Protection], periods: Mapping[str, float], sent: set[str]
     ) -> None:
         """Every message is sent or heard, not both; no two have one identifier; nothing is said of others."""
-        used = {found.message.name for role, found in self._found.items() if role not in SENT_ROLES}
-        used |= {found.message.name for _, found, _, _ in self._fault_signals}
+        used = {named.message.name for role, named in self._found.items() if role not in SENT_ROLES}
+        used |= {named.message.name for _, named, _, _ in self._fault_signals}
         for name in sorted(used & sent):
             self._reading.wrong((COMMAND,), f"message {name!r} is sent and heard; a message has one sender")
         for table, names in (("protection", protections), ("periods", periods)):
@@ -310,7 +310,7 @@ class _Roles:
 
     def _timing(self, heard: Mapping[int, HeardMessage]) -> SourceTiming:
         """Periods as stated; where nobody states one, what is usual."""
-        of = {role: message.period_s for message in heard.values() for role in message.roles}
+        of = {role: message.period_s * message.pages for message in heard.values() for role in message.roles}
         return SourceTiming(
             of[CURRENT] or STATUS_S,
             (of[COIL] or OTHER_S) if COIL in of else 0.0,
@@ -318,25 +318,31 @@ class _Roles:
         )
 
     def _signals(self) -> dict[str, tuple[str, Signal]]:
-        told = {field: found for field, found, _, _ in self._fault_signals}
-        return {role: (found.message.name, found.signal) for role, found in (self._found | told).items()}
+        told = {field: named for field, named, _, _ in self._fault_signals}
+        return {role: (named.message.name, named.signal) for role, named in (self._found | told).items()}
 
     def _pages(self) -> dict[str, list[dict[str, int]]]:
         """The pages of heard messages on which a role is; one that another contains is none of its own."""
         pages: dict[str, list[dict[str, int]]] = {}
-        told = [found for role, found in self._found.items() if role not in SENT_ROLES]
-        for found in (*told, *(found for _, found, _, _ in self._fault_signals)):
-            page = {multiplexer.name: min(numbers) for multiplexer, numbers in found.given.pages}
-            if page and page not in pages.setdefault(found.message.name, []):
-                pages[found.message.name].append(page)
+        told = [named for role, named in self._found.items() if role not in SENT_ROLES]
+        for named in (*told, *(named for _, named, _, _ in self._fault_signals)):
+            page = {multiplexer.name: min(numbers) for multiplexer, numbers in named.given.pages}
+            if page and page not in pages.setdefault(named.message.name, []):
+                pages[named.message.name].append(page)
         return {name: [one for one in all_ if not any(one.items() < other.items() for other in all_)]
                 for name, all_ in pages.items()}  # fmt: skip
 
     def _layout(self) -> int | None:
-        table, found = self._tables.get(LAYOUT), self._found.get(LAYOUT)
-        if table is None or found is None or "value" not in table:
+        table, named = self._tables.get(LAYOUT), self._found.get(LAYOUT)
+        if table is None or named is None or "value" not in table:
             return None
-        return self._reading.number(table["value"], found, (LAYOUT, "value"))
+        return self._reading.number(table["value"], named, (LAYOUT, "value"))
+
+
+def _page_count(message: DbcMessage) -> int:
+    """How many frames it takes until every page has been shown, if they come in turn."""
+    numbers = {(given.pages[0][0].name, min(given.pages[0][1])) for given in message.signals.values() if given.pages}
+    return max(1, len(numbers))
 
 
 def _key(message: DbcMessage) -> int:

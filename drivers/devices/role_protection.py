@@ -181,8 +181,8 @@ def _named(
     if not isinstance(name, str):
         reading.wrong(place, f"must be the name of a signal of {message.name} in quotes")
         return None
-    found = reading.signal(message, name.removeprefix(f"{message.name}."), place)
-    return None if found is None else replace(found.signal, signed=False, is_float=False, scale=1.0, offset=0.0)
+    named = reading.signal(message, name.removeprefix(f"{message.name}."), place)
+    return None if named is None else replace(named.signal, signed=False, is_float=False, scale=1.0, offset=0.0)
 
 
 def _whole_bytes(signal: Signal, size: int) -> range | None:

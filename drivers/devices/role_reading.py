@@ -66,7 +66,7 @@ class Found:
 
 @dataclass
 class Reading:
-    """The DBC's messages, and what was found wrong so far."""
+    """The DBC's messages, and what was named wrong so far."""
 
     messages: Mapping[str, DbcMessage]
     problems: list[RoleProblem] = field(default_factory=list)
@@ -123,9 +123,9 @@ class Reading:
             return None
         return Found(message, given)
 
-    def number(self, value: object, found: Found, place: Place) -> int | None:
+    def number(self, value: object, named: Found, place: Place) -> int | None:
         """A number of a signal on the wire, given as such or by its name in the DBC (VAL_)."""
-        signal, names = found.signal, found.given.names
+        signal, names = named.signal, named.given.names
         if isinstance(value, bool):
             value = int(value)
         if isinstance(value, str):
@@ -145,10 +145,10 @@ class Reading:
             return None
         return value
 
-    def numbers(self, value: object, found: Found, place: Place) -> frozenset[int]:
+    def numbers(self, value: object, named: Found, place: Place) -> frozenset[int]:
         """One or several numbers of a signal."""
         items = value if isinstance(value, list | tuple) else [value]
-        found_numbers = (self.number(item, found, place) for item in items)
+        found_numbers = (self.number(item, named, place) for item in items)
         return frozenset(number for number in found_numbers if number is not None)
 
     def whole(self, value: object, low: int, high: int, place: Place, default: int | None = None) -> int | None:
@@ -176,9 +176,9 @@ class Reading:
         self.wrong(place, f"must be one of {', '.join(known)}")
         return next(iter(known))
 
-    def in_unit(self, found: Found, dimension: str, table: Mapping[str, Any], place: Place) -> Found | None:
+    def in_unit(self, named: Found, dimension: str, table: Mapping[str, Any], place: Place) -> Found | None:
         """The signal in A, degC, V or us, whatever unit the DBC has for it."""
-        signal, units = found.signal, UNITS[dimension]
+        signal, units = named.signal, UNITS[dimension]
         unit = table.get("unit", signal.unit)
         if dimension == "current" and unit in SHARES:
             full = table.get("full_scale")
@@ -199,11 +199,11 @@ class Reading:
         base = {"current": "A", "temperature": "degC", "voltage": "V", "time": "us"}[dimension]
         converted = replace(signal, scale=signal.scale * factor, offset=signal.offset * factor + offset, unit=base)
         given = replace(
-            found.given, signal=converted,
-            minimum=None if found.given.minimum is None else found.given.minimum * factor + offset,
-            maximum=None if found.given.maximum is None else found.given.maximum * factor + offset,
+            named.given, signal=converted,
+            minimum=None if named.given.minimum is None else named.given.minimum * factor + offset,
+            maximum=None if named.given.maximum is None else named.given.maximum * factor + offset,
         )
-        return Found(found.message, given)
+        return Found(named.message, given)
 
 
 def _unusable(given: DbcSignal, message: DbcMessage) -> str:

@@ -34,13 +34,13 @@ def sent_frames(
     """
     fixed = _constants(reading, constants)
     frames: list[SentFrame] = []
-    messages = {found.message.name: found.message for found in (*roles.values(), *(item for item, _, _ in fixed))}
+    messages = {named.message.name: named.message for named in (*roles.values(), *(item for item, _, _ in fixed))}
     for name, message in messages.items():
-        own = {role: found for role, found in roles.items() if found.message.name == name}
+        own = {role: named for role, named in roles.items() if named.message.name == name}
         given = {item.signal.name: (item, number, place) for item, number, place in fixed if item.message.name == name}
-        for role, found in own.items():
-            if found.signal.name in given:
-                reading.wrong(given[found.signal.name][2], f"is the signal of {role} too; it cannot be constant")
+        for role, named in own.items():
+            if named.signal.name in given:
+                reading.wrong(given[named.signal.name][2], f"is the signal of {role} too; it cannot be constant")
         protection = protections.get(name, Protection())
         for page in _pages(message, own, {key: number for key, (_, number, _) in given.items()}):
             frame = _frame(reading, message, page, own, given, protection)
@@ -58,18 +58,18 @@ def _constants(reading: Reading, given: object) -> list[tuple[Found, int, Place]
             entries += [(f"{key}.{name}", inner, ("constants", key, name)) for name, inner in value.items()]
         else:
             entries.append((key, value, ("constants", key)))
-    found: list[tuple[Found, int, Place]] = []
+    named: list[tuple[Found, int, Place]] = []
     for name, value, place in entries:
         item = reading.find(name, place)
         number = None if item is None else _constant(reading, item, value, place)
         if item is not None and number is not None:
-            found.append((item, number, place))
-    return found
+            named.append((item, number, place))
+    return named
 
 
-def _constant(reading: Reading, found: Found, value: Any, place: Place) -> int | None:  # noqa: ANN401 - of a user's file
+def _constant(reading: Reading, named: Found, value: Any, place: Place) -> int | None:  # noqa: ANN401 - of a user's file
     """The bits of a constant: a name of the DBC, a whole number as on the wire; of a float the value itself."""
-    signal = found.signal
+    signal = named.signal
     if signal.is_float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             reading.wrong(place, f"{signal.name} is a float; must be a number")
@@ -79,7 +79,7 @@ def _constant(reading: Reading, found: Found, value: Any, place: Place) -> int |
         except LocalProtocolError as error:
             reading.wrong(place, str(error))
             return None
-    number = reading.number(value, found, place)
+    number = reading.number(value, named, place)
     return None if number is None else number & (1 << signal.length) - 1
 
 
@@ -88,7 +88,7 @@ def _pages(message: DbcMessage, roles: Mapping[str, Found], constants: Mapping[s
 
     What is on all pages asks for none; a constant multiplexer with nothing below it is a page of its own.
     """
-    wanted = [message.signals[found.signal.name] for found in roles.values()]
+    wanted = [message.signals[named.signal.name] for named in roles.values()]
     wanted += [message.signals[name] for name in constants]
     pages: list[Page] = []
     for given in wanted:
@@ -114,8 +114,8 @@ def _frame(
     """One frame; a problem where two of its signals want the same bits."""
     on_page = dict(page)
     changing = {
-        role: Placed(found.signal, plain=role != "command")
-        for role, found in roles.items() if _is_on(found.given, on_page)
+        role: Placed(named.signal, plain=role != "command")
+        for role, named in roles.items() if _is_on(named.given, on_page)
     }  # fmt: skip
     used = {placed.signal.name for placed in changing.values()}
     fixed: list[tuple[Signal, int]] = []
@@ -151,7 +151,7 @@ def _taken(
     """Whether the bits of a signal that nobody named belong to one that was, or do not fit."""
     bits, size = signal.bits(message.size), message.size
     others = [placed.signal.bits(size) for placed in changing.values()]
-    others += [found.signal.bits(size) for found, _, _ in constants.values()]
+    others += [named.signal.bits(size) for named, _, _ in constants.values()]
     others += list(protection.places(size).values())
     return any(bits & other for other in others) or min(bits) < 0 or max(bits) >= 8 * size
 

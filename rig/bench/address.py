@@ -11,12 +11,13 @@ from drivers.catalogue import (
     actuator_names,
     check_actuator,
     check_current_source,
-    current_source_names,
     current_source_problems,
     current_source_range_A,
     is_dbc,
+    known_current_source_names,
 )
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.plugins import BrokenPlugIn
 from protocols.errors import ProtocolError
 from rig.bench.quantity import Problem
 
@@ -92,9 +93,7 @@ def known_current_source(name: str) -> str:
     """
     if is_dbc(name):
         return name
-    if name not in current_source_names():
-        raise ValueError(f"{name!r} is not known; known: {', '.join(current_source_names())}; or a file name.dbc")
-    return _described(name, check_current_source)
+    return _described(_known(name, known_current_source_names()), check_current_source)
 
 
 def ecu_problems(dbc: str, roles: str | Mapping[str, Any] | None) -> Iterator[Problem]:
@@ -127,6 +126,8 @@ def _described(name: str, check: Callable[[str], None]) -> str:
         check(name)
     except ProtocolError as error:
         raise ValueError(f"its description cannot be used: {error}") from error
+    except BrokenPlugIn as error:
+        raise ValueError(str(error)) from error
     return name
 
 

@@ -14,9 +14,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.source import is_dbc
 from protocols.errors import LocalProtocolError
 from protocols.line_format import PRESETS, LineFormat, from_description
+from rig.bench import named_files
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
@@ -36,6 +39,7 @@ from simulators.options import (
     ServoOptions,
 )
 from simulators.rig import LATE_SHARE, SimulatedRig
+from simulators.worn_ecu import WornEcuFiles
 
 DEMO = "demo"
 LINKS = {LinkKind.MODBUS_TCP: "tcp", LinkKind.MODBUS_RTU: "rtu"}
@@ -67,6 +71,7 @@ class UserBench:
 
     options: RigOptions
     actuator: str
+    worn_ecu: WornEcuFiles | None
     auxiliaries: tuple[SensorOptions, ...]
     stood_in: tuple[str, ...]
     tick_s: float
@@ -85,11 +90,11 @@ class UserBench:
         if problems:
             raise FileProblem(str(path), problems)
         link = LINKS[ActuatorAddress.parse(bench.actuator.url).kind]
-        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        values = named_files.with_paths(tomllib.loads(path.read_text(encoding="utf-8-sig")), path.absolute().parent)
         quickest_s = min(bench.ecu.stale_after_s, *(sensor.stale_after_s for sensor in _sensors(bench).values()))
         return cls(
-            _options(bench, matrix), link, tuple(map(_auxiliary, bench.auxiliary)), tuple(_stood_in(bench)),
-            max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
+            _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
+            tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
         )
 
     def text(self, rig: SimulatedRig, addresses: Addresses) -> str:
@@ -100,12 +105,21 @@ class UserBench:
         channel = f"socket://127.0.0.1:{addresses.slcan_port}"
         if own["ecu"]["interface"] != "slcan":
             own["ecu"] = {**own["ecu"], "interface": "slcan", "bitrate": BITRATE}
+            own["ecu"].pop("interface_options", None)
         own["ecu"] = {**own["ecu"], "channel": channel}
         own["load_cell"] = {**own["load_cell"], "url": addresses.load_cell_url}
         own["lvdt"] = {**own["lvdt"], "url": addresses.lvdt_url}
         further = zip(own.get("auxiliary", ()), addresses.auxiliary_urls, strict=True)
         own["auxiliary"] = [{**sensor, "url": url} for sensor, url in further]
-        return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in own.items())
+        return _file(own)
+
+    def portable(self, text: str) -> str:
+        """The user's file (`text`) as it can be read in any folder: files that it names have whole paths."""
+        return _file(self.values) if any(named_files.named(self.values)) else text
+
+
+def _file(values: Mapping[str, Any]) -> str:
+    return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in values.items())
 
 
 def _toml(value: object) -> str:
@@ -134,10 +148,13 @@ def _unlike(bench: Bench) -> Iterator[str]:
             f'actuator.url = "{actuator.url}": no simulated controller speaks its maker\'s own protocol; allowed in a '
             'world: modbus-tcp:// and modbus-rtu:. Try the matrix on a copy of this file with such a controller'
         )  # fmt: skip
-    for key, name, device in (
-        ("actuator.register_map", actuator.register_map, "controller"), ("ecu.dbc", ecu.dbc, "current source"),
-    ):  # fmt: skip
-        if name != DEMO:
+    for key, group, name, device in (
+        ("actuator.register_map", plugins.ACTUATORS, actuator.register_map, "controller"),
+        ("ecu.dbc", plugins.CURRENT_SOURCES, ecu.dbc, "current source"),
+    ):
+        if is_dbc(name):
+            continue
+        if name != DEMO and plugins.simulated_as(group, name) != DEMO:
             yield (
                 f'{key} = "{name}": there is no simulated {device} of that description; allowed in a world: "{DEMO}". '
                 f'Try the matrix on a copy of this file with {key.partition(".")[2]} = "{DEMO}"; what belongs to the '
@@ -158,6 +175,14 @@ def _unlike(bench: Bench) -> Iterator[str]:
             yield f"{place}.format: a simulated sensor cannot write it: {problem}"
 
 
+def _worn_ecu(bench: Bench) -> WornEcuFiles | None:
+    """The user's DBC and roles, if the current source has them."""
+    dbc, roles = bench.ecu.dbc, bench.ecu.roles
+    if not is_dbc(dbc) or roles is None:
+        return None
+    return WornEcuFiles(Path(dbc), Path(roles) if isinstance(roles, str) else roles)
+
+
 def _stood_in(bench: Bench) -> Iterator[str]:
     """What a world has otherwise than the file says, in words."""
     yield "serial lines and networks are sockets of the world; baud rates do not count"
@@ -174,6 +199,8 @@ def _format(sensor: SensorConfig) -> str | LineFormat:
         LocalProtocolError: none can be written so.
     """
     given = sensor.format
+    if isinstance(given, str) and given not in ("frame16", *PRESETS):
+        given = _stood_for(given)
     if given == "frame16":
         return "frame16"
     if isinstance(given, str) and given not in PRESETS:
@@ -182,6 +209,12 @@ def _format(sensor: SensorConfig) -> str | LineFormat:
     line_format = PRESETS[given] if isinstance(given, str) else from_description(given)
     LineWriter(line_format, sensor.span / sensor.calibration.sensitivity)
     return line_format
+
+
+def _stood_for(name: str) -> str | dict[str, Any]:
+    """What a simulated sensor writes for a plug-in's driver, where that says so; else the name as it is."""
+    said = plugins.simulated_as(plugins.SENSORS, name)
+    return name if said is None else said if isinstance(said, str) else dict(said)
 
 
 def _sensor(sensor: SensorConfig, usual: SensorOptions, span_m: float = 0.0) -> SensorOptions:
