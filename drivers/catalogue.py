@@ -32,6 +32,7 @@ __all__ = [
     "check_sensor_format",
     "clocked_format_names",
     "current_source_names",
+    "current_source_period_s",
     "current_source_problems",
     "current_source_range_A",
     "ecu_roles_schema",
@@ -122,6 +123,15 @@ def current_source_range_A(name: str, roles: str | Mapping[str, Any] | None) -> 
         return -math.inf, math.inf
     described = current_source(name, roles)
     return described.low_A, described.high_A
+
+
+def current_source_period_s(name: str, roles: str | Mapping[str, Any] | None) -> float:
+    """How often a current source tells its current (s of its clock); 0 for a plug-in's, which says so when it runs.
+
+    Raises:
+        LocalProtocolError: it cannot be used.
+    """
+    return current_source(name, roles).timing.status_s if name in current_source_names() or is_dbc(name) else 0.0
 
 
 def ecu_roles_schema() -> dict[str, Any]:

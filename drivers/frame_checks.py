@@ -31,7 +31,9 @@ class FrameChecks:
         self._differences: dict[str, deque[int]] = {}
         self._good: set[str] = set()
         status = description.heard[description.status]
-        self._by_clock = status.protection.counter is None and CLOCK in status.roles
+        # A clock that ticks at every frame tells a repeated one as a counter does.
+        ticks = 0.0 < description.tick_us <= 1e6 * description.timing.status_s
+        self._by_clock = status.protection.counter is None and CLOCK in status.roles and ticks
         self._companions = {
             key: max(LEAST_PATIENCE_NS, int(1e9 * PATIENCE_PERIODS * message.pages * message.period_s))
             if message.period_s

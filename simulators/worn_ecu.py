@@ -130,8 +130,12 @@ class WornEcu:
         """The frames by which a host asks for that."""
         on_off = self.described.on_off
         frames: list[Frame] = []
-        for identifier, name in self._sent.items():
-            numbers = self._numbers(name)
+        for sent in self.described.sent:
+            name, identifier = sent.name, sent.identifier | (EXTENDED if sent.extended else 0)
+            numbers = self._numbers(name) | {
+                signal.name: _cut(signal, raw) if not signal.is_float else signal.number(raw)
+                for signal, raw in sent.writer.fixed
+            }
             for role, (owner, signal) in self.described.signals.items():
                 if owner == name and role in on_off:
                     numbers[signal.name] = on_off[role][0 if getattr(command, role) else 1]

@@ -11,6 +11,7 @@ from drivers.catalogue import (
     actuator_names,
     check_actuator,
     check_current_source,
+    current_source_period_s,
     current_source_problems,
     current_source_range_A,
     is_dbc,
@@ -113,6 +114,11 @@ def ecu_problems(dbc: str, roles: str | Mapping[str, Any] | None) -> Iterator[Pr
 def current_range_A(dbc: str, roles: str | Mapping[str, Any] | None) -> tuple[float, float]:
     """Lowest and highest current (A) that the set-point of a current source can hold."""
     return current_source_range_A(dbc, roles)
+
+
+def status_period_s(dbc: str, roles: str | Mapping[str, Any] | None) -> float:
+    """How often a current source tells its current (s of its clock)."""
+    return current_source_period_s(dbc, roles)
 
 
 def _known(name: str, known: tuple[str, ...]) -> str:

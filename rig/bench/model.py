@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from rig import units
 from rig.bench import named_files
-from rig.bench.address import current_range_A
+from rig.bench.address import current_range_A, status_period_s
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
@@ -194,5 +194,9 @@ class Bench(Section):
         if self.ecu.stale_after_s < 2.0 * self.ecu.command_period_s:
             shortest = 2.0 * self.ecu.command_period_s
             message = f"is less than two status frames; allowed: at least {units.show(shortest, 'ms')}"
+            problems.append((("ecu", "stale_after"), message))
+        shortest = 2.0 * status_period_s(self.ecu.dbc, self.ecu.roles) / self.clock.device_rate
+        if self.ecu.stale_after_s < shortest:
+            message = f"is less than two periods of the measured current; at least {units.show(shortest, 'ms')}"
             problems.append((("ecu", "stale_after"), message))
         return problems
