@@ -140,6 +140,6 @@ class DemoWire:
         return IDENTITY_ID, encode_identity(EcuIdentity(shown.serial_number, FIRMWARE, LAYOUT))
 
     def damaged(self, frame: Frame) -> Frame:
-        """Its first byte, the CRC's in protected frames, inverted in part."""
+        """Its first byte, the CRC's in protected frames, with bits turned over, not the same ones every time."""
         identifier, data = frame
-        return identifier, bytes([data[0] ^ 0x3C]) + data[1:]
+        return identifier, bytes([data[0] ^ 0x30 ^ data[1] & 0x0F]) + data[1:]

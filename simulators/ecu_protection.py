@@ -56,9 +56,10 @@ class Seal:
         return count
 
     def damaged(self, data: bytes) -> bytes:
-        """A frame with two bits of its checksum turned over; without one, as it is."""
+        """A frame with a bit of its checksum turned over, not always the same one; without a checksum, as it is."""
         damaged = bytearray(data)
-        for bit in self.checksum[:2]:
+        if self.checksum:
+            bit = self.checksum[_take(data, self.counter) % len(self.checksum)]
             damaged[bit // 8] ^= 1 << bit % 8
         return bytes(damaged)
 
