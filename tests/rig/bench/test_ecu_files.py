@@ -47,8 +47,8 @@ def test_roles_may_stand_in_the_bench_file_itself(folder: Path) -> None:
     inline = ROLES.replace("\n[", "\n[ecu.roles.")
     path = bench(folder, 'dbc = "coil-driver.dbc"', "[ecu.roles]\n" + inline)
     assert isinstance(Bench.load(path).ecu.roles, dict)
-    path.write_text(path.read_text().replace('"DriverStatus.Actual"', '"DriverStatus.Actul"'), encoding="utf-8")
-    line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if "Actul" in text)
+    path.write_text(path.read_text().replace('"DriverStatus.Actual"', '"DriverStatus.Actuu"'), encoding="utf-8")
+    line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if "Actuu" in text)
     with pytest.raises(FileProblem, match=f"line {line}: ecu.roles.measured_current = .*nearest: Actual"):
         Bench.load(path)
 
