@@ -71,8 +71,7 @@ def bench_text(
         f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
         "bitrate = 500000",
         *ecu,
-        'command_period = "10 ms"',
-        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
+        *_ecu_times(relaxed),
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
     lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)
@@ -90,6 +89,10 @@ def bench_text(
         f"real_time = {'false' if relaxed else 'true'}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _ecu_times(relaxed: bool) -> list[str]:
+    return ['command_period = "10 ms"', f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"']
 
 
 def _input_delay(options: RigOptions) -> list[str]:
