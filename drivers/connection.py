@@ -1,10 +1,12 @@
-"""How to reach a device: an actuator's address, parsed once, a serial line's settings, and what else it needs."""
+"""How to reach a device: addresses of actuators and CAN buses, parsed once, settings of lines, and what else it needs."""
 
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 from urllib.parse import urlsplit
 
 
@@ -102,6 +104,23 @@ class LineSettings:
     data_bits: int = 8
     parity: str = "N"
     stop_bits: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class CanAddress:
+    """Where a CAN bus is.
+
+    Attributes:
+        interface: name as python-can has it.
+        channel: what that interface calls the bus; a serial URL for slcan.
+        bitrate: bit/s.
+        options: further arguments of the interface, by python-can's names.
+    """
+
+    interface: str
+    channel: str
+    bitrate: int = 500_000
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 def draw_owner_id() -> int:

@@ -45,7 +45,7 @@ def writer(described: SensorFormat, low: float, high: float) -> LineWriter | Fra
     return kind(described, low, high)  # type: ignore[arg-type]  # each its own kind of format
 
 
-def worn(options: SensorOptions, given: str, whose: str, least_si: float) -> SensorOptions:
+def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> SensorOptions:
     """A simulated sensor that sends a format.
 
     Its numbers are in the format's unit where that is known, else in steps that fit; a format that counts from 0 has

@@ -15,12 +15,13 @@ from typing import Any
 
 from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.source import is_dbc
 from drivers.sensor_formats import FRAME16, described_format, is_file
 from protocols.errors import LocalProtocolError
 from protocols.sensor_format import SensorFormat
 from protocols.sensor_presets import TABLES
+from rig.bench import named_files
 from rig.bench.model import Bench
-from rig.bench.named_files import with_paths
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
 from rig.errors import FileProblem
@@ -39,6 +40,7 @@ from simulators.options import (
 )
 from simulators.rig import LATE_SHARE, SimulatedRig
 from simulators.toml_text import toml_text
+from simulators.worn_ecu import WornEcuFiles
 from simulators.worn_format import writer
 
 DEMO = "demo"
@@ -71,6 +73,7 @@ class UserBench:
 
     options: RigOptions
     actuator: str
+    worn_ecu: WornEcuFiles | None
     auxiliaries: tuple[SensorOptions, ...]
     stood_in: tuple[str, ...]
     tick_s: float
@@ -89,11 +92,11 @@ class UserBench:
         if problems:
             raise FileProblem(str(path), problems)
         link = LINKS[ActuatorAddress.parse(bench.actuator.url).kind]
-        values = with_paths(tomllib.loads(path.read_text(encoding="utf-8-sig")), path.absolute().parent)
+        values = named_files.with_paths(tomllib.loads(path.read_text(encoding="utf-8-sig")), path.absolute().parent)
         quickest_s = min(bench.ecu.stale_after_s, *(sensor.stale_after_s for sensor in _sensors(bench).values()))
         return cls(
-            _options(bench, matrix), link, tuple(map(_auxiliary, bench.auxiliary)), tuple(_stood_in(bench)),
-            max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
+            _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
+            tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
         )
 
     def text(self, rig: SimulatedRig, addresses: Addresses) -> str:
@@ -104,12 +107,21 @@ class UserBench:
         channel = f"socket://127.0.0.1:{addresses.slcan_port}"
         if own["ecu"]["interface"] != "slcan":
             own["ecu"] = {**own["ecu"], "interface": "slcan", "bitrate": BITRATE}
+            own["ecu"].pop("interface_options", None)
         own["ecu"] = {**own["ecu"], "channel": channel}
         own["load_cell"] = {**own["load_cell"], "url": addresses.load_cell_url}
         own["lvdt"] = {**own["lvdt"], "url": addresses.lvdt_url}
         further = zip(own.get("auxiliary", ()), addresses.auxiliary_urls, strict=True)
         own["auxiliary"] = [{**sensor, "url": url} for sensor, url in further]
-        return "".join(f"{toml_text(key)} = {toml_text(value)}\n" for key, value in own.items())
+        return _file(own)
+
+    def portable(self, text: str) -> str:
+        """The user's file (`text`) as it can be read in any folder: files that it names have whole paths."""
+        return _file(self.values) if any(named_files.named(self.values)) else text
+
+
+def _file(values: Mapping[str, Any]) -> str:
+    return "".join(f"{toml_text(key)} = {toml_text(value)}\n" for key, value in values.items())
 
 
 def _sensors(bench: Bench) -> dict[str, SensorConfig]:
@@ -129,6 +141,8 @@ def _unlike(bench: Bench) -> Iterator[str]:
         ("actuator.register_map", plugins.ACTUATORS, actuator.register_map, "controller"),
         ("ecu.dbc", plugins.CURRENT_SOURCES, ecu.dbc, "current source"),
     ):
+        if is_dbc(name):
+            continue
         if name != DEMO and plugins.simulated_as(group, name) != DEMO:
             yield (
                 f'{key} = "{name}": there is no simulated {device} of that description; allowed in a world: "{DEMO}". '
@@ -148,6 +162,14 @@ def _unlike(bench: Bench) -> Iterator[str]:
             _format(sensor)
         except LocalProtocolError as problem:
             yield f"{place}.format: a simulated sensor cannot write it: {problem}"
+
+
+def _worn_ecu(bench: Bench) -> WornEcuFiles | None:
+    """The user's DBC and roles, if the current source has them."""
+    dbc, roles = bench.ecu.dbc, bench.ecu.roles
+    if not is_dbc(dbc) or roles is None:
+        return None
+    return WornEcuFiles(Path(dbc), Path(roles) if isinstance(roles, str) else roles)
 
 
 def _stood_in(bench: Bench) -> Iterator[str]:
