@@ -1,4 +1,4 @@
-"""How to reach a device: addresses of actuators and CAN buses, parsed once, settings of lines, and what else it needs."""
+"""How to reach a device: addresses of actuators and CAN buses, parsed once, and settings of lines."""
 
 from __future__ import annotations
 
