@@ -36,7 +36,7 @@ def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     result = dict(data)
     for entry in ENTRIES:
         table, key = entry
-        tables = _tables(data, table)
+        tables = _tables(result, table)
         whole = [{**one, key: str(folder / one[key])} if is_file(entry, one.get(key)) else one for one in tables]
         if whole:
             result[table] = whole[0] if isinstance(data[table], Mapping) else tuple(whole)
