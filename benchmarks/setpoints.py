@@ -94,7 +94,8 @@ def streamed(bench: Path, seconds: float, folder: Path) -> dict[str, Any]:
 
 def stations_of(parent: int) -> list[int]:
     """Process ids of the stations that a process has started."""
-    found = subprocess.run(["pgrep", "-P", str(parent), "-f", "rig.station"], capture_output=True, text=True, check=False)
+    command = ["pgrep", "-P", str(parent), "-f", "rig.station"]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
     return [int(word) for word in found.stdout.split()]
 
 
