@@ -9,15 +9,18 @@ import signal
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from drivers.connection import ActuatorAddress, LinkKind
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.faults.matrix import MATRIX
-from simulators.schedule import WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
+from simulators.schedule import STREAMED, WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
 from simulators.settings import setting_options
+
+if TYPE_CHECKING:
+    from simulators.worn_ecu import WornEcuFiles
 
 EPILOG = """\b
 Example:
@@ -65,7 +68,8 @@ def hints(bench: Path, text: str) -> str:
     sensors += [(sensor["name"], sensor) for sensor in values.get("auxiliary", [])]
     for name, sensor in sensors:
         url = sensor["url"]
-        lines.append(f"{name:12} {sensor['format']} {sensor['rate']} {url}      python -m serial {url} 921600")
+        shown = sensor["format"] if isinstance(sensor["format"], str) else "described format"
+        lines.append(f"{name:12} {shown} {sensor['rate']} {url}      python -m serial {url} 921600")
     return "\n".join(lines)
 
 
@@ -126,6 +130,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     from simulators.plant.plant import specimen_model
     from simulators.rig import RunOptions
     from simulators.settings import with_settings
+    from simulators.worn_format import sending
 
     options = load_options(values["config"]) if values["config"] else RigOptions()
     assignments = [*values["option"], *(f"specimen.{text}" for text in values["specimen"])]
@@ -143,10 +148,17 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     if values["rate"] is not None:
         for table in ("load_cell", "lvdt", "auxiliary"):
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
-    if values["force_format"] == "ascii":
-        options = replace(options, load_cell=replace(options.load_cell, format="signed-decimal"))
+    worn_ecu = worn(values["dbc"], values["ecu_roles"])
+    limits = options.limits
+    if (force := values["force_format"]) is not None:
+        options = replace(options, load_cell=sending(options.load_cell, force, "--force-format", limits.force_N))
+    if (displacement := values["displacement_format"]) is not None:
+        lvdt = sending(options.lvdt, displacement, "--displacement-format", limits.position_m)
+        options = replace(options, lvdt=lvdt)
     written = tuple(parse_fault(text) for text in values["fault"])
     wiring = wiring_for(written, values["actuator"], values["ports"])
+    if wiring.actuator == STREAMED:
+        options = with_option(options, "controller.generator=false")
     for fault in written:
         if fault.name in NEEDS_AUXILIARY and not values["auxiliary"]:
             raise FileProblem("--fault", [f"{fault.name!r} needs a sensor of that kind: add --auxiliary 1"])
@@ -158,11 +170,31 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
+        worn_ecu=worn_ecu,
         drop_unread=values["drop_unread"],
         faults=(*written, *drawn(values, wiring)),
     )
     asked = {"bench": values["bench"], "json": values["as_json"], "real_time": values["real_time"]}
     return {"options": options, "run": run, **asked}
+
+
+def worn(dbc: Path | None, roles: Path | None) -> WornEcuFiles | None:
+    """A user's files as which the current ECU appears; None where none are given.
+
+    Raises:
+        FileProblem: one without the other, or they cannot be used: everything that is wrong.
+    """
+    from drivers.devices.source import current_source_problems
+    from simulators.worn_ecu import WornEcuFiles
+
+    if dbc is None and roles is None:
+        return None
+    if dbc is None or roles is None:
+        raise FileProblem("--dbc", ["needs --ecu-roles beside it, and the other way round"])
+    problems = current_source_problems(str(dbc), str(roles))
+    if problems:
+        raise FileProblem("--dbc", [text for _, text in problems])
+    return WornEcuFiles(dbc.absolute(), roles.absolute())
 
 
 def drawn(values: dict[str, Any], wiring: Wiring) -> tuple[ScheduledFault, ...]:
@@ -207,16 +239,21 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--set", "parameter_set", help="Parameter set of the specimen.")
 @click.option("--specimen", metavar="KEY=VALUE", multiple=True,
               help="serial_number, mid_stroke_m, stroke_m (repeatable).")
-@click.option("--force-format", type=click.Choice(["frame16", "ascii"]), default="frame16", show_default=True,
-              help="What the load cell sends.")
+@click.option("--force-format", metavar="FORMAT",
+              help="What the load cell sends: a format's name or file.  [default: frame16]")
+@click.option("--displacement-format", metavar="FORMAT", help="What the LVDT sends.  [default: frame16]")
+@click.option("--dbc", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              help="The current ECU is as this DBC file says (with --ecu-roles).")
+@click.option("--ecu-roles", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              help="What the signals of the DBC mean.")
 @click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
 @click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),
               help="How sensors are reached; by-id: names of serial numbers that lead to ptys.  "
                    "[default: pty, or by-id where a fault needs it]")
-@click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
-              help="Modbus TCP, or RTU on a port of the kind --ports says.  "
-                   "[default: tcp, or rtu where a fault needs it]")
+@click.option("--actuator", type=click.Choice(["tcp", "rtu", "setpoints"]),
+              help="Modbus TCP, RTU on a port of the kind --ports says, or a controller on TCP without a function "
+                   "generator, which follows streamed set-points.  [default: tcp, or what a fault needs]")
 @click.option("--real-time/--no-real-time", default=True, show_default=True,
               help="Take real-time priority at speed 1 where that is allowed; without it the bench file's time limits "
                    "are widened, as on a busy machine.")

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from drivers.connection import ActuatorAddress, LinkKind
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
+from simulators.toml_text import toml_text
 
 STALE_SAMPLES = 5
 STALE_S = 0.020
 RELAXED_STALE_S = 0.600
 """Longer than `simulators.pace.LONGEST_WAIT_S`, for which the rig's clock may stand still."""
+RELAXED_SETPOINT_S = 0.100
 RELAXED_COMMAND_TIMEOUT_S = 0.600
 """The ECU's patience with its host where the host's limits are widened too."""
 
@@ -28,7 +30,9 @@ class Addresses:
     auxiliary_urls: Sequence[str]
 
 
-def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed: bool) -> str:
+def bench_text(
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = ('dbc = "demo"',)
+) -> str:
     """The bench file as TOML text.
 
     Args:
@@ -36,6 +40,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         addresses: its open ports.
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
+        ecu: entries of [ecu] that say what the current ECU is.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -52,23 +57,22 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         "[actuator]",
         f'url = "{addresses.actuator_url}"',
         f"device_id = {controller.device_id}",
-        'register_map = "demo"',
+        f'register_map = "{"demo" if controller.generator else "demo-streamed"}"',
         f'poll = "{poll_ms(rtu, speed)} ms"',
         f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed):g} ms"',
         f'stale_after = "{1000 if relaxed else 300 if rtu else 150} ms"',
         f'watchdog = "{1000 if relaxed else 500} ms"',
         f"fade_out_cycles = {controller.fade_out_cycles:.3f}",
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
+        *([] if controller.generator or not relaxed else [f'setpoint_late = "{1e3 * RELAXED_SETPOINT_S:g} ms"']),
         *_input_delay(options),
         f'serial_number = "{controller.serial_number}"',
         "[ecu]",
         'interface = "slcan"',
         f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
         "bitrate = 500000",
-        'dbc = "demo"',
-        'command_period = "10 ms"',
-        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
-        f"serial_number = {options.coil.serial_number}",
+        *ecu,
+        *_ecu_times(relaxed),
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
     lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)
@@ -86,6 +90,10 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f"real_time = {'false' if relaxed else 'true'}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _ecu_times(relaxed: bool) -> list[str]:
+    return ['command_period = "10 ms"', f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"']
 
 
 def _input_delay(options: RigOptions) -> list[str]:
@@ -108,6 +116,13 @@ def actuator_timeout_s(rtu: bool, relaxed: bool) -> float:
     return 0.06 if rtu else 0.04
 
 
+def _range(options: SensorOptions) -> str:
+    """The range in the sensor's usual unit."""
+    if options.described:
+        return f"{options.range / options.wire_per_si:.6g} {SI_UNITS[options.unit]}"
+    return f"{options.range:g} {options.unit}"
+
+
 def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list[str]:
     """Lines of one sensor's table."""
     stale_s = max(STALE_SAMPLES / options.rate_Hz, STALE_S)
@@ -117,14 +132,14 @@ def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list
         f"[{table}]",
         f'url = "{url}"',
         f"baudrate = {options.baudrate}",
-        f'format = "{options.format}"',
+        f"format = {toml_text(options.described or options.format)}",
         f'rate = "{options.rate_Hz:g} Hz"',
-        f'range = "{options.range:g} {options.unit}"',
+        f'range = "{_range(options)}"',
         f'stale_after = "{1e3 * stale_s:g} ms"',
         f'delay = "{1e3 * group_delay_s(options.bandwidth_Hz):.4f} ms"',
         f"[{table}.calibration]",
         f"sensitivity = {1.0 / options.wire_per_si!r}",
-        f'offset = "0 {SI_UNITS[options.unit]}"',
+        f'offset = "{options.wire_zero / options.wire_per_si:.9g} {SI_UNITS[options.unit]}"',
         f'serial_number = "{options.serial_number}"',
         'certificate = "SIM"',
         "due = 2030-01-01",

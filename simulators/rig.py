@@ -37,6 +37,7 @@ from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port
 from simulators.slcan_bus import SlcanBus
 from simulators.truth import About, Attribute, Truth
+from simulators.worn_ecu import WornEcuFiles
 
 TICK_S = 0.002
 HOLDING_S = 0.0005
@@ -69,6 +70,8 @@ class RunOptions:
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
     truth: Path | None = None
     exit_when_idle: bool = False
+    worn_ecu: WornEcuFiles | None = None
+    """The current ECU is one that a user's files describe."""
     drop_unread: bool = False
     """The ports drop what the host has not read in time, as real ones do; the rig's clock waits for nobody."""
     faults: tuple[ScheduledFault, ...] = ()
@@ -100,6 +103,8 @@ class SimulatedRig:
             self.plant, coil, options.damper.ambient_degC,
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
         )
+        if run.worn_ecu is not None:
+            self.ecu.wear(run.worn_ecu.load())
         self.bus = SlcanBus(self.ecu.receive)
         rtu = run.actuator == "rtu"
         self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports != "socket")
@@ -159,7 +164,16 @@ class SimulatedRig:
         self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed)
         if relaxed:
             self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
-        return bench_text(self.options, addresses, speed, relaxed)
+        return bench_text(self.options, addresses, speed, relaxed, self._ecu_lines())
+
+    def _ecu_lines(self) -> list[str]:
+        """Entries of [ecu] that say what the current ECU is."""
+        worn, number = self.run_options.worn_ecu, f"serial_number = {self.options.coil.serial_number}"
+        if worn is None:
+            return ['dbc = "demo"', number]
+        has_number = "serial_number" in worn.load().described.roles
+        files = [f'dbc = "{worn.dbc.absolute()}"', f'roles = "{worn.roles}"']
+        return [*files, number] if has_number else files
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""
@@ -209,7 +223,7 @@ class SimulatedRig:
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])
-        if not self.run_options.drop_unread and self._readers_are_behind(served_s):
+        if not self.run_options.drop_unread and self._readers_are_behind(now_ns, served_s):
             self._waited_s += served_s - before_s
             if self.run_options.speed > 1.0:
                 self._pace.hold(now_ns, step)
@@ -221,7 +235,7 @@ class SimulatedRig:
             self._leave_when_idle(now_ns)
         return True
 
-    def _readers_are_behind(self, served_s: float) -> bool:
+    def _readers_are_behind(self, now_ns: int, served_s: float) -> bool:
         """Whether simulated time should wait for whoever reads a sensor, hears the bus or polls the controller."""
         speed, pressure = self.run_options.speed, self._backpressure
         fast = speed > 1.0
@@ -230,6 +244,9 @@ class SimulatedRig:
             frame, port = channel.sensor.frame_size, channel.port
             due = max(FEWEST_FRAMES * frame, BEHIND_S * speed * channel.sensor.options.rate_Hz * frame)
             behind |= pressure.waits_for(port, due if fast else CAPACITY // 2, served_s)
+            if fast and channel.sensor.requests is not None:
+                channel.hear(now_ns, 0.0, 0.0, speed)
+                behind |= pressure.waits_for(channel, 0, served_s)
             port.waits = port.read_once and not pressure.given_up(port)
         for client in self.bus.clients:
             due = max(BUS_BYTES, BEHIND_S * speed * CAN_LINES_BYTES_S)
@@ -251,7 +268,9 @@ class SimulatedRig:
                     self.first_cycle_s = time_s
             elif kind == EVENT_TRIP:
                 self.note("TRIP", f"limit bit {int(value)}", time_s)
+        now_ns = monotonic_ns()
         for channel in self.channels:
+            channel.hear(now_ns, start_s, self.plant.time_s, self.run_options.speed)
             out = self.plant.out
             data = channel.sensor.sample(
                 out[:, channel.column], start_s, self.plant.dt_s, pulses_s, out[:, plant_step.CURRENT]
@@ -259,6 +278,8 @@ class SimulatedRig:
             if data:
                 channel.port.write(data, channel.sensor.frame_size)
         self.bus.send(self.ecu.frames())
+        if self.first_cycle_s is None:
+            self.first_cycle_s = self.actuator.turned_s
         if self.truth is not None:
             self.truth.slice()
 

@@ -14,8 +14,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+from drivers.catalogue import make_actuator
+from drivers.connection import ActuatorConnection
 from rig.bench import address
 from rig.bench.quantity import Check, Problem, Quantity, Settings, Text, key
 from rig.bench.sensor_settings import (
@@ -31,6 +33,7 @@ from rig.bench.sensor_settings import (
 
 ECU_STATUS_Hz = 100.0
 MOST_AUXILIARY = 7
+LATE_SETPOINT_S = 0.010
 SPIKE_FORCE_SHARE = 0.6
 """A triangle's reversal turns the whole yield force round between two samples; a larger jump is no physics."""
 SPIKE_SPEED_FACTOR = 2.0
@@ -128,17 +131,48 @@ class ActuatorConfig(Settings):
             description="delay of the controller's own position and force inputs; sensors are checked against them",
         ),
     )
+    setpoint_late_s: Annotated[float, Quantity("time", "2 ms", "500 ms")] | None = field(
+        default=None,
+        metadata=key(
+            "setpoint_late",
+            description="of an actuator that is streamed its set-points: one sent so much after its time is late; not "
+            "stated: 10 ms, or one poll if that is longer",
+        ),
+    )
     serial_number: Name | None = None
+
+    @property
+    def setpoints_s(self) -> float | None:
+        """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
+        connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
+        return None if make_actuator(self.register_map, connection).capabilities.generator else self.poll_s
+
+    @property
+    def late_setpoint_s(self) -> float:
+        """A set-point sent so much after its time is late (s)."""
+        return max(self.poll_s, LATE_SETPOINT_S) if self.setpoint_late_s is None else self.setpoint_late_s
 
 
 @dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings):
-    """The current controller of the coil, over CAN by any python-can interface."""
+    """The current controller of the coil, over CAN by any python-can interface.
+
+    `dbc` is a known kind, or the name of a DBC file; then `roles` says what its signals mean: the name of a TOML file,
+    or the same as a table.
+    """
 
     interface: Annotated[str, Text(256), Check(address.can_interface)] = field(metadata=key(examples=["socketcan"]))
     channel: Name = field(metadata=key(examples=["can0"]))
     bitrate: int = field(default=500_000, metadata=key(ge=10_000, le=1_000_000))
-    dbc: Annotated[str, Check(address.known_current_source)] = "demo"
+    interface_options: dict[str, str | int | float | bool] = field(
+        default_factory=dict, metadata=key(description="further arguments of the interface, by python-can's names")
+    )
+    dbc: Annotated[str, Check(address.known_current_source)] = field(
+        default="demo", metadata=key(examples=["ecu.dbc"], description="a known kind, or a DBC file")
+    )
+    roles: str | dict[str, Any] | None = field(
+        default=None, metadata=key(examples=["ecu-roles.toml"], description="what the signals of a DBC file mean")
+    )
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = field(
         default=0.010, metadata=key("command_period")
     )
@@ -146,12 +180,15 @@ class EcuConfig(Settings):
     serial_number: int | None = field(default=None, metadata=key(ge=0, le=0xFFFF_FFFF))
 
     def problems(self) -> Iterator[Problem]:
-        """A serial CAN adapter's channel is a port."""
+        """A serial CAN adapter's channel is a port; a DBC and its roles go together."""
         if self.interface == "slcan":
             try:
                 address.serial_url(self.channel)
             except ValueError as problem:
                 yield ("channel",), str(problem)
+        for name in self.interface_options.keys() & {"interface", "channel", "bitrate"}:
+            yield ("interface_options", name), f"is an entry of [ecu] itself: write {name} = ... there"
+        yield from address.ecu_problems(self.dbc, self.roles)
 
 
 @dataclass(frozen=True, kw_only=True)

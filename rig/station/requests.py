@@ -35,6 +35,7 @@ from rig.station.examination import NOTHING_STOPS_IT, examine
 from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.link_faults import link_slug
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
+from rig.station.interlocks.setpoint_interlock import unfollowable
 from rig.station.preparation import Preparation
 from rig.station.safe_stop import STILL_S, Movement
 from rig.station.supervisor import Supervisor
@@ -144,6 +145,8 @@ class Requests:
             raise
         for lacking, without in capabilities.lacking():
             self._supervisor.tell(f"actuator-without-{lacking}", without)
+        for lacking, without in self._devices.coil.lacking:
+            self._supervisor.tell(f"ecu-without-{lacking}", without)
         return answer
 
     def _arm(self, arguments: Arguments) -> Answer:
@@ -226,10 +229,22 @@ class Requests:
             table_length=self._write_table(arguments) if waveform is Waveform.TABLE else 0,
         )
         period_s = 1.0 / frequency_Hz
+        self._require_followable(program)
         self._supervisor.movement = Movement(self._config.actuator.fade_out_cycles * period_s, period_s)
         self._devices.actuator.judge.expect_program(program.all_cycles * period_s, program.all_cycles)
         status = self._commands.command(Command.START, program)
         return {"program_id": status.program_id, "state": state_name(status.state)}
+
+    def _require_followable(self, program: Program) -> None:
+        """A motion that is streamed is within the machine's limits, and its cycle has enough set-points.
+
+        Raises:
+            StationRefused: it is not; an actuator with a generator of its own knows by itself.
+        """
+        poll_s = self._config.actuator.poll_s * self._config.device_rate
+        problems = unfollowable(program, self._config.limits, poll_s)
+        if problems and not self._devices.actuator.capabilities.generator:
+            raise StationRefused("matrix-infeasible", f"start: {'; '.join(problems)}")
 
     def _write_table(self, arguments: Arguments) -> int:
         """Load a table waveform; its number of values.

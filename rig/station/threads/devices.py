@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Container, Iterator
 
 from drivers.catalogue import SensorConnection, make_actuator, make_current_source, make_sensor
-from drivers.connection import ActuatorConnection
+from drivers.connection import ActuatorConnection, CanAddress, MotionTerms
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
 from drivers.roles import Sensor
@@ -60,11 +60,15 @@ class Devices:
             for index, given in enumerate(config.auxiliary)
         )
         given_ecu, given_actuator = config.ecu, config.actuator
+        source = make_current_source(given_ecu.dbc, given_ecu.roles, CanAddress(
+            given_ecu.interface, given_ecu.channel, given_ecu.bitrate, given_ecu.interface_options
+        ))
         self.coil = CurrentSourceThread(
             given_ecu,
-            make_current_source(given_ecu.dbc, given_ecu.interface, given_ecu.channel, given_ecu.bitrate),
+            source,
             EcuInterlock(
-                limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls
+                limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls,
+                source.timing,
             ),
             supervisor,
             append,
@@ -72,6 +76,7 @@ class Devices:
         driver = make_actuator(given_actuator.register_map, ActuatorConnection(
             given_actuator.url, given_actuator.device_id, given_actuator.timeout_s, owner_id,
             given_actuator.baudrate, given_actuator.parity,
+            MotionTerms(given_actuator.fade_out_cycles, given_actuator.halt_deceleration_m_s2, config.device_rate),
         ))
         interlock = ActuatorInterlock(
             owner_id,
@@ -89,7 +94,7 @@ class Devices:
     def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
         connection = self._connections[given.label] = SensorConnection(
             given.url, given.baudrate, given.label, role.channel, given.format,
-            scale_of(given, self.config.device_rate),
+            scale_of(given, self.config.device_rate), given.line,
         )
         return SensorThread(given, make_sensor(connection), role, self._supervisor, append)
 
