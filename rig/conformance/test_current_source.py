@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drivers.catalogue import make_current_source
+from drivers.connection import CanAddress
 from drivers.current_source import CurrentSource, SourceBatch
 from drivers.errors import DriverError
 from drivers.plugins import members_of
@@ -30,7 +31,7 @@ def made(driver_name: str, peer: Peer) -> Iterator[Made]:
     begun: list[CurrentSource] = []
 
     def make(channel: str = peer.url) -> CurrentSource:
-        begun.append(make_current_source(driver_name.rpartition(":")[2], "slcan", channel, 500_000))
+        begun.append(make_current_source(driver_name.rpartition(":")[2], None, CanAddress("slcan", channel)))
         return begun[-1]
 
     yield make

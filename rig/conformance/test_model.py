@@ -156,11 +156,12 @@ def test_slopes_of_the_split_are_its_differences(damper: DamperModel) -> None:
     form, motion = split(damper), sine()
     shape = form.shape_of(damper.demonstration)
     slopes = form.yielding(motion, slice(None), shape, slope=True)[len(form.powers) :]
-    for at, slope in enumerate(slopes):
+    bent = [(at, place) for at, places in enumerate(form.bends) for place in places]
+    for (at, place), slope in zip(bent, slopes, strict=True):
         step = np.zeros(shape.size)
         step[at] = 1e-5 * max(abs(shape[at]), 1e-3)
         above, below = (
-            form.yielding(motion, slice(None), shape + sign * step, slope=False)[form.bends[at]] for sign in (1.0, -1.0)
+            form.yielding(motion, slice(None), shape + sign * step, slope=False)[place] for sign in (1.0, -1.0)
         )
         difference = (above - below) / (2.0 * step[at])
         assert np.max(np.abs(slope - difference)) < 2e-2 * np.max(np.abs(difference)), form.shape_names[at]
