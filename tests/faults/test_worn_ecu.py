@@ -19,6 +19,27 @@ if TYPE_CHECKING:
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DBC, ROLES = EXAMPLES / "coil-driver.dbc", EXAMPLES / "coil-driver-roles.toml"
 WORN = ("--dbc", str(DBC), "--ecu-roles", str(ROLES))
+FD_DBC = """VERSION ""
+BU_: Host Amp
+BO_ 768 AmpOrder: 12 Host
+ SG_ Share : 24|16@1- (0.01,0) [-100|100] "%" Amp
+ SG_ Go : 40|1@1+ (1,0) [0|1] "" Amp
+BO_ 769 AmpState: 24 Amp
+ SG_ Amperes : 32|32@1- (1,0) [0|0] "A" Host
+ SG_ Broken : 64|1@1+ (1,0) [0|1] "" Host
+ SG_ Celsius : 79|32@0- (1,0) [0|0] "degC" Host
+SIG_VALTYPE_ 769 Amperes : 1;
+SIG_VALTYPE_ 769 Celsius : 1;
+"""
+FD_ROLES = """command = {signal = "AmpOrder.Share", full_scale = "4 A"}
+enable = "AmpOrder.Go"
+measured_current = "AmpState.Amperes"
+coil_temperature = "AmpState.Celsius"
+command_timeout = "100 ms"
+faults = {open = "AmpState.Broken"}
+periods = {AmpState = "10 ms"}
+protection = {AmpOrder = {profile = "e2e-5", data_id = 7}, AmpState = {profile = "e2e-5", data_id = 0xFEDC}}
+"""
 ROWS = ("ecu-silent", "ecu-late", "ecu-crc", "ecu-restart", "ecu-overtemp", "coil-open-short", "current-stuck",
         "can-busoff", "can-malformed", "can-babble", "can-foreign")  # fmt: skip
 
@@ -35,6 +56,19 @@ def test_a_row_of_the_ecu_ends_the_same_with_a_users_files(slug: str, begin_worl
         here.judge(campaign, ending)
     else:
         assert_stopped_in_time(campaign, ending, slug, here)
+
+
+@pytest.mark.parametrize("slug", ["", "ecu-silent", "ecu-crc", "coil-open-short"])
+def test_can_fd_with_floats_profile_5_and_a_share_of_full_scale(slug: str, run: Run, tmp_path: Path) -> None:
+    dbc, roles = tmp_path / "amp.dbc", tmp_path / "amp.toml"
+    dbc.write_text(FD_DBC, encoding="utf-8")
+    roles.write_text(FD_ROLES, encoding="utf-8")
+    files = ("--dbc", str(dbc), "--ecu-roles", str(roles))
+    ending = run(*([f"{slug}@6.3"] if slug else []), simulator=files)
+    assert ending.exit_code == (4 if slug else 0), ending.said
+    assert slug in {"", ending.answer.get("stopped_by")}
+    lacking = {line["slug"] for line in ending.log if str(line.get("slug", "")).startswith("ecu-without")}
+    assert lacking == {f"ecu-without-{name}" for name in ("supply", "state", "restart", "clock", "identity", "layout")}
 
 
 def test_a_wrong_data_id_is_named_and_nothing_moves(run: Run, tmp_path: Path) -> None:
