@@ -12,9 +12,9 @@ from typing import Any
 
 from drivers.connection import ActuatorConnection
 from drivers.current_source import CurrentSource
-from drivers.devices.controller import controller, controller_names
 from drivers.devices.source import current_source, current_source_names
 from drivers.errors import UnknownDevice
+from drivers.register_maps.presets import controller, controller_names, is_file
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
 from drivers.sample_stream import SampleScale
@@ -32,6 +32,7 @@ __all__ = [
     "make_current_source",
     "make_sensor",
     "register_actuator",
+    "register_map_schema",
     "register_sensor",
     "sensor_format_names",
 ]
@@ -61,6 +62,13 @@ def check_actuator(name: str) -> None:
         controller(name)
 
 
+def register_map_schema() -> dict[str, Any]:
+    """The JSON schema of the files that `register_map` may name."""
+    from drivers.register_maps.schema import schema
+
+    return schema()
+
+
 def check_current_source(name: str) -> None:
     """Hold a known current source's description and DBC against what its driver needs.
 
@@ -78,7 +86,7 @@ def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
     """
     if name in _REGISTERED:
         return _REGISTERED[name](connection)
-    if name not in controller_names():
+    if name not in controller_names() and not is_file(name):
         raise UnknownDevice(
             "actuator", connection.url, f"register_map {name!r} is not known; known: {', '.join(actuator_names())}"
         )
