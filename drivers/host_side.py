@@ -71,7 +71,7 @@ class HostSide:
 
     def unwrapped(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """The device's clocks where they wrap sooner than 2^32 us: made to go on (s)."""
-        found: dict[str, Value] = {}
+        result: dict[str, Value] = {}
         for name in ("clock", "pulse_clock"):
             quantity = self._map.quantities.get(name)
             if quantity is not None and name in values and not _wide(quantity):
@@ -79,8 +79,8 @@ class HostSide:
                 before_s, total_s = self._clocks.get(name, (shown_s, shown_s))
                 total_s += (shown_s - before_s) % _range_s(quantity)
                 self._clocks[name] = (shown_s, total_s)
-                found[name] = total_s
-        return found
+                result[name] = total_s
+        return result
 
     def completed(self, status: ActuatorStatus) -> ActuatorStatus:
         """The status with what follows from the last command: which motion it is, which program, its cycles."""

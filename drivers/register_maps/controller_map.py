@@ -212,15 +212,15 @@ class ControllerMap:
         Raises:
             LocalProtocolError: a limit that the device does not know.
         """
-        found: dict[Quantity, Value] = {}
+        result: dict[Quantity, Value] = {}
         for quantity in self.limits:
             value = getattr(limits, LIMIT_FIELDS[quantity.name])
             if quantity.name == "watchdog_time":
                 value = value * 1e-3
             if quantity.name == "watchdog_action":
                 value = self.words.watchdog_actions.code(value)
-            found[quantity] = value
-        return found
+            result[quantity] = value
+        return result
 
     def held_limits(self, values: Values, wanted: ActuatorLimits | None) -> ActuatorLimits:
         """The limits that the device shows; those that it shows as well as it can are as wanted.

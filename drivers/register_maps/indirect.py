@@ -57,12 +57,12 @@ class Indirect:
 
     def shown(self) -> Mapping[str, Quantity]:
         """Where the quantities are read, by name."""
-        found: dict[str, Quantity] = {}
+        result: dict[str, Quantity] = {}
         at = self.data
         for one in self.quantities:
-            found[one.name] = replace(one, space=self.space, address=at, written=False)
+            result[one.name] = replace(one, space=self.space, address=at, written=False)
             at += one.end - one.address
-        return found
+        return result
 
 
 def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mapping[str, int]) -> Indirect | None:
@@ -97,10 +97,10 @@ def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mappi
     offset = table.whole("pointer_offset", 0, -LAST_ADDRESS, 0xFFFFFF) or 0
     if pointers is None or data is None or space in BITS:
         return None
-    found = Indirect(space, pointers - start, data - first[space], tuple(listed), width, offset)
-    count = len(found.addresses)
-    if found.pointers + count * width > LAST_ADDRESS + 1 or found.data + count > LAST_ADDRESS + 1:
+    result = Indirect(space, pointers - start, data - first[space], tuple(listed), width, offset)
+    count = len(result.addresses)
+    if result.pointers + count * width > LAST_ADDRESS + 1 or result.data + count > LAST_ADDRESS + 1:
         table.add(None, f"its {count} registers reach beyond the last one, 65535")
-    if width == 1 and not all(0 <= entry <= LAST_ADDRESS for entry in found.addresses):
+    if width == 1 and not all(0 <= entry <= LAST_ADDRESS for entry in result.addresses):
         table.add("pointer_offset", "an entry is no 16 bit number")
-    return found
+    return result

@@ -1,4 +1,4 @@
-"""A register map's file: read, judged as a whole, every problem told at once with its line."""
+"""A register map's file, by its path or as the name of one that comes with the program; judged as a whole."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES, read_
 from drivers.register_maps.read_recipes import Recipes as Reader
 from drivers.register_maps.read_recipes import read_commands, read_setpoint, read_table, read_watchdog
 from drivers.roles import Command, FaultBit, Input, ProgramPhase, Result, WatchdogAction, Waveform
+from protocols.errors import LocalProtocolError
 
+FOLDER = Path(__file__).parents[1] / "devices"
+SUFFIX = ".toml"
+_END = "_controller"
 FORMAT = 1
 TABLES = (
     "modbus", "quantities", "identity", "state", "faults", "inputs", "phase", "results", "command_codes", "waveforms",
@@ -105,12 +109,12 @@ def _recipes(top: Table, quantities: Mapping[str, Quantity]) -> tuple[Recipes, W
 def _identity(table: Table, quantities: Mapping[str, Quantity]) -> dict[str, Value]:
     """What must be shown: quantity -> value (SI, or a text)."""
     table.only(list(quantities))
-    found: dict[str, Value] = {}
+    result: dict[str, Value] = {}
     for name in table:
         given, quantity = table.given[name], quantities.get(name)
         if quantity is not None:
-            found[name] = given if isinstance(given, str) else number_of(table, name, given, quantity, ())
-    return found
+            result[name] = given if isinstance(given, str) else number_of(table, name, given, quantity, ())
+    return result
 
 
 def _misspelt(source: Source, quantities: Mapping[str, Quantity]) -> None:
@@ -130,3 +134,26 @@ def _names(value: object) -> set[str]:
     if isinstance(value, list):
         return set[str]().union(*(_names(inner) for inner in value))
     return {value} if isinstance(value, str) else set()
+
+
+def is_file(name: str) -> bool:
+    """Whether a name is the path of a user's own map."""
+    return name.casefold().endswith(SUFFIX)
+
+
+def controller(name: str) -> ControllerMap:
+    """The register map of a name, or of a path that ends in .toml.
+
+    Raises:
+        LocalProtocolError: there is none, or it cannot be used.
+    """
+    if is_file(name):
+        return load_map(Path(name))
+    if name not in controller_names():
+        raise LocalProtocolError(f"no controller {name!r}; known: {', '.join(controller_names())}")
+    return load_map(FOLDER / f"{name}{_END}{SUFFIX}")
+
+
+def controller_names() -> tuple[str, ...]:
+    """Names of the maps that come with the program."""
+    return tuple(sorted(path.stem.removesuffix(_END) for path in FOLDER.glob(f"*{_END}{SUFFIX}")))

@@ -82,13 +82,13 @@ def read_codes(table: Table, meaning: type[Meaning]) -> Codes:
     """A table word = code, or word = [codes]."""
     members = {word(member): member for member in meaning}
     table.only(members)
-    found: dict[IntEnum, tuple[int, ...]] = {}
+    result: dict[IntEnum, tuple[int, ...]] = {}
     owners: dict[int, str] = {}
     for name in table:
         codes = _codes(table, name, owners)
         if name in members and codes:
-            found[members[name]] = codes
-    return Codes(meaning, found)
+            result[members[name]] = codes
+    return Codes(meaning, result)
 
 
 def _codes(table: Table, name: str, owners: dict[int, str]) -> tuple[int, ...]:

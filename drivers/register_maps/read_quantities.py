@@ -99,16 +99,16 @@ def _function(table: Table, key: str, default: int, among: tuple[int, ...]) -> i
 
 def read_quantities(table: Table, modbus: Modbus) -> dict[str, Quantity]:
     """The table [quantities]; those that are wrong are left out, and their problems kept."""
-    found: dict[str, Quantity] = {}
+    result: dict[str, Quantity] = {}
     for name in table:
         entry = table.table(name)
         entry.only(QUANTITY_KEYS)
         quantity = _quantity(name, entry, modbus)
         if quantity is not None:
             _check(quantity, entry)
-            found[name] = quantity
-    _overlaps(table, found)
-    return found
+            result[name] = quantity
+    _overlaps(table, result)
+    return result
 
 
 def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
@@ -188,10 +188,10 @@ def _check(quantity: Quantity, entry: Table) -> None:
         entry.add("count", f"{name} is one value")
 
 
-def _overlaps(table: Table, found: Mapping[str, Quantity]) -> None:
+def _overlaps(table: Table, result: Mapping[str, Quantity]) -> None:
     """No register means two things, but for its bits, and one thing read and another written."""
     taken: dict[tuple[str, int], Quantity] = {}
-    for quantity in sorted(found.values(), key=lambda one: (one.space, one.address)):
+    for quantity in sorted(result.values(), key=lambda one: (one.space, one.address)):
         for address in range(quantity.address, quantity.end):
             other = taken.setdefault((quantity.space, address), quantity)
             bits = quantity.bit is not None or other.bit is not None

@@ -61,11 +61,11 @@ class Recipes:
         if not all(isinstance(step, Mapping) for step in steps):
             table.add(key, 'must be a step such as {write = {command = 3}}, or a list of steps')
             return ()
-        found: list[Step] = []
+        result: list[Step] = []
         for place, step in enumerate(steps):
             where = (*table.place, key, place) if isinstance(given, list) else (*table.place, key)
-            found += self._step(Table(table.source, where, step), names, under)
-        return tuple(found)
+            result += self._step(Table(table.source, where, step), names, under)
+        return tuple(result)
 
     def _step(self, step: Table, names: Collection[str], under: tuple[str, ...]) -> Recipe:
         step.only(STEP_KEYS)
@@ -129,7 +129,7 @@ def read_values(step: Table, key: str, quantities: Quantities, names: Collection
     written = step.table(key)
     if not written.given:
         step.add(key, "must be a table of quantities and their values, such as {command = 3, target = \"$target\"}")
-    found: dict[Quantity, Value] = {}
+    result: dict[Quantity, Value] = {}
     for name in written:
         quantity = quantities.get(name)
         if quantity is None:
@@ -142,8 +142,8 @@ def read_values(step: Table, key: str, quantities: Quantities, names: Collection
             _check_name(written, name, value[1:], quantity)
         elif quantity.type == "string" or not quantity.holds(value):
             written.add(name, f"{written.given[name]!r} does not fit {quantity.type} with scale {quantity.scale:g}")
-        found[quantity] = value
-    return found
+        result[quantity] = value
+    return result
 
 
 def _check_name(written: Table, key: str, name: str, quantity: Quantity) -> None:
@@ -157,14 +157,14 @@ def _check_name(written: Table, key: str, name: str, quantity: Quantity) -> None
 def read_commands(table: Table, recipes: Recipes) -> dict[Command, Recipe]:
     """The table [commands]."""
     table.only(COMMANDS)
-    found: dict[Command, Recipe] = {}
+    result: dict[Command, Recipe] = {}
     for key in table:
         if key in COMMANDS:
-            found[COMMANDS[key]] = recipes.read(table, key, names_for(COMMANDS[key]))
+            result[COMMANDS[key]] = recipes.read(table, key, names_for(COMMANDS[key]))
     for key in table:
-        if key in COMMANDS and not any(isinstance(step, Write) for step in found[COMMANDS[key]]):
+        if key in COMMANDS and not any(isinstance(step, Write) for step in result[COMMANDS[key]]):
             table.add(key, "writes nothing: the device would not know of it")
-    return found
+    return result
 
 
 def read_setpoint(table: Table, recipes: Recipes) -> Recipe:

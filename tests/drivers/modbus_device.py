@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from drivers.connection import ActuatorConnection
 from drivers.modbus_actuator import ModbusActuator
-from drivers.register_maps.presets import controller
+from drivers.register_maps.map_file import controller
 from simulators import controller_firmware as actuator
 
 Answer = Callable[[bytes, bytes], list[bytes]]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.register_maps.presets import controller
+from drivers.register_maps.map_file import controller
 from drivers.roles import ActuatorLimits, ActuatorStatus
 from protocols.errors import LocalProtocolError, RemoteProtocolError
 from simulators import controller_firmware as actuator

@@ -25,7 +25,7 @@ from drivers.current_source import SourceFault, SourceState
 from drivers.devices import source as sources
 from drivers.devices.source import SourceDescription, current_source
 from drivers.errors import UnknownDevice
-from drivers.register_maps.presets import FOLDER, controller
+from drivers.register_maps.map_file import FOLDER, controller
 from drivers.ring import Channel
 from drivers.roles import UNNAMED
 from drivers.sample_stream import SampleScale

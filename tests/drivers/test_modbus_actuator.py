@@ -77,7 +77,7 @@ def test_identity_is_read_and_its_signature_proved(actuator: ModbusActuator) -> 
         (0, [0x0304, 0x0102], r"signature_u32 .*0x03040102\), expected .*0x01020304"),
         (2, [0x5000, 0x449A], "signature_f32 .*expected 1234.5"),
         (4, [9], "layout_version 9, expected 1"),
-        (26, [0xFFFF], "identity block.*not ASCII"),
+        (26, [0xFFFF], "identity: .*not ASCII"),
     ],
 )
 def test_another_device_or_word_order_is_refused(

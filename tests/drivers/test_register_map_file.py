@@ -12,8 +12,7 @@ from jsonschema import Draft202012Validator
 from drivers.capabilities import WatchdogKind
 from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.entries import MapProblem, Source
-from drivers.register_maps.map_file import read_map
-from drivers.register_maps.presets import FOLDER
+from drivers.register_maps.map_file import FOLDER, read_map
 from drivers.register_maps.schema import schema
 from drivers.roles import ActuatorLimits, Command, FaultBit, Input, State
 from protocols.errors import LocalProtocolError

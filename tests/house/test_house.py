@@ -52,6 +52,7 @@ MANY_PARAMETERS_WHERE = {
 CATALOGUES = {
     "drivers.catalogue": "the one place that names the drivers",
     "rig.dampers.catalogue": "the one place that names the models",
+    "rig.export.exporter": "the one place that names the formats",
     "rig.faults.matrix": "puts together the rows of each device",
     "rig.optimisers.methods": "the one place that names the algorithms",
     "rig.report.document": "puts together the parts of a page",
@@ -59,6 +60,7 @@ CATALOGUES = {
 }
 """What they import are topics of their own, each of the same kind, that nobody else has to know."""
 ONE_IMPORTER = {
+    "drivers.setpoint_generator": "pure, and for drivers of one's own, too",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
     "rig.cli.run": "a command; the demo runs it",
     "simulators.frames": "compiled: what is in the cache stays valid as long as its own file does",

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.connection import ActuatorConnection
 from drivers.modbus_actuator import ModbusActuator
-from drivers.register_maps.presets import controller
+from drivers.register_maps.map_file import controller
 from rig.station.client import StationLost, StationRefused
 from simulators.controller_firmware import FaultBit
 
