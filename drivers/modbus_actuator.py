@@ -32,13 +32,15 @@ from drivers.roles import (
     Result,
     State,
 )
-from drivers.setpoint_stream import SetpointStream
+from drivers.setpoint_generator import Setpoint
 from protocols.errors import LocalProtocolError, RemoteProtocolError
 
 SENT_KEPT = 64
 SEND_ATTEMPTS = 3
 REOPEN_TIMEOUT_S = 0.2
 STOPS = frozenset({Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF, Command.HYDRAULICS_LOW})
+PRESSURISES = frozenset({Command.HYDRAULICS_LOW, Command.HYDRAULICS_ON, Command.RESET})
+COUNTERS = 1 << 16
 NOT_TWICE = frozenset({Command.START})
 """Without a number that the device repeats, such a command is not sent again when its outcome is unknown."""
 
@@ -73,11 +75,10 @@ class ModbusActuator:
         self._host = HostSide(controller, answered=not self._numbered)
         self._numbers = CommandNumbers()
         self._run: RecipeRun | None = None
-        self._stream = SetpointStream(controller) if controller.capabilities.streamed_setpoints else None
         self._low = False
         self._written: ActuatorLimits | None = None
         self._values: dict[str, Value] = {}
-        self._toggle = 0
+        self._toggle = self._counter = self._steps = 0
 
     @property
     def capabilities(self) -> Capabilities:
@@ -138,8 +139,9 @@ class ModbusActuator:
             values = {name: value for read, words in answers for name, value in read.decode(words).items()}
         except RemoteProtocolError as error:
             raise WrongLayout("actuator", self.url, f"identity: {error}") from error
-        if wrong := unproved(self._map, values, answers):
-            raise WrongLayout("actuator", self.url, f"{wrong}: wrong word order, scale, layout or device")
+        wrong, fix = unproved(self._map, values, answers)
+        if wrong:
+            raise WrongLayout("actuator", self.url, wrong, fix)
         return self._map.identity(values)
 
     def read_status(self) -> ActuatorStatus:
@@ -148,7 +150,7 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be read.
         """
-        return self._poll([] if self._map.fed_by_setpoints else self._setpoints())
+        return self._poll([])
 
     def exchange(self, watchdog_counter: int) -> ActuatorStatus:
         """Feed the watchdog and read the status, in one trip where the device can.
@@ -159,10 +161,29 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be reached.
         """
-        self._toggle ^= 1
-        given: Values = {"counter": watchdog_counter % (1 << 16), "toggle": self._toggle}
-        feed = [step for step in self._map.recipes.feed if isinstance(step, Write)]
-        return self._poll([*(request for step in feed for request in step.requests(given)), *self._setpoints()])
+        return self._poll(self._feed(watchdog_counter))
+
+    def knows(self, command: Command) -> bool:
+        """Whether the controller has this command itself."""
+        return command in self._map.recipes.commands
+
+    def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
+        """Write a set-point and read the status, in one trip where the device can; never written again.
+
+        A watchdog that is not fed by the set-point's own write is fed by a write of its own before.
+
+        Args:
+            setpoint: where to be now (m), and how fast to go on (m/s).
+            watchdog_counter: must differ from the last one to feed, modulo 65536; None: it is not fed.
+
+        Raises:
+            DriverError: the controller cannot be reached, or refuses; the set-point may have arrived.
+        """
+        requests = self._setpoint(setpoint, watchdog_counter)
+        if watchdog_counter is not None and not self._map.setpoint_feeds:
+            for request in self._feed(watchdog_counter):
+                self._access.write(request)
+        return self._poll(requests, once=True)
 
     def read_limits(self) -> ActuatorLimits:
         """Limits and watchdog setting as the controller holds them; those it does not hold are as they were written.
@@ -235,8 +256,8 @@ class ModbusActuator:
         recipe = self._recipe(command)
         run = self._started(command, sequence, recipe, order)
         run.check()
-        if self._stream is not None:
-            self._stream.command(command, order, time.monotonic(), own_recipe=bool(recipe))
+        if command in PRESSURISES and recipe:
+            self._hold_where_it_is()
         self._run = None
         for attempt in range(SEND_ATTEMPTS):
             try:
@@ -271,8 +292,6 @@ class ModbusActuator:
         if command in {Command.HYDRAULICS_ON, Command.HYDRAULICS_OFF, Command.RESET}:
             self._low = self._low and command is Command.RESET
         recipe = self._map.recipe(command)
-        if recipe is None and self._stream is not None and command in self._stream.COMMANDS:
-            return ()
         if recipe is None:
             raise LocalProtocolError(f"{command.name.lower().replace('_', '-')} is nothing this controller knows")
         return recipe
@@ -330,14 +349,18 @@ class ModbusActuator:
 
     # Reading and writing
 
-    def _poll(self, requests: Sequence[Written]) -> ActuatorStatus:
+    def _poll(self, requests: Sequence[Written], *, once: bool = False) -> ActuatorStatus:
         """Write, read the status, and go on with the command that waits.
+
+        Args:
+            requests: what is written.
+            once: it is out of date when it would be written again.
 
         Raises:
             WrongAnswer: the words do not make up the status.
             DriverError: the controller cannot be reached.
         """
-        values = self._access.read(self._map.status_reads, "status", requests)
+        values = self._access.read(self._map.status_reads, "status", requests, once=once)
         received_ns = time.monotonic_ns()
         values |= self._host.unwrapped(values)
         self._values = values
@@ -351,8 +374,6 @@ class ModbusActuator:
         status = self._host.completed(status)
         if self._low and status.hydraulics_off:
             status = self._map.with_low_pressure(status)
-        if self._stream is not None:
-            status = self._stream.shown(status)
         if self._numbered:
             self._numbers.seen(status.acked_sequence, status.acked_command)
         return status
@@ -361,8 +382,32 @@ class ModbusActuator:
     def _state(self) -> int:
         return self._map.state_of(self._values)
 
-    def _setpoints(self) -> list[Written]:
-        """The requests of this moment's set-point; none while nothing is streamed."""
-        if self._stream is None:
-            return []
-        return list(self._stream.requests(time.monotonic()))
+    def _feed(self, watchdog_counter: int) -> list[Written]:
+        """The writes that feed the watchdog."""
+        self._toggle ^= 1
+        given: Values = {"counter": watchdog_counter % COUNTERS, "toggle": self._toggle}
+        steps = [step for step in self._map.recipes.feed if isinstance(step, Write)]
+        return [request for step in steps for request in step.requests(given)]
+
+    def _setpoint(self, setpoint: Setpoint, watchdog_counter: int | None) -> list[Written]:
+        """The writes of a set-point; the watchdog's counter in it stays where it is not fed."""
+        if watchdog_counter is not None:
+            self._counter = watchdog_counter % COUNTERS
+        self._steps = (self._steps + 1) % COUNTERS
+        given: Values = {
+            "position": setpoint.position_m, "velocity": setpoint.velocity_m_s, "sequence": self._steps,
+            "counter": self._counter,
+        }
+        steps = [step for step in self._map.recipes.setpoint if isinstance(step, Write)]
+        return [request for step in steps for request in step.requests(given)]
+
+    def _hold_where_it_is(self) -> None:
+        """A device that follows set-points is told where the rod is before it can move it.
+
+        Raises:
+            DriverError: it cannot be read or written.
+        """
+        if self._map.recipes.setpoint:
+            self._poll([])
+            for request in self._setpoint(Setpoint(float(self._values["position"]), 0.0), None):
+                self._access.write(request)

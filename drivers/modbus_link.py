@@ -129,14 +129,18 @@ class ModbusLink:
         request = modbus.write_request(address, words, function)
         self._unless_busy(request, lambda answer: modbus.check_written(request, answer))
 
-    def exchange(self, read_address: int, read_count: int, write_address: int, words: Sequence[int]) -> list[int]:
-        """Write, then read, in one trip (FC23); the write must be harmless to repeat.
+    def exchange(
+        self, read_address: int, read_count: int, write_address: int, words: Sequence[int], *,
+        retries: int = READ_RETRIES,
+    ) -> list[int]:
+        """Write, then read, in one trip (FC23); where it is retried, the write must be harmless to repeat.
 
         Args:
             read_address: first register to read.
             read_count: 1..125.
             write_address: first register to write.
             words: 1..121 values.
+            retries: how often it is tried again; 0 for a write that is out of date by then.
 
         Returns:
             `read_count` words.
@@ -147,9 +151,10 @@ class ModbusLink:
             RequestRefused: the device answered with an exception.
             WrongAnswer: the answer is not one to this request, also not to the retry.
         """
-        return self._words(modbus.exchange_request(read_address, read_count, write_address, words), read_count)
+        request = modbus.exchange_request(read_address, read_count, write_address, words)
+        return self._words(request, read_count, retries)
 
-    def _words(self, request: bytes, count: int) -> list[int]:
+    def _words(self, request: bytes, count: int, retries: int = READ_RETRIES) -> list[int]:
         """Ask for registers, within the bound again after silence or a damaged answer.
 
         Raises:
@@ -158,7 +163,6 @@ class ModbusLink:
             LinkLost: the connection broke.
             RequestRefused: an exception.
         """
-        retries = READ_RETRIES
         decode = modbus.decode_bits if request[0] in modbus.BIT_READS else modbus.decode_words
         while True:
             try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from drivers.errors import NoAnswer, WrongAnswer
-from drivers.modbus_link import ModbusLink
+from drivers.modbus_link import READ_RETRIES, ModbusLink
 from drivers.register_maps.access_plan import Read, Rules, Written, reads
 from drivers.register_maps.condition import Values
 from drivers.register_maps.quantity import HOLDING, Quantity, Value
@@ -29,13 +29,16 @@ class RegisterAccess:
         self._rules = rules
         self._together = together
 
-    def read(self, wanted: Sequence[Read], name: str, requests: Sequence[Written] = ()) -> dict[str, Value]:
-        """Write what is harmless to repeat, then read, in one trip where the device can.
+    def read(
+        self, wanted: Sequence[Read], name: str, requests: Sequence[Written] = (), *, once: bool = False
+    ) -> dict[str, Value]:
+        """Write, then read, in one trip where the device can.
 
         Args:
             wanted: what is read.
             name: of it, for messages.
             requests: what is written before.
+            once: what is written is out of date when it would be written again; else that is harmless.
 
         Returns:
             The values (SI) by name.
@@ -45,26 +48,29 @@ class RegisterAccess:
             DriverError: the controller cannot be reached.
         """
         values: dict[str, Value] = {}
-        one = len(requests) == 1 and requests[0].function == WRITE_REGISTERS
-        together = self._together and one and bool(wanted) and wanted[0].space == HOLDING
+        single = len(requests) == 1 and requests[0].function == WRITE_REGISTERS
+        together = self._together and single and bool(wanted) and wanted[0].space == HOLDING
         if not together:
             for request in requests:
-                self._write_again(request)
+                (self.write if once else self._write_again)(request)
         try:
             for place, read in enumerate(wanted):
-                values |= read.decode(self.words(read, requests[0] if together and place == 0 else None))
+                one = requests[0] if together and place == 0 else None
+                values |= read.decode(self.words(read, one, retries=0 if once else READ_RETRIES))
         except RemoteProtocolError as error:
             raise WrongAnswer("actuator", self._link.url, f"{name}: {error}") from error
         return values
 
-    def words(self, read: Read, request: Written | None = None) -> list[int]:
+    def words(self, read: Read, request: Written | None = None, *, retries: int = READ_RETRIES) -> list[int]:
         """The words of one read, with a write in the same trip where one is given.
 
         Raises:
             DriverError: the controller cannot be reached.
         """
         if request is not None:
-            return self._link.exchange(read.address, read.count, request.address, request.words)
+            return self._link.exchange(
+                read.address, read.count, request.address, request.words, retries=retries
+            )
         return self._link.read(read.address, read.count, READ_FUNCTIONS[read.space])
 
     def show(self, quantities: frozenset[Quantity]) -> Values:

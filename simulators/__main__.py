@@ -16,7 +16,7 @@ import click
 from drivers.connection import ActuatorAddress, LinkKind
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.faults.matrix import MATRIX
-from simulators.schedule import WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
+from simulators.schedule import STREAMED, WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
 from simulators.settings import setting_options
 
 EPILOG = """\b
@@ -147,6 +147,8 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         options = replace(options, load_cell=replace(options.load_cell, format="signed-decimal"))
     written = tuple(parse_fault(text) for text in values["fault"])
     wiring = wiring_for(written, values["actuator"], values["ports"])
+    if wiring.actuator == STREAMED:
+        options = with_option(options, "controller.generator=false")
     for fault in written:
         if fault.name in NEEDS_AUXILIARY and not values["auxiliary"]:
             raise FileProblem("--fault", [f"{fault.name!r} needs a sensor of that kind: add --auxiliary 1"])
@@ -214,9 +216,9 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),
               help="How sensors are reached; by-id: names of serial numbers that lead to ptys.  "
                    "[default: pty, or by-id where a fault needs it]")
-@click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
-              help="Modbus TCP, or RTU on a port of the kind --ports says.  "
-                   "[default: tcp, or rtu where a fault needs it]")
+@click.option("--actuator", type=click.Choice(["tcp", "rtu", "setpoints"]),
+              help="Modbus TCP, RTU on a port of the kind --ports says, or a controller on TCP without a function "
+                   "generator, which follows streamed set-points.  [default: tcp, or what a fault needs]")
 @click.option("--real-time/--no-real-time", default=True, show_default=True,
               help="Take real-time priority at speed 1 where that is allowed; without it the bench file's time limits "
                    "are widened, as on a busy machine.")

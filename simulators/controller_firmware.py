@@ -40,13 +40,15 @@ def _map() -> RegisterMap:
         writable = bool(entry.get("writable", False))
         registers = [one for given in entry["registers"] for one in _registers(given, writable=writable)]
         blocks.append(Block(entry["name"], tuple(registers)))
-    return RegisterMap("demo", blocks)
+    return RegisterMap("demo-streamed", blocks)
 
 
-MAP = _map()
-IDENTITY, STATUS, CONFIG, COMMAND, WATCHDOG, TABLE = (
-    MAP.block(name) for name in ("identity", "status", "config", "command", "watchdog", "table")
+MAP_WITHOUT_GENERATOR = _map()
+IDENTITY, STATUS, CONFIG, COMMAND, WATCHDOG, TABLE, SETPOINT = (
+    MAP_WITHOUT_GENERATOR.block(name)
+    for name in ("identity", "status", "config", "command", "watchdog", "table", "setpoint")
 )
+MAP = RegisterMap("demo", (IDENTITY, STATUS, CONFIG, COMMAND, WATCHDOG, TABLE))
 LIMITS = tuple(register.name for register in CONFIG.registers)
 """In the order of `ActuatorLimits`."""
 

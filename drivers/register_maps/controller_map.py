@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 
-from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.capabilities import Capabilities
 from drivers.register_maps.access_plan import Read, Rules, reads
 from drivers.register_maps.condition import Values
 from drivers.register_maps.indirect import Indirect
 from drivers.register_maps.meanings import Bits, Codes, States
 from drivers.register_maps.quantity import Quantity, Value, same
 from drivers.register_maps.read_quantities import IDENTITY, LIMITS, ROLES
-from drivers.register_maps.recipe import Recipe
+from drivers.register_maps.recipe import Recipe, Write
 from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, State
 from protocols.errors import RemoteProtocolError
 
@@ -91,10 +91,11 @@ class ControllerMap:
     indirect: Indirect | None = None
     read_while_writing: bool = False
 
-    @property
-    def fed_by_setpoints(self) -> bool:
-        """The watchdog is fed by the set-points, and by nothing else."""
-        return self.capabilities.watchdog is WatchdogKind.TIMEOUT and not self.recipes.feed
+    @cached_property
+    def setpoint_feeds(self) -> bool:
+        """A set-point's write carries the watchdog's counter, too."""
+        steps = (step for step in self.recipes.setpoint if isinstance(step, Write))
+        return any("$counter" in step.values.values() for step in steps)
 
     def state_of(self, values: Values) -> int:
         """The rig's state for what the quantities of `polled` show."""

@@ -6,11 +6,12 @@ import difflib
 import functools
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from drivers.capabilities import WatchdogKind
 from drivers.register_maps import needs
 from drivers.register_maps.controller_map import ControllerMap, Recipes, Words
-from drivers.register_maps.entries import Source, Table
+from drivers.register_maps.entries import Source, Table, nearest
 from drivers.register_maps.indirect import read_indirect
 from drivers.register_maps.quantity import Quantity, Value
 from drivers.register_maps.read_meanings import number_of, read_bits, read_codes, read_states
@@ -28,7 +29,7 @@ TABLES = (
     "modbus", "quantities", "identity", "state", "faults", "inputs", "phase", "results", "command_codes", "waveforms",
     "watchdog_actions", "commands", "recipes", "setpoint", "watchdog", "table", "indirect",
 )  # fmt: skip
-KEYS = ("format", "name", "description", *TABLES)
+KEYS = ("format", "name", "description", "base", "without", *TABLES)
 SOURCES = ("commands", "setpoint", "watchdog", "table", "recipes")
 
 
@@ -60,6 +61,8 @@ def read_map(source: Source) -> ControllerMap:
     """
     top = Table(source, (), source.data)
     top.only(KEYS)
+    _take_over(source, top)
+    top = Table(source, (), source.data)
     if not set(TABLES) & source.data.keys():
         source.add((), "no register map: one has [quantities], [state] and [commands]; see rig schema register-map")
         source.finish()
@@ -80,6 +83,33 @@ def read_map(source: Source) -> ControllerMap:
         needs.capabilities(quantities, words, recipes, watchdog), words, recipes, modbus.rules, expected, indirect,
         modbus.read_while_writing,
     )  # fmt: skip
+
+
+def _take_over(source: Source, top: Table) -> None:
+    """Put the file's entries over those of the map that it names as its `base`, less those that it is `without`."""
+    name, leaves = top.text("base"), top.given.get("without", [])
+    if not isinstance(leaves, list) or not all(isinstance(entry, str) for entry in leaves) or (leaves and not name):
+        top.add("without", 'must be a list of entries of the base, such as ["commands.start", "table"]')
+        return
+    if not name:
+        return
+    if name not in controller_names():
+        top.add("base", f"{name!r:.40} is not known; {nearest(name, controller_names())}")
+        return
+    merged: dict[str, Any] = {
+        table: dict(entries) if isinstance(entries, Mapping) else entries
+        for table, entries in Source.read(FOLDER / f"{name}{_END}{SUFFIX}").data.items()
+    }
+    for entry in leaves:
+        table, _, key = entry.partition(".")
+        held = merged if not key else merged.get(table, {})
+        if (key or table) not in held:
+            top.add("without", f"{entry!r:.60} is nothing that {name} has")
+        held.pop(key or table, None)
+    for table, entries in source.data.items():
+        both = isinstance(entries, Mapping) and isinstance(merged.get(table), Mapping)
+        merged[table] = {**merged[table], **entries} if both else entries
+    source.data = merged
 
 
 def _words(top: Table, quantities: Mapping[str, Quantity]) -> Words:

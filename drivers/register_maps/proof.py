@@ -14,22 +14,34 @@ from protocols.errors import RemoteProtocolError
 OTHER = {"big": "little", "little": "big"}
 
 
-def unproved(controller: ControllerMap, values: Values, answers: Iterable[tuple[Read, Sequence[int]]]) -> str:
-    """What a device shows otherwise than its map says, in words; empty where all is as it should be.
+def unproved(
+    controller: ControllerMap, values: Values, answers: Iterable[tuple[Read, Sequence[int]]]
+) -> tuple[str, str]:
+    """What a device shows otherwise than its map says, and what would mend the map, in words; empty where all is well.
 
     Args:
         controller: its map.
         values: what its identity shows.
         answers: the words that these were made of.
     """
-    told = []
+    told: list[str] = []
+    fixes: list[str] = []
+    right: list[str] = []
     held = {quantity.name: (quantity, read, words) for read, words in answers for quantity in read.quantities}
     for name, wanted in controller.expected.items():
         quantity, read, words = held[name]
         if not same(values[name], wanted, 0.0 if quantity.whole else quantity.step):
             own = words[quantity.address - read.address : quantity.end - read.address]
-            told.append(f"{name} {_shown(values[name])}, expected {_shown(wanted)}{_fitting(quantity, own, wanted)}")
-    return ", ".join(told)
+            told.append(f"{name} {_shown(values[name])}, expected {_shown(wanted)}")
+            fixes.append(_fitting(quantity, own, wanted))
+            right.append(f"{name} {wanted}" if fixes[-1] else "")
+    if not told:
+        return "", ""
+    fix = next((fix for fix in fixes if fix), "")
+    read_right = ", ".join(one for one, how in zip(right, fixes, strict=True) if how == fix)
+    why = f"with {fix} the same words read {read_right}, as expected"
+    why = why if fix else "wrong word order, scale, layout or device"
+    return f"{', '.join(told)}; {why}", f"write {fix} in the register map" if fix else ""
 
 
 def _fitting(quantity: Quantity, words: Sequence[int], wanted: Value) -> str:
@@ -42,7 +54,8 @@ def _fitting(quantity: Quantity, words: Sequence[int], wanted: Value) -> str:
             except RemoteProtocolError:
                 fits = False
             if fits:
-                return f' (right with word_order = "{words_order}", byte_order = "{bytes_order}")'
+                bytes_too = f' and byte_order = "{bytes_order}"' if bytes_order != quantity.byte_order else ""
+                return f'word_order = "{words_order}"{bytes_too}'
     return ""
 
 

@@ -24,7 +24,7 @@ PROGRAM = (
     "waveform", "amplitude", "peak_to_peak", "peak_speed", "frequency", "period", "centre", "low", "high", "cycles",
     "ramp_in_cycles", "ramp_out_cycles", "all_cycles", "duration", "table_length", "table_interval",
 )  # fmt: skip
-SETPOINT = ("position", "velocity", "sequence")
+SETPOINT = ("position", "velocity", "sequence", "counter")
 WATCHDOG = ("counter", "toggle")
 TABLE = ("index", "count", "values")
 PEAK_SPEED = 6.283185307179586

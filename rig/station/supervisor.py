@@ -221,6 +221,10 @@ class Supervisor:
         """Tell the application something that is no fault but worth knowing; it is journalled and shown."""
         self._emit({"event": "warning", "slug": slug, "detail": detail, "count": 1, "t_ns": monotonic_ns()})
 
+    def pass_on(self, event: dict[str, object]) -> None:
+        """Tell the application something else."""
+        self._emit(event)
+
     def note_sent(self, action: StopAction) -> None:
         """A stop action has been taken by the controller's link; tells the application when."""
         self._emit({"event": "sent", "action": action.name.lower(), "t_ns": monotonic_ns()})

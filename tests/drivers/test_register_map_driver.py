@@ -11,12 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.connection import ActuatorConnection
+from drivers.connection import ActuatorConnection, MotionTerms
 from drivers.errors import WrongLayout
 from drivers.modbus_actuator import ModbusActuator
 from drivers.register_maps.entries import Source
 from drivers.register_maps.map_file import read_map
 from drivers.roles import Command, Move, Program, Result, State, Waveform
+from drivers.streamed_actuator import as_actuator
 from protocols.errors import LocalProtocolError
 
 HANDSHAKE = """
@@ -218,30 +219,30 @@ def test_a_device_with_one_pressure_shows_low_while_it_is_off_and_loses_pressure
 def test_swapped_words_are_refused_with_the_order_that_would_be_right(device: Device) -> None:
     device.words["holding"][900:902] = [0x0102, 0x0304]
     actuator = driven(device, HANDSHAKE)
-    with pytest.raises(WrongLayout, match=r'0x03040102\), expected .*right with word_order = "big"'):
+    with pytest.raises(WrongLayout, match=r'0x03040102\), expected .*with word_order = "big" the same words'):
         actuator.read_identity()
     device.words["holding"][900:902] = [0x0304, 0x0102]
     actuator.read_identity()
 
 
-def test_set_points_follow_the_rod_until_it_can_move_and_then_the_motion(device: Device) -> None:
+def test_set_points_are_laid_where_the_rod_is_before_it_can_move_and_then_streamed(device: Device) -> None:
     # 12.5 mm as f32: 0x41480000
     device.words["holding"][0:3] = [0x4148, 0, 65_500]
-    actuator = driven(device, STREAMED)
+    device.words["holding"][20:22] = [0x4248, 0]
+    driver = driven(device, STREAMED)
+    actuator = as_actuator(driver, MotionTerms())
     before = actuator.read_status()
-    assert device.writes() == [], "nothing is written before the first command"
     actuator.send(Command.HYDRAULICS_LOW)
-    actuator.read_status()
-    actuator.read_status()
-    assert device.writes()[-1] == "100014000204" + "41480000"
+    assert device.writes() == [], "there is no low pressure"
     actuator.send(Command.HYDRAULICS_ON)
+    assert device.writes() == ["100014000204" + "41480000", "10001e000102" + "0001"]
     assert actuator.read_status().state == State.HOLD
     actuator.send(Command.MOVE_TO, Move(0.0225, 0.5))
     device.words["holding"][2] = 300
-    status = actuator.read_status()
+    status = actuator.exchange(1)
     assert status.state == State.MOVING
     assert (status.clock_us - before.clock_us) == 336_000, "a clock of 16 bits went round"
-    while actuator.read_status().state == State.MOVING:
+    while actuator.exchange(2).state == State.MOVING:
         pass
     # 22.5 mm: 0x41B40000
     assert device.writes()[-1] == "100014000204" + "41b40000"

@@ -170,6 +170,11 @@ class CurrentSourceThread(ReadingThread):
         heard = {"identity": driver.identity, "status": driver.status, "temperature": driver.temperature}
         return [name for name, frame in heard.items() if frame is None]
 
+    @property
+    def thrown_away(self) -> str:
+        """Slug for status frames that come but fail their checks; empty where none do."""
+        return thrown_away(self._driver.counters)
+
     def describe(self) -> str:
         """State and faults in words."""
         status = self._driver.status
