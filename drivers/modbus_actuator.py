@@ -13,10 +13,10 @@ from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
 from drivers.errors import DriverError, LinkLost, NoAnswer, WrongAnswer, WrongLayout
 from drivers.host_side import HostSide
 from drivers.modbus_link import ModbusLink
+from drivers.poll_writes import PollWrites
 from drivers.recipe_run import Outcome, RecipeRun
 from drivers.register_access import RegisterAccess
 from drivers.register_maps.access_plan import Written
-from drivers.register_maps.condition import Values
 from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.needs import is_numbered
 from drivers.register_maps.proof import unproved
@@ -40,7 +40,6 @@ SEND_ATTEMPTS = 3
 REOPEN_TIMEOUT_S = 0.2
 STOPS = frozenset({Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF, Command.HYDRAULICS_LOW})
 PRESSURISES = frozenset({Command.HYDRAULICS_LOW, Command.HYDRAULICS_ON, Command.RESET})
-COUNTERS = 1 << 16
 NOT_TWICE = frozenset({Command.START})
 """Without a number that the device repeats, such a command is not sent again when its outcome is unknown."""
 
@@ -78,7 +77,7 @@ class ModbusActuator:
         self._low = False
         self._written: ActuatorLimits | None = None
         self._values: dict[str, Value] = {}
-        self._toggle = self._counter = self._steps = 0
+        self._writes = PollWrites(controller.recipes)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -161,7 +160,7 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be reached.
         """
-        return self._poll(self._feed(watchdog_counter))
+        return self._poll(self._writes.feed(watchdog_counter))
 
     def knows(self, command: Command) -> bool:
         """Whether the controller has this command itself."""
@@ -179,9 +178,9 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be reached, or refuses; the set-point may have arrived.
         """
-        requests = self._setpoint(setpoint, watchdog_counter)
+        requests = self._writes.setpoint(setpoint, watchdog_counter)
         if watchdog_counter is not None and not self._map.setpoint_feeds:
-            for request in self._feed(watchdog_counter):
+            for request in self._writes.feed(watchdog_counter):
                 self._access.write(request)
         return self._poll(requests, once=True)
 
@@ -382,25 +381,6 @@ class ModbusActuator:
     def _state(self) -> int:
         return self._map.state_of(self._values)
 
-    def _feed(self, watchdog_counter: int) -> list[Written]:
-        """The writes that feed the watchdog."""
-        self._toggle ^= 1
-        given: Values = {"counter": watchdog_counter % COUNTERS, "toggle": self._toggle}
-        steps = [step for step in self._map.recipes.feed if isinstance(step, Write)]
-        return [request for step in steps for request in step.requests(given)]
-
-    def _setpoint(self, setpoint: Setpoint, watchdog_counter: int | None) -> list[Written]:
-        """The writes of a set-point; the watchdog's counter in it stays where it is not fed."""
-        if watchdog_counter is not None:
-            self._counter = watchdog_counter % COUNTERS
-        self._steps = (self._steps + 1) % COUNTERS
-        given: Values = {
-            "position": setpoint.position_m, "velocity": setpoint.velocity_m_s, "sequence": self._steps,
-            "counter": self._counter,
-        }
-        steps = [step for step in self._map.recipes.setpoint if isinstance(step, Write)]
-        return [request for step in steps for request in step.requests(given)]
-
     def _hold_where_it_is(self) -> None:
         """A device that follows set-points is told where the rod is before it can move it.
 
@@ -409,5 +389,5 @@ class ModbusActuator:
         """
         if self._map.recipes.setpoint:
             self._poll([])
-            for request in self._setpoint(Setpoint(float(self._values["position"]), 0.0), None):
+            for request in self._writes.setpoint(Setpoint(float(self._values["position"]), 0.0), None):
                 self._access.write(request)
