@@ -29,7 +29,9 @@ class Addresses:
     auxiliary_urls: Sequence[str]
 
 
-def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed: bool) -> str:
+def bench_text(
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = ('dbc = "demo"',)
+) -> str:
     """The bench file as TOML text.
 
     Args:
@@ -37,6 +39,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         addresses: its open ports.
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
+        ecu: entries of [ecu] that say what the current ECU is.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -67,10 +70,8 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         'interface = "slcan"',
         f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
         "bitrate = 500000",
-        'dbc = "demo"',
-        'command_period = "10 ms"',
-        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
-        f"serial_number = {options.coil.serial_number}",
+        *ecu,
+        *_ecu_times(relaxed),
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
     lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)
@@ -88,6 +89,10 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f"real_time = {'false' if relaxed else 'true'}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _ecu_times(relaxed: bool) -> list[str]:
+    return ['command_period = "10 ms"', f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"']
 
 
 def _input_delay(options: RigOptions) -> list[str]:

@@ -37,6 +37,7 @@ from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port
 from simulators.slcan_bus import SlcanBus
 from simulators.truth import About, Attribute, Truth
+from simulators.worn_ecu import WornEcuFiles
 
 TICK_S = 0.002
 HOLDING_S = 0.0005
@@ -69,6 +70,8 @@ class RunOptions:
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
     truth: Path | None = None
     exit_when_idle: bool = False
+    worn_ecu: WornEcuFiles | None = None
+    """The current ECU is one that a user's files describe."""
     drop_unread: bool = False
     """The ports drop what the host has not read in time, as real ones do; the rig's clock waits for nobody."""
     faults: tuple[ScheduledFault, ...] = ()
@@ -100,6 +103,8 @@ class SimulatedRig:
             self.plant, coil, options.damper.ambient_degC,
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
         )
+        if run.worn_ecu is not None:
+            self.ecu.wear(run.worn_ecu.load())
         self.bus = SlcanBus(self.ecu.receive)
         rtu = run.actuator == "rtu"
         self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports != "socket")
@@ -159,7 +164,16 @@ class SimulatedRig:
         self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed)
         if relaxed:
             self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
-        return bench_text(self.options, addresses, speed, relaxed)
+        return bench_text(self.options, addresses, speed, relaxed, self._ecu_lines())
+
+    def _ecu_lines(self) -> list[str]:
+        """Entries of [ecu] that say what the current ECU is."""
+        worn, number = self.run_options.worn_ecu, f"serial_number = {self.options.coil.serial_number}"
+        if worn is None:
+            return ['dbc = "demo"', number]
+        has_number = "serial_number" in worn.load().described.roles
+        files = [f'dbc = "{worn.dbc.absolute()}"', f'roles = "{worn.roles}"']
+        return [*files, number] if has_number else files
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""

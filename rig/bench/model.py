@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from rig import units
 from rig.bench import named_files
+from rig.bench.address import current_range_A, status_period_s
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
@@ -107,7 +108,7 @@ class Bench(Section):
             exclude={
                 "name": True,
                 "actuator": {"url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s"},
-                "ecu": {"interface", "channel", "bitrate", "command_period_s", "stale_after_s"},
+                "ecu": {"interface", "channel", "bitrate", "interface_options", "command_period_s", "stale_after_s"},
                 "load_cell": self.load_cell.not_physics,
                 "lvdt": self.lvdt.not_physics,
                 "auxiliary": {index: item.not_physics for index, item in enumerate(self.auxiliary)},
@@ -116,7 +117,10 @@ class Bench(Section):
                 "checks": True,
             }
         )
-        tables = {"actuator": {"register_map": self.actuator.register_map}}
+        tables = {
+            "actuator": {"register_map": self.actuator.register_map},
+            "ecu": {"dbc": self.ecu.dbc, "roles": self.ecu.roles},
+        }
         return hashlib.sha256(named_files.with_contents(text, tables).encode()).hexdigest()
 
     def overdue(self, today: date) -> tuple[str, ...]:
@@ -128,7 +132,9 @@ class Bench(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        problems = [*self._shared_ports(), *self._shared_names(), *self._ranges(), *self._periods()]
+        problems = [
+            *self._shared_ports(), *self._shared_names(), *self._ranges(), *self._current(), *self._periods()
+        ]
         if problems:
             raise located(problems)
         return self
@@ -166,6 +172,14 @@ class Bench(Section):
             problems.append((("limits", "position"), f"is beyond the LVDT's range; allowed: within +-{lvdt}"))
         return problems
 
+    def _current(self) -> list[Problem]:
+        """The limit against what the current source's set-point can hold."""
+        low_A, high_A = current_range_A(self.ecu.dbc, self.ecu.roles)
+        if self.limits.current_A <= high_A and (-self.limits.current_A >= low_A or low_A >= 0.0):
+            return []
+        held = f"{units.show(low_A, 'A')} to {units.show(high_A, 'A')}"
+        return [(("limits", "current"), f"is beyond the set-point of the current source; allowed: within {held}")]
+
     def _periods(self) -> list[Problem]:
         problems: list[Problem] = []
         for place, sensor in self._sensors().items():
@@ -180,5 +194,9 @@ class Bench(Section):
         if self.ecu.stale_after_s < 2.0 * self.ecu.command_period_s:
             shortest = 2.0 * self.ecu.command_period_s
             message = f"is less than two status frames; allowed: at least {units.show(shortest, 'ms')}"
+            problems.append((("ecu", "stale_after"), message))
+        shortest = 2.0 * status_period_s(self.ecu.dbc, self.ecu.roles) / self.clock.device_rate
+        if self.ecu.stale_after_s < shortest:
+            message = f"is less than two periods of the measured current; at least {units.show(shortest, 'ms')}"
             problems.append((("ecu", "stale_after"), message))
         return problems

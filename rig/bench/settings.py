@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from drivers.catalogue import make_actuator
 from drivers.connection import ActuatorConnection
@@ -155,12 +155,24 @@ class ActuatorConfig(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings):
-    """The current controller of the coil, over CAN by any python-can interface."""
+    """The current controller of the coil, over CAN by any python-can interface.
+
+    `dbc` is a known kind, or the name of a DBC file; then `roles` says what its signals mean: the name of a TOML file,
+    or the same as a table.
+    """
 
     interface: Annotated[str, Text(256), Check(address.can_interface)] = field(metadata=key(examples=["socketcan"]))
     channel: Name = field(metadata=key(examples=["can0"]))
     bitrate: int = field(default=500_000, metadata=key(ge=10_000, le=1_000_000))
-    dbc: Annotated[str, Check(address.known_current_source)] = "demo"
+    interface_options: dict[str, str | int | float | bool] = field(
+        default_factory=dict, metadata=key(description="further arguments of the interface, by python-can's names")
+    )
+    dbc: Annotated[str, Check(address.known_current_source)] = field(
+        default="demo", metadata=key(examples=["ecu.dbc"], description="a known kind, or a DBC file")
+    )
+    roles: str | dict[str, Any] | None = field(
+        default=None, metadata=key(examples=["ecu-roles.toml"], description="what the signals of a DBC file mean")
+    )
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = field(
         default=0.010, metadata=key("command_period")
     )
@@ -168,12 +180,15 @@ class EcuConfig(Settings):
     serial_number: int | None = field(default=None, metadata=key(ge=0, le=0xFFFF_FFFF))
 
     def problems(self) -> Iterator[Problem]:
-        """A serial CAN adapter's channel is a port."""
+        """A serial CAN adapter's channel is a port; a DBC and its roles go together."""
         if self.interface == "slcan":
             try:
                 address.serial_url(self.channel)
             except ValueError as problem:
                 yield ("channel",), str(problem)
+        for name in self.interface_options.keys() & {"interface", "channel", "bitrate"}:
+            yield ("interface_options", name), f"is an entry of [ecu] itself: write {name} = ... there"
+        yield from address.ecu_problems(self.dbc, self.roles)
 
 
 @dataclass(frozen=True, kw_only=True)

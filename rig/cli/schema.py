@@ -30,8 +30,14 @@ def _register_map() -> dict[str, Any]:
     return register_map_schema()
 
 
+def _ecu_roles() -> dict[str, Any]:
+    from drivers.catalogue import ecu_roles_schema
+
+    return ecu_roles_schema()
+
+
 SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
-    "bench": _bench, "matrix": _matrix, "register-map": _register_map,
+    "bench": _bench, "matrix": _matrix, "register-map": _register_map, "ecu-roles": _ecu_roles,
 }  # fmt: skip
 """Kind of file -> what makes its schema."""
 

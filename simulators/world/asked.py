@@ -219,7 +219,7 @@ def _drawn_matrices(path: Path, text: str) -> tuple[Given, tuple[str, ...]]:
 def _on_bench(given: Given, text: str, user: UserBench) -> Given:
     """The same on a user's bench."""
     auxiliary = bool(user.auxiliaries)
-    return replace(given, bench=text, actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s)
+    return replace(given, bench=user.portable(text), actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s)
 
 
 LARGEST_DRAWN = """format = 1

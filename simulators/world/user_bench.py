@@ -16,8 +16,10 @@ from typing import Any
 
 from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.source import is_dbc
 from protocols.errors import LocalProtocolError
 from protocols.line_format import PRESETS, LineFormat, from_description
+from rig.bench import named_files
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
@@ -37,6 +39,7 @@ from simulators.options import (
     ServoOptions,
 )
 from simulators.rig import LATE_SHARE, SimulatedRig
+from simulators.worn_ecu import WornEcuFiles
 
 DEMO = "demo"
 LINKS = {LinkKind.MODBUS_TCP: "tcp", LinkKind.MODBUS_RTU: "rtu"}
@@ -68,6 +71,7 @@ class UserBench:
 
     options: RigOptions
     actuator: str
+    worn_ecu: WornEcuFiles | None
     auxiliaries: tuple[SensorOptions, ...]
     stood_in: tuple[str, ...]
     tick_s: float
@@ -86,11 +90,11 @@ class UserBench:
         if problems:
             raise FileProblem(str(path), problems)
         link = LINKS[ActuatorAddress.parse(bench.actuator.url).kind]
-        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        values = named_files.with_paths(tomllib.loads(path.read_text(encoding="utf-8-sig")), path.absolute().parent)
         quickest_s = min(bench.ecu.stale_after_s, *(sensor.stale_after_s for sensor in _sensors(bench).values()))
         return cls(
-            _options(bench, matrix), link, tuple(map(_auxiliary, bench.auxiliary)), tuple(_stood_in(bench)),
-            max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
+            _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
+            tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
         )
 
     def text(self, rig: SimulatedRig, addresses: Addresses) -> str:
@@ -101,12 +105,21 @@ class UserBench:
         channel = f"socket://127.0.0.1:{addresses.slcan_port}"
         if own["ecu"]["interface"] != "slcan":
             own["ecu"] = {**own["ecu"], "interface": "slcan", "bitrate": BITRATE}
+            own["ecu"].pop("interface_options", None)
         own["ecu"] = {**own["ecu"], "channel": channel}
         own["load_cell"] = {**own["load_cell"], "url": addresses.load_cell_url}
         own["lvdt"] = {**own["lvdt"], "url": addresses.lvdt_url}
         further = zip(own.get("auxiliary", ()), addresses.auxiliary_urls, strict=True)
         own["auxiliary"] = [{**sensor, "url": url} for sensor, url in further]
-        return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in own.items())
+        return _file(own)
+
+    def portable(self, text: str) -> str:
+        """The user's file (`text`) as it can be read in any folder: files that it names have whole paths."""
+        return _file(self.values) if any(named_files.named(self.values)) else text
+
+
+def _file(values: Mapping[str, Any]) -> str:
+    return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in values.items())
 
 
 def _toml(value: object) -> str:
@@ -139,6 +152,8 @@ def _unlike(bench: Bench) -> Iterator[str]:
         ("actuator.register_map", plugins.ACTUATORS, actuator.register_map, "controller"),
         ("ecu.dbc", plugins.CURRENT_SOURCES, ecu.dbc, "current source"),
     ):
+        if is_dbc(name):
+            continue
         if name != DEMO and plugins.simulated_as(group, name) != DEMO:
             yield (
                 f'{key} = "{name}": there is no simulated {device} of that description; allowed in a world: "{DEMO}". '
@@ -158,6 +173,14 @@ def _unlike(bench: Bench) -> Iterator[str]:
             _format(sensor)
         except LocalProtocolError as problem:
             yield f"{place}.format: a simulated sensor cannot write it: {problem}"
+
+
+def _worn_ecu(bench: Bench) -> WornEcuFiles | None:
+    """The user's DBC and roles, if the current source has them."""
+    dbc, roles = bench.ecu.dbc, bench.ecu.roles
+    if not is_dbc(dbc) or roles is None:
+        return None
+    return WornEcuFiles(Path(dbc), Path(roles) if isinstance(roles, str) else roles)
 
 
 def _stood_in(bench: Bench) -> Iterator[str]:

@@ -10,6 +10,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from drivers.capabilities import WatchdogKind
+from drivers.catalogue import check_actuator
 from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.entries import MapProblem, Source
 from drivers.register_maps.map_file import FOLDER, read_map
@@ -268,3 +269,35 @@ def test_a_bench_with_a_wrong_map_tells_everything_that_is_wrong_in_it(tmp_path:
     assert re.search(r"line \d+: state.moving: hold and moving are both 2", told)
     with pytest.raises(FileProblem, match="there is no such file"):
         Bench.load(bench_with(tmp_path, "missing.toml"))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (SMALLEST.encode("utf-16"), "byte 0 is 0xFF, which is not UTF-8"),
+        (SMALLEST.encode() + b"\n[[[", r"not TOML: .*line"),
+        (b"a = " + b"[" * 100_000, "nested to more than 12 levels"),
+        (b"#" * 300_000, "larger than the 256 KiB"),
+        (None, "there is no such file"),
+    ],
+)
+def test_a_map_that_is_no_such_file_is_refused_with_its_path(
+    tmp_path: Path, content: bytes | None, message: str
+) -> None:
+    path = tmp_path / "mine.toml"
+    if content is None:
+        path.mkdir()
+    else:
+        path.write_bytes(content)
+    with pytest.raises(LocalProtocolError, match=message) as refused:
+        check_actuator(str(path))
+    assert str(path) in str(refused.value)
+
+
+def test_a_map_upon_another_one_has_its_entries_but_for_those_it_is_without() -> None:
+    controller = read('base = "demo"\nwithout = ["quantities.owner", "table"]\n[quantities]\nforce = {address = 700}\n')
+    assert not controller.capabilities.lease
+    assert not controller.capabilities.table
+    assert controller.quantities["force"].address == 700
+    assert "did you mean demo" in problems('base = "demos"\n')[0]
+    assert "is nothing that demo has" in problems('base = "demo"\nwithout = ["quantities.owners"]\n')[0]

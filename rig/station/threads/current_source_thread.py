@@ -9,7 +9,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from drivers.current_source import CurrentSource, SourceBatch, SourceFault, SourceIdentity, SourceState
+from drivers.current_source import (
+    UNKNOWN_STATE,
+    CurrentSource,
+    SourceBatch,
+    SourceFault,
+    SourceIdentity,
+    SourceState,
+)
 from drivers.errors import DriverError
 from drivers.ring import Record
 from protocols.quality import Quality
@@ -48,7 +55,7 @@ class CurrentSourceThread(ReadingThread):
         self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
         self._zero_error: DriverError | None = None
         self._bus_judge = BusInterlock(config.bitrate)
-        self._current_judge = CurrentInterlock(self._stale_ns)
+        self._current_judge = CurrentInterlock(self._stale_ns, driver.timing)
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
@@ -158,17 +165,36 @@ class CurrentSourceThread(ReadingThread):
         return self._driver.identity_problem
 
     def wait_identity(self, timeout_s: float) -> SourceIdentity | None:
-        """The ECU's identity once it, a status and a temperature have come; None after `timeout_s` wall seconds."""
+        """The ECU's identity once all that it tells has come; None after `timeout_s` (wall s), or if it has none."""
         with self._progress:
             self._progress.wait_for(lambda: not self.missing, timeout_s)
         return None if self.missing else self._driver.identity
 
     @property
     def missing(self) -> list[str]:
-        """Kinds of frames that the ECU has not sent yet."""
-        driver = self._driver
-        heard = {"identity": driver.identity, "status": driver.status, "temperature": driver.temperature}
-        return [name for name, frame in heard.items() if frame is None]
+        """Kinds of frames that the ECU should have sent and has not yet."""
+        driver, timing = self._driver, self._driver.timing
+        heard = {
+            "identity": driver.identity is not None or not timing.identity_s,
+            "status": driver.status is not None,
+            "temperature": driver.temperature is not None or not timing.temperature_s,
+        }
+        return [name for name, came in heard.items() if not came]
+
+    @property
+    def longest_period_s(self) -> float:
+        """Of what it tells (s of its clock)."""
+        return max(self._driver.timing)
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Slug and words of why its frames cannot be believed; two empty texts while nothing speaks against them."""
+        return self._driver.refusal
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What it cannot do or does not tell: a name, and what is left without it."""
+        return self._driver.lacking
 
     @property
     def thrown_away(self) -> str:
@@ -180,6 +206,8 @@ class CurrentSourceThread(ReadingThread):
         status = self._driver.status
         if status is None:
             return "sends no status"
+        if status.state == UNKNOWN_STATE:
+            return f"in a state that it does not tell, faults {SourceFault(status.faults)!r}"
         state = SourceState(status.state).name if status.state in set(SourceState) else str(status.state)
         return f"in state {state}, faults {SourceFault(status.faults)!r}"
 

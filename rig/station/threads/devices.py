@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Container, Iterator
 
 from drivers.catalogue import SensorConnection, make_actuator, make_current_source, make_sensor
-from drivers.connection import ActuatorConnection, MotionTerms
+from drivers.connection import ActuatorConnection, CanAddress, MotionTerms
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
 from drivers.roles import Sensor
@@ -60,11 +60,15 @@ class Devices:
             for index, given in enumerate(config.auxiliary)
         )
         given_ecu, given_actuator = config.ecu, config.actuator
+        source = make_current_source(given_ecu.dbc, given_ecu.roles, CanAddress(
+            given_ecu.interface, given_ecu.channel, given_ecu.bitrate, given_ecu.interface_options
+        ))
         self.coil = CurrentSourceThread(
             given_ecu,
-            make_current_source(given_ecu.dbc, given_ecu.interface, given_ecu.channel, given_ecu.bitrate),
+            source,
             EcuInterlock(
-                limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls
+                limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls,
+                source.timing,
             ),
             supervisor,
             append,
