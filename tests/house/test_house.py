@@ -60,7 +60,6 @@ CATALOGUES = {
 }
 """What they import are topics of their own, each of the same kind, that nobody else has to know."""
 ONE_IMPORTER = {
-    "drivers.setpoint_generator": "pure, and for drivers of one's own, too",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
     "rig.cli.run": "a command; the demo runs it",
     "simulators.ecu_firmware": "the demo's codes and layout, beside the ECU's physics and faults",
