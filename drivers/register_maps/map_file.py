@@ -95,7 +95,7 @@ def _take_over(source: Source, top: Table) -> None:
         return
     if name not in controller_names():
         top.add("base", f"{name!r:.40} is not known; {nearest(name, controller_names())}")
-        return
+        source.finish()
     merged: dict[str, Any] = {
         table: dict(entries) if isinstance(entries, Mapping) else entries
         for table, entries in Source.read(FOLDER / f"{name}{_END}{SUFFIX}").data.items()
