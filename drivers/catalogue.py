@@ -196,7 +196,8 @@ def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: C
     from drivers.can_current_source import CanCurrentSource
     from drivers.can_port import CanPort
 
-    return CanCurrentSource(CanPort(bus), current_source(name, roles))
+    described = current_source(name, roles)
+    return CanCurrentSource(CanPort(bus, fd=described.fd), described)
 
 
 @dataclass(frozen=True, slots=True)
