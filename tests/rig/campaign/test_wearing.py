@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ def bench(folder: Path, *changes: tuple[str, str]) -> Path:
 
 
 def after(option: str, arguments: tuple[str, ...]) -> list[str]:
-    return [value for name, value in zip(arguments, arguments[1:], strict=False) if name == option]
+    return [value for name, value in itertools.pairwise(arguments) if name == option]
 
 
 def test_devices_rates_and_limits_are_those_of_the_file(tmp_path: Path) -> None:
