@@ -74,7 +74,6 @@ def command(
     _check_usage(simulator_args, bench, speed, seed, resume, simulate=simulate)
     words = _requalified(requalified, resume)
     from rig.campaign.results import CampaignOptions
-    from rig.campaign.simulated_rig import wearing
     from rig.cli.analysis_check import check_analysis
     from rig.cli.job import run_job
     from rig.cli.words import ending
@@ -82,8 +81,7 @@ def command(
 
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
-    if simulate and bench is not None:
-        simulator_args, bench = (*wearing(bench), *simulator_args), None
+    bench, simulator_args = _rig(bench, simulator_args, simulate=simulate)
     identify = tests.identify
     if not no_identify:
         check_analysis(path, tests)
@@ -109,6 +107,17 @@ def command(
         else:
             show_result(result, shown)
     return result.exit_code
+
+
+def _rig(
+    bench: Path | None, simulator_args: tuple[str, ...], *, simulate: bool
+) -> tuple[Path | None, tuple[str, ...]]:
+    """Bench file and arguments of the simulated rig; one with the devices of a bench file writes its own."""
+    if bench is None or not simulate:
+        return bench, simulator_args
+    from rig.campaign.simulated_rig import wearing
+
+    return None, (*wearing(bench), *simulator_args)
 
 
 def _requalified(text: str | None, resume: Path | None) -> str:
