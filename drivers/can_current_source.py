@@ -7,7 +7,15 @@ import time
 from collections import deque
 
 from drivers.can_port import CanPort
-from drivers.current_source import SourceBatch, SourceCounters, SourceIdentity, SourceStatus, SourceTemperature
+from drivers.current_source import (
+    SourceBatch,
+    SourceCounters,
+    SourceIdentity,
+    SourceStatus,
+    SourceTemperature,
+    SourceTiming,
+    SourceTraits,
+)
 from drivers.devices.source import SourceDescription
 from drivers.errors import DriverError
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
@@ -64,6 +72,26 @@ class CanCurrentSource:
         self._sequence = 0  # unwrapped counter of status frames
         self._device_us = NO_DEVICE_TIME  # unwrapped
         self._reported: tuple[int, int] | None = None
+
+    @property
+    def timing(self) -> SourceTiming:
+        """How often it tells what."""
+        return SourceTiming()
+
+    @property
+    def traits(self) -> SourceTraits:
+        """What else the rig has to know of it."""
+        return SourceTraits()
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What it cannot do or does not tell: nothing."""
+        return ()
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Nothing speaks against what is heard."""
+        return "", ""
 
     @property
     def identity_problem(self) -> str:

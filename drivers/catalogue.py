@@ -14,6 +14,8 @@ from drivers.connection import ActuatorConnection
 from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
 from drivers.devices.source import current_source, current_source_names
+from drivers.devices.supply import SupplyConnection
+from drivers.devices.supply_file import supply_names
 from drivers.errors import UnknownDevice
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
@@ -31,9 +33,11 @@ __all__ = [
     "make_actuator",
     "make_current_source",
     "make_sensor",
+    "make_supply",
     "register_actuator",
     "register_sensor",
     "sensor_format_names",
+    "supply_names",
 ]
 
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
@@ -100,6 +104,13 @@ def make_current_source(name: str, interface: str, channel: str, bitrate: int) -
     from drivers.can_current_source import CanCurrentSource
 
     return CanCurrentSource(interface, channel, current_source(name), bitrate=bitrate)
+
+
+def make_supply(connection: SupplyConnection) -> CurrentSource:
+    """The driver of a programmable supply that drives the coil; nothing is opened."""
+    from drivers.scpi_supply import ScpiSupply
+
+    return ScpiSupply(connection)
 
 
 @dataclass(frozen=True, slots=True)

@@ -133,6 +133,8 @@ class Requests:
             raise
         for lacking, without in capabilities.lacking():
             self._supervisor.tell(f"actuator-without-{lacking}", without)
+        for lacking, without in self._devices.coil.lacking:
+            self._supervisor.tell(f"ecu-without-{lacking}", without)
         return answer
 
     def _arm(self, arguments: Arguments) -> Answer:

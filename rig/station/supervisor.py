@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Collection, Iterable
+from dataclasses import replace
 from typing import TypeVar
 
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
@@ -279,6 +280,8 @@ class Supervisor:
                     kind, self._stop_clock_ns(now_ns), halt=halt, fade_s=self.movement.fade_s,
                     device_rate=self.config.device_rate, watchdog_s=self.config.actuator.watchdog_s,
                 )
+                if (coil := self._coil) is not None:
+                    self.stop = replace(self.stop, current_s=coil.zero_within_s, current_falls=coil.falls_by_itself)
             else:
                 self.stop, actions = safe_stop.escalate(self.stop, kind, self._stop_clock_ns(now_ns), halt=halt)
             if not first and not known:

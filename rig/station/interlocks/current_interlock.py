@@ -37,10 +37,12 @@ class CurrentInterlock:
 
     Args (construction):
         patience_ns: wall time which a command and its effect may take on the wires.
+        settled_statuses: statuses that a new set-point is given.
     """
 
-    def __init__(self, patience_ns: int) -> None:
+    def __init__(self, patience_ns: int, settled_statuses: int = SETTLED_STATUSES) -> None:
         self._patience_ns = patience_ns
+        self._settled_statuses = settled_statuses
         self._set_point = (math.nan, 0)
         self._since_ns = 0
         self._statuses = 0
@@ -58,7 +60,7 @@ class CurrentInterlock:
         if self._set_point != (commanded_A, set_points):
             self._set_point, self._since_ns, self._statuses, self._off = (commanded_A, set_points), t_ns, 0, 0
         self._statuses += 1
-        if self._statuses <= SETTLED_STATUSES or t_ns - self._since_ns < self._patience_ns:
+        if self._statuses <= self._settled_statuses or t_ns - self._since_ns < self._patience_ns:
             return []
         allowed_A = ZERO_A if commanded_A == 0.0 else TRACKING_A + TRACKING_SHARE * abs(commanded_A)
         error_A = abs(status.current_A - commanded_A)
@@ -148,11 +150,14 @@ class EcuInterlock:
         current_limit_A: measured current beyond which the rig stops (A).
         coil_temperature_limit_degC: likewise of the coil (degC).
         controller_polls: how often the controller was asked so far; its word on a shared cause comes first.
+        tells_temperature: temperatures come, and their absence is a fault.
     """
 
     def __init__(
-        self, current_limit_A: float, coil_temperature_limit_degC: float, controller_polls: Callable[[], int]
+        self, current_limit_A: float, coil_temperature_limit_degC: float, controller_polls: Callable[[], int],
+        *, tells_temperature: bool = True,
     ) -> None:
+        self._tells_temperature = tells_temperature
         self.current_limit_A = current_limit_A
         self.coil_temperature_limit_degC = coil_temperature_limit_degC
         self._controller_polls = controller_polls
@@ -206,7 +211,7 @@ class EcuInterlock:
 
     def judge_temperature_age(self, t_ns: int) -> list[Finding]:
         """Temperatures that stay away, by the statuses that came meanwhile; call it once a read's frames are judged."""
-        if self._untold <= UNTOLD_STATUSES:
+        if self._untold <= UNTOLD_STATUSES or not self._tells_temperature:
             return []
         age_ms, allowed_ms = STATUS_MS * self._untold, STATUS_MS * UNTOLD_STATUSES
         detail = f"ecu: no coil temperature for {age_ms} ms of its clock, allowed {allowed_ms} ms"

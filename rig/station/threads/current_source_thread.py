@@ -6,10 +6,18 @@ current is taken until `begin` prepares the coil anew.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 
-from drivers.current_source import CurrentSource, SourceBatch, SourceFault, SourceIdentity, SourceState
+from drivers.current_source import (
+    CurrentSource,
+    SourceBatch,
+    SourceFault,
+    SourceIdentity,
+    SourceState,
+    SourceTraits,
+)
 from drivers.errors import DriverError
 from drivers.ring import Record
 from protocols.quality import Quality
@@ -19,11 +27,15 @@ from rig.station.errors import StationRefused
 from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterlock, EcuInterlock, thrown_away
 from rig.station.interlocks.finding import Finding
 from rig.station.log import say
+from rig.station.safe_stop import CURRENT_LIMIT_S, ZERO_CURRENT_A
 from rig.station.supervisor import Supervisor
 from rig.station.threads.device_thread import ReadingThread
 from rig.station.watchdogs import Listener
 
 STALE_FOR_SURE_S = 0.0002
+FEWEST_SETTLED = 3
+STATUS_S = 0.050
+"""A source that tells its current less often is a slow one."""
 
 
 class CurrentSourceThread(ReadingThread):
@@ -48,7 +60,11 @@ class CurrentSourceThread(ReadingThread):
         self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
         self._zero_error: DriverError | None = None
         self._bus_judge = BusInterlock(config.bitrate)
-        self._current_judge = CurrentInterlock(self._stale_ns)
+        timing, traits = driver.timing, driver.traits
+        self._settle_s = traits.settling_s / min(1.0, supervisor.config.device_rate)
+        self._current_judge = CurrentInterlock(
+            self._stale_ns, max(FEWEST_SETTLED, math.ceil(traits.settling_s / timing.status_s))
+        )
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
@@ -98,10 +114,16 @@ class CurrentSourceThread(ReadingThread):
             self._zeroed = False
 
     def wait_clear(self, timeout_s: float) -> bool:
-        """Wait until the ECU reports no fault, then stop asking it to clear them; False after `timeout_s`."""
+        """Wait until the ECU reports no fault, then stop asking it to clear them; False after `timeout_s`.
+
+        A slow source is given its own time on top, and that in which its current falls.
+        """
+        timeout_s += self._stale_ns * 1e-9 + self._settle_s
         begun_ns = monotonic_ns()
         with self._progress:
             clear = self._progress.wait_for(lambda: self._last_ns > begun_ns and self._is_clear(), timeout_s)
+            if clear:
+                self._progress.wait_for(lambda: self._last_ns > begun_ns and self._is_zero(), self._settle_s)
         with self._command_lock:
             self._command(0.0, enable=False)
         return clear
@@ -165,10 +187,33 @@ class CurrentSourceThread(ReadingThread):
 
     @property
     def missing(self) -> list[str]:
-        """Kinds of frames that the ECU has not sent yet."""
+        """What the source tells, and has not told yet: its temperatures only where it has any."""
         driver = self._driver
-        heard = {"identity": driver.identity, "status": driver.status, "temperature": driver.temperature}
+        heard: dict[str, object] = {"identity": driver.identity, "status": driver.status}
+        if driver.timing.temperature_s:
+            heard["temperature"] = driver.temperature
         return [name for name, frame in heard.items() if frame is None]
+
+    @property
+    def zero_within_s(self) -> float:
+        """After so long a commanded 0 A must be measured (wall s)."""
+        slow_s = self._settle_s + 2.0 * self._stale_ns * 1e-9
+        return max(CURRENT_LIMIT_S, slow_s) if self._driver.timing.status_s > STATUS_S else CURRENT_LIMIT_S
+
+    @property
+    def falls_by_itself(self) -> bool:
+        """Without commands it goes to 0 A."""
+        return self._driver.traits.own_timeout
+
+    @property
+    def traits(self) -> SourceTraits:
+        """What the rig has to know of the source."""
+        return self._driver.traits
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What the source cannot do, and what is left without it."""
+        return self._driver.lacking
 
     def describe(self) -> str:
         """State and faults in words."""
@@ -252,6 +297,10 @@ class CurrentSourceThread(ReadingThread):
             return "can-busoff"
         late = self._driver.counters.duplicates > self._repeats
         return thrown_away(self._driver.counters) or ("ecu-late" if late else "ecu-silent")
+
+    def _is_zero(self) -> bool:
+        status = self._driver.status
+        return status is not None and abs(status.current_A) < ZERO_CURRENT_A
 
     def _is_clear(self) -> bool:
         status = self._driver.status
