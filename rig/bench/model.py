@@ -10,6 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from rig import units
+from rig.bench import named_files
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
@@ -94,11 +95,14 @@ class Bench(Section):
         Raises:
             FileProblem: with every wrong entry of the file.
         """
-        return load_section(Path(path), cls, "bench")[0]
+        return load_section(Path(path), cls, "bench", named_files.with_paths)[0]
 
     @property
     def digest(self) -> str:
-        """SHA-256 (hex) of physics, limits, calibration and identities; addresses and time limits do not count."""
+        """SHA-256 (hex) of physics, limits, calibration and identities; addresses and time limits do not count.
+
+        A device's description in a file of its own counts by its content, not by its path.
+        """
         text = self.model_dump_json(
             exclude={
                 "name": True,
@@ -112,7 +116,8 @@ class Bench(Section):
                 "checks": True,
             }
         )
-        return hashlib.sha256(text.encode()).hexdigest()
+        tables = {"actuator": {"register_map": self.actuator.register_map}}
+        return hashlib.sha256(named_files.with_contents(text, tables).encode()).hexdigest()
 
     def overdue(self, today: date) -> tuple[str, ...]:
         """Names of the sensors whose calibration is past its due date."""

@@ -11,14 +11,15 @@ from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
+from protocols.toml_lines import Place
 from rig import units
 from rig.bench.quantity import Quantity, Settings, Text, Wording
 from rig.bench.section import Section, Table, constraints, fields_of, key_of, quantity_of, suffixed_keys
-from rig.bench.toml_source import Place, TomlSource, printable, read_toml
+from rig.bench.toml_source import TomlSource, printable, read_toml
 from rig.errors import FileProblem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     from pydantic_core import ErrorDetails
@@ -76,13 +77,16 @@ class WrongKind(FileProblem):
         super().__init__(str(path), [f"this is a {kind} file, where a {wanted} file is wanted; give it as {place}"])
 
 
-def load_section(path: Path, model: type[M], kind: str = "") -> tuple[M, TomlSource]:
+def load_section(
+    path: Path, model: type[M], kind: str = "", located: Callable[[Mapping[str, Any], Path], Any] | None = None
+) -> tuple[M, TomlSource]:
     """Read and validate a user's file.
 
     Args:
         path: the file.
         model: what it holds.
         kind: a key of `TABLES`: a file of another kind is called so, in one line.
+        located: makes the names of further files whole; given the data and the file's folder.
 
     Returns:
         The validated model and its source.
@@ -100,7 +104,8 @@ def load_section(path: Path, model: type[M], kind: str = "") -> tuple[M, TomlSou
             if source.data.keys() & tables:
                 raise WrongKind(path, other, kind)
     try:
-        return model.model_validate(source.data), source
+        data = source.data if located is None else located(source.data, path.absolute().parent)
+        return model.model_validate(data), source
     except ValidationError as error:
         details = _without_echoes(error.errors(include_url=False), model)
         lines = [line for item in details[:MOST_SHOWN] for line in _lines(item, model, source)]

@@ -14,6 +14,7 @@ from rig.campaign import resume
 from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.runner import Runner
+from rig.campaign.kept_files import keep_bench
 from rig.campaign.machine_resources import station_in_use
 from rig.campaign.operator_link import Signals, operator_link
 from rig.campaign.preflight.proof_move import read_baseline
@@ -24,7 +25,6 @@ from rig.campaign.setup import (
     accepted,
     campaign_folder,
     check_calibrations,
-    copy_into,
     note_session,
     write_description,
 )
@@ -157,12 +157,12 @@ def _describe(start: _Start, bench_path: Path) -> None:
     """
     folder = start.folder
     if start.options.resume_path is None or resume.bench_is_new(folder):
-        copy_into(bench_path, folder, "bench.toml")
+        keep_bench(bench_path, folder, "bench.toml")
         write_description(folder, start.bench, start.matrix, start.options)
         return
     resume.same_campaign(folder, start.bench, start.matrix)
     session = note_session(folder, start.options, start.stock.confirmed)
-    copy_into(bench_path, folder, f"bench-session{session}.toml")
+    keep_bench(bench_path, folder, f"bench-session{session}.toml")
 
 
 @dataclass(frozen=True)

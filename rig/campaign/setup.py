@@ -22,6 +22,7 @@ from drivers.catalogue import clocked_format_names
 from rig import __version__
 from rig.bench.model import Bench
 from rig.campaign.confirmation import EarlierStop, resume_command
+from rig.campaign.kept_files import copy_into, keep_bench
 from rig.campaign.machine_resources import locked
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.sequencer.point_preparation import MOST_STEPS
@@ -31,7 +32,7 @@ from rig.clock import utc_now
 from rig.errors import FileProblem, Refused, Stopped
 from rig.matrix.model import Matrix
 from rig.matrix.plan import Plan, plan
-from rig.recording.atomic_write import write_durably, write_text_durably
+from rig.recording.atomic_write import write_text_durably
 from rig.recording.journal.campaign_log import CampaignLog
 from rig.recording.journal.journal_lock import campaign_held
 from rig.recording.layout import RECORD_DTYPE
@@ -134,23 +135,6 @@ def _refusals_in(log: CampaignLog) -> Iterator[None]:
         raise Stopped(stop.slug, text) from stop
 
 
-def copy_into(source: Path, folder: Path, name: str) -> None:
-    """Keep a user's file with the campaign, as it was, also through a power cut.
-
-    Raises:
-        Refused: it cannot be copied.
-        FileProblem: the source cannot be read.
-    """
-    try:
-        content = source.read_bytes()
-    except OSError as error:
-        raise FileProblem(str(source), [f"cannot be read: {error.strerror}"]) from error
-    try:
-        write_durably(folder / name, content)
-    except OSError as error:
-        raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
-
-
 def _keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, matrix: Matrix) -> None:
     """Keep the files of a new campaign as they were, and describe it, so that it can be resumed from here on.
 
@@ -160,7 +144,7 @@ def _keep_files(folder: Path, options: CampaignOptions, bench: Bench | None, mat
     """
     copy_into(options.matrix_path, folder, "matrix.toml")
     if options.bench_path is not None:
-        copy_into(options.bench_path, folder, "bench.toml")
+        keep_bench(options.bench_path, folder, "bench.toml")
     write_description(folder, bench, matrix, options)
 
 

@@ -32,6 +32,7 @@ COMMANDS = {
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
     "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
+    "explain": ("rig.cli.explain", "What a slug means: a fault, refusal or finding by its name."),
     "worlds": ("rig.cli.worlds", "Try a matrix in simulated worlds, each with a bad day of its own."),
 }
 

@@ -40,8 +40,8 @@ REST_FORCE_NOISE_SHARE = 0.02
 REST_DISPLACEMENT_NOISE_M = 0.5e-3
 MIRRORED_SHARE = 0.05
 REST_WINDOW_S = 0.5
-STATUSES_AT_REST = 10
-"""A fast rig's window is over after one or two, which say little of the controller's own noisy force input."""
+FEWEST_AT_REST = {Channel.CONTROLLER_FORCE: 10, Channel.FORCE: FEWEST_SAMPLES, Channel.DISPLACEMENT: FEWEST_SAMPLES}
+"""A fast rig's window is over after one or two statuses, which say little of the controller's own noisy force input."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ def _outside(mean_m: float, limits: RestLimits) -> StopCause | None:
 
 
 def watch_rest(observer: Observer, judge: Callable[[AtRest], ev.Event]) -> None:
-    """Wait for what `judge` says of the next 0.5 s of the controller's clock, ten statuses at the least."""
+    """Wait for what `judge` says of the controller's next 0.5 s, or of more where the host was held up meanwhile."""
     until_s = observer.device_s + REST_WINDOW_S if observer.device_s else math.nan
     parts: list[NDArray[Any]] = []
 
@@ -225,7 +225,7 @@ def watch_rest(observer: Observer, judge: Callable[[AtRest], ev.Event]) -> None:
         if not observer.device_s >= until_s:
             return None
         window = np.concatenate(parts)
-        if np.count_nonzero(window["channel"] == Channel.CONTROLLER_FORCE) < STATUSES_AT_REST:
+        if any(np.count_nonzero(window["channel"] == channel) < fewest for channel, fewest in FEWEST_AT_REST.items()):
             return None
         return judge(samples_at_rest(window))
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bench.toml_source import SIZE_LIMIT_BYTES, read_toml, scan_lines
+from protocols.toml_lines import scan_lines
+from rig.bench.toml_source import SIZE_LIMIT_BYTES, read_toml
 from rig.errors import FileProblem
 
 TEXT = '''# a comment = 1

@@ -183,6 +183,18 @@ def test_the_rest_window_begins_with_the_first_status_after_connecting() -> None
     assert show(observer, status(7_510_000_000, State.OFF)) == ev.ZerosJudged(None)
 
 
+def test_a_host_that_was_held_up_waits_for_enough_samples_instead_of_blaming_a_sensor() -> None:
+    observer = Observer()
+    show(observer, status(1_000_000_000, State.OFF))
+    watch_rest(observer, zeros)
+    statuses = [(Channel.CONTROLLER_FORCE, 1_100_000_000 + n, 0.0) for n in range(20)]
+    few = [(channel, 1_100_000_000 + n, 0.0) for n in range(3) for channel in (Channel.FORCE, Channel.DISPLACEMENT)]
+    show(observer, records(*statuses, *few))
+    assert show(observer, status(1_600_000_000, State.OFF)) is None
+    late = [(channel, 1_700_000_000 + n, 0.0) for n in range(9) for channel in (Channel.FORCE, Channel.DISPLACEMENT)]
+    assert show(observer, records(*late)) == ev.ZerosJudged(None)
+
+
 def test_a_sensor_that_calls_its_own_samples_faulty_at_rest_is_refused_though_they_look_well() -> None:
     observer = Observer()
     watch_rest(observer, zeros)

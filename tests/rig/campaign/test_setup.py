@@ -12,12 +12,12 @@ import pytest
 from rig.bench.model import Bench
 from rig.bench.settings_json import from_json
 from rig.campaign.execution.point_recording import sensor_contexts
+from rig.campaign.kept_files import copy_into
 from rig.campaign.machine_resources import locked, station_config
 from rig.campaign.results import CampaignOptions
 from rig.campaign.setup import (
     campaign_hash,
     check_room,
-    copy_into,
     make_campaign_folder,
     write_description,
 )

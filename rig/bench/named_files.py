@@ -1,0 +1,67 @@
+"""Files that a bench file names: a device's description in a file of its own, by its path from the bench file's folder.
+
+An entry that ends like such a file is one; any other text is the name of something that comes with the program.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePath
+from typing import Any
+
+from rig.text_file import read_text
+
+LARGEST_BYTES = 262_144
+ENTRIES: Mapping[tuple[str, str], str] = {("actuator", "register_map"): ".toml"}
+"""Table and key of each entry that may name a file, and how such a name ends."""
+
+
+def is_file(entry: tuple[str, str], value: object) -> bool:
+    """Whether the value of an entry is a file's name."""
+    return isinstance(value, str) and value.casefold().endswith(ENTRIES[entry])
+
+
+def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The data of a bench file with every file's name as a whole path.
+
+    Args:
+        data: as read.
+        folder: the bench file's.
+    """
+    result = dict(data)
+    for (table, key), written in named(data):
+        result[table] = {**result[table], key: str(folder / written)}
+    return result
+
+
+def named(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], str]]:
+    """Each entry that names a file, and the name as it is written."""
+    for entry in ENTRIES:
+        table, key = entry
+        given = data.get(table)
+        if isinstance(given, Mapping) and is_file(entry, given.get(key)):
+            yield entry, given[key]
+
+
+def with_contents(dumped: str, data: Mapping[str, Any]) -> str:
+    """A bench as JSON text with the contents of its files in place of their paths: what is hashed.
+
+    Args:
+        dumped: the text.
+        data: the bench's tables, with whole paths.
+
+    Raises:
+        FileProblem: a file cannot be read any more.
+    """
+    for _, path in named(data):
+        content = read_text(Path(path), LARGEST_BYTES).encode()
+        dumped = dumped.replace(json.dumps(path), json.dumps(hashlib.sha256(content).hexdigest()))
+    return dumped
+
+
+def kept_name(written: str) -> str:
+    """Where beside a copy of the bench file a copy of this file lies: the same path where that leads downwards."""
+    path = PurePath(written)
+    return path.name if path.is_absolute() or ".." in path.parts else written

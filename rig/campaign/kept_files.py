@@ -1,0 +1,56 @@
+"""The user's files, kept with a campaign."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+from rig.bench import named_files
+from rig.errors import FileProblem, Refused
+from rig.recording.atomic_write import write_durably
+from rig.text_file import read_text
+
+LARGEST_BENCH_BYTES = 262_144
+
+
+def copy_into(source: Path, folder: Path, name: str) -> None:
+    """Keep a user's file with the campaign, as it was, also through a power cut.
+
+    Raises:
+        Refused: it cannot be copied.
+        FileProblem: the source cannot be read.
+    """
+    try:
+        content = source.read_bytes()
+    except OSError as error:
+        raise FileProblem(str(source), [f"cannot be read: {error.strerror}"]) from error
+    try:
+        write_durably(folder / name, content)
+    except OSError as error:
+        raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error
+
+
+def keep_bench(source: Path, folder: Path, name: str) -> None:
+    """Keep a bench file and the files that it names, so that the copy can be used as the original was.
+
+    Raises:
+        Refused: one cannot be copied.
+        FileProblem: one cannot be read.
+    """
+    text = read_text(source, LARGEST_BENCH_BYTES)
+    for _, written in named_files.named(tomllib.loads(text)):
+        kept = named_files.kept_name(written)
+        text = text.replace(json.dumps(written), json.dumps(kept))
+        try:
+            (folder / kept).parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise Refused("dir-readonly", f"{folder / kept}: cannot be written: {error}") from error
+        copy_into(source.parent / written, folder, kept)
+    if text == read_text(source, LARGEST_BENCH_BYTES):
+        copy_into(source, folder, name)
+        return
+    try:
+        write_durably(folder / name, text.encode())
+    except OSError as error:
+        raise Refused("dir-readonly", f"{folder / name}: cannot be written: {error}") from error

@@ -1,0 +1,58 @@
+"""`rig explain`: what a slug means, what was done, what to look at."""
+
+from __future__ import annotations
+
+import difflib
+import textwrap
+from dataclasses import asdict
+
+import click
+
+from rig.cli.options import Command, json_option
+from rig.cli.output import say, write_json
+from rig.errors import EXIT_DONE
+
+WIDTH = 100
+
+
+@click.command(name="explain", cls=Command, examples=("rig explain watchdog-absent", "rig explain | grep sensor"))
+@click.argument("slug", required=False)
+@json_option
+def command(slug: str | None, as_json: bool) -> int:
+    """Say what SLUG means: a fault, refusal, finding or reason by its name. Without SLUG: list them all."""
+    return _show(slug, as_json=as_json)
+
+
+def _show(slug: str | None, *, as_json: bool) -> int:
+    """Print one explanation, or the list.
+
+    Raises:
+        UsageError: nothing has this name; names that are like it are in the message.
+    """
+    from rig.explanations.explanation import explained, texts
+
+    known = texts()
+    if slug is None:
+        if as_json:
+            write_json({"slugs": [{"slug": name, "means": text["means"]} for name, text in known.items()]})
+        else:
+            for name, text in known.items():
+                say(f"{name:<30}{text['means']}")
+        return EXIT_DONE
+    if slug not in known:
+        near = difflib.get_close_matches(slug, known, 3)
+        hint = f"; did you mean {', '.join(near)}?" if near else "; `rig explain` lists them all"
+        raise click.UsageError(f"no slug {slug!r}{hint}")
+    answer = explained(slug)
+    if as_json:
+        write_json(asdict(answer))
+        return EXIT_DONE
+    say(slug + (f"   ({answer.reaction})" if answer.reaction else ""))
+    for heading, lines in (
+        ("means", (answer.means,)), ("was done", (answer.done,)), ("look at", answer.look_at),
+        ("then", (answer.resume,)), ("exit code", ("" if answer.exit_code is None else str(answer.exit_code),)),
+    ):
+        for index, line in enumerate(filter(None, lines)):
+            first = f"  {'' if index else heading:<11}"
+            say(textwrap.fill(line, WIDTH, initial_indent=first, subsequent_indent=" " * len(first)))
+    return EXIT_DONE

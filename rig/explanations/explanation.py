@@ -1,0 +1,103 @@
+"""The explanation of one slug, put together from its text and its row of the fault matrix."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from rig.faults.matrix import MATRIX, REACTIONS
+from rig.faults.row import Ending, FaultRow, StopKind
+
+DONE = {
+    StopKind.FADE_OUT: "Stopped (S2): the coil went to 0 A at once, the controller faded the motion out and holds.",
+    StopKind.HALT: "Stopped (SO), because the position is no longer trusted: the coil went to 0 A at once, the "
+    "controller halted without looking at its position.",
+    StopKind.PRESSURE_OFF: "Stopped (S1): the coil went to 0 A at once, the controller faded the motion out, then the "
+    "pressure was taken away.",
+    Ending.WARN: "Flagged and noted; the campaign goes on.",
+    Ending.INVALID: "The running point is invalid; the campaign goes on, repeating it where [campaign] retries allows.",
+    Ending.REFUSE: "Refused; nothing moved.",
+}
+"""What follows from how a fault ends."""
+HALTED = "Stopped (S2): the coil went to 0 A at once, the controller's halt ramp ended the motion."
+"""... where a hard limit was hit."""
+STAYS = "One alone is only flagged. When it stays: "
+KEPT = " What was recorded up to then is kept, the running point is invalid."
+
+RESUME = {
+    "a": "Continue with `rig run --resume RUN`; with [campaign] retries the point restarts by itself.",
+    "c": "Continue with `rig run --resume RUN` once the cause is removed; typing it confirms that you looked.",
+    "n": 'Requalify the damper first; then `rig run --resume RUN --requalified "WHAT WAS CHECKED"`.',
+}
+"""How to go on after a stop, by the row's class."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What one slug says.
+
+    Attributes:
+        slug: its name.
+        means: what is wrong.
+        done: what this software did about it.
+        look_at: what to look at, in this order.
+        resume: how to go on; empty where nothing was stopped.
+        exit_code: of `rig run` when it stays; None where the slug alone does not decide it.
+        reaction: the fault matrix's, "" for what is not in it.
+    """
+
+    slug: str
+    means: str
+    done: str
+    look_at: tuple[str, ...]
+    resume: str = ""
+    exit_code: int | None = None
+    reaction: str = ""
+
+
+def explained(slug: str) -> Explanation:
+    """The explanation of a slug.
+
+    Raises:
+        KeyError: nothing in the product has this name.
+    """
+    text = texts()[slug]
+    row = MATRIX.get(slug) or REACTIONS.get(slug)
+    done = text.get("done") or (_done(row) if row else "")
+    look_at = tuple(text["look"])
+    if row is None:
+        return Explanation(slug, text["means"], done, look_at)
+    resume = RESUME.get(row.resume or "c", "") if row.stop else ""
+    return Explanation(slug, text["means"], done, look_at, resume, row.exit_code, row.reaction or str(row.stop or ""))
+
+
+@cache
+def texts() -> Mapping[str, Mapping[str, Any]]:
+    """Every slug's text: `means`, `look` (a list) and perhaps `done`; a file's own `done` holds for all in it.
+
+    Raises:
+        ValueError: a slug stands in two files.
+    """
+    everything: dict[str, Mapping[str, Any]] = {}
+    folder = files("rig.explanations")
+    for entry in sorted(folder.iterdir(), key=lambda file: file.name):
+        if not entry.name.endswith(".toml"):
+            continue
+        tables = tomllib.loads(entry.read_text(encoding="utf-8"))
+        shared = {"done": tables.pop("done")} if "done" in tables else {}
+        twice = everything.keys() & tables.keys()
+        if twice:
+            raise ValueError(f"{entry.name}: explained elsewhere too: {', '.join(sorted(twice))}")
+        everything |= {slug: {**shared, **table} for slug, table in tables.items()}
+    return everything
+
+
+def _done(row: FaultRow) -> str:
+    said = HALTED if row.halt else DONE[row.end]
+    if row.stop:
+        said += KEPT
+    return STAYS + said[0].lower() + said[1:] if row.reaction.startswith("W→") else said

@@ -1,0 +1,137 @@
+"""Every slug that the product can show has a text for `rig explain`, and every text belongs to such a slug."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from drivers.capabilities import Capabilities, WatchdogKind
+from rig.explanations.explanation import explained, texts
+from rig.faults.matrix import MATRIX, REACTIONS
+from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
+from rig.recording.quality.quality_checks import VERDICT_REMARKS
+
+ROOT = Path(__file__).resolve().parents[2]
+SLUG = re.compile(r"[A-Za-z][a-z0-9]*(-[a-z0-9]+)*|INTERRUPTED")
+SAID_BY = {
+    "Refused", "Stopped", "StationRefused", "because", "StopCause", "Finding", "CampaignFinding", "CheckFinding",
+    "Reason", "suspect", "invalid", "explained", "tell", "warn_of", "_refuse", "_share", "warning", "failure",
+}
+"""Calls whose first argument is a slug."""
+
+
+def texts_in(node: ast.AST) -> Iterator[str]:
+    for part in ast.walk(node):
+        if isinstance(part, ast.Constant) and isinstance(part.value, str) and SLUG.fullmatch(part.value):
+            yield part.value
+
+
+def is_slug_name(name: str) -> bool:
+    return name in {"slug", "error_slug", "SLUG"} or name.endswith("_slug")
+
+
+def slugs_of_call(node: ast.Call) -> Iterator[str]:
+    name = getattr(node.func, "id", getattr(node.func, "attr", ""))
+    if name in SAID_BY and node.args:
+        yield from texts_in(node.args[0]) if isinstance(node.args[0], (ast.Constant, ast.IfExp)) else ()
+    for keyword in node.keywords:
+        if is_slug_name(keyword.arg or ""):
+            yield from texts_in(keyword.value)
+
+
+def slugs_in(node: ast.AST) -> Iterator[str]:
+    """Slugs that one node of the code can show: what is given to a call, assigned, returned or put under the key."""
+    if isinstance(node, ast.Call):
+        yield from slugs_of_call(node)
+    elif isinstance(node, ast.Dict):
+        for key, value in zip(node.keys, node.values, strict=True):
+            if isinstance(key, ast.Constant) and key.value in {"slug", "refused"} and isinstance(value, ast.Constant):
+                yield from texts_in(value)
+    elif isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        for target in targets:
+            if is_slug_name(getattr(target, "id", "")) and isinstance(node.value, (ast.Constant, ast.IfExp)):
+                yield from texts_in(node.value)
+    elif isinstance(node, ast.FunctionDef) and "slug" in node.name:
+        for part in ast.walk(node):
+            if isinstance(part, ast.Return) and part.value is not None:
+                yield from (slug for slug in texts_in(part.value) if part.value is not None)
+
+
+def in_code() -> dict[str, str]:
+    """Slug -> where the code names it."""
+    places: dict[str, str] = {}
+    for room in ("rig", "drivers", "protocols"):
+        for path in sorted((ROOT / room).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                for slug in slugs_in(node):
+                    places.setdefault(slug, f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', '')}")
+    return places
+
+
+@cache
+def known() -> dict[str, str]:
+    nothing = Capabilities(watchdog=WatchdogKind.NONE, hydraulics=False)
+    echoless = Capabilities(watchdog=WatchdogKind.COUNTER, hydraulics=False)
+    lacking = {name for one in (nothing, echoless) for name, _ in one.lacking()}
+    return {
+        **in_code(),
+        **dict.fromkeys((*MATRIX, *REACTIONS), "rig/faults"),
+        **dict.fromkeys((*SLUGS, ZERO_RETURN, *VERDICT_REMARKS), "rig/recording/quality"),
+        **{f"actuator-without-{name}": "drivers/capabilities.py" for name in lacking},
+        "hydraulics": "rig/station/requests.py: await_status",
+        "amplitude-scatter": "rig/recording/quality/judgement.py", "force-scatter": "the same",
+    }
+
+
+def test_every_slug_of_the_product_is_explained() -> None:
+    missing = {slug: place for slug, place in known().items() if slug not in texts()}
+    assert missing == {}, "write what it means and what to look at into a file of rig/explanations"
+
+
+def test_every_text_explains_a_slug_of_the_product() -> None:
+    named = known().keys()
+    sources = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "rig").rglob("*.py"))
+    assert [slug for slug in texts() if slug not in named and f'"{slug}"' not in sources] == []
+
+
+@pytest.mark.parametrize("slug", texts())
+def test_an_explanation_says_what_it_means_what_was_done_and_what_to_look_at(slug: str) -> None:
+    answer = explained(slug)
+    assert len(answer.means) > 20
+    assert len(answer.done) > 10
+    assert all(len(line) > 6 for line in answer.look_at)
+    assert answer.means.endswith(".")
+    row = {**REACTIONS, **MATRIX}.get(slug)
+    assert (answer.resume != "") == (row is not None and row.stop is not None)
+
+
+def test_a_stop_of_the_matrix_says_how_the_rig_was_stopped_and_how_to_go_on() -> None:
+    broken_coil, frozen = explained("coil-open-short"), explained("actuator-frozen")
+    assert "the coil went to 0 A at once" in broken_coil.done
+    assert "--requalified" in broken_coil.resume
+    assert "without looking at its position" in frozen.done
+    assert (broken_coil.exit_code, explained("not-tared").exit_code, explained("config-absurd").exit_code) == (4, 3, 2)
+
+
+def rig(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "rig.cli.main", "explain", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60, check=False)
+
+
+def test_the_command_explains_lists_and_guesses_what_was_meant() -> None:
+    answer = json.loads(rig("watchdog-absent", "--json").stdout)
+    assert {"slug", "means", "done", "look_at", "resume", "exit_code", "reaction"} == answer.keys()
+    listed = {entry["slug"] for entry in json.loads(rig("--json").stdout)["slugs"]}
+    assert listed == set(texts())
+    wrong = rig("watchdog-abset")
+    assert wrong.returncode == 2
+    assert "did you mean watchdog-absent" in wrong.stderr
