@@ -15,7 +15,6 @@ from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
 from drivers.devices.source import current_source, current_source_names
 from drivers.devices.supply import SupplyConnection
-from drivers.devices.supply_file import supply_names
 from drivers.errors import UnknownDevice
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
@@ -37,7 +36,6 @@ __all__ = [
     "register_actuator",
     "register_sensor",
     "sensor_format_names",
-    "supply_names",
 ]
 
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]

@@ -1,7 +1,7 @@
 """The coil's current by a programmable supply: lines of text over a serial line or a network, its commands as data.
 
-One thread reads; it asks for the measured current at every poll, and for the rest of what the supply can tell at every
-tenth. A set-point goes out at once, whichever thread asks for it: nothing waits for an answer that is still under way.
+One thread reads; it asks for the measured current at every poll, and for one of the other things that the supply can
+tell in turn. A set-point goes out at once, whichever thread asks for it: nothing waits for an answer under way.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from protocols.quality import Quality
 from protocols.scpi import Command, number_in
 
 DEVICE = "ecu"
-SLOW_EVERY = 10
-"""Polls between two questions for voltage, output and errors."""
+TOLD_EVERY = 10
+"""Polls between two records of a state that does not change."""
 OPEN_IN_A_ROW = 3
 COMPLIANCE_SHARE = 0.97
 SHORT_OF_SHARE, SHORT_OF_A = 0.05, 0.05
@@ -84,7 +84,7 @@ class ScpiSupply:
     @property
     def timing(self) -> SourceTiming:
         """The current at every poll, its identity once, temperatures never."""
-        return SourceTiming(self._connection.poll_s, 0.0, 0.0)
+        return SourceTiming(self._connection.poll_s, 0.0, self._connection.poll_s)
 
     @property
     def traits(self) -> SourceTraits:
@@ -257,7 +257,7 @@ class ScpiSupply:
         return dialogue.go_on(now_ns) or self._due_ns
 
     def _poll(self, now_ns: int) -> Iterator[Job]:
-        """What is asked now: who it is, until it has said so; then the current, and now and then the rest."""
+        """What is asked now: who it is, until it has said so; then the current, and one of the other things."""
         period_ns = int(self._connection.poll_s * 1e9)
         # A poll that comes late is not made up for by a burst.
         self._due_ns = self._due_ns + period_ns if self._due_ns + period_ns > now_ns else now_ns + period_ns
@@ -270,10 +270,14 @@ class ScpiSupply:
         self._polls += 1
         yield from (Job(command, Wanted.CURRENT) for command in commands.measure_current)
         yield from (Job(command) for command in self._watchdog("feed"))
-        if self._polls % SLOW_EVERY == 1:
-            yield from (Job(command, Wanted.VOLTAGE) for command in commands.measure_voltage)
-            yield from (Job(command, Wanted.OUTPUT) for command in commands.read_output)
-            yield from (Job(command, Wanted.ERROR) for command in commands.error_queue if self._started)
+        others = [
+            *(Job(command, Wanted.VOLTAGE) for command in commands.measure_voltage),
+            *(Job(command, Wanted.FAULTS) for command in commands.read_faults),
+            *(Job(command, Wanted.OUTPUT) for command in commands.read_output),
+            *(Job(command, Wanted.ERROR) for command in commands.error_queue if self._started),
+        ]
+        if others:
+            yield others[self._polls % len(others)]
 
     def _know(self, answer: str) -> Iterator[Job]:
         """It has said who it is; what makes it listen."""
@@ -307,6 +311,9 @@ class ScpiSupply:
                 self._record(batch, arrival_ns, Channel.ECU_SUPPLY, self._volts)
             elif wanted is Wanted.CURRENT:
                 self._take_current(number_in(answer, described.current), arrival_ns, batch)
+            elif wanted is Wanted.FAULTS:
+                word = int(number_in(answer))
+                self._faults |= sum(meaning for bit, meaning in described.faults if word & bit)
             else:
                 raise RemoteProtocolError(f"{answer!r:.60}: not the command that was sent")
         except RemoteProtocolError:
@@ -326,7 +333,7 @@ class ScpiSupply:
         batch.statuses.append(status)
         self._record(batch, arrival_ns, Channel.COIL_CURRENT, current_A)
         batch.records.append(self._command_record(arrival_ns))
-        if self._reported != (status.state, status.faults) or self._polls % SLOW_EVERY == 1:
+        if self._reported != (status.state, status.faults) or self._polls % TOLD_EVERY == 1:
             self._reported = (status.state, status.faults)
             self._record(batch, arrival_ns, Channel.ECU_STATE, status.state)
             self._record(batch, arrival_ns, Channel.ECU_FAULTS, status.faults)
@@ -345,7 +352,7 @@ class ScpiSupply:
 
     def _take_output(self, *, on: bool) -> None:
         """An output that is off although it was switched on: it protected itself, restarted, or somebody did it."""
-        if self._output_on and not on and self._settled(time.monotonic_ns()):
+        if self._output_on and not on and not self._faults and self._settled(time.monotonic_ns()):
             self._faults |= SourceFault.RESTARTED
 
     def _record(self, batch: SourceBatch, arrival_ns: int, channel: Channel, value: float) -> None:

@@ -29,6 +29,7 @@ class Wanted(Enum):
     VOLTAGE = auto()
     OUTPUT = auto()
     ERROR = auto()
+    FAULTS = auto()
     NOTHING = auto()
     """Nobody asked for it."""
 

@@ -58,8 +58,7 @@ def hints(bench: Path, text: str) -> str:
     lines = [
         f"bench file   {bench}",
         f"actuator     {modbus}      {_mbpoll(modbus)}",
-        f"current ECU  slcan {values['ecu']['channel']}      "
-        f"python -m can.viewer -i slcan -c {values['ecu']['channel']} -b 500000",
+        _current_source(values["ecu"]),
     ]
     sensors = [(name, values[name]) for name in ("load_cell", "lvdt")]
     sensors += [(sensor["name"], sensor) for sensor in values.get("auxiliary", [])]
@@ -67,6 +66,14 @@ def hints(bench: Path, text: str) -> str:
         url = sensor["url"]
         lines.append(f"{name:12} {sensor['format']} {sensor['rate']} {url}      python -m serial {url} 921600")
     return "\n".join(lines)
+
+
+def _current_source(ecu: dict[str, Any]) -> str:
+    """Where the coil's current comes from, and how to look at it."""
+    if "url" in ecu:
+        host, _, port = ecu["url"].removeprefix("tcp://").rpartition(":")
+        return f"supply       {ecu['url']}      nc {host} {port}"
+    return f"current ECU  slcan {ecu['channel']}      python -m can.viewer -i slcan -c {ecu['channel']} -b 500000"
 
 
 def _mbpoll(url: str) -> str:
@@ -155,6 +162,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         seed=values["seed"],
         ports=wiring.ports,
         actuator=wiring.actuator,
+        supply=_supply(values["supply"]),
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
@@ -163,6 +171,20 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     )
     asked = {"bench": values["bench"], "json": values["as_json"], "real_time": values["real_time"]}
     return {"options": options, "run": run, **asked}
+
+
+def _supply(given: str) -> str:
+    """The supply's preset or file, looked at.
+
+    Raises:
+        FileProblem: unknown, or everything that is wrong with the file.
+    """
+    from drivers.devices.supply_file import supply_problems
+
+    problems = supply_problems(given) if given else []
+    if problems:
+        raise FileProblem(f"--supply {given}", [text for _, text in problems])
+    return given
 
 
 def drawn(values: dict[str, Any], wiring: Wiring) -> tuple[ScheduledFault, ...]:
@@ -209,6 +231,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
               help="serial_number, mid_stroke_m, stroke_m (repeatable).")
 @click.option("--force-format", type=click.Choice(["frame16", "ascii"]), default="frame16", show_default=True,
               help="What the load cell sends.")
+@click.option("--supply", default="", metavar="NAME|FILE",
+              help="The coil's current by a supply of this language in place of the ECU: a preset, or a file of yours.")
 @click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
 @click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),

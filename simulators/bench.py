@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.supply_file import is_file, supply
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
 
+SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 STALE_SAMPLES = 5
 STALE_S = 0.020
 RELAXED_STALE_S = 0.600
@@ -26,9 +31,12 @@ class Addresses:
     load_cell_url: str
     lvdt_url: str
     auxiliary_urls: Sequence[str]
+    supply_port: int = 0
 
 
-def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed: bool) -> str:
+def bench_text(
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, supply: str | Mapping[str, Any] = ""
+) -> str:
     """The bench file as TOML text.
 
     Args:
@@ -36,6 +44,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         addresses: its open ports.
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
+        supply: the supply that drives the coil in place of the ECU; empty: none.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -61,14 +70,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
         *_input_delay(options),
         f'serial_number = "{controller.serial_number}"',
-        "[ecu]",
-        'interface = "slcan"',
-        f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
-        "bitrate = 500000",
-        'dbc = "demo"',
-        'command_period = "10 ms"',
-        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
-        f"serial_number = {options.coil.serial_number}",
+        *(_supply(options, addresses.supply_port, speed, supply) if supply else _ecu(options, addresses, relaxed)),
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
     lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)
@@ -86,6 +88,36 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f"real_time = {'false' if relaxed else 'true'}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _ecu(options: RigOptions, addresses: Addresses, relaxed: bool) -> list[str]:
+    """Lines of the current ECU's table."""
+    return [
+        "[ecu]",
+        'interface = "slcan"',
+        f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
+        "bitrate = 500000",
+        'dbc = "demo"',
+        'command_period = "10 ms"',
+        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
+        f"serial_number = {options.coil.serial_number}",
+    ]
+
+
+def _supply(options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any]) -> list[str]:
+    """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often."""
+    described = supply(given)
+    name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given
+    poll_ms = max(FASTEST_POLL_MS, SUPPLY_POLL_MS / max(1.0, speed))
+    written = json.dumps(name) if isinstance(name, str) else toml_value(name)
+    lines = [
+        "[ecu]", f'url = "tcp://127.0.0.1:{port}"', f"supply = {written}", f'poll = "{poll_ms:g} ms"',
+        'timeout = "500 ms"', f'stale_after = "{RELAXED_STALE_S * 1e3:g} ms"',
+    ]
+    if described.commands.set_voltage_limit:
+        low_V, high_V = described.voltage_V or (0.0, options.coil.supply_V)
+        lines.append(f'voltage_limit = "{max(low_V, min(high_V, options.coil.supply_V)):g} V"')
+    return lines
 
 
 def _input_delay(options: RigOptions) -> list[str]:
@@ -129,3 +161,16 @@ def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list
         'certificate = "SIM"',
         "due = 2030-01-01",
     ]
+
+
+def toml_value(value: object) -> str:
+    """A value as TOML, on one line."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{toml_value(key)} = {toml_value(inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return repr(value) if isinstance(value, (int, float)) else str(value)

@@ -8,12 +8,14 @@ import gc
 import math
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from drivers.devices.supply_file import supply
 from rig.clock import monotonic_ns
 from rig.dampers.catalogue import KINDS
 from simulators.actuator import Actuator
@@ -36,6 +38,7 @@ from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port
 from simulators.slcan_bus import SlcanBus
+from simulators.supply import simulated_supply
 from simulators.truth import About, Attribute, Truth
 
 TICK_S = 0.002
@@ -64,6 +67,8 @@ class RunOptions:
     seed: int = 0
     ports: str = "pty"
     actuator: str = "tcp"
+    supply: str | Mapping[str, Any] = ""
+    """The coil's current by a supply in place of the ECU: a preset, a file's path, or a description."""
     auxiliary: int = 0
     auxiliaries: tuple[SensorOptions, ...] = ()
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
@@ -101,6 +106,9 @@ class SimulatedRig:
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
         )
         self.bus = SlcanBus(self.ecu.receive)
+        self.supply = (
+            simulated_supply(self.ecu, supply(run.supply), str(coil.serial_number)) if run.supply else None
+        )
         rtu = run.actuator == "rtu"
         self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports != "socket")
         self.channels: list[Channel] = []
@@ -134,6 +142,8 @@ class SimulatedRig:
         """
         await self.modbus.open()
         await self.bus.open()
+        if self.supply is not None:
+            await self.supply.open()
         kind, options = self.run_options.ports, self.options
         self._add("load_cell", options.load_cell, plant_step.FORCE, kind)
         self._add("lvdt", options.lvdt, plant_step.DISPLACEMENT, kind)
@@ -142,7 +152,8 @@ class SimulatedRig:
             self._add(f"auxiliary_{number}", auxiliary, plant_step.DISPLACEMENT, kind)
         self._inject_due()
         urls = [channel.port.url for channel in self.channels]
-        return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:])
+        supply_port = 0 if self.supply is None else self.supply.port
+        return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:], supply_port)
 
     def bench(self, addresses: Addresses, real_time: bool) -> str:
         """The text of the bench file.
@@ -159,7 +170,7 @@ class SimulatedRig:
         self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed)
         if relaxed:
             self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
-        return bench_text(self.options, addresses, speed, relaxed)
+        return bench_text(self.options, addresses, speed, relaxed, self.run_options.supply)
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""
@@ -183,6 +194,8 @@ class SimulatedRig:
         """
         await self.modbus.close()
         self.bus.close()
+        if self.supply is not None:
+            self.supply.close()
         for channel in self.channels:
             channel.port.close()
         if self._names is not None:
@@ -206,6 +219,8 @@ class SimulatedRig:
         self._inject_due()
         self.actuator.tick(served_s)
         self.ecu.tick(served_s)
+        if self.supply is not None:
+            self.supply.tick(served_s)
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])
@@ -258,7 +273,8 @@ class SimulatedRig:
             )
             if data:
                 channel.port.write(data, channel.sensor.frame_size)
-        self.bus.send(self.ecu.frames())
+        if self.supply is None:
+            self.bus.send(self.ecu.frames())
         if self.truth is not None:
             self.truth.slice()
 
@@ -312,6 +328,8 @@ class SimulatedRig:
         moving = abs(self.plant.value("velocity_m_s")) > STANDSTILL_M_S
         moving = moving or self.actuator.motion_state in {State.MOVING, State.RUNNING, State.FADING, State.HALTING}
         powered = abs(self.plant.value("current_A")) > NO_CURRENT_A
+        # Nobody would ever switch it off.
+        powered = powered and not (self.supply is not None and self.supply.stays_on)
         if moving or powered or os.getppid() == self._parent:
             self._idle_since_ns = now_ns
         elif now_ns - self._idle_since_ns > IDLE_S * 1e9:

@@ -58,6 +58,7 @@ class SupplyCommands:
     measure_voltage: Commands = ()
     read_output: Commands = ()
     error_queue: Commands = ()
+    read_faults: Commands = ()
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,7 @@ class SupplyDescription:
         no_error: what an empty error queue answers, as a pattern.
         current, voltage: where the number stands in an answer; None: it is the answer.
         on: answers that say that the output is on.
+        faults: bits of the answer to `read_faults`, and what each means (of `SourceFault`).
     """
 
     name: str
@@ -104,6 +106,7 @@ class SupplyDescription:
     current: re.Pattern[str] | None = None
     voltage: re.Pattern[str] | None = None
     on: tuple[str, ...] = ("1", "ON")
+    faults: tuple[tuple[int, int], ...] = ()
 
     @property
     def drives_zero(self) -> bool:
@@ -157,6 +160,7 @@ def supply_lacks(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
             "its voltage limit cannot be set from here: set it by hand; an open coil shows only by its current",
         ),
         "error-queue": (bool(described.commands.error_queue), "a command that it does not take is not told by it"),
+        "faults": (bool(described.faults), "its own protection (heat, supply) shows only by its output or its current"),
         "output-state": (
             bool(described.commands.read_output or not described.commands.output_on),
             "an output that it switches off by itself shows only by its current",

@@ -6,12 +6,14 @@ import difflib
 import functools
 import math
 import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from drivers.devices.description_file import read_description
+from drivers.current_source import SourceFault
+from drivers.devices.description_file import read_description, read_text
 from drivers.devices.supply import (
     PARITIES,
     TERMINATORS,
@@ -23,23 +25,30 @@ from drivers.devices.supply import (
 )
 from protocols.errors import LocalProtocolError
 from protocols.scpi import Command
+from protocols.toml_lines import scan_lines, structure_problem
 
 Place = tuple[str | int, ...]
 Problems = list[tuple[Place, str]]
 
 FOLDER = Path(__file__).parent
 ENDING = "_supply.toml"
+SUFFIX = ".toml"
 LARGEST_A, LARGEST_V = 1000.0, 1000.0
 LONGEST_MS = 10_000.0
 
-_TOP = ("format", "maker", "model", "tried", "settling_ms", "link", "range", "commands", "answers", "watchdog")
+_TOP = (
+    "format", "maker", "model", "tried", "settling_ms", "link", "range", "commands", "answers", "faults", "watchdog",
+)
+_FAULTS = {"over-temperature": SourceFault.OVER_TEMPERATURE, "undervoltage": SourceFault.UNDERVOLTAGE,
+           "open": SourceFault.OPEN, "short": SourceFault.SHORT}
+HIGHEST_BIT = 31
 _LINK = ("terminator", "echo", "acknowledge", "gap_ms", "baudrate", "bytesize", "parity", "stopbits")
 _RANGE = ("current_A", "voltage_V")
 _ANSWERS = ("identity", "no_error", "current", "voltage", "on")
 _WATCHDOG = ("time_s", "start", "stop", "feed")
 COMMANDS = tuple(item.name for item in fields(SupplyCommands))
 _CARRIES = {"set_current": "current", "set_voltage_limit": "voltage"}
-_QUERIES = ("identify", "measure_current", "measure_voltage", "read_output", "error_queue")
+_QUERIES = ("identify", "measure_current", "measure_voltage", "read_output", "error_queue", "read_faults")
 
 
 def read_supply(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription | None, Problems]:
@@ -51,6 +60,7 @@ def read_supply(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription 
     current_A, voltage_V = reader.range("current_A", LARGEST_A), reader.range("voltage_V", LARGEST_V)
     watchdog = reader.watchdog()
     answers = reader.answers()
+    faults = reader.faults(commands)
     reader.together(commands, current_A, voltage_V)
     texts = {key: reader.text((key,), top.get(key, "")) for key in ("maker", "model", "tried")}
     settling_s = reader.number(("settling_ms",), top.get("settling_ms", 300), 1.0, LONGEST_MS) * 1e-3
@@ -60,7 +70,7 @@ def read_supply(given: Mapping[str, Any], name: str) -> tuple[SupplyDescription 
         return None, reader.problems
     return SupplyDescription(
         name, link, commands, current_A, voltage_V, watchdog, texts["maker"], texts["model"], texts["tried"],
-        settling_s, **answers,
+        settling_s, **answers, faults=faults,
     ), []
 
 
@@ -70,18 +80,69 @@ def supply_names() -> tuple[str, ...]:
 
 
 def supply(given: str | Mapping[str, Any]) -> SupplyDescription:
-    """The description of a preset, or of a table such as a user's file has.
+    """The description of a preset, of a user's file (its path ends in .toml), or of a table such as such a file has.
 
     Raises:
-        LocalProtocolError: no such preset, or a table with problems: all of them.
+        LocalProtocolError: no such preset, or problems: all of them.
     """
-    if isinstance(given, str):
+    if isinstance(given, str) and not is_file(given):
         return _preset(given)
-    description, problems = read_supply(given, "supply")
+    description, problems = _described(given)
     if description is None:
-        told = "; ".join(f"{'.'.join(map(str, place))}: {text}" for place, text in problems)
-        raise LocalProtocolError(told)
+        raise LocalProtocolError("; ".join(f"{dotted(place)}: {text}".removeprefix(": ") for place, text in problems))
     return description
+
+
+def is_file(given: str) -> bool:
+    """Whether this is the path of a user's file."""
+    return given.casefold().endswith(SUFFIX)
+
+
+def supply_problems(given: str | Mapping[str, Any]) -> Problems:
+    """Everything that is wrong with a preset's name, a user's file or a table.
+
+    Returns:
+        Place in the table, and what is wrong; of a file the place is empty, its name and line are in the text.
+    """
+    if isinstance(given, str) and not is_file(given):
+        known = ", ".join(supply_names())
+        return [] if given in supply_names() else [((), f"is not known; known: {known}, or a file NAME.toml")]
+    return _described(given)[1]
+
+
+def _described(given: str | Mapping[str, Any]) -> tuple[SupplyDescription | None, Problems]:
+    """The description in a file or table; what is wrong in a file is told with its name and line."""
+    if not isinstance(given, str):
+        return read_supply(given, "supply")
+    path = Path(given)
+    try:
+        text = read_text(path)
+        if (problem := structure_problem(text)) is not None:
+            return None, [((), f"{path.name}: {problem}")]
+        data = tomllib.loads(text)
+    except LocalProtocolError as error:
+        return None, [((), str(error))]
+    except ValueError as error:
+        return None, [((), f"{path.name}: not TOML: {error}")]
+    lines = scan_lines(text)
+    description, problems = read_supply(data, path.stem)
+    return description, [((), f"{path.name}{_line(lines, place)}: {dotted(place)}: {text}") for place, text in problems]
+
+
+def _line(lines: Mapping[Place, int], place: Place) -> str:
+    """The line of the nearest entry around a place."""
+    for length in range(len(place), 0, -1):
+        if place[:length] in lines:
+            return f", line {lines[place[:length]]}"
+    return ""
+
+
+def dotted(place: Place) -> str:
+    """A place as it is written: `range.current_A[2]` (lists count from 1)."""
+    text = ""
+    for part in place:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
 
 
 @functools.cache
@@ -255,6 +316,18 @@ class _Reader:
             else:
                 self.wrong(("answers", "on"), 'must be a list of texts, such as ["1", "ON"]')
         return read
+
+    def faults(self, commands: SupplyCommands) -> tuple[tuple[int, int], ...]:
+        """Bits by what they mean."""
+        given = self.inner("faults", tuple(_FAULTS))
+        if given and not commands.read_faults:
+            self.wrong(("faults",), 'means bits of an answer: write [commands] read_faults, such as "STAT:QUES:COND?"')
+        if commands.read_faults and not given:
+            self.wrong(("commands", "read_faults"), "is answered with bits: say under [faults] what they mean")
+        bits = {
+            name: self.number(("faults", name), bit, 0, HIGHEST_BIT) for name, bit in given.items() if name in _FAULTS
+        }
+        return tuple((1 << int(bit), int(_FAULTS[name])) for name, bit in bits.items())
 
     def together(
         self, commands: SupplyCommands, current_A: tuple[float, float] | None, voltage_V: tuple[float, float] | None

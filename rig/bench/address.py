@@ -6,13 +6,7 @@ import difflib
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
-from drivers.catalogue import (
-    actuator_names,
-    check_actuator,
-    check_current_source,
-    current_source_names,
-    supply_names,
-)
+from drivers.catalogue import actuator_names, check_actuator, check_current_source, current_source_names
 from drivers.connection import ActuatorAddress, LinkKind
 from protocols.errors import ProtocolError
 
@@ -63,19 +57,6 @@ def supply_url(text: str) -> str:
         _host_and_port(text, "tcp://192.168.0.20:5025")
         return text
     return serial_url(text)
-
-
-def known_supply(name: object) -> str:
-    """Check the name of a supply's preset.
-
-    Raises:
-        ValueError: it is no text, or unknown; the known ones are named.
-    """
-    if not isinstance(name, str):
-        raise ValueError("must be a preset's name or a file's in quotes, or a table that describes a supply")
-    if name.endswith(".toml"):
-        raise ValueError("a file is read beside the bench file that names it; here is none")
-    return _known(name, supply_names())
 
 
 def modbus_url(text: str) -> str:

@@ -16,6 +16,7 @@ from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Station
+from rig.bench.supply_settings import supply_of
 
 ZERO_SHARE_OF_RANGE = 0.0025
 CHANGE_OF_ZERO = 0.4
@@ -116,7 +117,10 @@ class Bench(Section):
                 "checks": True,
             }
         )
-        tables = {"actuator": {"register_map": self.actuator.register_map}}
+        tables = {
+            "actuator": {"register_map": self.actuator.register_map},
+            "ecu": {"supply": self.ecu.supply},
+        }
         return hashlib.sha256(named_files.with_contents(text, tables).encode()).hexdigest()
 
     def overdue(self, today: date) -> tuple[str, ...]:
@@ -128,7 +132,7 @@ class Bench(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        problems = [*self._shared_ports(), *self._shared_names(), *self._ranges(), *self._periods()]
+        problems = [*self._shared_ports(), *self._shared_names(), *self._ranges(), *self._current(), *self._periods()]
         if problems:
             raise located(problems)
         return self
@@ -165,6 +169,14 @@ class Bench(Section):
             lvdt = units.show(self.lvdt.range_m, "mm")
             problems.append((("limits", "position"), f"is beyond the LVDT's range; allowed: within +-{lvdt}"))
         return problems
+
+    def _current(self) -> list[Problem]:
+        """The limit against what a supply gives."""
+        described = supply_of(self.ecu.supply)
+        if described is None or self.limits.current_A <= described.current_A[1]:
+            return []
+        most = units.show(described.current_A[1], "A")
+        return [(("limits", "current"), f"is more than the supply gives; allowed: at most {most}")]
 
     def _periods(self) -> list[Problem]:
         problems: list[Problem] = []

@@ -14,7 +14,7 @@ from typing import Any
 from rig.text_file import read_text
 
 LARGEST_BYTES = 262_144
-ENTRIES: Mapping[tuple[str, str], str] = {("actuator", "register_map"): ".toml"}
+ENTRIES: Mapping[tuple[str, str], str] = {("actuator", "register_map"): ".toml", ("ecu", "supply"): ".toml"}
 """Table and key of each entry that may name a file, and how such a name ends."""
 
 

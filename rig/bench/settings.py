@@ -133,12 +133,14 @@ class ActuatorConfig(Settings):
 
 
 def _own_or_preset(value: object) -> object:
-    """A preset's name or a table; what is in a table is looked at by `EcuConfig.problems`.
+    """A preset's name, a file's or a table; what is in it is looked at by `EcuConfig.problems`.
 
     Raises:
-        ValueError: it is neither, or no preset of that name.
+        ValueError: it is none of these.
     """
-    return value if isinstance(value, Mapping) else address.known_supply(value)
+    if not isinstance(value, (str, Mapping)):
+        raise ValueError("must be a preset's or a file's name in quotes, or a table that describes a supply")
+    return value
 
 
 @dataclass(frozen=True, kw_only=True)

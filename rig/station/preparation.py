@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict
 
 from drivers.capabilities import WatchdogKind
+from drivers.current_source import SourceIdentity
 from drivers.roles import ActuatorLimits, Command, FaultBit, State, WatchdogAction
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
@@ -50,18 +51,13 @@ class Preparation:
             raise StationRefused(
                 "wrong-identity", f"actuator: serial number {identity.serial_number!r}, the bench expects {expected!r}"
             )
-        ecu = devices.coil.wait_identity(FIRST_DATA_S)
-        if ecu is None:
-            missing = " and ".join(devices.coil.missing)
-            raise StationRefused("no-answer", f"ecu: no {missing} frames within {FIRST_DATA_S:g} s")
+        ecu = self._prove_source()
         if devices.coil.identity_problem:
             raise StationRefused("wrong-identity", f"ecu: {devices.coil.identity_problem}")
-        if config.ecu.serial_number not in {None, ecu.serial_number}:
-            expected_number = config.ecu.serial_number
-            raise StationRefused(
-                "wrong-identity", f"ecu: serial number {ecu.serial_number}, the bench expects {expected_number}"
-            )
-        answer: dict[str, object] = {"actuator": asdict(identity), "ecu": ecu._asdict()}
+        if config.ecu.serial_number is not None and (ecu is None or config.ecu.serial_number != ecu.serial_number):
+            expected_number, own = config.ecu.serial_number, "none" if ecu is None else ecu.serial_number
+            raise StationRefused("wrong-identity", f"ecu: serial number {own}, the bench expects {expected_number}")
+        answer: dict[str, object] = {"actuator": asdict(identity), "ecu": {} if ecu is None else ecu._asdict()}
         for sensor in devices.sensors:
             rate_Hz = sensor.wait_rate(RATE_SAMPLES, FIRST_DATA_S)
             if rate_Hz is None:
@@ -73,6 +69,23 @@ class Preparation:
                 )
             answer[sensor.name] = {"rate_Hz": rate_Hz}
         return answer
+
+    def _prove_source(self) -> SourceIdentity | None:
+        """The coil's current source tells all that it should; its identity, where it has one.
+
+        Raises:
+            StationRefused: something is missing, or its frames cannot be believed: the DBC, its protection.
+        """
+        coil = self._devices.coil
+        first_s = max(FIRST_DATA_S, 2.0 * coil.longest_period_s / self._config.device_rate)
+        identity = coil.wait_identity(first_s)
+        missing = coil.missing
+        slug, words = coil.refusal
+        if slug:
+            raise StationRefused(slug, f"ecu: {words}")
+        if missing:
+            raise StationRefused("no-answer", f"ecu: no {' and '.join(missing)} frames within {first_s:g} s")
+        return identity
 
     def prepare_controller(self) -> ActuatorLimits:
         """Take the lease, clear a trip that a silent host left, write the limits and read them back.

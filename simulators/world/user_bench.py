@@ -6,7 +6,6 @@ the file is refused by name; where a wire becomes another one, that is told.
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -22,7 +21,7 @@ from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
 from rig.errors import FileProblem
 from rig.matrix.model import Matrix
-from simulators.bench import Addresses
+from simulators.bench import Addresses, toml_value
 from simulators.conditioner import group_delay_s
 from simulators.line_writer import LineWriter
 from simulators.options import (
@@ -105,20 +104,7 @@ class UserBench:
         own["lvdt"] = {**own["lvdt"], "url": addresses.lvdt_url}
         further = zip(own.get("auxiliary", ()), addresses.auxiliary_urls, strict=True)
         own["auxiliary"] = [{**sensor, "url": url} for sensor, url in further]
-        return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in own.items())
-
-
-def _toml(value: object) -> str:
-    """A value as TOML, on one line."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_toml(key)} = {_toml(inner)}" for key, inner in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return repr(value) if isinstance(value, (int, float)) else str(value)
+        return "".join(f"{toml_value(key)} = {toml_value(value)}\n" for key, value in own.items())
 
 
 def _sensors(bench: Bench) -> dict[str, SensorConfig]:

@@ -6,17 +6,16 @@ current is taken until `begin` prepares the coil anew.
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable
 
 from drivers.current_source import (
+    UNKNOWN_STATE,
     CurrentSource,
     SourceBatch,
     SourceFault,
     SourceIdentity,
     SourceState,
-    SourceTraits,
 )
 from drivers.errors import DriverError
 from drivers.ring import Record
@@ -33,8 +32,7 @@ from rig.station.threads.device_thread import ReadingThread
 from rig.station.watchdogs import Listener
 
 STALE_FOR_SURE_S = 0.0002
-FEWEST_SETTLED = 3
-STATUS_S = 0.050
+SLOW_STATUS_S = 0.050
 """A source that tells its current less often is a slow one."""
 
 
@@ -60,11 +58,8 @@ class CurrentSourceThread(ReadingThread):
         self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
         self._zero_error: DriverError | None = None
         self._bus_judge = BusInterlock(config.bitrate)
-        timing, traits = driver.timing, driver.traits
-        self._settle_s = traits.settling_s / min(1.0, supervisor.config.device_rate)
-        self._current_judge = CurrentInterlock(
-            self._stale_ns, max(FEWEST_SETTLED, math.ceil(traits.settling_s / timing.status_s))
-        )
+        self._settle_s = driver.traits.settling_s / min(1.0, supervisor.config.device_rate)
+        self._current_judge = CurrentInterlock(self._stale_ns, driver.timing, driver.traits.settling_s)
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
@@ -123,7 +118,7 @@ class CurrentSourceThread(ReadingThread):
         with self._progress:
             clear = self._progress.wait_for(lambda: self._last_ns > begun_ns and self._is_clear(), timeout_s)
             if clear:
-                self._progress.wait_for(lambda: self._last_ns > begun_ns and self._is_zero(), self._settle_s)
+                self._progress.wait_for(self._is_zero, self._settle_s)
         with self._command_lock:
             self._command(0.0, enable=False)
         return clear
@@ -180,25 +175,27 @@ class CurrentSourceThread(ReadingThread):
         return self._driver.identity_problem
 
     def wait_identity(self, timeout_s: float) -> SourceIdentity | None:
-        """The ECU's identity once it, a status and a temperature have come; None after `timeout_s` wall seconds."""
+        """The ECU's identity once all that it tells has come; None after `timeout_s` (wall s), or if it has none."""
         with self._progress:
             self._progress.wait_for(lambda: not self.missing, timeout_s)
         return None if self.missing else self._driver.identity
 
     @property
     def missing(self) -> list[str]:
-        """What the source tells, and has not told yet: its temperatures only where it has any."""
-        driver = self._driver
-        heard: dict[str, object] = {"identity": driver.identity, "status": driver.status}
-        if driver.timing.temperature_s:
-            heard["temperature"] = driver.temperature
-        return [name for name, frame in heard.items() if frame is None]
+        """Kinds of frames that the ECU should have sent and has not yet."""
+        driver, timing = self._driver, self._driver.timing
+        heard = {
+            "identity": driver.identity is not None or not timing.identity_s,
+            "status": driver.status is not None,
+            "temperature": driver.temperature is not None or not timing.temperature_s,
+        }
+        return [name for name, came in heard.items() if not came]
 
     @property
     def zero_within_s(self) -> float:
         """After so long a commanded 0 A must be measured (wall s)."""
         slow_s = self._settle_s + 2.0 * self._stale_ns * 1e-9
-        return max(CURRENT_LIMIT_S, slow_s) if self._driver.timing.status_s > STATUS_S else CURRENT_LIMIT_S
+        return max(CURRENT_LIMIT_S, slow_s) if self._driver.timing.status_s > SLOW_STATUS_S else CURRENT_LIMIT_S
 
     @property
     def falls_by_itself(self) -> bool:
@@ -206,13 +203,18 @@ class CurrentSourceThread(ReadingThread):
         return self._driver.traits.own_timeout
 
     @property
-    def traits(self) -> SourceTraits:
-        """What the rig has to know of the source."""
-        return self._driver.traits
+    def longest_period_s(self) -> float:
+        """Of what it tells (s of its clock)."""
+        return max(self._driver.timing)
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Slug and words of why its frames cannot be believed; two empty texts while nothing speaks against them."""
+        return self._driver.refusal
 
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:
-        """What the source cannot do, and what is left without it."""
+        """What it cannot do or does not tell: a name, and what is left without it."""
         return self._driver.lacking
 
     def describe(self) -> str:
@@ -220,6 +222,8 @@ class CurrentSourceThread(ReadingThread):
         status = self._driver.status
         if status is None:
             return "sends no status"
+        if status.state == UNKNOWN_STATE:
+            return f"in a state that it does not tell, faults {SourceFault(status.faults)!r}"
         state = SourceState(status.state).name if status.state in set(SourceState) else str(status.state)
         return f"in state {state}, faults {SourceFault(status.faults)!r}"
 

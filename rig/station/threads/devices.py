@@ -65,7 +65,7 @@ class Devices:
             source,
             EcuInterlock(
                 limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls,
-                tells_temperature=source.timing.temperature_s > 0.0,
+                source.timing,
             ),
             supervisor,
             append,
@@ -170,7 +170,7 @@ def slug_of(error: Exception) -> str:
 
 def _current_source(given: EcuConfig) -> CurrentSource:
     """The driver of the coil's current source: of a supply where its address is stated, else on CAN."""
-    described = supply_of(given)
+    described = supply_of(given.supply)
     if given.url is None or described is None:
         return make_current_source(given.dbc, given.interface or "", given.channel or "", given.bitrate)
     return make_supply(SupplyConnection(
