@@ -16,7 +16,15 @@ import click
 from drivers.connection import ActuatorAddress, LinkKind
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.faults.matrix import MATRIX
-from simulators.schedule import WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
+from simulators.schedule import (
+    WITHIN_S,
+    ScheduledFault,
+    Wiring,
+    check_source,
+    drawn_faults,
+    parse_fault,
+    wiring_for,
+)
 from simulators.settings import setting_options
 
 EPILOG = """\b
@@ -153,6 +161,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     if values["force_format"] == "ascii":
         options = replace(options, load_cell=replace(options.load_cell, format="signed-decimal"))
     written = tuple(parse_fault(text) for text in values["fault"])
+    check_source(written, supply=bool(values["supply"]))
     wiring = wiring_for(written, values["actuator"], values["ports"])
     for fault in written:
         if fault.name in NEEDS_AUXILIARY and not values["auxiliary"]:
@@ -198,7 +207,7 @@ def drawn(values: dict[str, Any], wiring: Wiring) -> tuple[ScheduledFault, ...]:
     within_s = float(values["fault_within"])
     if not math.isfinite(within_s):
         raise FileProblem("--fault-within", [f"{within_s}: expected a number of seconds from 0"])
-    return drawn_faults(values["fault_seed"], wiring.kinds, within_s)
+    return drawn_faults(values["fault_seed"], wiring.kinds, within_s, supply=bool(values["supply"]))
 
 
 def refuse(message: str, as_json: bool) -> NoReturn:

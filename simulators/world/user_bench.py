@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.supply_file import is_file
 from protocols.errors import LocalProtocolError
 from protocols.line_format import PRESETS, LineFormat, from_description
 from rig.bench.model import Bench
@@ -21,6 +22,7 @@ from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
 from rig.errors import FileProblem
 from rig.matrix.model import Matrix
+from rig.text_file import read_text
 from simulators.bench import Addresses, toml_value
 from simulators.conditioner import group_delay_s
 from simulators.line_writer import LineWriter
@@ -62,6 +64,7 @@ class UserBench:
         actuator: "tcp" or "rtu".
         stood_in: what of the file a world has otherwise, in words.
         tick_s: how often the devices may hand over at most (s).
+        supply: what drives the coil in place of an ECU; empty: an ECU does.
     """
 
     options: RigOptions
@@ -71,6 +74,7 @@ class UserBench:
     tick_s: float
     timeout_s: float
     values: Mapping[str, Any]
+    supply: str | Mapping[str, Any] = ""
 
     @classmethod
     def load(cls, path: Path, matrix: Matrix) -> UserBench:
@@ -88,23 +92,45 @@ class UserBench:
         quickest_s = min(bench.ecu.stale_after_s, *(sensor.stale_after_s for sensor in _sensors(bench).values()))
         return cls(
             _options(bench, matrix), link, tuple(map(_auxiliary, bench.auxiliary)), tuple(_stood_in(bench)),
-            max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
+            max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values, _supply(bench),
         )
+
+    def whole(self, text: str) -> str:
+        """The bench file's text with what it names put into it: a world has no other files."""
+        if not isinstance(self.supply, Mapping):
+            return text
+        own = {**self.values, "ecu": {**self.values["ecu"], "supply": self.supply}}
+        return "".join(f"{toml_value(key)} = {toml_value(value)}\n" for key, value in own.items())
 
     def text(self, rig: SimulatedRig, addresses: Addresses) -> str:
         """The user's file with the addresses of a rig; the rig answers late by what the file allows."""
         rig.modbus.late_s = LATE_SHARE * self.timeout_s
         own = dict(self.values)
         own["actuator"] = {**own["actuator"], "url": addresses.actuator_url}
-        channel = f"socket://127.0.0.1:{addresses.slcan_port}"
-        if own["ecu"]["interface"] != "slcan":
-            own["ecu"] = {**own["ecu"], "interface": "slcan", "bitrate": BITRATE}
-        own["ecu"] = {**own["ecu"], "channel": channel}
+        own["ecu"] = self._current_source(own["ecu"], addresses)
         own["load_cell"] = {**own["load_cell"], "url": addresses.load_cell_url}
         own["lvdt"] = {**own["lvdt"], "url": addresses.lvdt_url}
         further = zip(own.get("auxiliary", ()), addresses.auxiliary_urls, strict=True)
         own["auxiliary"] = [{**sensor, "url": url} for sensor, url in further]
         return "".join(f"{toml_value(key)} = {toml_value(value)}\n" for key, value in own.items())
+
+    @staticmethod
+    def _current_source(own: Mapping[str, Any], addresses: Addresses) -> dict[str, Any]:
+        """The table of the current source with the address of a rig."""
+        if addresses.supply_port:
+            return {**own, "url": f"tcp://127.0.0.1:{addresses.supply_port}"}
+        channel = f"socket://127.0.0.1:{addresses.slcan_port}"
+        if own["interface"] != "slcan":
+            own = {**own, "interface": "slcan", "bitrate": BITRATE}
+        return {**own, "channel": channel}
+
+
+def _supply(bench: Bench) -> str | dict[str, Any]:
+    """What drives the coil in place of an ECU: a preset's name, or the description itself."""
+    given = bench.ecu.supply
+    if given is None:
+        return ""
+    return tomllib.loads(read_text(Path(given), LARGEST_BENCH)) if isinstance(given, str) and is_file(given) else given
 
 
 def _sensors(bench: Bench) -> dict[str, SensorConfig]:
@@ -147,7 +173,9 @@ def _unlike(bench: Bench) -> Iterator[str]:
 def _stood_in(bench: Bench) -> Iterator[str]:
     """What a world has otherwise than the file says, in words."""
     yield "serial lines and networks are sockets of the world; baud rates do not count"
-    if bench.ecu.interface != "slcan":
+    if bench.ecu.url is not None:
+        yield "the supply is reached by TCP; nobody kills the station, nor is there a power cut: its current would stay"
+    elif bench.ecu.interface != "slcan":
         yield f"the CAN bus is reached by slcan at {BITRATE // 1000} kbit/s in place of {bench.ecu.interface}"
     if bench.auxiliary:
         yield "auxiliary channels show the rod's travel, scaled to a part of their range"
