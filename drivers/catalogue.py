@@ -1,7 +1,8 @@
 """Devices by name: the one door through which the rig comes by an actuator, a current source or a sensor.
 
-A name is a description in `drivers.devices` or a wire format, driven by the generic driver, or a driver of its own,
-made known by `register_actuator` or `register_sensor` before the bench file is read.
+A name is a description in `drivers.devices` or a wire format, driven by the generic driver, or a driver of its own:
+another package's plug-in (`drivers.plugins`), or made known by `register_actuator` or `register_sensor` before the
+bench file is read. Where names are the same, ours comes first.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from drivers import plugins
 from drivers.connection import ActuatorConnection
 from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
@@ -27,12 +29,15 @@ __all__ = [
     "actuator_names",
     "check_actuator",
     "check_current_source",
+    "check_sensor_format",
     "clocked_format_names",
     "current_source_names",
+    "known_current_source_names",
     "make_actuator",
     "make_current_source",
     "make_sensor",
     "make_supply",
+    "own_names",
     "register_actuator",
     "register_sensor",
     "sensor_format_names",
@@ -43,6 +48,16 @@ ActuatorMaker = Callable[[ActuatorConnection], Actuator]
 _REGISTERED: dict[str, ActuatorMaker] = {}
 
 
+def own_names(group: str) -> frozenset[str]:
+    """The names of a group of drivers that are this program's own: no plug-in can have one of them."""
+    own = {
+        plugins.ACTUATORS: (*controller_names(), *_REGISTERED),
+        plugins.CURRENT_SOURCES: current_source_names(),
+        plugins.SENSORS: (*BINARY, *PRESETS, *_SENSORS),
+    }
+    return frozenset(own[group])
+
+
 def register_actuator(name: str, maker: ActuatorMaker) -> None:
     """Make an actuator's own driver known under a name of the bench file's `register_map`."""
     _REGISTERED[name] = maker
@@ -50,26 +65,48 @@ def register_actuator(name: str, maker: ActuatorMaker) -> None:
 
 def actuator_names() -> tuple[str, ...]:
     """Every name that `register_map` may have."""
-    return (*controller_names(), *_REGISTERED)
+    return tuple(dict.fromkeys((*controller_names(), *_REGISTERED, *plugins.names(plugins.ACTUATORS))))
+
+
+def known_current_source_names() -> tuple[str, ...]:
+    """Every name that `dbc` may have."""
+    return tuple(dict.fromkeys((*current_source_names(), *plugins.names(plugins.CURRENT_SOURCES))))
 
 
 def check_actuator(name: str) -> None:
-    """Hold a known actuator's description against what its driver needs; one with a driver of its own has none.
+    """Hold a known actuator's description against what its driver needs; a driver of its own is loaded.
 
     Raises:
         LocalProtocolError: it cannot be read, contradicts itself, or lacks what it declares.
+        BrokenPlugIn: its driver cannot be used.
     """
-    if name not in _REGISTERED:
+    if name in controller_names():
         controller(name)
+    elif name not in _REGISTERED:
+        plugins.maker_of(plugins.ACTUATORS, name)
 
 
 def check_current_source(name: str) -> None:
-    """Hold a known current source's description and DBC against what its driver needs.
+    """Hold a known current source's description and DBC against what its driver needs; a driver of its own is loaded.
 
     Raises:
         LocalProtocolError: they cannot be read, or contradict each other.
+        BrokenPlugIn: its driver cannot be used.
     """
-    current_source(name)
+    if name in current_source_names():
+        current_source(name)
+    else:
+        plugins.maker_of(plugins.CURRENT_SOURCES, name)
+
+
+def check_sensor_format(name: str) -> None:
+    """Load the driver of a known format that is a plug-in's; the others need no look.
+
+    Raises:
+        BrokenPlugIn: its driver cannot be used.
+    """
+    if name not in (*BINARY, *PRESETS, *_SENSORS):
+        plugins.maker_of(plugins.SENSORS, name)
 
 
 def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
@@ -77,10 +114,14 @@ def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
+        BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
     if name in _REGISTERED:
         return _REGISTERED[name](connection)
     if name not in controller_names():
+        brought: Actuator | None = plugins.made(plugins.ACTUATORS, name, Actuator, connection)
+        if brought is not None:
+            return brought
         raise UnknownDevice(
             "actuator", connection.url, f"register_map {name!r} is not known; known: {', '.join(actuator_names())}"
         )
@@ -94,10 +135,15 @@ def make_current_source(name: str, interface: str, channel: str, bitrate: int) -
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
+        BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
     if name not in current_source_names():
+        given = (interface, channel, bitrate)
+        brought: CurrentSource | None = plugins.made(plugins.CURRENT_SOURCES, name, CurrentSource, *given)
+        if brought is not None:
+            return brought
         raise UnknownDevice(
-            "ecu", channel, f"dbc {name!r} is not known; known: {', '.join(current_source_names())}"
+            "ecu", channel, f"dbc {name!r} is not known; known: {', '.join(known_current_source_names())}"
         )
     from drivers.can_current_source import CanCurrentSource
 
@@ -144,7 +190,7 @@ def register_sensor(name: str, maker: SensorMaker) -> None:
 
 def sensor_format_names() -> tuple[str, ...]:
     """Every name that a sensor's `format` may have, beside the description of a line."""
-    return (*BINARY, *PRESETS, *_SENSORS)
+    return tuple(dict.fromkeys((*BINARY, *PRESETS, *_SENSORS, *plugins.names(plugins.SENSORS))))
 
 
 def clocked_format_names() -> tuple[str, ...]:
@@ -157,10 +203,15 @@ def make_sensor(connection: SensorConnection) -> Sensor:
 
     Raises:
         LocalProtocolError: no format of that name, or a line description that contradicts itself.
+        BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
     given = connection.format
     if isinstance(given, str) and given in _SENSORS:
         return _SENSORS[given](connection)
+    if isinstance(given, str) and given not in (*BINARY, *PRESETS):
+        brought: Sensor | None = plugins.made(plugins.SENSORS, given, Sensor, connection)
+        if brought is not None:
+            return brought
     line_format = given if isinstance(given, str) else from_description(given)
     return SerialSensor(
         connection.url, connection.baudrate, name=connection.name, channel=connection.channel,

@@ -17,7 +17,7 @@ import numpy as np
 
 from drivers.devices.supply_file import supply
 from rig.clock import monotonic_ns
-from rig.dampers.catalogue import KINDS
+from rig.dampers.catalogue import KINDS, NO_KIND
 from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.channel import Channel
@@ -340,7 +340,7 @@ class SimulatedRig:
         parameters = {f"parameter_{name}": value for name, value in plant.values.items()}
         return {
             "damper_model": plant.model.name,
-            "damper_kind": KINDS[plant.model.name, plant.model.hysteresis],
+            "damper_kind": KINDS.get((plant.model.name, plant.model.hysteresis), NO_KIND),
             "parameter_names": list(plant.values),
             **parameters,
             "coil_eta": float(plant.constants["coil_eta_1_s"][0]),

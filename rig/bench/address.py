@@ -6,8 +6,9 @@ import difflib
 from collections.abc import Callable
 from urllib.parse import urlsplit
 
-from drivers.catalogue import actuator_names, check_actuator, check_current_source, current_source_names
+from drivers.catalogue import actuator_names, check_actuator, check_current_source, known_current_source_names
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.plugins import BrokenPlugIn
 from protocols.errors import ProtocolError
 
 SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
@@ -90,7 +91,7 @@ def known_current_source(name: str) -> str:
     Raises:
         ValueError: unknown; the known ones are named. Or its description cannot be used.
     """
-    return _described(_known(name, current_source_names()), check_current_source)
+    return _described(_known(name, known_current_source_names()), check_current_source)
 
 
 def _known(name: str, known: tuple[str, ...]) -> str:
@@ -104,6 +105,8 @@ def _described(name: str, check: Callable[[str], None]) -> str:
         check(name)
     except ProtocolError as error:
         raise ValueError(f"its description cannot be used: {error}") from error
+    except BrokenPlugIn as error:
+        raise ValueError(str(error)) from error
     return name
 
 

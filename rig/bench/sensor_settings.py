@@ -66,7 +66,8 @@ class Calibration(Settings):
 
 
 def _known_format(value: object) -> str | dict[str, LineValue]:
-    from drivers.catalogue import sensor_format_names
+    from drivers.catalogue import check_sensor_format, sensor_format_names
+    from drivers.plugins import BrokenPlugIn
     from protocols.errors import LocalProtocolError
     from protocols.line_format import from_description
 
@@ -74,6 +75,10 @@ def _known_format(value: object) -> str | dict[str, LineValue]:
         known = list(sensor_format_names())
         if value not in known:
             raise ValueError(f"unknown format; known: {', '.join(known)}, or a table that describes a line")
+        try:
+            check_sensor_format(value)
+        except BrokenPlugIn as error:
+            raise ValueError(str(error)) from error
         return value
     if not isinstance(value, dict):
         raise ValueError("must be the name of a format in quotes, or a table that describes a line")

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rig.cli.options import Command, json_option, scheduler_option
+from rig.cli.options import Command, MethodName, json_option, scheduler_option
 from rig.cli.output import console, write_json
 from rig.errors import EXIT_DONE
-from rig.matrix.methods import DEPENDENCES, METHODS
+from rig.matrix.methods import DEPENDENCES
 
 if TYPE_CHECKING:
     from rig.dampers import Hysteresis
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 @click.argument("runs", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option("--model", default="asymmetric", show_default=True, help="Damper model, or `all` to compare every model.")
 @click.option(
-    "--method", type=click.Choice(METHODS), default="separable", show_default=True, help="Fitting method."
+    "--method", type=MethodName(), default="separable", show_default=True, help="Fitting method."
 )
 @click.option(
     "--holdout",

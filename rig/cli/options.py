@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from rig.matrix.methods import METHODS, check_method, method_names
+
 
 class QuantityOption(click.ParamType[float]):
     """A quantity with its unit on the command line, such as 0.5 A."""
@@ -24,6 +26,24 @@ class QuantityOption(click.ParamType[float]):
             return parse(value, self.dimension)
         except UnitProblem as problem:
             self.fail(str(problem), param, ctx)
+
+
+class MethodName(click.ParamType[str]):
+    """The name of a fitting method; plug-ins are looked for only where it is none of this program's."""
+
+    name = "method"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """This program's methods."""
+        del param, ctx
+        return f"[{'|'.join(METHODS)}|PLUG-IN]"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The name as it is; an unknown one is a usage error."""
+        if value not in METHODS and value not in method_names():
+            self.fail(f"{value!r} is not one of {', '.join(map(repr, method_names()))}.", param, ctx)
+        check_method(value)
+        return value
 
 
 class Command(click.Command):

@@ -1,7 +1,12 @@
-"""The damper models and the parameter sets by name. A new model is a line of `_models`."""
+"""The damper models and the parameter sets by name. A new model is a line of `CATALOGUE`, or another package's plug-in.
+
+Models of plug-ins (entry points `mr_rig.damper_models`) are loaded when they are asked for; each brings the parameter
+set `demo-NAME` of its `demonstration`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 
 from rig.dampers.algebraic import AsymmetricModel, KwokModel, SymmetricModel
@@ -12,6 +17,7 @@ from rig.dampers.parameter import Hysteresis, ParameterSet
 from rig.dampers.plastic import BinghamModel, ViscoelasticPlasticModel
 from rig.dampers.published import PARAMETER_SETS as PUBLISHED
 from rig.errors import RigError
+from rig.plugins import DAMPER_MODELS, Catalogue
 
 SIMULATED = "plausible values for the simulated rig; not a published fit"
 
@@ -30,20 +36,64 @@ CATALOGUE: tuple[DamperModel, ...] = (
 )
 """Every model in every form; a place here is the model's `kind`, which files of simulated runs hold: append."""
 
-MODELS: dict[str, DamperModel] = {model.name: model for model in CATALOGUE if model.hysteresis == "kwok"}
+
+def model_of_plug_in(name: str, brought: object) -> DamperModel:
+    """A plug-in's model: an object or a class of `DamperModel`, called as its entry point is.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    made = brought() if isinstance(brought, type) else brought
+    if not isinstance(made, DamperModel):
+        raise ValueError(f"expected a rig.dampers.DamperModel, class or object, got {type(made).__name__}")
+    if made.name != name:
+        raise ValueError(f"the model calls itself {made.name!r}; the entry point's name must be the same")
+    made.vector(made.demonstration)
+    return made
+
+
+MODELS: Mapping[str, DamperModel] = Catalogue(
+    {model.name: model for model in CATALOGUE if model.hysteresis == "kwok"}, DAMPER_MODELS, model_of_plug_in
+)
 PRINTED: dict[str, DamperModel] = {model.name: model for model in CATALOGUE if model.hysteresis == "printed"}
 KINDS = {(model.name, model.hysteresis): kind for kind, model in enumerate(CATALOGUE)}
 """Number of a model with its hysteresis, by which files of simulated runs name it."""
+NO_KIND = -1
+"""In place of that number for a plug-in's model, which such a file names by its name alone."""
+
+
+def _set_name(model_name: str) -> str:
+    return "demo" if model_name == "asymmetric" else f"demo-{model_name.replace('_', '-')}"
 
 
 def _demonstration(model: DamperModel) -> ParameterSet:
-    name = "demo" if model.name == "asymmetric" else f"demo-{model.name.replace('_', '-')}"
-    return ParameterSet(name, model.name, model.demonstration, SIMULATED)
+    return ParameterSet(_set_name(model.name), model.name, model.demonstration, SIMULATED)
 
 
-PARAMETER_SETS: dict[str, ParameterSet] = {
-    values.name: values for values in (*(_demonstration(model) for model in MODELS.values()), *PUBLISHED)
-}
+class _ParameterSets(Mapping[str, ParameterSet]):
+    """The parameter sets by name: our own, then one of each plug-in's model, which is loaded when it is asked for."""
+
+    def __init__(self) -> None:
+        demonstrations = [_demonstration(model) for model in CATALOGUE if model.hysteresis == "kwok"]
+        self._own = {values.name: values for values in (*demonstrations, *PUBLISHED)}
+
+    def _brought(self) -> dict[str, str]:
+        return {name: model for model in MODELS if (name := _set_name(model)) not in self._own}
+
+    def __getitem__(self, name: str) -> ParameterSet:
+        return self._own[name] if name in self._own else _demonstration(MODELS[self._brought()[name]])
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._own or name in self._brought()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self._own, *self._brought()))
+
+    def __len__(self) -> int:
+        return len(self._own) + len(self._brought())
+
+
+PARAMETER_SETS: Mapping[str, ParameterSet] = _ParameterSets()
 
 
 class UnknownName(RigError):
@@ -66,6 +116,7 @@ def model(name: str, hysteresis: Hysteresis = "kwok") -> DamperModel:
 
     Raises:
         UnknownName: no such model, or the model has no printed form.
+        PlugInProblem: it is a plug-in's, and that cannot be used.
     """
     if name not in MODELS:
         raise UnknownName(f"unknown damper model {name!r}; known: {_nearest(name, list(MODELS))}")
@@ -85,6 +136,7 @@ def parameter_set(name: str) -> ParameterSet:
 
     Raises:
         UnknownName: no such set; the message lists those there are.
+        PlugInProblem: it is of a plug-in's model, and that cannot be used.
     """
     if name not in PARAMETER_SETS:
         raise UnknownName(f"unknown parameter set {name!r}; known: {_nearest(name, list(PARAMETER_SETS))}")

@@ -3,6 +3,10 @@
 As in `rig.identification`, which lies above this room and may not be imported here; a test compares the two.
 """
 
+from __future__ import annotations
+
+from rig import plugins
+
 METHODS = (
     "separable", "c_foa", "foa", "ga", "de", "pso", "i_abc", "ga_standard", "ga_kwok", "ga_novel", "hybrid",
     "zhu_three_step",
@@ -10,3 +14,21 @@ METHODS = (
 
 DEPENDENCES = ("affine", "per-current-affine", "per-current-polynomial", "per-current-lagrange")
 """How parameters may depend on the current."""
+
+
+def method_names() -> tuple[str, ...]:
+    """Every method: this program's, then those of plug-ins, of which nothing is loaded."""
+    return tuple(dict.fromkeys((*METHODS, *(plug_in.name for plug_in in plugins.found(plugins.METHODS)))))
+
+
+def check_method(name: str) -> None:
+    """Load a method that is a plug-in's; one of this program's needs no look.
+
+    Raises:
+        PlugInProblem: the plug-in cannot be used.
+        KeyError: no such method.
+    """
+    if name not in METHODS:
+        from rig.optimisers import METHODS as SEARCHES
+
+        SEARCHES[name]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -13,7 +13,8 @@ from pydantic_core import PydanticCustomError
 from rig.bench.problems import close_match
 from rig.bench.quantity import Quantity, Wording
 from rig.bench.section import Section
-from rig.matrix.methods import DEPENDENCES, METHODS
+from rig.matrix.methods import DEPENDENCES, METHODS, check_method, method_names
+from rig.plugins import PlugInProblem
 from rig.signals.waveform import SINE, WAVEFORM_NAMES
 from rig.units import show
 
@@ -58,6 +59,8 @@ class Specimen(Section):
 
         if value is not None and value not in PARAMETER_SETS:
             raise ValueError(_unknown("parameter set", value, sorted(PARAMETER_SETS)))
+        if value is not None:
+            _usable(PARAMETER_SETS.__getitem__, value)
         return value
 
     @model_validator(mode="after")
@@ -192,12 +195,17 @@ class CurrentStep(Section):
         return values
 
 
+def _methods_of_schema(schema: dict[str, Any]) -> None:
+    """The methods that an editor offers: those of plug-ins, too."""
+    schema["enum"] = list(method_names())
+
+
 class Identify(Section):
     """What is fitted when the last point is recorded."""
 
     enabled: bool = True
     model: str = "asymmetric"
-    method: Literal[METHODS] = "separable"  # type: ignore[valid-type]  # one list serves the schema and the message
+    method: str = Field(default="separable", json_schema_extra=_methods_of_schema)
     holdout: str | None = Field(default=None, examples=["waveform=triangle", "frequency_Hz=2"])
     series_spring: bool = False
     current: Literal[DEPENDENCES] = "affine"  # type: ignore[valid-type]  # one list serves the schema and the message
@@ -210,6 +218,17 @@ class Identify(Section):
         known = ["all", *MODELS]
         if value not in known:
             raise ValueError(_unknown("model", value, known))
+        for name in MODELS if value == "all" else (value,):
+            _usable(MODELS.__getitem__, name)
+        return value
+
+    @field_validator("method")
+    @classmethod
+    def _known_method(cls, value: str) -> str:
+        if value not in METHODS:
+            if value not in method_names():
+                raise ValueError(_unknown("method", value, list(method_names())))
+            _usable(check_method, value)
         return value
 
 
@@ -236,6 +255,18 @@ def _no_value_twice(values: tuple[V, ...], written: Callable[[V], str]) -> tuple
         if count > 1:
             raise ValueError(f"duplicate value {written(value)}; to repeat points set `repeats = N`")
     return values
+
+
+def _usable(load: Callable[[str], object], name: str) -> None:
+    """Load what a plug-in may bring: before anything moves, not after the last point.
+
+    Raises:
+        ValueError: it cannot be used.
+    """
+    try:
+        load(name)
+    except PlugInProblem as error:
+        raise ValueError(str(error)) from error
 
 
 def _unknown(what: str, value: str, known: list[str]) -> str:

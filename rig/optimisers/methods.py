@@ -6,8 +6,8 @@ import difflib
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, fields
-from typing import Protocol, runtime_checkable
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,8 @@ from rig.optimisers.search import (
     require,
 )
 from rig.optimisers.statistical_genetic import KwokGenetic, NovelGenetic, StandardGenetic
+from rig.plugins import METHODS as PLUG_INS
+from rig.plugins import Catalogue
 
 STEERED_BY_BUDGET = frozenset({"ga", "hybrid"})
 """Methods whose path depends on the budget (mutation that shrinks until its end, a share of it). Any other search is
@@ -138,7 +140,7 @@ class Hybrid:
         search.generations += 1
 
 
-METHODS: dict[str, type[Algorithm]] = {
+OWN: dict[str, type[Algorithm]] = {
     "c_foa": ContrastFruitFly,
     "foa": FruitFly,
     "ga": Genetic,
@@ -150,7 +152,25 @@ METHODS: dict[str, type[Algorithm]] = {
     "ga_novel": NovelGenetic,
     "hybrid": Hybrid,
 }
-"""Method name -> its settings class."""
+"""This program's methods: name -> settings class."""
+
+
+def method_of_plug_in(name: str, brought: object) -> type[Algorithm]:
+    """A plug-in's method: a dataclass of its settings, with `run(search) -> str`.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if not isinstance(brought, type) or not is_dataclass(brought) or not callable(getattr(brought, "run", None)):
+        raise ValueError(f"expected a dataclass with a method run(search) -> str, got {brought!r}")
+    for setting in fields(brought):
+        if setting.default is MISSING and setting.default_factory is MISSING:
+            raise ValueError(f"its setting {setting.name} has no default; `--method {name}` gives none")
+    return cast("type[Algorithm]", brought)
+
+
+METHODS: Mapping[str, type[Algorithm]] = Catalogue(OWN, PLUG_INS, method_of_plug_in)
+"""Method name -> its settings class; plug-ins (entry points `mr_rig.methods`) behind our own."""
 
 
 def make_algorithm(method: str, **settings: object) -> Algorithm:
@@ -165,6 +185,7 @@ def make_algorithm(method: str, **settings: object) -> Algorithm:
 
     Raises:
         SearchError: Unknown method or setting, or a value outside its range; the message names what would fit.
+        PlugInProblem: It is a plug-in's, and that cannot be used.
     """
     if method not in METHODS:
         raise SearchError(f"method {method!r} is unknown{_closest(method, list(METHODS))}; known: {', '.join(METHODS)}")

@@ -20,6 +20,7 @@ from rig.report.budget import budget
 from rig.report.fragment import NOTHING, block, box, data_list, details, fact, heading, lead, number, page, text
 from rig.report.instruments import calibrations, doubts_of, instruments
 from rig.report.loops import PointView, view_of
+from rig.report.plugin_sections import brought_sections
 from rig.report.point_tables import achieved_table, conditions, points_table, time_base
 from rig.text_file import read_json
 
@@ -55,7 +56,7 @@ def write_report(run_dir: Path) -> Path:
     parts += [
         standard.standard_tests(characteristics), points_table(views), achieved_table(run.points),
         conditions(run), instruments(run), time_base(run), budget(views, characteristics.loops),
-        calibrations(run), provenance(run, fit),
+        calibrations(run), *brought_sections(run, fit), provenance(run, fit),
     ]
     numbers = json.dumps(characteristics.to_json(), indent=1, allow_nan=False)
     write_text_durably(run.path / "characteristics.json", numbers + "\n")

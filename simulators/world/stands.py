@@ -30,6 +30,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from drivers import plugins
 from simulators.world import futures, threads
 from simulators.world.kernel import Kernel
 from simulators.world.machine import Machine, Process
@@ -384,7 +385,7 @@ class Installed:
             place = module_name.partition(".")[0]
             if module is None or module_name.startswith("simulators.world"):
                 continue
-            if place not in PLACES and module_name not in ALSO:
+            if place not in {*PLACES, *plugins.driver_packages()} and module_name not in ALSO:
                 continue
             for name, value in list(vars(module).items()):
                 stand = self._stands.get(id(value))

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.devices.supply_file import is_file
 from protocols.errors import LocalProtocolError
@@ -146,10 +147,11 @@ def _unlike(bench: Bench) -> Iterator[str]:
             f'actuator.url = "{actuator.url}": no simulated controller speaks its maker\'s own protocol; allowed in a '
             'world: modbus-tcp:// and modbus-rtu:. Try the matrix on a copy of this file with such a controller'
         )  # fmt: skip
-    for key, name, device in (
-        ("actuator.register_map", actuator.register_map, "controller"), ("ecu.dbc", ecu.dbc, "current source"),
-    ):  # fmt: skip
-        if name != DEMO:
+    for key, group, name, device in (
+        ("actuator.register_map", plugins.ACTUATORS, actuator.register_map, "controller"),
+        ("ecu.dbc", plugins.CURRENT_SOURCES, ecu.dbc, "current source"),
+    ):
+        if name != DEMO and plugins.simulated_as(group, name) != DEMO:
             yield (
                 f'{key} = "{name}": there is no simulated {device} of that description; allowed in a world: "{DEMO}". '
                 f'Try the matrix on a copy of this file with {key.partition(".")[2]} = "{DEMO}"; what belongs to the '
@@ -188,6 +190,8 @@ def _format(sensor: SensorConfig) -> str | LineFormat:
         LocalProtocolError: none can be written so.
     """
     given = sensor.format
+    if isinstance(given, str) and given not in ("frame16", *PRESETS):
+        given = _stood_for(given)
     if given == "frame16":
         return "frame16"
     if isinstance(given, str) and given not in PRESETS:
@@ -196,6 +200,12 @@ def _format(sensor: SensorConfig) -> str | LineFormat:
     line_format = PRESETS[given] if isinstance(given, str) else from_description(given)
     LineWriter(line_format, sensor.span / sensor.calibration.sensitivity)
     return line_format
+
+
+def _stood_for(name: str) -> str | dict[str, Any]:
+    """What a simulated sensor writes for a plug-in's driver, where that says so; else the name as it is."""
+    said = plugins.simulated_as(plugins.SENSORS, name)
+    return name if said is None else said if isinstance(said, str) else dict(said)
 
 
 def _sensor(sensor: SensorConfig, usual: SensorOptions, span_m: float = 0.0) -> SensorOptions:

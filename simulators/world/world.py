@@ -164,6 +164,7 @@ class World:
     def run(self, until_s: float | None = None) -> None:
         """From the first session to a complete campaign, or to the world's end."""
         (self.root / "matrix.toml").write_text(self.plan.matrix, encoding="utf-8")
+        _ = self._user  # its plug-ins are loaded before the world's machine stands in for the real one
         with self.stage:
             try:
                 self._sessions(until_s)

@@ -52,6 +52,7 @@ MANY_PARAMETERS_WHERE = {
 CATALOGUES = {
     "drivers.catalogue": "the one place that names the drivers",
     "rig.dampers.catalogue": "the one place that names the models",
+    "rig.export.exporter": "the one place that names the formats",
     "rig.faults.matrix": "puts together the rows of each device",
     "rig.optimisers.methods": "the one place that names the algorithms",
     "rig.report.document": "puts together the parts of a page",

@@ -198,6 +198,11 @@ class CurrentSourceThread(ReadingThread):
         return max(CURRENT_LIMIT_S, slow_s) if self._driver.timing.status_s > SLOW_STATUS_S else CURRENT_LIMIT_S
 
     @property
+    def lowest_A(self) -> float | None:
+        """The most negative current it drives (A); None: as negative as positive."""
+        return self._driver.traits.lowest_A
+
+    @property
     def falls_by_itself(self) -> bool:
         """Without commands it goes to 0 A."""
         return self._driver.traits.own_timeout

@@ -1,0 +1,1 @@
+"""What this lab adds to the rig: one module for each thing."""

@@ -1,0 +1,43 @@
+"""`rig export`: a run or a fit in another program's format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rig.cli.options import Command, json_option
+from rig.cli.output import say, write_json
+from rig.errors import EXIT_DONE
+
+
+@click.command(
+    name="export", cls=Command,
+    examples=(
+        "rig export logs/20260102T030405Z-MR-001-ab12cd --to csv --out tables",
+        "rig export logs/20260102T030405Z-MR-001-ab12cd/fit.json --to json --out values",
+    ),
+)
+@click.argument("source", type=click.Path(path_type=Path))
+@click.option(
+    "--to", "name", required=True, metavar="NAME", help="Format: csv (of a run), json (of a fit), or a plug-in's."
+)
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), required=True,
+    help="Folder for the files; made where it is not there.",
+)  # fmt: skip
+@json_option
+def command(source: Path, name: str, out: Path, as_json: bool) -> int:
+    """Write SOURCE in another format: a campaign directory, or the file of a fit.
+
+    An unknown NAME lists those there are; `rig plugins` lists the ones that other packages bring.
+    """
+    from rig.export import export
+
+    files = [path.resolve() for path in export(source, name, out)]
+    if as_json:
+        write_json({"source": str(source.resolve()), "to": name, "files": [str(path) for path in files]})
+    else:
+        for path in files:
+            say(path)
+    return EXIT_DONE

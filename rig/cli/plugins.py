@@ -1,0 +1,121 @@
+"""`rig plugins`: what other packages bring by entry point, and whether each can be used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import click
+
+from rig.cli.options import Command, json_option
+from rig.cli.output import console, write_json
+from rig.errors import EXIT_DONE, EXIT_USAGE
+
+if TYPE_CHECKING:
+    from drivers.plugins import PlugIn
+
+OK, BROKEN, SHADOWED = "ok", "broken", "shadowed"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A group of entry points as this command shows it.
+
+    Attributes:
+        kind: what it holds, in a word.
+        own: this program's names, which no plug-in can have.
+        check: loads and checks a plug-in; raises `BrokenPlugIn`.
+    """
+
+    kind: str
+    own: frozenset[str]
+    check: Callable[[PlugIn], object]
+
+
+@click.command(name="plugins", cls=Command, examples=("rig plugins", "rig plugins --json"))
+@json_option
+def command(as_json: bool) -> int:
+    """List the plug-ins of every group with their package and state; each is loaded.
+
+    `ok`; `broken`: it cannot be used, with the reason; `shadowed`: this program has that name itself, and uses its own.
+    Exit code 2 when one is not ok.
+    """
+    listed = _listed()
+    if as_json:
+        write_json({"plugins": listed})
+    else:
+        _show(listed)
+    return EXIT_DONE if all(entry["state"] == OK for entry in listed) else EXIT_USAGE
+
+
+def _kinds() -> dict[str, Kind]:
+    """The groups, drivers first."""
+    from drivers import plugins
+    from drivers.catalogue import own_names
+    from rig.dampers.catalogue import CATALOGUE, model_of_plug_in
+    from rig.export.exporter import OWN, exporter_of_plug_in
+    from rig.matrix.methods import METHODS
+    from rig.optimisers.methods import method_of_plug_in
+    from rig.plugins import made_of
+    from rig.report.plugin_sections import section_of
+
+    def driver(kind: str, group: str) -> Kind:
+        return Kind(kind, own_names(group), lambda one: plugins.maker_of(one.group, one.name))
+
+    def other(kind: str, own: Iterable[str], make: Callable[[str, object], object]) -> Kind:
+        return Kind(kind, frozenset(own), lambda one: made_of(one, make))
+
+    return {
+        plugins.ACTUATORS: driver("actuator", plugins.ACTUATORS),
+        plugins.CURRENT_SOURCES: driver("current source", plugins.CURRENT_SOURCES),
+        plugins.SENSORS: driver("sensor", plugins.SENSORS),
+        plugins.DAMPER_MODELS: other("damper model", (model.name for model in CATALOGUE), model_of_plug_in),
+        plugins.METHODS: other("method", METHODS, method_of_plug_in),
+        plugins.REPORT_SECTIONS: other("report section", (), section_of),
+        plugins.EXPORTS: other("export", (own.name for own in OWN), exporter_of_plug_in),
+    }
+
+
+def _listed() -> list[dict[str, str]]:
+    from drivers.plugins import found
+
+    return [_entry(plug_in, kind) for group, kind in _kinds().items() for plug_in in found(group)]
+
+
+def _entry(plug_in: PlugIn, kind: Kind) -> dict[str, str]:
+    from drivers.plugins import BrokenPlugIn, plug_in_of
+
+    state, problem = OK, ""
+    if plug_in.name in kind.own:
+        state = SHADOWED
+        problem = f"this program has a {kind.kind} {plug_in.name!r} of its own, and uses that; give yours another name"
+    else:
+        try:
+            plug_in_of(plug_in.group, plug_in.name)
+            kind.check(plug_in)
+        except BrokenPlugIn as error:
+            state, problem = BROKEN, error.message
+    return {
+        "kind": kind.kind, "group": plug_in.group, "name": plug_in.name, "package": plug_in.package,
+        "version": plug_in.version, "entry_point": plug_in.target, "state": state, "problem": problem,
+    }  # fmt: skip
+
+
+def _show(listed: list[dict[str, str]]) -> None:
+    from rich.table import Table
+
+    shown = console()
+    if not listed:
+        shown.print("no plug-ins are installed", markup=False)
+        return
+    table = Table()
+    for name in ("kind", "name", "package", "entry point", "state"):
+        table.add_column(name, overflow="fold")
+    for entry in listed:
+        package = f"{entry['package']} {entry['version']}"
+        table.add_row(entry["kind"], entry["name"], package, entry["entry_point"], entry["state"])
+    shown.print(table)
+    for entry in listed:
+        if entry["problem"]:
+            shown.print(f"{entry['name']} ({entry['group']}): {entry['problem']}", markup=False, soft_wrap=True)

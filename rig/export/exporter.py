@@ -1,0 +1,126 @@
+"""What an exporter is, the exporters by name, and the one call that runs any of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from rig.errors import FileProblem, RigError
+from rig.export.point_tables import write_points
+from rig.export.values import write_values
+from rig.plugins import EXPORTS, Catalogue
+from rig.recording.run import Run
+from rig.text_file import read_json
+
+FIT = "fit.json"
+
+
+@dataclass(frozen=True)
+class Source:
+    """What is exported: a campaign's directory, or a fit's file.
+
+    Attributes:
+        path: as the user names it.
+    """
+
+    path: Path
+
+    @cached_property
+    def run(self) -> Run:
+        """The campaign.
+
+        Raises:
+            FileProblem: it is none.
+        """
+        if self.path.suffix == ".json":
+            raise FileProblem(str(self.path), ["is a fit; this format is made of a run: give the campaign's directory"])
+        return Run.open(self.path)
+
+    @cached_property
+    def fit(self) -> Mapping[str, Any]:
+        """The fit: that file, or `fit.json` of the campaign.
+
+        Raises:
+            FileProblem: there is none, or it is no fit.
+        """
+        file = self.path / FIT if self.path.is_dir() else self.path
+        if not file.is_file():
+            raise FileProblem(str(file), ["there is no fit; make one with `rig identify`"])
+        fit = read_json(file)
+        if not isinstance(fit.get("parameters"), dict) or "model" not in fit:
+            raise FileProblem(str(file), ["not a fit: expected a JSON object with `model` and `parameters`"])
+        return fit
+
+    @property
+    def name(self) -> str:
+        """A name for files: that of the campaign's directory."""
+        return (self.path if self.path.is_dir() else self.path.resolve().parent).resolve().name
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """One format.
+
+    Attributes:
+        name: as `--to` has it.
+        takes: what it is made of; a "fit" is also found in its campaign's directory.
+        line: one line for people.
+        write: writes into an existing folder, from the source; the files it made.
+    """
+
+    name: str
+    takes: Literal["run", "fit"]
+    line: str
+    write: Callable[[Source, Path], list[Path]]
+
+
+def exporter_of_plug_in(name: str, brought: object) -> Exporter:
+    """A plug-in's exporter.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    if not isinstance(brought, Exporter):
+        raise ValueError(f"expected a rig.export.Exporter, got {type(brought).__name__}")
+    if brought.name != name:
+        raise ValueError(f"the exporter calls itself {brought.name!r}; the entry point's name must be the same")
+    return brought
+
+
+OWN = (
+    Exporter("csv", "run", "one CSV file a point, and one of all points", lambda source, out: write_points(
+        source.run, out)),
+    Exporter("json", "fit", "the parameters with their units and intervals, without the rest of fit.json", lambda
+             source, out: [write_values(source.fit, out / f"{source.name}-parameters.json")]),
+)  # fmt: skip
+"""This program's formats. A new one is a line here."""
+
+EXPORTERS: Mapping[str, Exporter] = Catalogue({one.name: one for one in OWN}, EXPORTS, exporter_of_plug_in)
+"""Every format by name; plug-ins (entry points `mr_rig.exports`) behind our own."""
+
+
+def export(path: Path | str, to: str, out: Path | str) -> list[Path]:
+    """Write a run or a fit in another format.
+
+    Args:
+        path: a campaign's directory, or the file of a fit.
+        to: key of `EXPORTERS`.
+        out: folder for the files; made where it is not there.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        RigError: no such format; the known ones are listed.
+        FileProblem: there is no such run or fit, or the folder cannot be made.
+        PlugInProblem: the format is a plug-in's, and that cannot be used or failed.
+    """
+    if to not in EXPORTERS:
+        raise RigError(f"no export {to!r}; known: {', '.join(EXPORTERS)}")
+    exporter, source, folder = EXPORTERS[to], Source(Path(path)), Path(out)
+    _ = source.run if exporter.takes == "run" else source.fit
+    folder.mkdir(parents=True, exist_ok=True)
+    return exporter.write(source, folder)

@@ -1,0 +1,58 @@
+"""A run as CSV: one file a point with a column a channel, and one file that lists the points."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from rig.recording.atomic_write import write_text_durably
+from rig.recording.recorded_point import CHANNELS, RecordedPoint
+from rig.recording.run import Run
+
+LISTED = (
+    "id", "waveform", "amplitude_m", "frequency_Hz", "current_A", "cycles", "repeat", "verdict", "lost_samples",
+    "skew_s", "skew_std_s",
+)  # fmt: skip
+
+
+def write_points(run: Run, folder: Path) -> list[Path]:
+    """Write `points.csv` and one `ID.csv` a point.
+
+    Columns are SI and named with their unit; what a point has not recorded has no column; NaN is an empty cell.
+
+    Args:
+        run: the campaign.
+        folder: where to; it is there.
+
+    Returns:
+        The files, the list first.
+    """
+    listed = folder / "points.csv"
+    rows = [[_cell(getattr(point, name)) for name in LISTED] for point in run.points]
+    write_text_durably(listed, _csv(LISTED, rows))
+    return [listed, *(_write(point, folder / f"{point.id}.csv") for point in run.points)]
+
+
+def _write(point: RecordedPoint, path: Path) -> Path:
+    channels = {name: point.channel(dataset) for name, dataset in CHANNELS.items()}
+    given = {name: values for name, values in channels.items() if np.isfinite(values).any()}
+    rows = [[_cell(float(value)) for value in row] for row in zip(*given.values(), strict=True)]
+    write_text_durably(path, _csv(tuple(given), rows))
+    return path
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return "" if not np.isfinite(value) else repr(value)
+    return str(value)
+
+
+def _csv(head: tuple[str, ...], rows: list[list[str]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    return text.getvalue()
