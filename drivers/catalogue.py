@@ -16,7 +16,8 @@ from drivers.connection import ActuatorConnection
 from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
 from drivers.devices.source import current_source, current_source_names
-from drivers.devices.supply import SupplyConnection
+from drivers.devices.supply import SupplyConnection, SupplyDescription
+from drivers.devices.supply_file import supply, supply_problems
 from drivers.errors import UnknownDevice
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
@@ -26,6 +27,8 @@ from protocols.line_format import PRESETS, from_description
 
 __all__ = [
     "SensorConnection",
+    "SupplyConnection",
+    "SupplyDescription",
     "actuator_names",
     "check_actuator",
     "check_current_source",
@@ -41,6 +44,8 @@ __all__ = [
     "register_actuator",
     "register_sensor",
     "sensor_format_names",
+    "supply",
+    "supply_problems",
 ]
 
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]

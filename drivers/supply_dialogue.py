@@ -81,7 +81,8 @@ class SupplyDialogue:
         self._expected: deque[tuple[Wanted, str]] = deque()
         self._asked_ns = self._free_ns = 0
         self._known = ""
-        self._lost = False
+        self._told_again = False
+        self._strays = 0  # answers to `identify` that are still to come, or may be; 0: every answer is somebody's
 
     @property
     def malformed(self) -> int:
@@ -103,7 +104,7 @@ class SupplyDialogue:
             self._expected.clear()
         self.jobs.clear()
         self._lines.forget()
-        self._lost = False
+        self._strays = 0
 
     def send_now(self, commands: Callable[[], Iterable[Command]]) -> None:
         """Put a new set-point on the wire at once, in one piece; what is still to be sent of an older one is dropped.
@@ -145,12 +146,9 @@ class SupplyDialogue:
     def feed(self, data: bytes) -> Iterator[tuple[Wanted, str]]:
         """Take what has arrived; every answer that is somebody's, and what it is about."""
         for answer in self._lines.feed(data):
-            if self._lost:
+            if self._strays:
                 if answer == self._known:
-                    self._lost = False
-                    with self._lock:
-                        while self._expected and self._expected.popleft()[0] is not Wanted.IDENTITY:
-                            pass
+                    self._find_back()
                 continue
             with self._lock:
                 wanted, sent = self._expected.popleft() if self._expected else (Wanted.NOTHING, "")
@@ -160,13 +158,31 @@ class SupplyDialogue:
                 yield wanted, answer
 
     def _find_out(self) -> None:
-        """Ask who it is, and throw everything away until that is answered: a late answer is not taken for another."""
+        """Ask who it is, and throw everything away until that is answered: a late answer is not taken for another.
+
+        Where it was asked before in vain, that answer may still come: all of them are waited for. When only some came
+        and then nothing for a whole time-out, the others never will.
+        """
         self.late += 1
-        before = self._known
+        strays, settled = self._strays, self._told_again
         self.forget()
-        if before and self._identify:
-            self._lost = True
+        self._told_again = False
+        if settled:
+            return
+        if self._known and self._identify:
+            self._strays = strays + 1
             self.jobs.extend(Job(command, Wanted.IDENTITY) for command in self._identify)
+
+    def _find_back(self) -> None:
+        """It has said who it is: once for every time it was asked, and the next answer is somebody's again."""
+        self._strays -= 1
+        self._told_again = True
+        self._asked_ns = time.monotonic_ns()
+        if not self._strays:
+            self._told_again = False
+            with self._lock:
+                while self._expected and self._expected.popleft()[0] is not Wanted.IDENTITY:
+                    pass
 
     def _write(self, jobs: Iterable[Job]) -> None:
         """Put lines on the wire, and remember what will come back; under the lock."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Protocol
 
-from drivers.devices.supply import SupplyDescription
-from drivers.devices.supply_file import supply, supply_problems
+from drivers.catalogue import SupplyDescription, supply, supply_problems
 from protocols.errors import LocalProtocolError
 from rig.bench.quantity import Problem
 

@@ -341,8 +341,8 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
         raise Refused(
             "source-without-negative-current",
             f"the matrix asks for negative currents, and {described.name} drives {described.current_A[0]:g} to "
-            f"{described.current_A[1]:g} A: leave them and [campaign] demagnetise out, or use a bipolar supply; nothing "
-            "was moved",
+            f"{described.current_A[1]:g} A: leave them and [campaign] demagnetise out, or use a bipolar supply; "
+            "nothing was moved",
         )
 
 

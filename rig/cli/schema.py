@@ -10,11 +10,16 @@ from rig.errors import EXIT_DONE
 
 
 @click.command(name="schema", cls=Command, examples=("rig schema matrix > matrix.schema.json",))
-@click.argument("file", type=click.Choice(["bench", "matrix"]))
+@click.argument("file", type=click.Choice(["bench", "matrix", "supply"]))
 @json_option
 def command(file: str, as_json: bool) -> int:
-    """Print the JSON schema of the bench or matrix FILE, for editors that validate while you type."""
+    """Print the JSON schema of a FILE for the rig, for editors that validate while you type."""
     del as_json  # a schema is JSON anyway
+    if file == "supply":
+        from rig.bench.supply_schema import SUPPLY
+
+        write_json(SUPPLY)
+        return EXIT_DONE
     from rig.bench.model import Bench
     from rig.matrix.model import Matrix
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, SupplyLink, supply_lacks
 from rig.explanations.explanation import explained, texts
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
@@ -26,6 +27,11 @@ SAID_BY = {
     "Reason", "suspect", "invalid", "explained", "tell", "warn_of", "_refuse", "_share", "warning", "failure",
 }
 """Calls whose first argument is a slug."""
+
+BARE = SupplyDescription(
+    "bare", SupplyLink(), SupplyCommands(output_on=(Command.of("ON"),)), (0.0, 1.0), tried="unverified"
+)
+"""A supply that can do next to nothing."""
 
 
 def texts_in(node: ast.AST) -> Iterator[str]:
@@ -87,6 +93,7 @@ def known() -> dict[str, str]:
         **dict.fromkeys((*MATRIX, *REACTIONS), "rig/faults"),
         **dict.fromkeys((*SLUGS, ZERO_RETURN, *VERDICT_REMARKS), "rig/recording/quality"),
         **{f"actuator-without-{name}": "drivers/capabilities.py" for name in lacking},
+        **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_lacks(BARE)},
         "hydraulics": "rig/station/requests.py: await_status",
         "amplitude-scatter": "rig/recording/quality/judgement.py", "force-scatter": "the same",
     }

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from drivers.catalogue import SensorConnection, make_actuator, make_current_source, make_sensor, make_supply
+from drivers.catalogue import (
+    SensorConnection,
+    SupplyConnection,
+    make_actuator,
+    make_current_source,
+    make_sensor,
+    make_supply,
+)
 from drivers.connection import ActuatorConnection
 from drivers.current_source import CurrentSource
-from drivers.devices.supply import SupplyConnection
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
 from drivers.sample_stream import SampleScale
