@@ -23,6 +23,7 @@ from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
 from drivers.sample_stream import SampleScale
 from drivers.serial_sensor import BINARY, CLOCKED, SerialSensor
+from drivers.streamed_actuator import as_actuator
 from protocols.line_format import PRESETS, from_description
 
 __all__ = [
@@ -115,24 +116,24 @@ def check_sensor_format(name: str) -> None:
 
 
 def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
-    """The driver of a kind of actuator; nothing is opened.
+    """The driver of a kind of actuator; nothing is opened. One that only follows set-points is streamed them.
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
         BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
     if name in _REGISTERED:
-        return _REGISTERED[name](connection)
+        return as_actuator(_REGISTERED[name](connection), connection.motion)
     if name not in controller_names():
         brought: Actuator | None = plugins.made(plugins.ACTUATORS, name, Actuator, connection)
         if brought is not None:
-            return brought
+            return as_actuator(brought, connection.motion)
         raise UnknownDevice(
             "actuator", connection.url, f"register_map {name!r} is not known; known: {', '.join(actuator_names())}"
         )
     from drivers.modbus_actuator import ModbusActuator
 
-    return ModbusActuator(connection, controller(name))
+    return as_actuator(ModbusActuator(connection, controller(name)), connection.motion)
 
 
 def make_current_source(name: str, interface: str, channel: str, bitrate: int) -> CurrentSource:

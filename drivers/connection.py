@@ -1,4 +1,4 @@
-"""How to reach an actuator: its address, parsed once, and what else a driver needs to connect."""
+"""How to reach an actuator: its address, parsed once, and what else a driver needs."""
 
 from __future__ import annotations
 
@@ -50,6 +50,21 @@ class ActuatorAddress:
 
 
 @dataclass(frozen=True, slots=True)
+class MotionTerms:
+    """What an actuator must know whose motion is made by its driver.
+
+    Attributes:
+        fade_out_cycles: cycles over which a program fades out, >= 1.
+        halt_deceleration_m_s2: of a halt.
+        device_rate: seconds of the device's time in one of the host's; 1 but on a simulated rig faster than life.
+    """
+
+    fade_out_cycles: float = 1.0
+    halt_deceleration_m_s2: float = 20.0
+    device_rate: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class ActuatorConnection:
     """How to reach an actuator.
 
@@ -60,6 +75,7 @@ class ActuatorConnection:
         owner_id: identifies this host in the actuator's lease, 1..65535.
         baudrate: Bd of a serial line.
         parity: "N", "E" or "O", of a serial line.
+        motion: used where the driver makes the motion, not the device.
     """
 
     url: str
@@ -68,6 +84,7 @@ class ActuatorConnection:
     owner_id: int = 0
     baudrate: int = 115_200
     parity: str = "N"
+    motion: MotionTerms = MotionTerms()
 
 
 def draw_owner_id() -> int:

@@ -9,9 +9,11 @@ from dataclasses import asdict, astuple
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
 from drivers.devices.controller import ControllerDescription
+from drivers.devices.other_order import read_otherwise
 from drivers.errors import DriverError, LinkLost, NoAnswer, WrongAnswer, WrongLayout
 from drivers.modbus_link import ModbusLink
 from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Move, Program
+from drivers.setpoint_generator import Setpoint
 from protocols.errors import RemoteProtocolError
 
 SEQUENCE_MODULUS = 1 << 16
@@ -53,6 +55,7 @@ class ModbusActuator:
         self.sent: deque[tuple[int, int]] = deque(maxlen=SENT_KEPT)
         self._sequence: int | None = None
         self._sent = Command.NONE
+        self._counter = 0
         self._seen: ActuatorStatus | None = None
 
     @property
@@ -115,7 +118,9 @@ class ModbusActuator:
             shown = ", ".join(
                 f"{name} {_shown(getattr(identity, name))}, expected {_shown(expected[name])}" for name in wrong
             )
-            raise WrongLayout("actuator", self.url, f"{shown}: wrong word order, scale, layout or device")
+            otherwise, fix = read_otherwise(block, words, expected)
+            why = otherwise or "wrong word order, scale, layout or device"
+            raise WrongLayout("actuator", self.url, f"{shown}; {why}", fix)
         return identity
 
     def read_status(self) -> ActuatorStatus:
@@ -142,6 +147,32 @@ class ModbusActuator:
             self._status.address, self._status.count, watchdog.address, [watchdog_counter % SEQUENCE_MODULUS]
         )
         return self._to_status(words)
+
+    def knows(self, command: Command) -> bool:
+        """Whether the controller has this command."""
+        return self._description.knows(command)
+
+    def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
+        """Write a set-point and read the status block, in one trip; never written again, for by then it is the past.
+
+        A watchdog whose counter lies apart from the set-point is fed by a write of its own before.
+
+        Args:
+            setpoint: where to be now (m), and how fast to go on (m/s).
+            watchdog_counter: must differ from the last one to feed, modulo 65536; None: the last one stays.
+
+        Raises:
+            DriverError: the controller cannot be reached, or refuses; the set-point may have arrived.
+        """
+        if watchdog_counter is not None:
+            self._counter = watchdog_counter % SEQUENCE_MODULUS
+            if not self._description.counter_with_setpoint:
+                self._link.write(self._description.map.block("watchdog").address, [self._counter])
+        words = self._description.encode_setpoint(setpoint, self._counter)
+        address = self._description.map.block("setpoint").address
+        return self._to_status(
+            self._link.exchange(self._status.address, self._status.count, address, words, retries=0)
+        )
 
     def read_limits(self) -> ActuatorLimits:
         """Limits and watchdog setting as the controller holds them.

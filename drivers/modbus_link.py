@@ -127,14 +127,18 @@ class ModbusLink:
         request = modbus.write_request(address, words)
         self._unless_busy(request, lambda answer: modbus.check_written(request, answer))
 
-    def exchange(self, read_address: int, read_count: int, write_address: int, words: Sequence[int]) -> list[int]:
-        """Write, then read, in one trip (FC23); the write must be harmless to repeat.
+    def exchange(
+        self, read_address: int, read_count: int, write_address: int, words: Sequence[int], *,
+        retries: int = READ_RETRIES,
+    ) -> list[int]:
+        """Write, then read, in one trip (FC23); where it is retried, the write must be harmless to repeat.
 
         Args:
             read_address: first register to read.
             read_count: 1..125.
             write_address: first register to write.
             words: 1..121 values.
+            retries: how often it is tried again; 0 for a write that is out of date by then.
 
         Returns:
             `read_count` words.
@@ -145,9 +149,10 @@ class ModbusLink:
             RequestRefused: the device answered with an exception.
             WrongAnswer: the answer is not one to this request, also not to the retry.
         """
-        return self._words(modbus.exchange_request(read_address, read_count, write_address, words), read_count)
+        request = modbus.exchange_request(read_address, read_count, write_address, words)
+        return self._words(request, read_count, retries)
 
-    def _words(self, request: bytes, count: int) -> list[int]:
+    def _words(self, request: bytes, count: int, retries: int = READ_RETRIES) -> list[int]:
         """Ask for registers, within the bound again after silence or a damaged answer.
 
         Raises:
@@ -156,7 +161,6 @@ class ModbusLink:
             LinkLost: the connection broke.
             RequestRefused: an exception.
         """
-        retries = READ_RETRIES
         while True:
             try:
                 return self._unless_busy(request, lambda answer: modbus.decode_words(request, answer, count))

@@ -17,6 +17,7 @@ from drivers.connection import ActuatorAddress, LinkKind
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.faults.matrix import MATRIX
 from simulators.schedule import (
+    STREAMED,
     WITHIN_S,
     ScheduledFault,
     Wiring,
@@ -163,6 +164,8 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     written = tuple(parse_fault(text) for text in values["fault"])
     check_source(written, supply=bool(values["supply"]))
     wiring = wiring_for(written, values["actuator"], values["ports"])
+    if wiring.actuator == STREAMED:
+        options = with_option(options, "controller.generator=false")
     for fault in written:
         if fault.name in NEEDS_AUXILIARY and not values["auxiliary"]:
             raise FileProblem("--fault", [f"{fault.name!r} needs a sensor of that kind: add --auxiliary 1"])
@@ -247,9 +250,9 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),
               help="How sensors are reached; by-id: names of serial numbers that lead to ptys.  "
                    "[default: pty, or by-id where a fault needs it]")
-@click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
-              help="Modbus TCP, or RTU on a port of the kind --ports says.  "
-                   "[default: tcp, or rtu where a fault needs it]")
+@click.option("--actuator", type=click.Choice(["tcp", "rtu", "setpoints"]),
+              help="Modbus TCP, RTU on a port of the kind --ports says, or a controller on TCP without a function "
+                   "generator, which follows streamed set-points.  [default: tcp, or what a fault needs]")
 @click.option("--real-time/--no-real-time", default=True, show_default=True,
               help="Take real-time priority at speed 1 where that is allowed; without it the bench file's time limits "
                    "are widened, as on a busy machine.")

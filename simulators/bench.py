@@ -18,6 +18,7 @@ STALE_SAMPLES = 5
 STALE_S = 0.020
 RELAXED_STALE_S = 0.600
 """Longer than `simulators.pace.LONGEST_WAIT_S`, for which the rig's clock may stand still."""
+RELAXED_SETPOINT_S = 0.100
 RELAXED_COMMAND_TIMEOUT_S = 0.600
 """The ECU's patience with its host where the host's limits are widened too."""
 
@@ -61,13 +62,14 @@ def bench_text(
         "[actuator]",
         f'url = "{addresses.actuator_url}"',
         f"device_id = {controller.device_id}",
-        'register_map = "demo"',
+        f'register_map = "{"demo" if controller.generator else "demo-streamed"}"',
         f'poll = "{poll_ms(rtu, speed)} ms"',
         f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed):g} ms"',
         f'stale_after = "{1000 if relaxed else 300 if rtu else 150} ms"',
         f'watchdog = "{1000 if relaxed else 500} ms"',
         f"fade_out_cycles = {controller.fade_out_cycles:.3f}",
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
+        *([] if controller.generator or not relaxed else [f'setpoint_late = "{1e3 * RELAXED_SETPOINT_S:g} ms"']),
         *_input_delay(options),
         f'serial_number = "{controller.serial_number}"',
         *(_supply(options, addresses.supply_port, speed, supply) if supply else _ecu(options, addresses, relaxed)),

@@ -9,12 +9,15 @@ from __future__ import annotations
 from enum import IntEnum, IntFlag
 
 from drivers.devices.controller import controller
+from protocols.register_map import RegisterMap
 
 DESCRIPTION = controller("demo")
 MAP = DESCRIPTION.map
 IDENTITY, STATUS, CONFIG, COMMAND, WATCHDOG, TABLE = (
     MAP.block(name) for name in ("identity", "status", "config", "command", "watchdog", "table")
 )
+SETPOINT = controller("demo-streamed").map.block("setpoint")
+MAP_WITHOUT_GENERATOR = RegisterMap("demo-streamed", (*MAP.blocks.values(), SETPOINT))
 SIGNATURE_U32 = 0x01020304
 SIGNATURE_F32 = 1234.5
 LAYOUT_VERSION = 1

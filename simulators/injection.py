@@ -279,6 +279,8 @@ PASSING: dict[str, PassingInjector] = {
     "rtu-stale": _switched(_link, "late_answers"),
     "rtu-crc": _switched(_link, "damaged"),
     "modbus-write-lost": _switched(_registers, "writes_lost"),
+    "setpoints-late": _switched(_link, "slow"),
+    "setpoints-lost": _switched(_controller, "setpoints_lost"),
     "actuator-frozen": _switched(_controller, "position_frozen"),
     "ecu-silent": _switched(_ecu, "silent"),
     "ecu-late": _switched(_ecu, "late"),

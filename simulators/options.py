@@ -79,7 +79,10 @@ FORCE_INPUT = InputOptions(noise=10.0, resolution=0.5)
 
 @dataclass(frozen=True)
 class ControllerOptions:
-    """The actuator controller: its identity, its limits at boot, its clock."""
+    """The actuator controller: its identity, its limits at boot, its clock.
+
+    Without a `generator` it moves by set-points that are streamed to it, and only so.
+    """
 
     serial_number: str = "SIM-ACT-1"
     firmware: str = "1.0"
@@ -94,6 +97,7 @@ class ControllerOptions:
     move_acceleration_m_s2: float = 2.0
     following_error_max_m: float = 0.040
     watchdog_ms: int = 0
+    generator: bool = True
     clock_offset_us: float = math.nan
     clock_ppm: float = math.nan
 

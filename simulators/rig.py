@@ -275,6 +275,8 @@ class SimulatedRig:
                 channel.port.write(data, channel.sensor.frame_size)
         if self.supply is None:
             self.bus.send(self.ecu.frames())
+        if self.first_cycle_s is None:
+            self.first_cycle_s = self.actuator.turned_s
         if self.truth is not None:
             self.truth.slice()
 
@@ -297,8 +299,8 @@ class SimulatedRig:
     def _add(self, name: str, options: SensorOptions, column: int, kind: str) -> None:
         clock = DeviceClock.drawn(options.clock_offset_us, options.clock_ppm, next(self._draws))
         sensor = Sensor(options, clock, next(self._draws), self.plant.time_s)
-        by_id = kind == BY_ID
-        port = NamedPort(self._ports_folder(), f"{options.serial_number}-{name}") if by_id else open_port(kind)
+        by_id = f"{options.serial_number}-{name}"
+        port = NamedPort(self._ports_folder(), by_id) if kind == BY_ID else open_port(kind, options.baudrate)
         self.channels.append(Channel(name, sensor, port, column))
 
     def _ports_folder(self) -> Path:

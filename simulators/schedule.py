@@ -28,11 +28,13 @@ SHORTEST_S, LONGEST_S = 0.05, 2.0
 BEYOND_SHARE = 0.2
 """Of a row's drawn faults: so many are those that drive the rig beyond its limits."""
 BY_ID = "by-id"
+STREAMED = "setpoints"
+"""A controller on Modbus TCP that has no function generator and follows set-points."""
 ONLY_ON = {
     "modbus-reset": "tcp", "modbus-halfopen": "tcp", "modbus-wrong-tid": "tcp", "rtu-stale": "rtu", "rtu-crc": "rtu",
-    "usb-renumber": BY_ID,
+    "usb-renumber": BY_ID, "setpoints-late": STREAMED, "setpoints-lost": STREAMED,
 }  # fmt: skip
-"""Faults of one kind of link or port."""
+"""Faults of one kind of controller, link or port."""
 
 ONLY_BY_ECU = frozenset({
     "can-busoff", "can-busoff:lost", "can-malformed", "can-babble", "can-foreign", "ecu-late", "ecu-overtemp",
@@ -125,7 +127,7 @@ def parse_fault(text: str) -> ScheduledFault:
 
 @dataclass(frozen=True)
 class Wiring:
-    """How the rig's wires are made: `actuator` "tcp" or "rtu", `ports` "pty", "socket" or "by-id"."""
+    """How the rig's wires are made: `actuator` "tcp", "rtu" or "setpoints", `ports` "pty", "socket" or "by-id"."""
 
     actuator: str
     ports: str
@@ -135,8 +137,8 @@ class Wiring:
 
     @property
     def kinds(self) -> frozenset[str]:
-        """Both, as `ONLY_ON` names them."""
-        return frozenset((self.actuator, self.ports))
+        """All that they are, as `ONLY_ON` names them."""
+        return frozenset((self.actuator, self.ports, *(("tcp",) if self.actuator == STREAMED else ())))
 
 
 def wiring_for(faults: Iterable[ScheduledFault], actuator: str | None = None, ports: str | None = None) -> Wiring:
@@ -152,9 +154,8 @@ def wiring_for(faults: Iterable[ScheduledFault], actuator: str | None = None, po
     """
     wanted = {fault.slug: ONLY_ON[fault.slug] for fault in faults if fault.slug in ONLY_ON}
     needed = set(wanted.values())
-    wiring = Wiring(
-        actuator or ("rtu" if "rtu" in needed else "tcp"), ports or (BY_ID if BY_ID in needed else "pty")
-    )
+    controller = next((kind for kind in ("rtu", STREAMED) if kind in needed), "tcp")
+    wiring = Wiring(actuator or controller, ports or (BY_ID if BY_ID in needed else "pty"))
     for slug, kind in wanted.items():
         if kind not in wiring.kinds:
             option = f"--ports {kind}" if kind == BY_ID else f"--actuator {kind}"

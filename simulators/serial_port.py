@@ -66,14 +66,29 @@ class SensorPort(Protocol):
         """Hang up."""
 
 
+SPEEDS = {int(name[1:]): getattr(termios, name) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
+"""The system's code of a baud rate, by the rate (Bd)."""
+UNSET = termios.B38400
+"""What a pty says before anybody has chosen a rate."""
+GARBLING = bytes((37 * place + 11) % 256 for place in range(256))
+
+
 class PtyPort:
     """A pseudo-terminal in raw mode. The slave stays open here, so the host may come and go.
+
+    A pty carries bytes at any rate. As on a real line, a host that has chosen another rate than the device's gets
+    other bytes.
+
+    Args:
+        baudrate: at which the device sends (Bd); 0: whatever the host has chosen.
 
     Raises:
         OSError: this machine has no ptys left (or none at all).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, baudrate: int = 0) -> None:
+        self._speed = SPEEDS.get(baudrate, UNSET)
+        self._chosen = False
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -93,13 +108,21 @@ class PtyPort:
             return
         room = len(data) if self.waits else max(0, _PTY_CAPACITY - self.unread())
         take = data if len(data) <= room else data[: room // frame_size * frame_size]
-        self._held += take
+        self._held += take if self._heard_right() else bytes(map(GARBLING.__getitem__, take))
         self.sent_bytes += len(take)
         dropped = -(-(len(data) - len(take)) // frame_size)
         self.dropped_frames += dropped if self._read_once else 0
         self.unheard_frames += 0 if self._read_once else dropped
         self._pass_on()
         self._discard_input()
+
+    def _heard_right(self) -> bool:
+        """The host listens at the device's rate, or one of the two has none."""
+        if self._speed == UNSET:
+            return True
+        speed = termios.tcgetattr(self._master)[5]
+        self._chosen = self._chosen or speed != UNSET
+        return not self._chosen or speed == self._speed
 
     def unread(self) -> int:
         """Bytes sent and not yet read by the host."""
@@ -249,11 +272,16 @@ class SocketPort:
             self._held.clear()
 
 
-def open_port(kind: str) -> SensorPort:
-    """A port of the kind "pty" or "socket"; where ptys cannot be had, "pty" falls back to a socket."""
+def open_port(kind: str, baudrate: int = 0) -> SensorPort:
+    """A port of the kind "pty" or "socket"; where ptys cannot be had, "pty" falls back to a socket.
+
+    Args:
+        kind: "pty" or "socket".
+        baudrate: at which the device sends (Bd); 0: at any.
+    """
     if kind == "pty":
         try:
-            return PtyPort()
+            return PtyPort(baudrate)
         except OSError:
             return SocketPort()
     return SocketPort()

@@ -28,10 +28,12 @@ from drivers.roles import (
     WatchdogAction,
     Waveform,
 )
+from drivers.setpoint_generator import Setpoint
 from protocols.errors import LocalProtocolError
 from protocols.register_map import Block, Register, RegisterMap, Value
 
 FOLDER = Path(__file__).parent
+COUNTER = "watchdog_counter"
 UNNAMED_BITS = 32
 """So far up a bit is moved that has no name and whose number has another meaning here."""
 
@@ -67,6 +69,10 @@ class _Codes:
         if named is not None:
             return named
         return code + UNNAMED if code in self._taken else code
+
+    def has(self, number: int) -> bool:
+        """The device has a code of this meaning."""
+        return number in self._code
 
     def code(self, number: int) -> int:
         """The device's code of a neutral number; what `meaning` made of a code without a name becomes that code again.
@@ -141,6 +147,8 @@ class ControllerDescription:
         self._has = {register.name for register in self.map.block("status").registers}
         self._complete = self._has.issuperset(_STATUS)
         self._names_owner = any(register.name == "owner_id" for register in self.map.block("command").registers)
+        setpoint = self.map.blocks.get("setpoint")
+        self._setpoint = {register.name for register in setpoint.registers} if setpoint is not None else set()
 
     def decode_identity(self, words: Sequence[int]) -> ActuatorIdentity:
         """Identity from the words of its block.
@@ -227,6 +235,31 @@ class ControllerDescription:
                 values |= {"table_length": order.table_length, "table_interval": interval_s}
         return self.map.block("command").encode(values)
 
+    def knows(self, command: Command) -> bool:
+        """Whether the controller has this command."""
+        return self._commands.has(command)
+
+    @property
+    def counter_with_setpoint(self) -> bool:
+        """The watchdog's counter lies in the block of the set-point: one write carries both."""
+        return COUNTER in self._setpoint
+
+    def encode_setpoint(self, setpoint: Setpoint, counter: int) -> list[int]:
+        """Words of the set-point block; what it does not have is left out.
+
+        Args:
+            setpoint: where the rod is to be (m), and how fast it goes on (m/s).
+            counter: the watchdog's.
+
+        Raises:
+            LocalProtocolError: a value does not fit its register.
+        """
+        values: dict[str, Value] = {
+            "setpoint_position": setpoint.position_m, "setpoint_velocity": setpoint.velocity_m_s, COUNTER: counter,
+        }
+        held = {name: value for name, value in values.items() if name in self._setpoint}
+        return self.map.block("setpoint").encode(held)
+
     @property
     def table_values(self) -> int:
         """Samples of a table waveform that fit one write."""
@@ -245,9 +278,29 @@ def controller(name: str) -> ControllerDescription:
     path = FOLDER / f"{name}_controller.toml"
     data = read_description(path)
     try:
-        return ControllerDescription(name, data)
+        return ControllerDescription(name, _upon_its_base(data))
     except LocalProtocolError as error:
         raise LocalProtocolError(f"{path}: {error}") from error
+
+
+def _upon_its_base(data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A description's entries over those of the one that it names as its `base`: capabilities replaced, blocks added.
+
+    Raises:
+        LocalProtocolError: there is no such base, or it has one itself.
+    """
+    if "base" not in data:
+        return data
+    name = data["base"]
+    if name not in controller_names():
+        raise LocalProtocolError(f"base = {name!r:.40}: known are {', '.join(controller_names())}")
+    base = read_description(FOLDER / f"{name}_controller.toml")
+    if "base" in base:
+        raise LocalProtocolError(f"base = {name!r}: it has a base itself")
+    capabilities = {**base.get("capabilities", {}), **data.get("capabilities", {})}
+    blocks = [*base.get("block", ()), *data.get("block", ())]
+    own = {key: value for key, value in data.items() if key != "base"}
+    return {**base, **own, "capabilities": capabilities, "block": blocks}
 
 
 def controller_names() -> tuple[str, ...]:

@@ -19,7 +19,7 @@ DRIVER = "modbus"
 RESERVED = "reserved"
 """Registers whose name begins so are nobody's."""
 MOST_READ = 125
-MOST_WRITTEN = {"config": 123, "command": 123, "table": 123, "watchdog": 121}
+MOST_WRITTEN = {"config": 123, "command": 123, "table": 123, "watchdog": 121, "setpoint": 121}
 LARGEST_CODE = 0xFFFF
 
 _TABLES = ("driver", "capabilities", "identity", "codes", "bits", "block")
@@ -48,6 +48,7 @@ _REGISTERS: Mapping[str, Collection[str]] = {
     "config": _CONFIG,
     "command": ("command", "sequence", "owner_id", *_MOVE, *_PROGRAM, *_TABLE_PROGRAM),
     "watchdog": ("watchdog_counter",),
+    "setpoint": ("setpoint_position", "setpoint_velocity", "watchdog_counter"),
     "table": ("table_index", "table_count"),
 }
 _WHOLE = frozenset({
@@ -60,9 +61,8 @@ Need = tuple[str, tuple[str, ...]]
 _ALWAYS: tuple[Need, ...] = (
     ("identity", ()),
     ("status", ("state", "position", "velocity")),
-    ("command", ("command", "sequence", *_MOVE)),
+    ("command", ("command", "sequence")),
     ("codes.state", ("hold",)),
-    ("codes.command", ("move-to", "fade-stop", "halt")),
 )
 _SERVED: Mapping[str, tuple[Need, ...]] = {
     "hydraulics": (
@@ -79,9 +79,10 @@ _SERVED: Mapping[str, tuple[Need, ...]] = {
     "phase": (("status", ("phase",)), ("codes.phase", ("ramp-in", "full-amplitude", "ramp-out"))),
     "cycle_pulse": (("status", ("pulse_count", "pulse_clock_us", "clock_us")),),
     "generator": (
-        ("status", ("cycles_done",)), ("command", _PROGRAM), ("codes.state", ("running",)),
-        ("codes.command", ("start",)), ("codes.waveform", ("sine",)),
+        ("status", ("cycles_done",)), ("command", (*_MOVE, *_PROGRAM)), ("codes.state", ("running",)),
+        ("codes.command", ("move-to", "fade-stop", "halt", "start")), ("codes.waveform", ("sine",)),
     ),
+    "streamed_setpoints": (("setpoint", ("setpoint_position",)),),
     "table": (
         ("table", ("table_index", "table_count", "table_value_0")), ("command", _TABLE_PROGRAM),
         ("codes.waveform", ("table",)),
@@ -112,11 +113,6 @@ def declared(data: Mapping[str, Any]) -> Capabilities:
     if watchdog not in kinds:
         raise LocalProtocolError(f"[capabilities] watchdog = {watchdog!r:.40}: must be one of {', '.join(kinds)}")
     talents = {name: truth(value, f"[capabilities] {name}") for name, value in given.items() if name != "watchdog"}
-    if talents.get("streamed_setpoints"):
-        raise LocalProtocolError(
-            "[capabilities] streamed_setpoints = true: the modbus driver sends no set-points one by one; a device that "
-            "needs them has a driver of its own (docs/wires.md)"
-        )
     return Capabilities(watchdog=WatchdogKind(watchdog), **talents)
 
 
@@ -233,10 +229,10 @@ def check_served(
     places |= {f"codes.{name}": entries for name, entries in codes.items()}
     places |= {f"bits.{name}": entries for name, entries in bits.items()}
     _all_needs(_ALWAYS, places, "every controller")
-    if not can.generator:
+    if not (can.generator or can.streamed_setpoints):
         raise LocalProtocolError(
-            "[capabilities] generator = false: the modbus driver starts programs and makes no set-points; a device "
-            "without a generator has a driver of its own (docs/wires.md)"
+            "[capabilities] generator = false: then it must follow set-points that are streamed to it: "
+            "streamed_setpoints = true, and a block of the name setpoint"
         )
     for capability, needs in _SERVED.items():
         if getattr(can, capability):

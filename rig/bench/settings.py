@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from datetime import date
 from typing import Annotated, Any, Literal
 
+from drivers.catalogue import make_actuator
+from drivers.connection import ActuatorConnection
 from rig.bench import address
 from rig.bench.quantity import Check, Problem, Quantity, Settings, Text, key
 from rig.bench.sensor_settings import (
@@ -32,6 +34,7 @@ from rig.bench.supply_settings import supply_problems_of
 
 ECU_STATUS_Hz = 100.0
 MOST_AUXILIARY = 7
+LATE_SETPOINT_S = 0.010
 SPIKE_FORCE_SHARE = 0.6
 """A triangle's reversal turns the whole yield force round between two samples; a larger jump is no physics."""
 SPIKE_SPEED_FACTOR = 2.0
@@ -129,7 +132,26 @@ class ActuatorConfig(Settings):
             description="delay of the controller's own position and force inputs; sensors are checked against them",
         ),
     )
+    setpoint_late_s: Annotated[float, Quantity("time", "2 ms", "500 ms")] | None = field(
+        default=None,
+        metadata=key(
+            "setpoint_late",
+            description="of an actuator that is streamed its set-points: one sent so much after its time is late; not "
+            "stated: 10 ms, or one poll if that is longer",
+        ),
+    )
     serial_number: Name | None = None
+
+    @property
+    def setpoints_s(self) -> float | None:
+        """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
+        connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
+        return None if make_actuator(self.register_map, connection).capabilities.generator else self.poll_s
+
+    @property
+    def late_setpoint_s(self) -> float:
+        """A set-point sent so much after its time is late (s)."""
+        return max(self.poll_s, LATE_SETPOINT_S) if self.setpoint_late_s is None else self.setpoint_late_s
 
 
 def _own_or_preset(value: object) -> object:

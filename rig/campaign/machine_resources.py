@@ -249,14 +249,17 @@ def _written(ring: Path) -> bool:
     return False
 
 
-def station_config(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConfig:
+def station_config(bench: Bench, matrix: Matrix | None, ring_path: Path) -> StationConfig:
     """What the station is told: the bench's settings as they are, its limits narrowed to the specimen's travel.
 
     Args:
         bench: the bench.
-        matrix: the matrix, for the specimen.
+        matrix: the matrix, for the specimen; None where it is not known: the bench's limits hold.
         ring_path: where the station makes its ring.
     """
+    limits = bench.limits
+    if matrix is not None:
+        limits = limits.within_stroke(matrix.specimen.stroke_m, matrix.specimen.mid_stroke_m)
     return StationConfig(
         **vars(bench.station),
         **vars(bench.clock),
@@ -265,20 +268,20 @@ def station_config(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConf
         load_cell=bench.load_cell,
         lvdt=bench.lvdt,
         auxiliary=bench.auxiliary,
-        limits=bench.limits.within_stroke(matrix.specimen.stroke_m, matrix.specimen.mid_stroke_m),
+        limits=limits,
         ring_path=str(ring_path),
     )
 
 
 @contextmanager
 def station_in_use(
-    bench: Bench, matrix: Matrix, folder: Path, locks: tuple[int, ...]
+    bench: Bench, matrix: Matrix | None, folder: Path, locks: tuple[int, ...]
 ) -> Iterator[tuple[StationClient, StationConfig]]:
     """The station's process, and what it was told; the block closes its link.
 
     Args:
         bench: the bench.
-        matrix: the matrix, for the specimen.
+        matrix: the matrix, for the specimen; None as for `station_config`.
         folder: the campaign's directory.
         locks: of the bench's devices, where they are held already; the station inherits them.
 

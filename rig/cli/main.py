@@ -22,6 +22,8 @@ OPERATOR_STOP = "sigint"
 # Command -> module that holds it as `command`, and its line in the help (so that the help loads no module).
 COMMANDS = {
     "demo": ("rig.cli.demo", "Complete example on the simulated rig, in under a minute."),
+    "init": ("rig.cli.init", "A commented bench and matrix file to begin with."),
+    "check": ("rig.cli.check", "Check every device of a bench: reachable, the right one, healthy."),
     "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),

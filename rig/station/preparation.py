@@ -14,7 +14,9 @@ from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.safe_stop import STILL_S, ZERO_CURRENT_A
 from rig.station.supervisor import Supervisor
-from rig.station.threads.devices import Devices
+from rig.station.threads.actuator_thread import ActuatorThread
+from rig.station.threads.devices import Device, Devices
+from rig.station.threads.sensor_thread import SensorThread
 
 LEASE_WAIT_S = 3.0
 FIRST_DATA_S = 3.0
@@ -42,6 +44,21 @@ class Preparation:
         Raises:
             StationRefused: another device, or none that sends valid data.
         """
+        devices = self._devices
+        in_order: tuple[Device, ...] = (devices.actuator, devices.coil, *devices.sensors)
+        return {device.name: self.prove(device) for device in in_order}
+
+    def prove(self, device: Device) -> dict[str, object]:
+        """What `prove_devices` proves, of one device: its identity, or the rate of a sensor.
+
+        Raises:
+            StationRefused: another device, or one that sends no valid data.
+        """
+        if isinstance(device, SensorThread):
+            return self._prove_sensor(device)
+        return self._prove_actuator() if isinstance(device, ActuatorThread) else self._prove_ecu()
+
+    def _prove_actuator(self) -> dict[str, object]:
         devices, config = self._devices, self._config
         identity = devices.actuator.identity
         if identity is None or devices.actuator.wait_status(lambda _: True, FIRST_DATA_S) is None:
@@ -51,24 +68,29 @@ class Preparation:
             raise StationRefused(
                 "wrong-identity", f"actuator: serial number {identity.serial_number!r}, the bench expects {expected!r}"
             )
+        return asdict(identity)
+
+    def _prove_ecu(self) -> dict[str, object]:
+        devices, config = self._devices, self._config
         ecu = self._prove_source()
         if devices.coil.identity_problem:
             raise StationRefused("wrong-identity", f"ecu: {devices.coil.identity_problem}")
         if config.ecu.serial_number is not None and (ecu is None or config.ecu.serial_number != ecu.serial_number):
             expected_number, own = config.ecu.serial_number, "none" if ecu is None else ecu.serial_number
             raise StationRefused("wrong-identity", f"ecu: serial number {own}, the bench expects {expected_number}")
-        answer: dict[str, object] = {"actuator": asdict(identity), "ecu": {} if ecu is None else ecu._asdict()}
-        for sensor in devices.sensors:
-            rate_Hz = sensor.wait_rate(RATE_SAMPLES, FIRST_DATA_S)
-            if rate_Hz is None:
-                slug = "serial-baud" if sensor.garbled else "no-answer"
-                raise StationRefused(
-                    slug,
-                    f"{sensor.name}: {sensor.samples} valid samples within {FIRST_DATA_S:g} s, expected about "
-                    f"{sensor.config.rate_Hz:g} a second; check baud rate and format",
-                )
-            answer[sensor.name] = {"rate_Hz": rate_Hz}
-        return answer
+        return {} if ecu is None else ecu._asdict()
+
+    @staticmethod
+    def _prove_sensor(sensor: SensorThread) -> dict[str, object]:
+        rate_Hz = sensor.wait_rate(RATE_SAMPLES, FIRST_DATA_S)
+        if rate_Hz is None:
+            slug = "serial-baud" if sensor.garbled else "no-answer"
+            raise StationRefused(
+                slug,
+                f"{sensor.name}: {sensor.samples} valid samples within {FIRST_DATA_S:g} s, expected about "
+                f"{sensor.config.rate_Hz:g} a second; check baud rate and format",
+            )
+        return {"rate_Hz": rate_Hz}
 
     def _prove_source(self) -> SourceIdentity | None:
         """The coil's current source tells all that it should; its identity, where it has one.
@@ -84,7 +106,10 @@ class Preparation:
         if slug:
             raise StationRefused(slug, f"ecu: {words}")
         if missing:
-            raise StationRefused("no-answer", f"ecu: no {' and '.join(missing)} frames within {first_s:g} s")
+            bad = coil.thrown_away
+            failing = ", though frames come: they fail their checks" if bad else ""
+            text = f"ecu: no valid {' and '.join(missing)} frames within {first_s:g} s{failing}"
+            raise StationRefused(bad or "no-answer", text)
         return identity
 
     def prepare_controller(self) -> ActuatorLimits:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum, auto
+from typing import Protocol
 
 from rig.faults.row import StopKind
 
@@ -137,6 +138,25 @@ def begin(
         kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns, watchdog_s=watchdog_s
     )
     return stop, (StopAction.ZERO_CURRENT, stop_command(stop))
+
+
+class Source(Protocol):
+    """What a stop has to know of the coil's current source."""
+
+    @property
+    def zero_within_s(self) -> float:
+        """After so long a commanded 0 A must be measured (wall s)."""
+
+    @property
+    def falls_by_itself(self) -> bool:
+        """Without commands it goes to 0 A."""
+
+
+def of_source(stop: SafeStop, source: Source | None) -> SafeStop:
+    """The stop with the time and the fall of this current source."""
+    if source is None:
+        return stop
+    return replace(stop, current_s=source.zero_within_s, current_falls=source.falls_by_itself)
 
 
 def stop_command(stop: SafeStop) -> StopAction:

@@ -24,9 +24,11 @@ ROOT = Path(__file__).resolve().parents[2]
 SLUG = re.compile(r"[A-Za-z][a-z0-9]*(-[a-z0-9]+)*|INTERRUPTED")
 SAID_BY = {
     "Refused", "Stopped", "StationRefused", "because", "StopCause", "Finding", "CampaignFinding", "CheckFinding",
-    "Reason", "suspect", "invalid", "explained", "tell", "warn_of", "_refuse", "_share", "warning", "failure",
+    "Reason", "suspect", "invalid", "explained", "_share", "fails", "NotProved",
 }
 """Calls whose first argument is a slug."""
+FUNCTIONS = {"failed", "warning", "note"}
+"""The same, but methods of these names say something else."""
 
 BARE = SupplyDescription(
     "bare", SupplyLink(), SupplyCommands(output_on=(Command.of("ON"),)), (0.0, 1.0), tried="unverified"
@@ -46,7 +48,7 @@ def is_slug_name(name: str) -> bool:
 
 def slugs_of_call(node: ast.Call) -> Iterator[str]:
     name = getattr(node.func, "id", getattr(node.func, "attr", ""))
-    if name in SAID_BY and node.args:
+    if node.args and (name in SAID_BY or (name in FUNCTIONS and isinstance(node.func, ast.Name))):
         yield from texts_in(node.args[0]) if isinstance(node.args[0], (ast.Constant, ast.IfExp)) else ()
     for keyword in node.keywords:
         if is_slug_name(keyword.arg or ""):

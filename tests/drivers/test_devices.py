@@ -221,7 +221,7 @@ def test_an_actuator_with_a_driver_of_its_own_comes_through_the_same_door(monkey
     monkeypatch.setattr("drivers.catalogue._REGISTERED", {})
     made = make_actuator("demo", ActuatorConnection("modbus-tcp://127.0.0.1:1"))
     register_actuator("mine", lambda connection: made)
-    assert actuator_names() == ("demo", "mine")
+    assert actuator_names() == ("demo", "demo-streamed", "mine")
     assert make_actuator("mine", ActuatorConnection("tcp://127.0.0.1:1")) is made
     assert make_current_source("demo", "virtual", "x", 500_000).commanded_A == 0.0
 

@@ -222,6 +222,11 @@ class CurrentSourceThread(ReadingThread):
         """What it cannot do or does not tell: a name, and what is left without it."""
         return self._driver.lacking
 
+    @property
+    def thrown_away(self) -> str:
+        """Slug for status frames that come but fail their checks; empty where none do."""
+        return thrown_away(self._driver.counters)
+
     def describe(self) -> str:
         """State and faults in words."""
         status = self._driver.status

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import dataclasses
+from collections.abc import Callable, Container, Iterator
 
 from drivers.catalogue import (
     SensorConnection,
@@ -12,10 +13,11 @@ from drivers.catalogue import (
     make_sensor,
     make_supply,
 )
-from drivers.connection import ActuatorConnection
+from drivers.connection import ActuatorConnection, MotionTerms
 from drivers.current_source import CurrentSource
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
+from drivers.roles import Sensor
 from drivers.sample_stream import SampleScale
 from protocols.errors import ProtocolError
 from rig.bench.sensor_settings import SensorConfig
@@ -32,6 +34,7 @@ from rig.station.threads.current_source_thread import CurrentSourceThread
 from rig.station.threads.sensor_thread import SensorRole, SensorThread
 
 Append = Callable[[list[Record]], None]
+Device = SensorThread | CurrentSourceThread | ActuatorThread
 
 
 class Devices:
@@ -44,6 +47,7 @@ class Devices:
         self.config = config
         self.owner_id = owner_id
         self._supervisor = supervisor
+        self._connections: dict[str, SensorConnection] = {}
         limits, margins = config.limits, config.margins
         speed_limit_m_s = limits.speed_m_s * (1.0 + margins.speed)
         self.load_cell = self._sensor(config.load_cell, append, SensorRole(
@@ -79,6 +83,7 @@ class Devices:
         driver = make_actuator(given_actuator.register_map, ActuatorConnection(
             given_actuator.url, given_actuator.device_id, given_actuator.timeout_s, owner_id,
             given_actuator.baudrate, given_actuator.parity,
+            MotionTerms(given_actuator.fade_out_cycles, given_actuator.halt_deceleration_m_s2, config.device_rate),
         ))
         interlock = ActuatorInterlock(
             owner_id,
@@ -94,18 +99,22 @@ class Devices:
         return self.actuator.clock.ppm
 
     def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
-        driver = make_sensor(SensorConnection(
+        connection = self._connections[given.label] = SensorConnection(
             given.url, given.baudrate, given.label, role.channel, given.format,
             scale_of(given, self.config.device_rate),
-        ))
-        return SensorThread(given, driver, role, self._supervisor, append)
+        )
+        return SensorThread(given, make_sensor(connection), role, self._supervisor, append)
 
     @property
     def sensors(self) -> tuple[SensorThread, ...]:
         """Load cell, LVDT and the auxiliary channels."""
         return (self.load_cell, self.lvdt, *self.auxiliary)
 
-    def __iter__(self) -> Iterator[SensorThread | CurrentSourceThread | ActuatorThread]:
+    def at_another_rate(self, sensor: SensorThread, baudrate: int) -> Sensor:
+        """A further driver of a sensor's port, which its own has closed, at another baud rate; nothing is opened."""
+        return make_sensor(dataclasses.replace(self._connections[sensor.name], baudrate=baudrate))
+
+    def __iter__(self) -> Iterator[Device]:
         return iter((*self.sensors, self.coil, self.actuator))
 
     def open(self) -> None:
@@ -114,22 +123,27 @@ class Devices:
         Raises:
             StationRefused: one line for each device that cannot be reached; all ports are closed again.
         """
-        problems = []
+        problems = list(self.open_each().values())
+        if problems:
+            self.close()
+            raise StationRefused(slug_of(problems[0]), "\n".join(str(error) for error in problems))
+
+    def open_each(self) -> dict[str, DriverError | ProtocolError]:
+        """Open every port that can be opened; why the others cannot, by the device's name."""
+        problems: dict[str, DriverError | ProtocolError] = {}
         for device in self:
             try:
                 device.open()
             except (DriverError, ProtocolError) as error:
-                problems.append(error)
-        if problems:
-            self.close()
-            slug = next((slug_of(error) for error in problems), "unreachable")
-            raise StationRefused(slug, "\n".join(str(error) for error in problems))
+                problems[device.name] = error
+        return problems
 
-    def start(self) -> None:
-        """Start every thread; the supervisor watches them from now on."""
-        for device in self:
+    def start(self, but: Container[str] = ()) -> None:
+        """Start every thread but those of the devices of these names; the supervisor watches the others from now on."""
+        started = tuple(device for device in self if device.name not in but)
+        for device in started:
             device.start()
-        self._supervisor.attach(self.coil, self.actuator, self.lvdt, tuple(self))
+        self._supervisor.attach(self.coil, self.actuator, self.lvdt, started)
 
     def revive(self) -> None:
         """Open lost ports again, as part of a reset.
