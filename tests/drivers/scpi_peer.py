@@ -67,9 +67,9 @@ class ScpiPeer:
             self.on = parameter.upper() in {"ON", "1"}
         elif re.fullmatch(r"OUTP(UT)?(:STAT(E)?)?\?", header):
             return "1" if self.on else "0"
-        elif re.fullmatch(r"MEAS(URE)?:CURR(ENT)?(:DC)?\?", header):
+        elif re.fullmatch(r"(MEAS|MEASURE):CURR(ENT)?(:DC)?\?", header):
             return f"{self.flows_A:+.8E}"
-        elif re.fullmatch(r"MEAS(URE)?(:VOLT(AGE)?)?(:DC)?\?", header):
+        elif re.fullmatch(r"(MEAS|MEASURE)(:VOLT(AGE)?)?(:DC)?\?", header):
             return f"{self.volts if self.on and self.open_circuit else 1.5 * self.flows_A:+.8E}"
         elif re.fullmatch(r"SYST(EM)?:ERR(OR)?(:NEXT)?\?", header):
             return self.errors.pop(0) if self.errors else '+0,"No error"'
