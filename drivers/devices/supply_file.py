@@ -321,7 +321,7 @@ class _Reader:
         """Bits by what they mean."""
         given = self.inner("faults", tuple(_FAULTS))
         if given and not commands.read_faults:
-            self.wrong(("faults",), 'means bits of an answer: write [commands] read_faults, such as "STATus:QUEStionable:CONDition?"')
+            self.wrong(("faults",), 'means bits of an answer: write the question as read_faults under [commands]')
         if commands.read_faults and not given:
             self.wrong(("commands", "read_faults"), "is answered with bits: say under [faults] what they mean")
         bits = {

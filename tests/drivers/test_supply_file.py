@@ -95,7 +95,7 @@ time_s = 100
         assert any(text.startswith(f"my-supply.toml, line {line}: {says}") for text in told), (line, told)
     assert any("watchdog.start: is missing" in text for text in told)
     assert any("commands.output_off: is missing; a supply that has one of the two has both" in text for text in told)
-    assert any("faults: means bits of an answer: write [commands] read_faults" in text for text in told)
+    assert any("faults: means bits of an answer: write the question as read_faults" in text for text in told)
 
 
 @pytest.mark.parametrize(
