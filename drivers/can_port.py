@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from drivers.can_library import import_can
+from drivers.connection import CanAddress
 from drivers.errors import LinkLost, PortClosed
 from protocols.slcan import Frame
 
@@ -23,21 +24,19 @@ class CanPort:
     """Any interface of python-can: socketcan, pcan, kvaser, vector, virtual, socketcand ...; slcan with our own reader.
 
     Args:
-        interface: name as python-can has it.
-        channel: what that interface calls the bus; a serial URL for slcan.
-        bitrate: bit/s.
+        address: where the bus is.
         device: name of the device for messages.
 
     Attributes:
         bus_errors: error frames the interface reported.
     """
 
-    def __init__(self, interface: str, channel: str, bitrate: int, *, device: str = "ecu") -> None:
+    def __init__(self, address: CanAddress, *, device: str = "ecu") -> None:
         self.bus_errors = 0
         self.device = device
-        self._interface = interface
-        self._channel = channel
-        self._bitrate = bitrate
+        self._address = address
+        self._interface = address.interface
+        self._channel = address.channel
         self._can: types.ModuleType | None = None
         self._bus: Any = None
 
@@ -57,9 +56,12 @@ class CanPort:
             if self._interface == SLCAN:
                 from drivers.slcan_bus import BlockSlcanBus
 
-                self._bus = BlockSlcanBus(self._channel, self._bitrate)
+                self._bus = BlockSlcanBus(self._channel, self._address.bitrate)
             else:
-                self._bus = can.Bus(interface=self._interface, channel=self._channel, bitrate=self._bitrate)
+                self._bus = can.Bus(
+                    interface=self._interface, channel=self._channel, bitrate=self._address.bitrate,
+                    **dict(self._address.options),
+                )
         except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
             raise PortClosed(self.device, self._name, f"cannot open: {error}") from error
 
@@ -97,8 +99,8 @@ class CanPort:
             message = self._receive_one(0.0)
         return frames, arrival_ns
 
-    def send(self, identifier: int, data: bytes) -> None:
-        """Hand one standard frame to the interface.
+    def send(self, identifier: int, data: bytes, *, extended: bool = False, fd: bool = False) -> None:
+        """Hand one frame to the interface.
 
         Raises:
             PortClosed: the bus is not open.
@@ -107,7 +109,8 @@ class CanPort:
         if self._bus is None or self._can is None:
             raise PortClosed(self.device, self._name, "the bus is not open")
         try:
-            self._bus.send(self._can.Message(arbitration_id=identifier, data=data, is_extended_id=False), timeout=0.02)
+            message = self._can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=fd)
+            self._bus.send(message, timeout=0.02)
         except (self._can.CanError, OSError, ValueError) as error:
             raise LinkLost(self.device, self._name, f"frame 0x{identifier:03X} not taken: {error}") from error
 

@@ -7,15 +7,16 @@ bench file is read. Where names are the same, ours comes first.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from drivers import plugins
-from drivers.connection import ActuatorConnection
+from drivers.connection import ActuatorConnection, CanAddress
 from drivers.current_source import CurrentSource
 from drivers.devices.controller import controller, controller_names
-from drivers.devices.source import current_source, current_source_names
+from drivers.devices.source import current_source, current_source_names, current_source_problems, is_dbc
 from drivers.devices.supply import SupplyConnection, SupplyDescription
 from drivers.devices.supply_file import supply, supply_problems
 from drivers.errors import UnknownDevice
@@ -36,6 +37,11 @@ __all__ = [
     "check_sensor_format",
     "clocked_format_names",
     "current_source_names",
+    "current_source_period_s",
+    "current_source_problems",
+    "current_source_range_A",
+    "ecu_roles_schema",
+    "is_dbc",
     "known_current_source_names",
     "make_actuator",
     "make_current_source",
@@ -115,6 +121,34 @@ def check_sensor_format(name: str) -> None:
         plugins.maker_of(plugins.SENSORS, name)
 
 
+def current_source_range_A(name: str, roles: str | Mapping[str, Any] | None) -> tuple[float, float]:
+    """Lowest and highest current (A) that the set-point of a current source can hold; a plug-in's says so itself.
+
+    Raises:
+        LocalProtocolError: it cannot be used.
+    """
+    if name not in current_source_names() and not is_dbc(name):
+        return -math.inf, math.inf
+    described = current_source(name, roles)
+    return described.low_A, described.high_A
+
+
+def current_source_period_s(name: str, roles: str | Mapping[str, Any] | None) -> float:
+    """How often a current source tells its current (s of its clock); 0 for a plug-in's, which says so when it runs.
+
+    Raises:
+        LocalProtocolError: it cannot be used.
+    """
+    return current_source(name, roles).timing.status_s if name in current_source_names() or is_dbc(name) else 0.0
+
+
+def ecu_roles_schema() -> dict[str, Any]:
+    """The JSON schema of a roles file."""
+    from drivers.devices.ecu_roles_schema import ecu_roles_schema as schema
+
+    return schema()
+
+
 def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
     """The driver of a kind of actuator; nothing is opened. One that only follows set-points is streamed them.
 
@@ -136,24 +170,31 @@ def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
     return as_actuator(ModbusActuator(connection, controller(name)), connection.motion)
 
 
-def make_current_source(name: str, interface: str, channel: str, bitrate: int) -> CurrentSource:
-    """The driver of a kind of current source; nothing is opened.
+def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: CanAddress) -> CurrentSource:
+    """The driver of a current source on CAN; nothing is opened.
+
+    Args:
+        name: of a kind of current source, or the path of a DBC file.
+        roles: of a DBC file: path of the roles file, or its contents.
+        bus: where it is.
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
+        LocalProtocolError: a DBC and its roles cannot be used.
         BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
-    if name not in current_source_names():
-        given = (interface, channel, bitrate)
+    if name not in current_source_names() and not is_dbc(name):
+        given = (bus.interface, bus.channel, bus.bitrate)
         brought: CurrentSource | None = plugins.made(plugins.CURRENT_SOURCES, name, CurrentSource, *given)
         if brought is not None:
             return brought
         raise UnknownDevice(
-            "ecu", channel, f"dbc {name!r} is not known; known: {', '.join(known_current_source_names())}"
+            "ecu", bus.channel, f"dbc {name!r} is not known; known: {', '.join(known_current_source_names())}"
         )
     from drivers.can_current_source import CanCurrentSource
+    from drivers.can_port import CanPort
 
-    return CanCurrentSource(interface, channel, current_source(name), bitrate=bitrate)
+    return CanCurrentSource(CanPort(bus), current_source(name, roles))
 
 
 def make_supply(connection: SupplyConnection) -> CurrentSource:

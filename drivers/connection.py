@@ -1,10 +1,12 @@
-"""How to reach an actuator: its address, parsed once, and what else a driver needs."""
+"""How to reach an actuator or a CAN bus: addresses, parsed once, and what else a driver needs."""
 
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 from urllib.parse import urlsplit
 
 
@@ -85,6 +87,23 @@ class ActuatorConnection:
     baudrate: int = 115_200
     parity: str = "N"
     motion: MotionTerms = MotionTerms()
+
+
+@dataclass(frozen=True, slots=True)
+class CanAddress:
+    """Where a CAN bus is.
+
+    Attributes:
+        interface: name as python-can has it.
+        channel: what that interface calls the bus; a serial URL for slcan.
+        bitrate: bit/s.
+        options: further arguments of the interface, by python-can's names.
+    """
+
+    interface: str
+    channel: str
+    bitrate: int = 500_000
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 def draw_owner_id() -> int:

@@ -9,7 +9,7 @@ import signal
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -27,6 +27,9 @@ from simulators.schedule import (
     wiring_for,
 )
 from simulators.settings import setting_options
+
+if TYPE_CHECKING:
+    from simulators.worn_ecu import WornEcuFiles
 
 EPILOG = """\b
 Example:
@@ -159,6 +162,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     if values["rate"] is not None:
         for table in ("load_cell", "lvdt", "auxiliary"):
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
+    worn_ecu = worn(values["dbc"], values["ecu_roles"])
     if values["force_format"] == "ascii":
         options = replace(options, load_cell=replace(options.load_cell, format="signed-decimal"))
     written = tuple(parse_fault(text) for text in values["fault"])
@@ -178,6 +182,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
+        worn_ecu=worn_ecu,
         drop_unread=values["drop_unread"],
         faults=(*written, *drawn(values, wiring)),
     )
@@ -197,6 +202,25 @@ def _supply(given: str) -> str:
     if problems:
         raise FileProblem(f"--supply {given}", [text for _, text in problems])
     return given
+
+
+def worn(dbc: Path | None, roles: Path | None) -> WornEcuFiles | None:
+    """A user's files as which the current ECU appears; None where none are given.
+
+    Raises:
+        FileProblem: one without the other, or they cannot be used: everything that is wrong.
+    """
+    from drivers.devices.source import current_source_problems
+    from simulators.worn_ecu import WornEcuFiles
+
+    if dbc is None and roles is None:
+        return None
+    if dbc is None or roles is None:
+        raise FileProblem("--dbc", ["needs --ecu-roles beside it, and the other way round"])
+    problems = current_source_problems(str(dbc), str(roles))
+    if problems:
+        raise FileProblem("--dbc", [text for _, text in problems])
+    return WornEcuFiles(dbc.absolute(), roles.absolute())
 
 
 def drawn(values: dict[str, Any], wiring: Wiring) -> tuple[ScheduledFault, ...]:
@@ -245,6 +269,10 @@ FILE = click.Path(path_type=Path, dir_okay=False)
               help="What the load cell sends.")
 @click.option("--supply", default="", metavar="NAME|FILE",
               help="The coil's current by a supply of this language in place of the ECU: a preset, or a file of yours.")
+@click.option("--dbc", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              help="The current ECU is as this DBC file says (with --ecu-roles).")
+@click.option("--ecu-roles", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              help="What the signals of the DBC mean.")
 @click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
 @click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),

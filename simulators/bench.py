@@ -36,7 +36,7 @@ class Addresses:
 
 
 def bench_text(
-    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, supply: str | Mapping[str, Any] = ""
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = ()
 ) -> str:
     """The bench file as TOML text.
 
@@ -45,7 +45,7 @@ def bench_text(
         addresses: its open ports.
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
-        supply: the supply that drives the coil in place of the ECU; empty: none.
+        ecu: lines of the current source's table; none: of the demo ECU.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -72,7 +72,7 @@ def bench_text(
         *([] if controller.generator or not relaxed else [f'setpoint_late = "{1e3 * RELAXED_SETPOINT_S:g} ms"']),
         *_input_delay(options),
         f'serial_number = "{controller.serial_number}"',
-        *(_supply(options, addresses.supply_port, speed, supply) if supply else _ecu(options, addresses, relaxed)),
+        *(ecu or ecu_lines(addresses, relaxed)),
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
     lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)
@@ -92,21 +92,20 @@ def bench_text(
     return "\n".join(lines) + "\n"
 
 
-def _ecu(options: RigOptions, addresses: Addresses, relaxed: bool) -> list[str]:
-    """Lines of the current ECU's table."""
+def ecu_lines(addresses: Addresses, relaxed: bool, entries: Sequence[str] = ('dbc = "demo"',)) -> list[str]:
+    """Lines of the table of an ECU on CAN; `entries` say which ECU it is."""
     return [
         "[ecu]",
         'interface = "slcan"',
         f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
         "bitrate = 500000",
-        'dbc = "demo"',
+        *entries,
         'command_period = "10 ms"',
         f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
-        f"serial_number = {options.coil.serial_number}",
     ]
 
 
-def _supply(options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any]) -> list[str]:
+def supply_lines(options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any]) -> list[str]:
     """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often."""
     described = supply(given)
     name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given

@@ -15,11 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from drivers.devices.supply_file import supply
 from rig.clock import monotonic_ns
 from rig.dampers.catalogue import KINDS, NO_KIND
 from simulators.actuator import Actuator
-from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
+from simulators.bench import (
+    RELAXED_COMMAND_TIMEOUT_S,
+    Addresses,
+    actuator_timeout_s,
+    bench_text,
+    ecu_lines,
+    poll_ms,
+    supply_lines,
+)
 from simulators.channel import Channel
 from simulators.clock import DeviceClock, ServedTime
 from simulators.controller_firmware import State
@@ -40,6 +47,7 @@ from simulators.serial_port import CAPACITY, open_port
 from simulators.slcan_bus import SlcanBus
 from simulators.supply import simulated_supply
 from simulators.truth import About, Attribute, Truth
+from simulators.worn_ecu import WornEcuFiles
 
 TICK_S = 0.002
 HOLDING_S = 0.0005
@@ -74,6 +82,8 @@ class RunOptions:
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
     truth: Path | None = None
     exit_when_idle: bool = False
+    worn_ecu: WornEcuFiles | None = None
+    """The current ECU is one that a user's files describe."""
     drop_unread: bool = False
     """The ports drop what the host has not read in time, as real ones do; the rig's clock waits for nobody."""
     faults: tuple[ScheduledFault, ...] = ()
@@ -105,10 +115,10 @@ class SimulatedRig:
             self.plant, coil, options.damper.ambient_degC,
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
         )
+        if run.worn_ecu is not None:
+            self.ecu.wear(run.worn_ecu.load())
         self.bus = SlcanBus(self.ecu.receive)
-        self.supply = (
-            simulated_supply(self.ecu, supply(run.supply), str(coil.serial_number)) if run.supply else None
-        )
+        self.supply = simulated_supply(self.ecu, run.supply, coil.serial_number)
         rtu = run.actuator == "rtu"
         self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports != "socket")
         self.channels: list[Channel] = []
@@ -170,7 +180,15 @@ class SimulatedRig:
         self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed)
         if relaxed:
             self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
-        return bench_text(self.options, addresses, speed, relaxed, self.run_options.supply)
+        return bench_text(self.options, addresses, speed, relaxed, self._source_lines(addresses, relaxed))
+
+    def _source_lines(self, addresses: Addresses, relaxed: bool) -> list[str]:
+        """The table of the coil's current source."""
+        run, number = self.run_options, self.options.coil.serial_number
+        if run.supply:
+            return supply_lines(self.options, addresses.supply_port, run.speed, run.supply)
+        own = ['dbc = "demo"', f"serial_number = {number}"] if run.worn_ecu is None else run.worn_ecu.entries(number)
+        return ecu_lines(addresses, relaxed, own)
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""
@@ -329,9 +347,8 @@ class SimulatedRig:
         """Stop once the parent is gone and the rig has stood still without current for a while."""
         moving = abs(self.plant.value("velocity_m_s")) > STANDSTILL_M_S
         moving = moving or self.actuator.motion_state in {State.MOVING, State.RUNNING, State.FADING, State.HALTING}
-        powered = abs(self.plant.value("current_A")) > NO_CURRENT_A
-        # Nobody would ever switch it off.
-        powered = powered and not (self.supply is not None and self.supply.stays_on)
+        stays_on = self.supply is not None and self.supply.stays_on
+        powered = abs(self.plant.value("current_A")) > NO_CURRENT_A and not stays_on
         if moving or powered or os.getppid() == self._parent:
             self._idle_since_ns = now_ns
         elif now_ns - self._idle_since_ns > IDLE_S * 1e9:

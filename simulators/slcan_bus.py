@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable
 
+from simulators.ecu_wire import EXTENDED
 from simulators.peer_queue import PeerQueue
 
 OK = b"\r"
@@ -29,13 +30,15 @@ class SlcanBus:
         silent: a fault: nothing passes in either direction.
         queue: asks what clients have not read.
         encode: turns a frame of the ECU into its line; a fault may put another one here.
+
+    A frame's number has `EXTENDED` set where its identifier is an extended one.
     """
 
     def __init__(self, on_frame: Callable[[int, bytes], None]) -> None:
         self.port = 0
         self.dropped_frames = 0
         self.silent = False
-        self.encode: Callable[[int, bytes], bytes] = standard_line
+        self.encode: Callable[[int, bytes], bytes] = frame_line
         self._on_frame = on_frame
         self._clients: list[SlcanClient] = []
         self._server: asyncio.Server | None = None
@@ -75,12 +78,14 @@ class SlcanBus:
                 client.deliver(lines)
 
     def received(self, line: bytes, sender: SlcanClient) -> None:
-        """A client's frame: to the other clients, and to the ECU when it is a standard data frame."""
+        """A client's frame: to the other clients, and to the ECU when it is a data frame."""
         if self.silent:
             return
         self.send_lines([line + OK], sender)
         if line[:1] == b"t":
             self._on_frame(int(line[1:4], 16), bytes.fromhex(line[5:].decode("ascii")))
+        elif line[:1] == b"T":
+            self._on_frame(int(line[1:9], 16) | EXTENDED, bytes.fromhex(line[10:].decode("ascii")))
 
     def joined(self, client: SlcanClient) -> None:
         """A client connected."""
@@ -92,9 +97,11 @@ class SlcanBus:
             self._clients.remove(client)
 
 
-def standard_line(identifier: int, data: bytes) -> bytes:
-    """The slcan line of a standard data frame, its CR included."""
-    return b"t%03X%X%s\r" % (identifier, len(data), data.hex().upper().encode("ascii"))
+def frame_line(identifier: int, data: bytes, *, remote: bool = False) -> bytes:
+    """The slcan line of a frame, its CR included; a remote request has no data."""
+    kind = (b"R" if remote else b"T") if identifier & EXTENDED else b"r" if remote else b"t"
+    number = b"%08X" % (identifier ^ EXTENDED) if identifier & EXTENDED else b"%03X" % identifier
+    return b"%s%s%X%s\r" % (kind, number, len(data), b"" if remote else data.hex().upper().encode("ascii"))
 
 
 class SlcanClient(asyncio.Protocol):

@@ -10,10 +10,12 @@ import asyncio
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from drivers.devices.supply import SupplyDescription
+from drivers.devices.supply_file import supply
 from protocols.scpi import Command
 from simulators.ecu import Ecu
 from simulators.ecu_firmware import EcuFault
@@ -279,8 +281,11 @@ class SupplyClient(asyncio.Protocol):
 GARBLED = str.maketrans("0123456789", "#?!*%&/()=")
 
 
-def simulated_supply(ecu: Ecu, described: SupplyDescription, serial_number: str) -> SimulatedSupply:
-    """A supply that says it is one of its description's kind."""
+def simulated_supply(ecu: Ecu, given: str | Mapping[str, Any], serial_number: int) -> SimulatedSupply | None:
+    """A supply that says it is of its description's kind; None where nothing is given."""
+    if not given:
+        return None
+    described = supply(given)
     maker, model = described.maker or "SIMULATED", (described.model or described.name).split(",")[0]
     identity = f"{maker},{model},{serial_number},1.0"
     if described.identity and not re.search(described.identity, identity):

@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 from urllib.parse import urlsplit
 
-from drivers.catalogue import actuator_names, check_actuator, check_current_source, known_current_source_names
+from drivers.catalogue import (
+    actuator_names,
+    check_actuator,
+    check_current_source,
+    current_source_period_s,
+    current_source_problems,
+    current_source_range_A,
+    is_dbc,
+    known_current_source_names,
+)
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.plugins import BrokenPlugIn
 from protocols.errors import ProtocolError
+from rig.bench.quantity import Problem
 
 SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
 """What pyserial's `serial_for_url` takes before "://"; a test compares this list with it."""
@@ -88,10 +99,38 @@ def known_actuator(name: str) -> str:
 def known_current_source(name: str) -> str:
     """Check the name of a kind of current source against those there is a description of, and that description.
 
+    A DBC file is looked at together with its roles (`ecu_problems`).
+
     Raises:
         ValueError: unknown; the known ones are named. Or its description cannot be used.
     """
+    if is_dbc(name):
+        return name
     return _described(_known(name, known_current_source_names()), check_current_source)
+
+
+def ecu_problems(dbc: str, roles: str | Mapping[str, Any] | None) -> Iterator[Problem]:
+    """What a current source's DBC and roles say wrong, each by itself and together."""
+    if not is_dbc(dbc):
+        if roles is not None:
+            yield ("roles",), f'says what the signals of a DBC file mean; "{dbc}" has its own. Take it out'
+    elif roles is None:
+        yield ("dbc",), (
+            'a DBC file needs roles, which say what its signals mean: write roles = "ecu-roles.toml", or a table '
+            "[ecu.roles]; docs/how-to/connect-an-ecu-by-dbc.md"
+        )  # fmt: skip
+    else:
+        yield from current_source_problems(dbc, roles)
+
+
+def current_range_A(dbc: str, roles: str | Mapping[str, Any] | None) -> tuple[float, float]:
+    """Lowest and highest current (A) that the set-point of a current source can hold."""
+    return current_source_range_A(dbc, roles)
+
+
+def status_period_s(dbc: str, roles: str | Mapping[str, Any] | None) -> float:
+    """How often a current source tells its current (s of its clock)."""
+    return current_source_period_s(dbc, roles)
 
 
 def _known(name: str, known: tuple[str, ...]) -> str:

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from rig import units
 from rig.bench import named_files
+from rig.bench.address import current_range_A, status_period_s
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
@@ -119,7 +120,7 @@ class Bench(Section):
         )
         tables = {
             "actuator": {"register_map": self.actuator.register_map},
-            "ecu": {"supply": self.ecu.supply},
+            "ecu": {"dbc": self.ecu.dbc, "roles": self.ecu.roles, "supply": self.ecu.supply},
         }
         return hashlib.sha256(named_files.with_contents(text, tables).encode()).hexdigest()
 
@@ -132,7 +133,9 @@ class Bench(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        problems = [*self._shared_ports(), *self._shared_names(), *self._ranges(), *self._current(), *self._periods()]
+        problems = [
+            *self._shared_ports(), *self._shared_names(), *self._ranges(), *self._current(), *self._periods()
+        ]
         if problems:
             raise located(problems)
         return self
@@ -171,12 +174,16 @@ class Bench(Section):
         return problems
 
     def _current(self) -> list[Problem]:
-        """The limit against what a supply gives."""
+        """The limit against what the current source gives."""
         described = supply_of(self.ecu.supply)
-        if described is None or self.limits.current_A <= described.current_A[1]:
+        if described is not None:
+            low_A, high_A = described.current_A
+        else:
+            low_A, high_A = current_range_A(self.ecu.dbc, self.ecu.roles)
+        if self.limits.current_A <= high_A and (-self.limits.current_A >= low_A or low_A >= 0.0):
             return []
-        most = units.show(described.current_A[1], "A")
-        return [(("limits", "current"), f"is more than the supply gives; allowed: at most {most}")]
+        held = f"{units.show(low_A, 'A')} to {units.show(high_A, 'A')}"
+        return [(("limits", "current"), f"is beyond the set-point of the current source; allowed: within {held}")]
 
     def _periods(self) -> list[Problem]:
         problems: list[Problem] = []
@@ -192,5 +199,9 @@ class Bench(Section):
         if self.ecu.url is None and self.ecu.stale_after_s < 2.0 * self.ecu.command_period_s:
             shortest = 2.0 * self.ecu.command_period_s
             message = f"is less than two status frames; allowed: at least {units.show(shortest, 'ms')}"
+            problems.append((("ecu", "stale_after"), message))
+        shortest = 2.0 * status_period_s(self.ecu.dbc, self.ecu.roles) / self.clock.device_rate
+        if self.ecu.stale_after_s < shortest:
+            message = f"is less than two periods of the measured current; at least {units.show(shortest, 'ms')}"
             problems.append((("ecu", "stale_after"), message))
         return problems

@@ -11,10 +11,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
-from rig.text_file import read_text
+from rig.text_file import read_bytes
 
 LARGEST_BYTES = 262_144
-ENTRIES: Mapping[tuple[str, str], str] = {("actuator", "register_map"): ".toml", ("ecu", "supply"): ".toml"}
+ENTRIES: Mapping[tuple[str, str], str] = {
+    ("actuator", "register_map"): ".toml", ("ecu", "dbc"): ".dbc", ("ecu", "roles"): ".toml",
+    ("ecu", "supply"): ".toml",
+}  # fmt: skip
 """Table and key of each entry that may name a file, and how such a name ends."""
 
 
@@ -56,7 +59,7 @@ def with_contents(dumped: str, data: Mapping[str, Any]) -> str:
         FileProblem: a file cannot be read any more.
     """
     for _, path in named(data):
-        content = read_text(Path(path), LARGEST_BYTES).encode()
+        content = read_bytes(Path(path), LARGEST_BYTES)
         dumped = dumped.replace(json.dumps(path), json.dumps(hashlib.sha256(content).hexdigest()))
     return dumped
 

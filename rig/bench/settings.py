@@ -167,14 +167,26 @@ def _own_or_preset(value: object) -> object:
 
 @dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings):
-    """The coil's current source: a current controller on CAN by any python-can interface, or a supply by its `url`."""
+    """The coil's current source: a current controller on CAN by any python-can interface, or a supply by its `url`.
+
+    `dbc` is a known kind, or the name of a DBC file; then `roles` says what its signals mean: the name of a TOML file,
+    or the same as a table. `supply` is a supply's language: a preset, a file, a table.
+    """
 
     interface: Annotated[str, Text(256), Check(address.can_interface)] | None = field(
         default=None, metadata=key(examples=["socketcan"])
     )
     channel: Name | None = field(default=None, metadata=key(examples=["can0"]))
     bitrate: int = field(default=500_000, metadata=key(ge=10_000, le=1_000_000))
-    dbc: Annotated[str, Check(address.known_current_source)] = "demo"
+    interface_options: dict[str, str | int | float | bool] = field(
+        default_factory=dict, metadata=key(description="further arguments of the interface, by python-can's names")
+    )
+    dbc: Annotated[str, Check(address.known_current_source)] = field(
+        default="demo", metadata=key(examples=["ecu.dbc"], description="a known kind, or a DBC file")
+    )
+    roles: str | dict[str, Any] | None = field(
+        default=None, metadata=key(examples=["ecu-roles.toml"], description="what the signals of a DBC file mean")
+    )
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = field(
         default=0.010, metadata=key("command_period")
     )
@@ -220,10 +232,10 @@ class EcuConfig(Settings):
     def not_physics(self) -> dict[str, Any]:
         """What does not count for `Bench.digest`: addresses and times, and what is not stated of a supply."""
         link = (
-            "interface", "channel", "bitrate", "command_period_s", "stale_after_s", "url", "baudrate", "poll_s",
-            "timeout_s",
+            "interface", "channel", "bitrate", "interface_options", "command_period_s", "stale_after_s", "url",
+            "baudrate", "poll_s", "timeout_s",
         )
-        unsaid = (name for name in ("supply", "voltage_limit_V", "identity") if getattr(self, name) is None)
+        unsaid = (name for name in ("roles", "supply", "voltage_limit_V", "identity") if getattr(self, name) is None)
         return dict.fromkeys((*link, *unsaid), True)
 
     def problems(self) -> Iterator[Problem]:
@@ -239,6 +251,9 @@ class EcuConfig(Settings):
                 address.serial_url(self.channel)
             except ValueError as problem:
                 yield ("channel",), str(problem)
+        for name in self.interface_options.keys() & {"interface", "channel", "bitrate"}:
+            yield ("interface_options", name), f"is an entry of [ecu] itself: write {name} = ... there"
+        yield from address.ecu_problems(self.dbc, self.roles)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ class SupplyEntries(Protocol):
         """Age at which its last value is stale (s)."""
 
 
-_CAN_ONLY = ("interface", "channel", "serial_number")
+_CAN_ONLY = ("interface", "channel", "roles", "serial_number")
 
 
 def supply_of(given: str | Mapping[str, Any] | None) -> SupplyDescription | None:

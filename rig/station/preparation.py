@@ -108,8 +108,8 @@ class Preparation:
         if missing:
             bad = coil.thrown_away
             failing = ", though frames come: they fail their checks" if bad else ""
-            text = f"ecu: no valid {' and '.join(missing)} frames within {first_s:g} s{failing}"
-            raise StationRefused(bad or "no-answer", text)
+            told = f"ecu: no valid {' and '.join(missing)} frames within {first_s:g} s{failing}"
+            raise StationRefused(bad or "no-answer", told)
         return identity
 
     def prepare_controller(self) -> ActuatorLimits:

@@ -222,7 +222,7 @@ def _on_bench(given: Given, text: str, user: UserBench) -> Given:
     """The same on a user's bench."""
     auxiliary = bool(user.auxiliaries)
     return replace(
-        given, bench=user.whole(text), actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s,
+        given, bench=user.portable(text), actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s,
         supply=bool(user.supply),
     )
 

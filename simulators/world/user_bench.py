@@ -15,15 +15,15 @@ from typing import Any
 
 from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
-from drivers.devices.supply_file import is_file
+from drivers.devices.source import is_dbc
 from protocols.errors import LocalProtocolError
 from protocols.line_format import PRESETS, LineFormat, from_description
+from rig.bench import named_files
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
 from rig.errors import FileProblem
 from rig.matrix.model import Matrix
-from rig.text_file import read_text
 from simulators.bench import Addresses, toml_value
 from simulators.conditioner import group_delay_s
 from simulators.line_writer import LineWriter
@@ -38,6 +38,7 @@ from simulators.options import (
     ServoOptions,
 )
 from simulators.rig import LATE_SHARE, SimulatedRig
+from simulators.worn_ecu import WornEcuFiles
 
 DEMO = "demo"
 LINKS = {LinkKind.MODBUS_TCP: "tcp", LinkKind.MODBUS_RTU: "rtu"}
@@ -70,6 +71,7 @@ class UserBench:
 
     options: RigOptions
     actuator: str
+    worn_ecu: WornEcuFiles | None
     auxiliaries: tuple[SensorOptions, ...]
     stood_in: tuple[str, ...]
     tick_s: float
@@ -89,19 +91,13 @@ class UserBench:
         if problems:
             raise FileProblem(str(path), problems)
         link = LINKS[ActuatorAddress.parse(bench.actuator.url).kind]
-        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        values = named_files.with_paths(tomllib.loads(path.read_text(encoding="utf-8-sig")), path.absolute().parent)
         quickest_s = min(bench.ecu.stale_after_s, *(sensor.stale_after_s for sensor in _sensors(bench).values()))
         return cls(
-            _options(bench, matrix), link, tuple(map(_auxiliary, bench.auxiliary)), tuple(_stood_in(bench)),
-            max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values, _supply(bench),
+            _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
+            tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
+            bench.ecu.supply or "",
         )
-
-    def whole(self, text: str) -> str:
-        """The bench file's text with what it names put into it: a world has no other files."""
-        if not isinstance(self.supply, Mapping):
-            return text
-        own = {**self.values, "ecu": {**self.values["ecu"], "supply": self.supply}}
-        return "".join(f"{toml_value(key)} = {toml_value(value)}\n" for key, value in own.items())
 
     def text(self, rig: SimulatedRig, addresses: Addresses) -> str:
         """The user's file with the addresses of a rig; the rig answers late by what the file allows."""
@@ -113,7 +109,7 @@ class UserBench:
         own["lvdt"] = {**own["lvdt"], "url": addresses.lvdt_url}
         further = zip(own.get("auxiliary", ()), addresses.auxiliary_urls, strict=True)
         own["auxiliary"] = [{**sensor, "url": url} for sensor, url in further]
-        return "".join(f"{toml_value(key)} = {toml_value(value)}\n" for key, value in own.items())
+        return _file(own)
 
     @staticmethod
     def _current_source(own: Mapping[str, Any], addresses: Addresses) -> dict[str, Any]:
@@ -121,17 +117,18 @@ class UserBench:
         if addresses.supply_port:
             return {**own, "url": f"tcp://127.0.0.1:{addresses.supply_port}"}
         channel = f"socket://127.0.0.1:{addresses.slcan_port}"
-        if own["interface"] != "slcan":
-            own = {**own, "interface": "slcan", "bitrate": BITRATE}
-        return {**own, "channel": channel}
+        if own["interface"] == "slcan":
+            return {**own, "channel": channel}
+        kept = {key: value for key, value in own.items() if key != "interface_options"}
+        return {**kept, "interface": "slcan", "bitrate": BITRATE, "channel": channel}
+
+    def portable(self, text: str) -> str:
+        """The user's file (`text`) as it can be read in any folder: files that it names have whole paths."""
+        return _file(self.values) if any(named_files.named(self.values)) else text
 
 
-def _supply(bench: Bench) -> str | dict[str, Any]:
-    """What drives the coil in place of an ECU: a preset's name, or the description itself."""
-    given = bench.ecu.supply
-    if given is None:
-        return ""
-    return tomllib.loads(read_text(Path(given), LARGEST_BENCH)) if isinstance(given, str) and is_file(given) else given
+def _file(values: Mapping[str, Any]) -> str:
+    return "".join(f"{toml_value(key)} = {toml_value(value)}\n" for key, value in values.items())
 
 
 def _sensors(bench: Bench) -> dict[str, SensorConfig]:
@@ -151,6 +148,8 @@ def _unlike(bench: Bench) -> Iterator[str]:
         ("actuator.register_map", plugins.ACTUATORS, actuator.register_map, "controller"),
         ("ecu.dbc", plugins.CURRENT_SOURCES, ecu.dbc, "current source"),
     ):
+        if is_dbc(name):
+            continue
         if name != DEMO and plugins.simulated_as(group, name) != DEMO:
             yield (
                 f'{key} = "{name}": there is no simulated {device} of that description; allowed in a world: "{DEMO}". '
@@ -170,6 +169,14 @@ def _unlike(bench: Bench) -> Iterator[str]:
             _format(sensor)
         except LocalProtocolError as problem:
             yield f"{place}.format: a simulated sensor cannot write it: {problem}"
+
+
+def _worn_ecu(bench: Bench) -> WornEcuFiles | None:
+    """The user's DBC and roles, if the current source has them."""
+    dbc, roles = bench.ecu.dbc, bench.ecu.roles
+    if not is_dbc(dbc) or roles is None:
+        return None
+    return WornEcuFiles(Path(dbc), Path(roles) if isinstance(roles, str) else roles)
 
 
 def _stood_in(bench: Bench) -> Iterator[str]:

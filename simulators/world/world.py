@@ -238,7 +238,8 @@ class World:
         faults = tuple(parse_fault(str(happening)) for happening in faulty if not happening.around)
         run = RunOptions(
             seed=plan.seed, ports="socket", actuator=plan.actuator, faults=faults, drop_unread=True,
-            auxiliaries=() if user is None else user.auxiliaries, supply="" if user is None else user.supply,
+            auxiliaries=() if user is None else user.auxiliaries,
+            worn_ecu=None if user is None else user.worn_ecu, supply="" if user is None else user.supply,
         )
         rig = SimulatedRig(options, run)
         truth = WorldTruth(rig.plant, self.kernel)

@@ -25,12 +25,11 @@ from drivers.catalogue import (
     register_sensor,
     sensor_format_names,
 )
-from drivers.connection import ActuatorAddress, ActuatorConnection, LinkKind
-from drivers.current_source import SourceFault, SourceState
+from drivers.connection import ActuatorAddress, ActuatorConnection, CanAddress, LinkKind
 from drivers.devices import controller as controllers
 from drivers.devices import source as sources
 from drivers.devices.controller import FOLDER, ControllerDescription, controller
-from drivers.devices.source import SourceDescription, current_source
+from drivers.devices.source import current_source
 from drivers.errors import UnknownDevice
 from drivers.modbus_actuator import ModbusActuator
 from drivers.ring import Channel
@@ -63,11 +62,13 @@ def test_the_firmware_of_the_simulated_devices_and_their_descriptions_agree() ->
     }
     assert described.table_values == firmware.TABLE_VALUES
     ecu = tomllib.loads((FOLDER / "demo_ecu.toml").read_text(encoding="utf-8"))
-    assert slugs(ecu_firmware.EcuState) == ecu["codes"]["state"]
-    assert slugs(ecu_firmware.EcuFault) == {name: 1 << bit for name, bit in ecu["bits"]["fault"].items()}
-    assert ecu["device_time_tick_us"] == ecu_firmware.DEVICE_TIME_TICK_US
-    assert current_source("demo").frames.device_time_modulus == ecu_firmware.DEVICE_TIME_MODULUS
-    assert current_source("demo").layout == ecu_firmware.LAYOUT
+    described = current_source("demo")
+    assert slugs(ecu_firmware.EcuState) == {str(word.name).lower(): code for code, word in described.states.items()}
+    bits = {name: 1 << bit for name, bit in ecu["faults"].items() if name != "signal"}
+    assert slugs(ecu_firmware.EcuFault) == bits
+    assert described.tick_us == ecu_firmware.DEVICE_TIME_TICK_US
+    assert described.clock_modulus == ecu_firmware.DEVICE_TIME_MODULUS
+    assert described.layout == ecu_firmware.LAYOUT
 
 
 def another_vendor() -> ControllerDescription:
@@ -167,49 +168,11 @@ def test_a_description_with_a_word_nobody_knows_is_refused(where: str, entry: di
         ControllerDescription("other", data)
 
 
-def test_another_current_source_is_another_pair_of_files() -> None:
-    from cantools.database.can import Database
-
-    database = Database()
-    dbc = (FOLDER / "demo_ecu.dbc").read_text().replace(" 289 ", " 801 ")
-    dbc = dbc.replace("Faults : 32|8", "Faults : 40|8").replace("DutyCycle : 40|8", "DutyCycle : 32|8")
-    database.add_dbc_string(dbc)
-    data = tomllib.loads((FOLDER / "demo_ecu.toml").read_text(encoding="utf-8"))
-    data["bits"]["fault"] = {"open": 0, "over-temperature": 7}
-    data["codes"]["state"] = {"enabled": 1, "off": 5}
-    other = SourceDescription("other", data, {message.name: message for message in database.messages})
-    assert other.frames.status_id == 801
-    assert other.frames.encode_status(ecu_firmware.CoilStatus(3, 1, 0.5, 0x80, 0.0, 0))[5] == 0x80
-    assert (other.state(1), other.state(5)) == (SourceState.ENABLED, SourceState.OFF)
-    assert (other.state(2), other.state(9)) == (UNNAMED + SourceState.ENABLED, 9)
-    assert other.faults(0x81) == SourceFault.OPEN | SourceFault.OVER_TEMPERATURE
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"status": {"message": "Nothing"}}, "the DBC has no message 'Nothing'"),
-        ({"status": {"message": "CoilStatus", "counter": "Count"}}, "no signal 'Count'"),
-        ({"status": {"message": "CoilStatus", "counter": "Counter"}}, "has no signal for 'state'"),
-        ({"protection": {"profile": "none", "data_ids": {}}}, "protection 'none'"),
-        ({"codes": {"state": {"asleep": 0}}}, "'asleep' is not one of init, off"),
-    ],
-)
-def test_a_description_that_its_dbc_does_not_carry_is_refused(change: dict[str, Any], message: str) -> None:
-    from cantools.database.can import Database
-
-    database = Database()
-    database.add_dbc_file(FOLDER / "demo_ecu.dbc")
-    data = tomllib.loads((FOLDER / "demo_ecu.toml").read_text(encoding="utf-8")) | change
-    with pytest.raises(LocalProtocolError, match=message):
-        SourceDescription("other", data, {item.name: item for item in database.messages})
-
-
 def test_a_name_that_nobody_knows_is_refused_with_those_that_are_known() -> None:
     with pytest.raises(UnknownDevice, match=r"'mine' is not known; known: demo"):
         make_actuator("mine", ActuatorConnection("tcp://127.0.0.1:1"))
     with pytest.raises(UnknownDevice, match=r"'mine' is not known; known: demo"):
-        make_current_source("mine", "virtual", "x", 500_000)
+        make_current_source("mine", None, CanAddress("virtual", "x"))
     with pytest.raises(LocalProtocolError, match="known: demo"):
         controllers.controller("mine")
     with pytest.raises(LocalProtocolError, match="known: demo"):
@@ -223,7 +186,7 @@ def test_an_actuator_with_a_driver_of_its_own_comes_through_the_same_door(monkey
     register_actuator("mine", lambda connection: made)
     assert actuator_names() == ("demo", "demo-streamed", "mine")
     assert make_actuator("mine", ActuatorConnection("tcp://127.0.0.1:1")) is made
-    assert make_current_source("demo", "virtual", "x", 500_000).commanded_A == 0.0
+    assert make_current_source("demo", None, CanAddress("virtual", "x")).commanded_A == 0.0
 
 
 def test_a_sensor_with_a_driver_of_its_own_comes_through_the_same_door(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,6 @@ import tomllib
 import numpy as np
 import pytest
 
-from drivers.devices.supply_file import supply
 from simulators.clock import DeviceClock
 from simulators.ecu import Ecu
 from simulators.options import RigOptions
@@ -46,7 +45,9 @@ def rig() -> tuple[Plant, SimulatedSupply]:
     options = RigOptions()
     plant = Plant(options)
     ecu = Ecu(plant, options.coil, 23.0, DeviceClock(0.0, 0.0), np.random.default_rng(0), lambda what, value: None)
-    return plant, simulated_supply(ecu, supply(tomllib.loads(OWN)), "SN7")
+    made = simulated_supply(ecu, tomllib.loads(OWN), 7)
+    assert made is not None
+    return plant, made
 
 
 def settle(plant: Plant) -> None:

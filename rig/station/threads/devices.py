@@ -13,7 +13,7 @@ from drivers.catalogue import (
     make_sensor,
     make_supply,
 )
-from drivers.connection import ActuatorConnection, MotionTerms
+from drivers.connection import ActuatorConnection, CanAddress, MotionTerms
 from drivers.current_source import CurrentSource
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
@@ -192,7 +192,9 @@ def _current_source(given: EcuConfig) -> CurrentSource:
     """The driver of the coil's current source: of a supply where its address is stated, else on CAN."""
     described = supply_of(given.supply)
     if given.url is None or described is None:
-        return make_current_source(given.dbc, given.interface or "", given.channel or "", given.bitrate)
+        return make_current_source(given.dbc, given.roles, CanAddress(
+            given.interface or "", given.channel or "", given.bitrate, given.interface_options
+        ))
     return make_supply(SupplyConnection(
         given.url, described, given.poll_s, given.timeout_s, given.voltage_limit_V, given.baudrate,
         given.identity or "",

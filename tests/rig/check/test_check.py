@@ -97,7 +97,7 @@ def test_garbled_bytes_are_called_a_wrong_baud_rate_and_hide_no_other_device(tmp
 
 def test_frames_that_fail_their_checks_are_told_from_a_silent_ecu(tmp_path: Path) -> None:
     report = checked(tmp_path, "--fault", "ecu-crc")
-    assert "fail their checks" in finding(report, "ecu", "ecu-crc").text
+    assert "every frame of CoilStatus has a wrong checksum" in finding(report, "ecu", "ecu-crc").text
     assert "data id" in finding(report, "ecu", "ecu-crc").fix
 
 
