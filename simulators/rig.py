@@ -17,16 +17,9 @@ import numpy as np
 
 from rig.clock import monotonic_ns
 from rig.dampers.catalogue import KINDS, NO_KIND
+from simulators import bench
 from simulators.actuator import Actuator
-from simulators.bench import (
-    RELAXED_COMMAND_TIMEOUT_S,
-    Addresses,
-    actuator_timeout_s,
-    bench_text,
-    ecu_lines,
-    poll_ms,
-    supply_lines,
-)
+from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.channel import Channel
 from simulators.clock import DeviceClock, ServedTime
 from simulators.controller_firmware import State
@@ -186,9 +179,9 @@ class SimulatedRig:
         """The table of the coil's current source."""
         run, number = self.run_options, self.options.coil.serial_number
         if run.supply:
-            return supply_lines(self.options, addresses.supply_port, run.speed, run.supply)
+            return bench.supply_lines(self.options, addresses.supply_port, run.speed, run.supply)
         own = ['dbc = "demo"', f"serial_number = {number}"] if run.worn_ecu is None else run.worn_ecu.entries(number)
-        return ecu_lines(addresses, relaxed, own)
+        return bench.ecu_lines(addresses, relaxed, own)
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""

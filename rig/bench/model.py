@@ -196,12 +196,13 @@ class Bench(Section):
         if self.actuator.watchdog_s < shortest:
             message = f"is less than two polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
             problems.append((("actuator", "watchdog"), message))
-        if self.ecu.url is None and self.ecu.stale_after_s < 2.0 * self.ecu.command_period_s:
-            shortest = 2.0 * self.ecu.command_period_s
-            message = f"is less than two status frames; allowed: at least {units.show(shortest, 'ms')}"
-            problems.append((("ecu", "stale_after"), message))
-        shortest = 2.0 * status_period_s(self.ecu.dbc, self.ecu.roles) / self.clock.device_rate
-        if self.ecu.stale_after_s < shortest:
-            message = f"is less than two periods of the measured current; at least {units.show(shortest, 'ms')}"
-            problems.append((("ecu", "stale_after"), message))
-        return problems
+        return problems if self.ecu.url is not None else [*problems, *self._ecu_periods()]
+
+    def _ecu_periods(self) -> list[Problem]:
+        """Of a current controller on CAN; those of a supply are its own entries'."""
+        told = 2.0 * status_period_s(self.ecu.dbc, self.ecu.roles) / self.clock.device_rate
+        for shortest, what in ((2.0 * self.ecu.command_period_s, "status frames"), (told, "periods of the measured current")):
+            if self.ecu.stale_after_s < shortest:
+                message = f"is less than two {what}; allowed: at least {units.show(shortest, 'ms')}"
+                return [(("ecu", "stale_after"), message)]
+        return []
