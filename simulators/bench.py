@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from drivers.connection import ActuatorAddress, LinkKind
 from drivers.devices.supply_file import is_file, supply
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
+from simulators.toml_text import toml_text
 
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 STALE_SAMPLES = 5
@@ -110,9 +110,8 @@ def supply_lines(options: RigOptions, port: int, speed: float, given: str | Mapp
     described = supply(given)
     name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given
     poll_ms = max(FASTEST_POLL_MS, SUPPLY_POLL_MS / max(1.0, speed))
-    written = json.dumps(name) if isinstance(name, str) else toml_value(name)
     lines = [
-        "[ecu]", f'url = "tcp://127.0.0.1:{port}"', f"supply = {written}", f'poll = "{poll_ms:g} ms"',
+        "[ecu]", f'url = "tcp://127.0.0.1:{port}"', f"supply = {toml_text(name)}", f'poll = "{poll_ms:g} ms"',
         'timeout = "500 ms"', f'stale_after = "{RELAXED_STALE_S * 1e3:g} ms"',
     ]
     if described.commands.set_voltage_limit:
@@ -141,6 +140,13 @@ def actuator_timeout_s(rtu: bool, relaxed: bool) -> float:
     return 0.06 if rtu else 0.04
 
 
+def _range(options: SensorOptions) -> str:
+    """The range in the sensor's usual unit."""
+    if options.described:
+        return f"{options.range / options.wire_per_si:.6g} {SI_UNITS[options.unit]}"
+    return f"{options.range:g} {options.unit}"
+
+
 def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list[str]:
     """Lines of one sensor's table."""
     stale_s = max(STALE_SAMPLES / options.rate_Hz, STALE_S)
@@ -150,28 +156,15 @@ def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list
         f"[{table}]",
         f'url = "{url}"',
         f"baudrate = {options.baudrate}",
-        f'format = "{options.format}"',
+        f"format = {toml_text(options.described or options.format)}",
         f'rate = "{options.rate_Hz:g} Hz"',
-        f'range = "{options.range:g} {options.unit}"',
+        f'range = "{_range(options)}"',
         f'stale_after = "{1e3 * stale_s:g} ms"',
         f'delay = "{1e3 * group_delay_s(options.bandwidth_Hz):.4f} ms"',
         f"[{table}.calibration]",
         f"sensitivity = {1.0 / options.wire_per_si!r}",
-        f'offset = "0 {SI_UNITS[options.unit]}"',
+        f'offset = "{options.wire_zero / options.wire_per_si:.9g} {SI_UNITS[options.unit]}"',
         f'serial_number = "{options.serial_number}"',
         'certificate = "SIM"',
         "due = 2030-01-01",
     ]
-
-
-def toml_value(value: object) -> str:
-    """A value as TOML, on one line."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{toml_value(key)} = {toml_value(inner)}" for key, inner in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(toml_value, value)) + "]"
-    return repr(value) if isinstance(value, (int, float)) else str(value)

@@ -36,8 +36,15 @@ def _supply() -> dict[str, Any]:
     return SUPPLY
 
 
+def _sensor_format() -> dict[str, Any]:
+    from protocols.sensor_format import json_schema
+
+    return json_schema()
+
+
 SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
-    "bench": _bench, "matrix": _matrix, "ecu-roles": _ecu_roles, "supply": _supply,
+    "bench": _bench, "matrix": _matrix, "ecu-roles": _ecu_roles, "sensor-format": _sensor_format,
+    "supply": _supply,
 }  # fmt: skip
 """Kind of file -> what makes its schema."""
 
