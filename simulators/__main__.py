@@ -29,6 +29,7 @@ from simulators.schedule import (
 from simulators.settings import setting_options
 
 if TYPE_CHECKING:
+    from simulators.options import RigOptions
     from simulators.worn_ecu import WornEcuFiles
 
 EPILOG = """\b
@@ -132,8 +133,8 @@ async def serve(arguments: dict[str, Any]) -> None:
     click.echo(rig.summary(), err=True)
 
 
-def collect(values: dict[str, Any]) -> dict[str, Any]:
-    """Options and run options from the command line.
+def made_of(values: dict[str, Any]) -> RigOptions:
+    """What the rig is made of, from the command line.
 
     Raises:
         FileProblem: a file or an option cannot be used.
@@ -141,10 +142,8 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     """
     from dataclasses import replace
 
-    from simulators.injection import NEEDS_AUXILIARY
     from simulators.options import RigOptions, load_options, with_option
     from simulators.plant.plant import specimen_model
-    from simulators.rig import RunOptions
     from simulators.settings import with_settings
     from simulators.worn_format import sending
 
@@ -164,13 +163,28 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     if values["rate"] is not None:
         for table in ("load_cell", "lvdt", "auxiliary"):
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
-    worn_ecu = worn(values["dbc"], values["ecu_roles"])
     limits = options.limits
     if (force := values["force_format"]) is not None:
         options = replace(options, load_cell=sending(options.load_cell, force, "--force-format", limits.force_N))
     if (displacement := values["displacement_format"]) is not None:
         lvdt = sending(options.lvdt, displacement, "--displacement-format", limits.position_m)
         options = replace(options, lvdt=lvdt)
+    return options
+
+
+def collect(values: dict[str, Any]) -> dict[str, Any]:
+    """Options and run options from the command line.
+
+    Raises:
+        FileProblem: a file or an option cannot be used.
+        RigError: an unknown damper model or set.
+    """
+    from simulators.injection import NEEDS_AUXILIARY
+    from simulators.options import with_option
+    from simulators.rig import RunOptions
+
+    options = made_of(values)
+    worn_ecu = worn(values["dbc"], values["ecu_roles"])
     written = tuple(parse_fault(text) for text in values["fault"])
     check_source(written, supply=bool(values["supply"]))
     wiring = wiring_for(written, values["actuator"], values["ports"])

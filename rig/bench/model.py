@@ -204,7 +204,8 @@ class Bench(Section):
     def _ecu_periods(self) -> list[Problem]:
         """Of a current controller on CAN; those of a supply are its own entries'."""
         told = 2.0 * status_period_s(self.ecu.dbc, self.ecu.roles) / self.clock.device_rate
-        for shortest, what in ((2.0 * self.ecu.command_period_s, "status frames"), (told, "periods of the measured current")):
+        asked = 2.0 * self.ecu.command_period_s
+        for shortest, what in ((asked, "status frames"), (told, "periods of the measured current")):
             if self.ecu.stale_after_s < shortest:
                 message = f"is less than two {what}; allowed: at least {units.show(shortest, 'ms')}"
                 return [(("ecu", "stale_after"), message)]
