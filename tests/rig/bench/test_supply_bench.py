@@ -122,7 +122,7 @@ def test_everything_wrong_in_both_files_is_told_together(tmp_path: Path) -> None
 def test_the_limit_lies_within_what_the_supply_gives(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(OWN.replace("[0, 5]", "[0, 2]"), encoding="utf-8")
     ecu = SUPPLY.replace("generic-scpi", "mine.toml").replace('voltage_limit = "12 V"\n', "")
-    assert any("limits.current" in line and "at most 2 A" in line for line in problems(tmp_path, ecu))
+    assert any("limits.current" in line and "allowed: within 0 A to 2 A" in line for line in problems(tmp_path, ecu))
 
 
 MATRIX = (EXAMPLES / "quick.toml").read_text(encoding="utf-8")
