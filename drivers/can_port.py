@@ -86,6 +86,8 @@ class CanPort:
         Raises:
             PortClosed: the bus is not open or has gone.
         """
+        if self._interface == SLCAN:
+            return self._receive_block(timeout_s)
         frames: list[Frame] = []
         message = self._receive_one(timeout_s)
         arrival_ns = time.monotonic_ns()
@@ -123,6 +125,21 @@ class CanPort:
     @property
     def _name(self) -> str:
         return self._channel if self._interface == SLCAN else f"{self._interface}:{self._channel}"
+
+    def _receive_block(self, timeout_s: float) -> tuple[list[Frame], int]:
+        """What our own slcan reader has, without a message of python-can for each frame.
+
+        Raises:
+            PortClosed: the bus is not open or has gone.
+        """
+        if self._bus is None or self._can is None:
+            raise PortClosed(self.device, self._name, "the bus is not open")
+        try:
+            frames, errors = self._bus.take(timeout_s)
+        except self._can.CanError as error:
+            raise PortClosed(self.device, self._name, f"the bus is gone: {error}") from error
+        self.bus_errors += errors
+        return frames, time.monotonic_ns()
 
     def _receive_one(self, timeout_s: float) -> Any:  # noqa: ANN401 - python-can's Message, imported only when needed
         """Next message or None.
