@@ -50,8 +50,8 @@ def wearing(path: Path) -> tuple[str, ...]:
     problems = [
         f"{place}: is described here; write it into a file of its own and name that: then a simulated rig can wear it"
         for place, given in (
-            ("ecu.roles", bench.ecu.roles), ("load_cell.format", bench.load_cell.format),
-            ("lvdt.format", bench.lvdt.format),
+            ("ecu.roles", bench.ecu.roles), ("ecu.supply", bench.ecu.supply),
+            ("load_cell.format", bench.load_cell.format), ("lvdt.format", bench.lvdt.format),
         ) if isinstance(given, Mapping)
     ]
     if problems:
@@ -61,6 +61,8 @@ def wearing(path: Path) -> tuple[str, ...]:
     arguments = ["--actuator", STREAMED if actuator.register_map == "demo-streamed" else link]
     if actuator.register_map.endswith(".toml"):
         arguments += ["--register-map", actuator.register_map]
+    if isinstance(ecu.supply, str):
+        arguments += ["--supply", ecu.supply]
     if isinstance(ecu.roles, str):
         arguments += ["--dbc", ecu.dbc, "--ecu-roles", ecu.roles]
     arguments += ["--force-format", str(bench.load_cell.format), "--displacement-format", str(bench.lvdt.format)]
