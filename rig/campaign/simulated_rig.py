@@ -61,10 +61,10 @@ def wearing(path: Path) -> tuple[str, ...]:
     arguments = ["--actuator", STREAMED if actuator.register_map == "demo-streamed" else link]
     if actuator.register_map.endswith(".toml"):
         arguments += ["--register-map", actuator.register_map]
-    if isinstance(ecu.supply, str):
-        arguments += ["--supply", ecu.supply]
     if isinstance(ecu.roles, str):
         arguments += ["--dbc", ecu.dbc, "--ecu-roles", ecu.roles]
+    if isinstance(ecu.supply, str):
+        arguments += ["--supply", ecu.supply]
     arguments += ["--force-format", str(bench.load_cell.format), "--displacement-format", str(bench.lvdt.format)]
     for name, sensor in (("load_cell", bench.load_cell), ("lvdt", bench.lvdt)):
         arguments += ["--option", f"{name}.rate_Hz={sensor.rate_Hz}", "--option", f"{name}.baudrate={sensor.baudrate}"]
