@@ -93,9 +93,12 @@ class Reports:
             yield warning("actuator-slow", text, fix)
 
     def _identities(self) -> None:
-        ecu, number_of = self._bench.ecu, "serial_number"
-        source = (number_of, ecu.serial_number) if ecu.url is None else ("identity", ecu.identity)
-        for name, (entry, given) in ((ACTUATOR, (number_of, self._bench.actuator.serial_number)), (ECU, source)):
+        ecu = self._bench.ecu
+        # A supply is known by a text in its identity; its serial number is one.
+        key = "serial_number" if ecu.url is None else "identity"
+        for name, entry, given in (
+            (ACTUATOR, "serial_number", self._bench.actuator.serial_number), (ECU, key, getattr(ecu, key)),
+        ):
             number = self.of[name].identity.get("serial_number")
             if given is None and number and self.of[name].verdict != "failed":
                 shown = f'"{number}"' if isinstance(number, str) else str(number)
