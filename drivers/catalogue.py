@@ -15,9 +15,9 @@ from typing import Any
 from drivers import plugins
 from drivers.connection import ActuatorConnection, CanAddress
 from drivers.current_source import CurrentSource
-from drivers.devices.controller import controller, controller_names
 from drivers.devices.source import current_source, current_source_names, current_source_problems, is_dbc
 from drivers.errors import UnknownDevice
+from drivers.register_maps.map_file import controller, controller_names, is_file
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
 from drivers.sample_stream import SampleScale
@@ -44,6 +44,7 @@ __all__ = [
     "make_sensor",
     "own_names",
     "register_actuator",
+    "register_map_schema",
     "register_sensor",
     "sensor_format_names",
 ]
@@ -85,10 +86,17 @@ def check_actuator(name: str) -> None:
         LocalProtocolError: it cannot be read, contradicts itself, or lacks what it declares.
         BrokenPlugIn: its driver cannot be used.
     """
-    if name in controller_names():
+    if name in controller_names() or is_file(name):
         controller(name)
     elif name not in _REGISTERED:
         plugins.maker_of(plugins.ACTUATORS, name)
+
+
+def register_map_schema() -> dict[str, Any]:
+    """The JSON schema of the files that `register_map` may name."""
+    from drivers.register_maps.schema import schema
+
+    return schema()
 
 
 def check_current_source(name: str) -> None:
@@ -151,7 +159,7 @@ def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
     """
     if name in _REGISTERED:
         return as_actuator(_REGISTERED[name](connection), connection.motion)
-    if name not in controller_names():
+    if name not in controller_names() and not is_file(name):
         brought: Actuator | None = plugins.made(plugins.ACTUATORS, name, Actuator, connection)
         if brought is not None:
             return as_actuator(brought, connection.motion)

@@ -1,6 +1,6 @@
 """The controller's register bank: what Modbus reads and writes, as words. No sockets.
 
-Blocks and types come from `drivers/devices/demo_controller.toml`; registers between blocks are not there (illegal
+Blocks and types come from `simulators/demo_registers.toml`; registers between blocks are not there (illegal
 address).
 """
 
@@ -12,12 +12,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from protocols.register_map import Block, Value
 from simulators import controller_firmware as wire
 from simulators.actuator import Actuator
 from simulators.controller_firmware import Input, ProgramPhase, State
 from simulators.options import ServoOptions
 from simulators.plant import records
+from simulators.register_blocks import Block, Value
 
 
 class RegisterBank:

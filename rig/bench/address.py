@@ -76,12 +76,14 @@ def modbus_url(text: str) -> str:
 
 
 def known_actuator(name: str) -> str:
-    """Check the name of a kind of actuator against those there are a description or a driver of, and its description.
+    """Check the name of a kind of actuator, or the path of a register map (it ends in .toml), and its description.
 
     Raises:
         ValueError: unknown; the known ones are named. Or its description cannot be used.
     """
-    return _described(_known(name, actuator_names()), check_actuator)
+    if not name.casefold().endswith(".toml"):
+        _known(name, actuator_names(), '; a register map of your own is named by its file, such as "my-map.toml"')
+    return _described(name, check_actuator)
 
 
 def known_current_source(name: str) -> str:
@@ -121,9 +123,9 @@ def status_period_s(dbc: str, roles: str | Mapping[str, Any] | None) -> float:
     return current_source_period_s(dbc, roles)
 
 
-def _known(name: str, known: tuple[str, ...]) -> str:
+def _known(name: str, known: tuple[str, ...], way: str = "") -> str:
     if name not in known:
-        raise ValueError(f"{name!r} is not known; known: {', '.join(known)}")
+        raise ValueError(f"{name!r} is not known; known: {', '.join(known)}{way}")
     return name
 
 

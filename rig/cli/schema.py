@@ -24,6 +24,12 @@ def _matrix() -> dict[str, Any]:
     return Matrix.model_json_schema(by_alias=True)
 
 
+def _register_map() -> dict[str, Any]:
+    from drivers.catalogue import register_map_schema
+
+    return register_map_schema()
+
+
 def _ecu_roles() -> dict[str, Any]:
     from drivers.catalogue import ecu_roles_schema
 
@@ -31,7 +37,7 @@ def _ecu_roles() -> dict[str, Any]:
 
 
 SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
-    "bench": _bench, "matrix": _matrix, "ecu-roles": _ecu_roles,
+    "bench": _bench, "matrix": _matrix, "register-map": _register_map, "ecu-roles": _ecu_roles,
 }  # fmt: skip
 """Kind of file -> what makes its schema."""
 
