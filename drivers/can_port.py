@@ -25,16 +25,19 @@ class CanPort:
 
     Args:
         address: where the bus is.
+        fd: CAN FD frames are among those that are sent or heard.
         device: name of the device for messages.
 
     Attributes:
         bus_errors: error frames the interface reported.
     """
 
-    def __init__(self, address: CanAddress, *, device: str = "ecu") -> None:
+    def __init__(self, address: CanAddress, *, fd: bool = False, device: str = "ecu") -> None:
         self.bus_errors = 0
         self.device = device
         self._address = address
+        self._fd = fd
+        self._switched = "data_bitrate" in address.options
         self._interface = address.interface
         self._channel = address.channel
         self._can: types.ModuleType | None = None
@@ -56,11 +59,11 @@ class CanPort:
             if self._interface == SLCAN:
                 from drivers.slcan_bus import BlockSlcanBus
 
-                self._bus = BlockSlcanBus(self._channel, self._address.bitrate)
+                self._bus = BlockSlcanBus(self._channel, self._address.bitrate, **self._address.options)
             else:
+                options = {"fd": True, **self._address.options} if self._fd else dict(self._address.options)
                 self._bus = can.Bus(
-                    interface=self._interface, channel=self._channel, bitrate=self._address.bitrate,
-                    **dict(self._address.options),
+                    interface=self._interface, channel=self._channel, bitrate=self._address.bitrate, **options
                 )
         except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
             raise PortClosed(self.device, self._name, f"cannot open: {error}") from error
@@ -109,7 +112,10 @@ class CanPort:
         if self._bus is None or self._can is None:
             raise PortClosed(self.device, self._name, "the bus is not open")
         try:
-            message = self._can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=fd)
+            message = self._can.Message(
+                arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=fd,
+                bitrate_switch=fd and self._switched,
+            )
             self._bus.send(message, timeout=0.02)
         except (self._can.CanError, OSError, ValueError) as error:
             raise LinkLost(self.device, self._name, f"frame 0x{identifier:03X} not taken: {error}") from error

@@ -9,21 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers import plugins
-from drivers.connection import ActuatorConnection, CanAddress
+from drivers.connection import ActuatorConnection, CanAddress, LineSettings
 from drivers.current_source import CurrentSource
 from drivers.devices.source import current_source, current_source_names, current_source_problems, is_dbc
 from drivers.errors import UnknownDevice
-from drivers.register_maps.map_file import controller, controller_names, is_file
+from drivers.register_maps.map_file import controller, controller_names, is_map_file
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
 from drivers.sample_stream import SampleScale
-from drivers.serial_sensor import BINARY, CLOCKED, SerialSensor
+from drivers.sensor_formats import described_format, is_file
+from drivers.serial_sensor import BINARY, CLOCKED, USUAL, SerialSensor
 from drivers.streamed_actuator import as_actuator
-from protocols.line_format import PRESETS, from_description
+from protocols.sensor_presets import TABLES
 
 __all__ = [
     "SensorConnection",
@@ -59,7 +60,7 @@ def own_names(group: str) -> frozenset[str]:
     own = {
         plugins.ACTUATORS: (*controller_names(), *_REGISTERED),
         plugins.CURRENT_SOURCES: current_source_names(),
-        plugins.SENSORS: (*BINARY, *PRESETS, *_SENSORS),
+        plugins.SENSORS: (*BINARY, *TABLES, *_SENSORS),
     }
     return frozenset(own[group])
 
@@ -86,7 +87,7 @@ def check_actuator(name: str) -> None:
         LocalProtocolError: it cannot be read, contradicts itself, or lacks what it declares.
         BrokenPlugIn: its driver cannot be used.
     """
-    if name in controller_names() or is_file(name):
+    if name in controller_names() or is_map_file(name):
         controller(name)
     elif name not in _REGISTERED:
         plugins.maker_of(plugins.ACTUATORS, name)
@@ -118,7 +119,7 @@ def check_sensor_format(name: str) -> None:
     Raises:
         BrokenPlugIn: its driver cannot be used.
     """
-    if name not in (*BINARY, *PRESETS, *_SENSORS):
+    if name not in (*BINARY, *TABLES, *_SENSORS):
         plugins.maker_of(plugins.SENSORS, name)
 
 
@@ -159,7 +160,7 @@ def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
     """
     if name in _REGISTERED:
         return as_actuator(_REGISTERED[name](connection), connection.motion)
-    if name not in controller_names() and not is_file(name):
+    if name not in controller_names() and not is_map_file(name):
         brought: Actuator | None = plugins.made(plugins.ACTUATORS, name, Actuator, connection)
         if brought is not None:
             return as_actuator(brought, connection.motion)
@@ -195,7 +196,8 @@ def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: C
     from drivers.can_current_source import CanCurrentSource
     from drivers.can_port import CanPort
 
-    return CanCurrentSource(CanPort(bus), current_source(name, roles))
+    described = current_source(name, roles)
+    return CanCurrentSource(CanPort(bus, fd=described.fd), described)
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,8 +209,9 @@ class SensorConnection:
         baudrate: Bd.
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
-        format: name of a format, or the description of a line.
+        format: name of a format, path of its file, or its table.
         scale: from the wire to SI, and its rate.
+        framing: what else belongs to its serial line; the baud rate in it counts for nothing.
     """
 
     url: str
@@ -217,6 +220,7 @@ class SensorConnection:
     channel: Channel
     format: str | Mapping[str, Any]
     scale: SampleScale
+    framing: LineSettings = USUAL
 
 
 SensorMaker = Callable[[SensorConnection], Sensor]
@@ -230,8 +234,8 @@ def register_sensor(name: str, maker: SensorMaker) -> None:
 
 
 def sensor_format_names() -> tuple[str, ...]:
-    """Every name that a sensor's `format` may have, beside the description of a line."""
-    return tuple(dict.fromkeys((*BINARY, *PRESETS, *_SENSORS, *plugins.names(plugins.SENSORS))))
+    """Every name that a sensor's `format` may have, beside a file's name and a table."""
+    return tuple(dict.fromkeys((*BINARY, *TABLES, *_SENSORS, *plugins.names(plugins.SENSORS))))
 
 
 def clocked_format_names() -> tuple[str, ...]:
@@ -243,18 +247,18 @@ def make_sensor(connection: SensorConnection) -> Sensor:
     """The driver of a sensor; nothing is opened.
 
     Raises:
-        LocalProtocolError: no format of that name, or a line description that contradicts itself.
+        LocalProtocolError: no format of that name, or a description that contradicts itself.
         BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
     given = connection.format
     if isinstance(given, str) and given in _SENSORS:
         return _SENSORS[given](connection)
-    if isinstance(given, str) and given not in (*BINARY, *PRESETS):
+    if isinstance(given, str) and given not in (*BINARY, *TABLES) and not is_file(given):
         brought: Sensor | None = plugins.made(plugins.SENSORS, given, Sensor, connection)
         if brought is not None:
             return brought
-    line_format = given if isinstance(given, str) else from_description(given)
+    line_format = given if isinstance(given, str) else described_format(given)
     return SerialSensor(
-        connection.url, connection.baudrate, name=connection.name, channel=connection.channel,
-        line_format=line_format, scale=connection.scale,
+        connection.url, replace(connection.framing, baudrate=connection.baudrate), name=connection.name,
+        channel=connection.channel, line_format=line_format, scale=connection.scale,
     )

@@ -1,4 +1,4 @@
-"""How to reach an actuator or a CAN bus: addresses, parsed once, and what else a driver needs."""
+"""How to reach a device: addresses of actuators and CAN buses, parsed once, and settings of lines."""
 
 from __future__ import annotations
 
@@ -87,6 +87,23 @@ class ActuatorConnection:
     baudrate: int = 115_200
     parity: str = "N"
     motion: MotionTerms = MotionTerms()
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """Of a serial line; sockets have none.
+
+    Attributes:
+        baudrate: Bd.
+        data_bits: 7 or 8.
+        parity: "N", "E" or "O".
+        stop_bits: 1 or 2.
+    """
+
+    baudrate: int = 115200
+    data_bits: int = 8
+    parity: str = "N"
+    stop_bits: int = 1
 
 
 @dataclass(frozen=True, slots=True)

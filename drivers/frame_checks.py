@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import deque
 
 from drivers.current_source import SourceCounters
-from drivers.devices.ecu_description import CLOCK, FAULTS, STATE, EcuDescription, HeardMessage
+from drivers.devices.ecu_description import CLOCK, EXTENDED, FAULTS, STATE, EcuDescription, HeardMessage
+from protocols.e2e import Protection
 
 PATIENCE_PERIODS = 5
 """So many of its periods may pass before a message that a status needs counts as gone ..."""
@@ -13,6 +14,8 @@ LEAST_PATIENCE_NS = 100_000_000
 """... but never less than this (host time)."""
 DIFFERENCES = 16
 FEWEST = 3
+BAD_KEPT = 4
+MOST_NAMED = 3
 
 
 class FrameChecks:
@@ -29,6 +32,7 @@ class FrameChecks:
         self._last: dict[int, int] = {}
         self._heard_ns: dict[int, int] = {}
         self._differences: dict[str, deque[int]] = {}
+        self._bad: dict[str, deque[bytes]] = {}
         self._good: set[str] = set()
         status = description.heard[description.status]
         # A clock that ticks at every frame tells a repeated one as a counter does.
@@ -58,6 +62,7 @@ class FrameChecks:
         count = protection.count(data)
         if difference or count < -1:
             self._wrong(message.name, difference, is_status)
+            self._bad.setdefault(message.name, deque(maxlen=BAD_KEPT)).append(data)
             return None
         self._good.add(message.name)
         if self._by_clock and is_status:
@@ -109,7 +114,9 @@ class FrameChecks:
         for name, differences in self._differences.items():
             if name in self._good or len(differences) < FEWEST:
                 continue
-            protection = next(item.protection for item in self._description.heard.values() if item.name == name)
+            key, protection = next(
+                (key, item.protection) for key, item in self._description.heard.items() if item.name == name
+            )
             said = f"every frame of {name} has a wrong checksum ({protection.profile}"
             said += f", data id 0x{protection.data_id:X})" if protection.data_id >= 0 else ")"
             if set(differences) == {0}:
@@ -118,7 +125,28 @@ class FrameChecks:
             if len(set(differences)) == 1 and protection.data_id >= 0:
                 wrong = f"wrong by the same bits every time (0x{differences[-1]:02X}): it has another E2E data id"
                 slug = "e2e-data-id"
-                return slug, f"{said}, {wrong}; write the right data_id under [protection.{name}]"
+                fitting = self._fitting(key & ~EXTENDED, protection, tuple(self._bad[name]))
+                return slug, f"{said}, {wrong}{fitting}; write the right data_id under [protection.{name}]"
             fix = f"check profile, E2E data id and signals under [protection.{name}], and that the DBC is this ECU's"
             return slug, f"{said}, wrong in other bits every time; {fix}"
         return "", ""
+
+    def _fitting(self, identifier: int, protection: Protection, frames: tuple[bytes, ...]) -> str:
+        """Which data ids would make these frames right, in words; empty where none can be told.
+
+        First the message's own identifier, what is written read as hexadecimal, the other messages' data ids, and then
+        the nearest to the one that is written.
+        """
+        if protection.with_id is None:
+            return ""
+        fitting = protection.fitting_ids(frames)
+        if not fitting:
+            return "; no data id makes them right"
+        others = [item.protection.data_id for item in self._description.heard.values()]
+        others += [item.protection.data_id for item in self._description.sent]
+        nearest = sorted(fitting, key=lambda number: abs(number - protection.data_id))
+        likely = dict.fromkeys((identifier, int(str(protection.data_id), 16), *others, *nearest))
+        named = [f"0x{number:X} ({number})" for number in likely if number in set(fitting)][:MOST_NAMED]
+        if len(fitting) == 1:
+            return f"; data id {named[0]} makes them right"
+        return f"; {len(fitting)} of {protection.ids} data ids make them right, likely ones first: {', '.join(named)}"

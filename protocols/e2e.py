@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import binascii
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from protocols.can_signals import Signal, put, take
 
@@ -101,6 +101,8 @@ class Protection:
         compute: the checksum of a frame.
         fixed: further numbers that the header carries, such as the data id's nibble.
         data_id: the one that the checksum covers; -1 where it covers none.
+        with_id: the same with another data id; None where it has none, or a list of them.
+        ids: how many data ids there can be.
     """
 
     profile: str = "none"
@@ -110,6 +112,8 @@ class Protection:
     compute: Callable[[bytes], int] | None = None
     fixed: tuple[tuple[Signal, int], ...] = ()
     data_id: int = -1
+    with_id: Callable[[int], Protection] | None = None
+    ids: int = 1 << 16
 
     def seal(self, data: bytearray, counter: int) -> None:
         """Put counter and checksum into a frame."""
@@ -125,6 +129,19 @@ class Protection:
         if self.checksum is None or self.compute is None:
             return 0
         return take(data, self.checksum) ^ self.compute(data)
+
+    def fitting_ids(self, frames: Sequence[bytes]) -> list[int]:
+        """The data ids with which every one of these frames is right; a checksum of 8 bits leaves many of them."""
+        make, fitting = self.with_id, list(range(self.ids))
+        if make is None:
+            return []
+        for data in frames:
+            fitting = [number for number in fitting if make(number).fits(data)]
+        return fitting
+
+    def fits(self, data: bytes) -> bool:
+        """Checksum and fixed numbers of a frame are right."""
+        return not self.difference(data) and all(take(data, signal) == raw for signal, raw in self.fixed)
 
     def count(self, data: bytes) -> int:
         """The counter of a frame; -1 where it has none, -2 where it is beyond its range."""
@@ -205,7 +222,10 @@ def profile_1(
         return _J1850(known + data[:place] + data[place + 1 :])
 
     fixed = () if nibble is None else ((nibble, high & 0xF),)
-    return Protection("e2e-1", counter, FIFTEEN, checksum, compute, fixed, data_id)
+    return Protection(
+        "e2e-1", counter, FIFTEEN, checksum, compute, fixed, data_id,
+        lambda other: profile_1(other, counter, checksum, mode, nibble), ids=1 << (12 if mode == "nibble" else 16),
+    )
 
 
 def profile_2(data_ids: Sequence[int], counter: Signal, checksum: Signal) -> Protection:
@@ -223,6 +243,7 @@ def profile_5(data_id: int, counter: Signal, checksum: Signal) -> Protection:
     return Protection(
         "e2e-5", counter, 256, checksum,
         lambda data: binascii.crc_hqx(data[:place] + data[place + 2 :] + known, 0xFFFF), data_id=data_id,
+        with_id=lambda other: profile_5(other, counter, checksum),
     )
 
 
@@ -231,4 +252,4 @@ def profile_11(
 ) -> Protection:
     """AUTOSAR E2E profile 11: as profile 1 with the modes `both` and `nibble`, its header where `counter` says."""
     made = profile_1(data_id, counter, checksum, mode, nibble)
-    return Protection("e2e-11", counter, FIFTEEN, checksum, made.compute, made.fixed, data_id)
+    return replace(made, profile="e2e-11")

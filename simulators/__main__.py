@@ -68,7 +68,8 @@ def hints(bench: Path, text: str) -> str:
     sensors += [(sensor["name"], sensor) for sensor in values.get("auxiliary", [])]
     for name, sensor in sensors:
         url = sensor["url"]
-        lines.append(f"{name:12} {sensor['format']} {sensor['rate']} {url}      python -m serial {url} 921600")
+        shown = sensor["format"] if isinstance(sensor["format"], str) else "described format"
+        lines.append(f"{name:12} {shown} {sensor['rate']} {url}      python -m serial {url} 921600")
     return "\n".join(lines)
 
 
@@ -129,6 +130,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     from simulators.plant.plant import specimen_model
     from simulators.rig import RunOptions
     from simulators.settings import with_settings
+    from simulators.worn_format import sending
 
     options = load_options(values["config"]) if values["config"] else RigOptions()
     assignments = [*values["option"], *(f"specimen.{text}" for text in values["specimen"])]
@@ -147,8 +149,12 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         for table in ("load_cell", "lvdt", "auxiliary"):
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
     worn_ecu = worn(values["dbc"], values["ecu_roles"])
-    if values["force_format"] == "ascii":
-        options = replace(options, load_cell=replace(options.load_cell, format="signed-decimal"))
+    limits = options.limits
+    if (force := values["force_format"]) is not None:
+        options = replace(options, load_cell=sending(options.load_cell, force, "--force-format", limits.force_N))
+    if (displacement := values["displacement_format"]) is not None:
+        lvdt = sending(options.lvdt, displacement, "--displacement-format", limits.position_m)
+        options = replace(options, lvdt=lvdt)
     written = tuple(parse_fault(text) for text in values["fault"])
     wiring = wiring_for(written, values["actuator"], values["ports"])
     if wiring.actuator == STREAMED:
@@ -233,8 +239,9 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--set", "parameter_set", help="Parameter set of the specimen.")
 @click.option("--specimen", metavar="KEY=VALUE", multiple=True,
               help="serial_number, mid_stroke_m, stroke_m (repeatable).")
-@click.option("--force-format", type=click.Choice(["frame16", "ascii"]), default="frame16", show_default=True,
-              help="What the load cell sends.")
+@click.option("--force-format", metavar="FORMAT",
+              help="What the load cell sends: a format's name or file.  [default: frame16]")
+@click.option("--displacement-format", metavar="FORMAT", help="What the LVDT sends.  [default: frame16]")
 @click.option("--dbc", type=click.Path(path_type=Path, exists=True, dir_okay=False),
               help="The current ECU is as this DBC file says (with --ecu-roles).")
 @click.option("--ecu-roles", type=click.Path(path_type=Path, exists=True, dir_okay=False),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from drivers.connection import ActuatorAddress, LinkKind
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
+from simulators.toml_text import toml_text
 
 STALE_SAMPLES = 5
 STALE_S = 0.020
@@ -115,6 +116,13 @@ def actuator_timeout_s(rtu: bool, relaxed: bool) -> float:
     return 0.06 if rtu else 0.04
 
 
+def _range(options: SensorOptions) -> str:
+    """The range in the sensor's usual unit."""
+    if options.described:
+        return f"{options.range / options.wire_per_si:.6g} {SI_UNITS[options.unit]}"
+    return f"{options.range:g} {options.unit}"
+
+
 def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list[str]:
     """Lines of one sensor's table."""
     stale_s = max(STALE_SAMPLES / options.rate_Hz, STALE_S)
@@ -124,14 +132,14 @@ def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list
         f"[{table}]",
         f'url = "{url}"',
         f"baudrate = {options.baudrate}",
-        f'format = "{options.format}"',
+        f"format = {toml_text(options.described or options.format)}",
         f'rate = "{options.rate_Hz:g} Hz"',
-        f'range = "{options.range:g} {options.unit}"',
+        f'range = "{_range(options)}"',
         f'stale_after = "{1e3 * stale_s:g} ms"',
         f'delay = "{1e3 * group_delay_s(options.bandwidth_Hz):.4f} ms"',
         f"[{table}.calibration]",
         f"sensitivity = {1.0 / options.wire_per_si!r}",
-        f'offset = "0 {SI_UNITS[options.unit]}"',
+        f'offset = "{options.wire_zero / options.wire_per_si:.9g} {SI_UNITS[options.unit]}"',
         f'serial_number = "{options.serial_number}"',
         'certificate = "SIM"',
         "due = 2030-01-01",

@@ -21,6 +21,8 @@ from simulators.named_port import NamedPort
 from simulators.slcan_bus import ERROR, frame_line
 
 FOREIGN_OWNER = 999
+SHORT = 8
+"""So many bytes a malformed frame has at most."""
 STANDARD_MAX = 0x7FF
 """Largest identifier of a standard frame."""
 BABBLED_FRAMES_S = 4200.0
@@ -139,10 +141,10 @@ def _can_malformed(rig: Faulty) -> Undo:
         nonlocal turn
         turn += 1
         if turn % 3 == 0:
-            return frame_line(identifier, data, remote=True)
+            return frame_line(identifier, data[:SHORT], remote=True)
         if turn % 3 == 1 and (identifier | EXTENDED) ^ EXTENDED <= STANDARD_MAX:
             return frame_line(identifier ^ EXTENDED, data)
-        return frame_line(identifier, data[: len(data) // 2 + 1] if len(data) > 1 else b"")
+        return frame_line(identifier, data[: min(len(data) // 2 + 1, SHORT)] if len(data) > 1 else b"")
 
     return _switch(rig.bus, "encode", malformed_line)
 

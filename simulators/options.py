@@ -13,14 +13,14 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rig.errors import FileProblem
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from protocols.line_format import LineFormat
+    from protocols.sensor_format import SensorFormat
 
     Options = TypeVar("Options", bound=DataclassInstance)
 
@@ -174,13 +174,16 @@ class SensorOptions:
     After `numbers_until_s` (simulated s) every value is NaN. `drift_per_s` is a zero that creeps from the start (wire
     unit per simulated s), `hum` the amplitude of what the mains induce, `crosstalk_per_A` what the coil's current does.
     With `reversed` it counts the other way round, which the written bench file does not say. `format` is "frame16",
-    "signed-decimal", or any format of lines.
+    "signed-decimal", or any described format; `described` is then its name or table in the bench file, and `wire_zero`
+    what is on the wire for zero. A format with a request is answered.
     """
 
     unit: str = "N"
     wire_per_si: float = 1.0
     rate_Hz: float = 250.0
-    format: str | LineFormat = "frame16"
+    format: str | SensorFormat = "frame16"
+    described: str | Mapping[str, Any] = ""
+    wire_zero: float = 0.0
     range: float = 10e3
     noise: float = 5.0
     resolution: float = 0.05

@@ -223,7 +223,7 @@ class SimulatedRig:
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])
-        if not self.run_options.drop_unread and self._readers_are_behind(served_s):
+        if not self.run_options.drop_unread and self._readers_are_behind(now_ns, served_s):
             self._waited_s += served_s - before_s
             if self.run_options.speed > 1.0:
                 self._pace.hold(now_ns, step)
@@ -235,7 +235,7 @@ class SimulatedRig:
             self._leave_when_idle(now_ns)
         return True
 
-    def _readers_are_behind(self, served_s: float) -> bool:
+    def _readers_are_behind(self, now_ns: int, served_s: float) -> bool:
         """Whether simulated time should wait for whoever reads a sensor, hears the bus or polls the controller."""
         speed, pressure = self.run_options.speed, self._backpressure
         fast = speed > 1.0
@@ -244,6 +244,9 @@ class SimulatedRig:
             frame, port = channel.sensor.frame_size, channel.port
             due = max(FEWEST_FRAMES * frame, BEHIND_S * speed * channel.sensor.options.rate_Hz * frame)
             behind |= pressure.waits_for(port, due if fast else CAPACITY // 2, served_s)
+            if fast and channel.sensor.requests is not None:
+                channel.hear(now_ns, 0.0, 0.0, speed)
+                behind |= pressure.waits_for(channel, 0, served_s)
             port.waits = port.read_once and not pressure.given_up(port)
         for client in self.bus.clients:
             due = max(BUS_BYTES, BEHIND_S * speed * CAN_LINES_BYTES_S)
@@ -265,7 +268,9 @@ class SimulatedRig:
                     self.first_cycle_s = time_s
             elif kind == EVENT_TRIP:
                 self.note("TRIP", f"limit bit {int(value)}", time_s)
+        now_ns = monotonic_ns()
         for channel in self.channels:
+            channel.hear(now_ns, start_s, self.plant.time_s, self.run_options.speed)
             out = self.plant.out
             data = channel.sensor.sample(
                 out[:, channel.column], start_s, self.plant.dt_s, pulses_s, out[:, plant_step.CURRENT]

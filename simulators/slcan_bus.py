@@ -17,8 +17,11 @@ OK = b"\r"
 ERROR = b"\a"
 ADAPTER_ANSWERS = {b"S": OK, b"s": OK, b"Z": OK, b"Y": OK, b"V": b"V1013\r", b"N": b"NSIM1\r", b"F": b"F00\r"}
 HIGHEST_BACKLOG = 64 * 1024
-LONGEST_LINE = 64
+LONGEST_LINE = 160
 MAXIMUM_DATA = 8
+FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Bytes of a CAN FD frame by its length code."""
+STANDARD, FRAMES = b"trdb", b"trdbTRDB"
 
 
 class SlcanBus:
@@ -82,9 +85,9 @@ class SlcanBus:
         if self.silent:
             return
         self.send_lines([line + OK], sender)
-        if line[:1] == b"t":
+        if line[:1] in b"tdb":
             self._on_frame(int(line[1:4], 16), bytes.fromhex(line[5:].decode("ascii")))
-        elif line[:1] == b"T":
+        elif line[:1] in b"TDB":
             self._on_frame(int(line[1:9], 16) | EXTENDED, bytes.fromhex(line[10:].decode("ascii")))
 
     def joined(self, client: SlcanClient) -> None:
@@ -98,10 +101,12 @@ class SlcanBus:
 
 
 def frame_line(identifier: int, data: bytes, *, remote: bool = False) -> bytes:
-    """The slcan line of a frame, its CR included; a remote request has no data."""
-    kind = (b"R" if remote else b"T") if identifier & EXTENDED else b"r" if remote else b"t"
+    """The slcan line of a frame, its CR included; a remote request has no data, more than 8 bytes are CAN FD."""
+    kind = b"r" if remote else b"t" if len(data) <= MAXIMUM_DATA else b"d"
+    kind = kind.upper() if identifier & EXTENDED else kind
     number = b"%08X" % (identifier ^ EXTENDED) if identifier & EXTENDED else b"%03X" % identifier
-    return b"%s%s%X%s\r" % (kind, number, len(data), b"" if remote else data.hex().upper().encode("ascii"))
+    carried = b"" if remote else data.hex().upper().encode("ascii")
+    return b"%s%s%X%s\r" % (kind, number, FD_LENGTHS.index(len(data)), carried)
 
 
 class SlcanClient(asyncio.Protocol):
@@ -169,11 +174,11 @@ class SlcanClient(asyncio.Protocol):
 
     def _answer(self, line: bytes) -> bytes:
         kind = line[:1]
-        if kind in b"tTrR":
+        if kind in FRAMES:
             if not (self._transmits and well_formed(line)):
                 return ERROR
             self._bus.received(line, self)
-            return (b"z" if kind in b"tr" else b"Z") + OK
+            return (b"z" if kind in STANDARD else b"Z") + OK
         if kind in b"OL":
             self.listening, self._transmits = True, kind == b"O"
             return OK
@@ -184,14 +189,15 @@ class SlcanClient(asyncio.Protocol):
 
 
 def well_formed(line: bytes) -> bool:
-    """Whether a frame line has a readable identifier, a length up to 8 and as many data bytes as it says."""
-    digits = 3 if line[:1] in b"tr" else 8
+    """Whether a frame line has a readable identifier, a length that it can have and as many data bytes as it says."""
+    digits = 3 if line[:1] in STANDARD else 8
     head, body = line[1 : 1 + digits], line[2 + digits :]
     try:
         identifier, length = int(head, 16), int(line[1 + digits : 2 + digits], 16)
         data = bytes.fromhex(body.decode("ascii"))
     except ValueError:
         return False
-    expected = 0 if line[:1] in b"rR" else length
+    expected = 0 if line[:1] in b"rR" else FD_LENGTHS[length]
     highest = 0x7FF if digits == 3 else 0x1FFFFFFF
-    return len(head) == digits and identifier <= highest and length <= MAXIMUM_DATA and len(data) == expected
+    fits = length <= MAXIMUM_DATA or line[:1] in b"dDbB"
+    return len(head) == digits and identifier <= highest and fits and len(data) == expected

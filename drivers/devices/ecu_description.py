@@ -56,6 +56,7 @@ class HeardMessage:
     period_s: float
     roles: frozenset[str]
     pages: int = 1
+    fd: bool = False
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,11 @@ class EcuDescription:
     def roles(self) -> frozenset[str]:
         """Everything that is read."""
         return frozenset(role for message in self.heard.values() for role in message.roles)
+
+    @property
+    def fd(self) -> bool:
+        """CAN FD frames are among those that are sent or heard."""
+        return any(frame.fd for frame in self.sent) or any(message.fd for message in self.heard.values())
 
     def state(self, code: int) -> int:
         """The neutral state of a device's code; one without a name is shown as it is, out of the way."""

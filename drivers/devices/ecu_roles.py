@@ -38,6 +38,7 @@ from drivers.devices.role_reading import Found, Place, Reading, RoleProblems
 from drivers.devices.sent_frames import sent_frames
 from protocols.can_signals import FrameReader, Placed, Signal
 from protocols.e2e import Protection
+from protocols.slcan import FD_LENGTHS
 
 SENT_ROLES = (COMMAND, ENABLE, CLEAR)
 MEASURED = {CURRENT: "current", COIL: "temperature", ECU: "temperature", SUPPLY: "voltage", CLOCK: "time"}
@@ -275,7 +276,7 @@ class _Roles:
             self._overlaps(message, fields, protection)
             heard[_key(message)] = HeardMessage(
                 name, message.size, FrameReader(message.size, fields), protection,
-                periods.get(name, message.period_s), frozenset(fields), _page_count(message),
+                periods.get(name, message.period_s), frozenset(fields), _page_count(message), message.fd,
             )
         return heard
 
@@ -304,6 +305,9 @@ class _Roles:
         owners: dict[int, str] = {}
         for name in sorted(used | sent):
             message = self._reading.messages[name]
+            if message.size not in FD_LENGTHS:
+                said = f"{name} has {message.size} bytes; a CAN FD frame has 0 to 8, 12, 16, 20, 24, 32, 48 or 64"
+                self._reading.wrong((), said, message.line)
             if (owner := owners.setdefault(_key(message), name)) != name:
                 said = f"{owner} and {name} have one identifier, 0x{message.identifier:X}"
                 self._reading.wrong((), said, message.line)

@@ -97,7 +97,7 @@ def _take_over(source: Source, top: Table) -> None:
         return
     if name not in controller_names():
         top.add("base", f"{name!r:.40} is not known; {nearest(name, controller_names())}")
-        return
+        source.finish()
     merged: dict[str, Any] = {
         table: dict(entries) if isinstance(entries, Mapping) else entries
         for table, entries in Source.read(FOLDER / f"{name}{_END}{SUFFIX}").data.items()
@@ -168,7 +168,7 @@ def _names(value: object) -> set[str]:
     return {value} if isinstance(value, str) else set()
 
 
-def is_file(name: str) -> bool:
+def is_map_file(name: str) -> bool:
     """Whether a name is the path of a user's own map."""
     return name.casefold().endswith(SUFFIX)
 
@@ -179,7 +179,7 @@ def controller(name: str) -> ControllerMap:
     Raises:
         LocalProtocolError: there is none, or it cannot be used.
     """
-    if is_file(name):
+    if is_map_file(name):
         return load_map(Path(name))
     if name not in controller_names():
         raise LocalProtocolError(f"no controller {name!r}; known: {', '.join(controller_names())}")

@@ -120,6 +120,9 @@ class Bench(Section):
         tables = {
             "actuator": {"register_map": self.actuator.register_map},
             "ecu": {"dbc": self.ecu.dbc, "roles": self.ecu.roles},
+            "load_cell": {"format": self.load_cell.format},
+            "lvdt": {"format": self.lvdt.format},
+            "auxiliary": [{"format": sensor.format} for sensor in self.auxiliary],
         }
         return hashlib.sha256(named_files.with_contents(text, tables).encode()).hexdigest()
 

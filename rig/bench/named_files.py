@@ -16,8 +16,9 @@ from rig.text_file import read_bytes
 LARGEST_BYTES = 262_144
 ENTRIES: Mapping[tuple[str, str], str] = {
     ("actuator", "register_map"): ".toml", ("ecu", "dbc"): ".dbc", ("ecu", "roles"): ".toml",
+    ("load_cell", "format"): ".toml", ("lvdt", "format"): ".toml", ("auxiliary", "format"): ".toml",
 }  # fmt: skip
-"""Table and key of each entry that may name a file, and how such a name ends."""
+"""Table and key of each entry that may name a file, and how such a name ends; a table may be a list of them."""
 
 
 def is_file(entry: tuple[str, str], value: object) -> bool:
@@ -33,8 +34,12 @@ def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         folder: the bench file's.
     """
     result = dict(data)
-    for (table, key), written in named(data):
-        result[table] = {**result[table], key: str(folder / written)}
+    for entry in ENTRIES:
+        table, key = entry
+        tables = _tables(result, table)
+        whole = [{**one, key: str(folder / one[key])} if is_file(entry, one.get(key)) else one for one in tables]
+        if whole:
+            result[table] = whole[0] if isinstance(data[table], Mapping) else tuple(whole)
     return result
 
 
@@ -42,9 +47,14 @@ def named(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], str]]:
     """Each entry that names a file, and the name as it is written."""
     for entry in ENTRIES:
         table, key = entry
-        given = data.get(table)
-        if isinstance(given, Mapping) and is_file(entry, given.get(key)):
-            yield entry, given[key]
+        yield from ((entry, one[key]) for one in _tables(data, table) if is_file(entry, one.get(key)))
+
+
+def _tables(data: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
+    """The table of that name, or every one of a list of them; none where there is something else."""
+    given = data.get(name)
+    listed = [given] if isinstance(given, Mapping) else list(given) if isinstance(given, (list, tuple)) else []
+    return listed if all(isinstance(one, Mapping) for one in listed) else []
 
 
 def with_contents(dumped: str, data: Mapping[str, Any]) -> str:

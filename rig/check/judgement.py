@@ -71,6 +71,7 @@ class Reports:
             report.identity = {name: value for name, value in seen["proved"].items() if name != "rate_Hz"}
             if seen["slug"]:
                 report.findings.append(failed(seen["slug"], seen["message"], _fix(seen)))
+            report.findings += [warning(slug, without) for slug, without in seen["lacking"]]
             if seen["name"] == ACTUATOR:
                 report.findings += self._controller(seen)
                 times_s = np.array(seen["answers_s"], dtype=np.float64)
@@ -80,8 +81,6 @@ class Reports:
         self._identities()
 
     def _controller(self, seen: Seen) -> Iterator[CheckFinding]:
-        for name, without in seen["lacking"]:
-            yield warning(f"actuator-without-{name}", without)
         if seen["e_stop_open"]:
             yield failed("estop", "the e-stop chain is open", "close the chain at the rig; this software never does")
         if seen["faults"] and not seen["e_stop_open"]:

@@ -107,6 +107,7 @@ def show(report: CheckReport, shown: Console) -> None:
         style = STYLES[device.verdict]
         table.add_row(device.name, f"[{style}]{device.verdict}[/]", *_numbers(device))
     shown.print(table)
+    _histograms(report, shown)
     for device in report.devices:
         for finding in sorted(device.findings, key=lambda finding: -finding.severity):
             severity = finding.severity.name.lower()
@@ -122,6 +123,24 @@ def show(report: CheckReport, shown: Console) -> None:
         shown.print(f"{report.bench}: {told}", style="green", soft_wrap=True, markup=False)
     else:
         shown.print(f"{report.bench}: `rig run` would refuse this rig", style="bold red", soft_wrap=True, markup=False)
+
+
+def _histograms(report: CheckReport, shown: Console) -> None:
+    """Of each device how many per cent of its answers or arrivals lie in each bin of lateness."""
+    from rich.table import Table
+
+    histograms = {device.name: device.numbers.get("latency_histogram") for device in report.devices}
+    known = {name: bins for name, bins in histograms.items() if isinstance(bins, list)}
+    if not known:
+        return
+    table = Table(box=None, pad_edge=False, header_style="bold", title="latency, % of values", title_justify="left")
+    table.add_column("up to (ms)")
+    for edge, _ in next(iter(known.values())):
+        table.add_column("more" if edge is None else f"{edge:g}", justify="right")
+    for name, bins in known.items():
+        total = sum(count for _, count in bins) or 1
+        table.add_row(name, *(f"{100 * count / total:.0f}" if count else "." for _, count in bins))
+    shown.print(table)
 
 
 def _numbers(device: DeviceReport) -> tuple[str, ...]:

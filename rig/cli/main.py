@@ -33,7 +33,7 @@ COMMANDS = {
     "runs": ("rig.cli.runs", "List recorded runs."),
     "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
-    "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
+    "schema": ("rig.cli.schema", "JSON schemas of the files a user writes, for editors."),
     "plugins": ("rig.cli.plugins", "List what other packages bring: drivers, models, methods, sections, exports."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
     "explain": ("rig.cli.explain", "What a slug means: a fault, refusal or finding by its name."),

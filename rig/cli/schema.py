@@ -36,8 +36,15 @@ def _ecu_roles() -> dict[str, Any]:
     return ecu_roles_schema()
 
 
+def _sensor_format() -> dict[str, Any]:
+    from protocols.sensor_format import json_schema
+
+    return json_schema()
+
+
 SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
     "bench": _bench, "matrix": _matrix, "register-map": _register_map, "ecu-roles": _ecu_roles,
+    "sensor-format": _sensor_format,
 }  # fmt: skip
 """Kind of file -> what makes its schema."""
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict
 
 from drivers.capabilities import WatchdogKind
-from drivers.current_source import SourceIdentity
+from drivers.current_source import SourceFault, SourceIdentity
 from drivers.roles import ActuatorLimits, Command, FaultBit, State, WatchdogAction
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
@@ -200,6 +200,14 @@ class Preparation:
         coil = self._devices.coil
         coil.begin()
         if not coil.wait_clear(ACK_TIMEOUT_S):
+            raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
+        if not coil.wait_taken(ACK_TIMEOUT_S):
+            if coil.faults & SourceFault.COMMAND_CHECK:
+                raise StationRefused(
+                    "ecu-command",
+                    f"arm: ECU {coil.describe()}: it throws the commands away; check their protection: profile, E2E "
+                    "data id, counter, and the DBC",
+                )
             raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
         current_A = coil.fresh_current_A
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:

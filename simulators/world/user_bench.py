@@ -6,7 +6,6 @@ the file is refused by name; where a wire becomes another one, that is told.
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -17,8 +16,10 @@ from typing import Any
 from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.devices.source import is_dbc
+from drivers.sensor_formats import FRAME16, described_format, is_file
 from protocols.errors import LocalProtocolError
-from protocols.line_format import PRESETS, LineFormat, from_description
+from protocols.sensor_format import SensorFormat
+from protocols.sensor_presets import TABLES
 from rig.bench import named_files
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
@@ -27,7 +28,6 @@ from rig.errors import FileProblem
 from rig.matrix.model import Matrix
 from simulators.bench import Addresses
 from simulators.conditioner import group_delay_s
-from simulators.line_writer import LineWriter
 from simulators.options import (
     AUXILIARY,
     CEILINGS,
@@ -39,7 +39,9 @@ from simulators.options import (
     ServoOptions,
 )
 from simulators.rig import LATE_SHARE, SimulatedRig
+from simulators.toml_text import toml_text
 from simulators.worn_ecu import WornEcuFiles
+from simulators.worn_format import writer
 
 DEMO = "demo"
 LINKS = {LinkKind.MODBUS_TCP: "tcp", LinkKind.MODBUS_RTU: "rtu"}
@@ -119,20 +121,7 @@ class UserBench:
 
 
 def _file(values: Mapping[str, Any]) -> str:
-    return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in values.items())
-
-
-def _toml(value: object) -> str:
-    """A value as TOML, on one line."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_toml(key)} = {_toml(inner)}" for key, inner in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return repr(value) if isinstance(value, (int, float)) else str(value)
+    return "".join(f"{toml_text(key)} = {toml_text(value)}\n" for key, value in values.items())
 
 
 def _sensors(bench: Bench) -> dict[str, SensorConfig]:
@@ -192,23 +181,24 @@ def _stood_in(bench: Bench) -> Iterator[str]:
         yield "auxiliary channels show the rod's travel, scaled to a part of their range"
 
 
-def _format(sensor: SensorConfig) -> str | LineFormat:
+def _format(sensor: SensorConfig) -> str | SensorFormat:
     """The format a simulated sensor sends.
 
     Raises:
         LocalProtocolError: none can be written so.
     """
     given = sensor.format
-    if isinstance(given, str) and given not in ("frame16", *PRESETS):
+    if isinstance(given, str) and given not in (FRAME16, *TABLES) and not is_file(given):
         given = _stood_for(given)
-    if given == "frame16":
-        return "frame16"
-    if isinstance(given, str) and given not in PRESETS:
-        known = ", ".join(("frame16", *PRESETS))
-        raise LocalProtocolError(f"{given!r} has a driver of its own; allowed in a world: {known}, or a table")
-    line_format = PRESETS[given] if isinstance(given, str) else from_description(given)
-    LineWriter(line_format, sensor.span / sensor.calibration.sensitivity)
-    return line_format
+    if given == FRAME16:
+        return FRAME16
+    if isinstance(given, str) and not is_file(given) and given not in TABLES:
+        known = ", ".join((FRAME16, *TABLES))
+        raise LocalProtocolError(f"{given!r} has a driver of its own; allowed in a world: {known}, a file or a table")
+    described = described_format(given)
+    slope, offset = sensor.calibration.line(sensor.dimension)
+    writer(described, (offset - sensor.span) / slope, (offset + sensor.span) / slope)
+    return described
 
 
 def _stood_for(name: str) -> str | dict[str, Any]:
@@ -226,16 +216,19 @@ def _sensor(sensor: SensorConfig, usual: SensorOptions, span_m: float = 0.0) -> 
         span_m: the travel (m) that an auxiliary channel shows as half of its range; 0 for a sensor that measures in SI.
     """
     calibration = sensor.calibration
-    per_si = 1.0 / calibration.sensitivity
+    slope, shown_at_zero = calibration.line(sensor.dimension)
+    per_si = 1.0 / slope
     full = sensor.span * per_si
-    offset = calibration.sign * sensor.offset * per_si
+    described = _format(sensor)
+    zero = shown_at_zero * per_si
     bandwidth_Hz, skew_s = _filter(sensor.delay_s, sensor.bandwidth_Hz or usual.bandwidth_Hz)
+    own = described == FRAME16
     return replace(
         usual, unit="N", wire_per_si=0.5 * full / span_m if span_m else per_si, rate_Hz=sensor.rate_Hz,
-        format=_format(sensor), range=full, noise=usual.noise / usual.range * full,
-        resolution=usual.resolution / usual.range * full, offset=offset, reversed=calibration.sign < 0.0,
-        bandwidth_Hz=bandwidth_Hz, skew_s=skew_s, serial_number=calibration.serial_number, baudrate=sensor.baudrate,
-        burst_s=min(usual.burst_s, BURST_SHARE * sensor.stale_after_s),
+        format=described, described="" if own else sensor.format, range=full, noise=usual.noise / usual.range * full,
+        resolution=usual.resolution / usual.range * full, offset=zero if own else 0.0, wire_zero=0.0 if own else zero,
+        reversed=calibration.sign < 0.0, bandwidth_Hz=bandwidth_Hz, skew_s=skew_s, baudrate=sensor.baudrate,
+        serial_number=calibration.serial_number, burst_s=min(usual.burst_s, BURST_SHARE * sensor.stale_after_s),
     )  # fmt: skip
 
 

@@ -147,7 +147,7 @@ def test_neighbours_are_written_together_and_a_trigger_last() -> None:
 
 
 WRONG = [
-    (("position  = {address = 1", "positon  = {address = 1"), "position is missing"),
+    (("position  = {address = 1", "place     = {address = 1"), "position is missing"),
     (("amplitude = {address = 103", "amplitude = {address = 102"), r"line \d+: quantities.amplitude: overlaps 'speed'"),
     (("amplitude = {address = 103", "amplitude = {address = 65536"), "0 to 65535"),
     (("frequency = {address = 104,", "frequency = {address = 65535, type = \"u32\","), "reach beyond the last one"),
@@ -181,7 +181,7 @@ WRONG = [
     (("[faults]", "[setpoint]\nwrite = {target = \"$position\"}\n[faults]"), "a device with a generator"),
     (("[faults]", "[indirect]\npointers = 1\ndata = 2\nquantities = [\"x\"]\n[faults]"), "'x' is not among"),
     (("format = 1", "format = 2"), "must be a whole number of 1 to 1"),
-    (("format = 1", "formt = 1"), "did you mean format"),
+    (("format = 1", "format_ = 1"), "did you mean format"),
     (("[state] ", "[stat] "), r"\[state\] is missing"),
 ]  # fmt: skip
 
@@ -220,7 +220,7 @@ def test_every_map_that_is_read_fits_the_schema_and_editors_see_what_is_wrong() 
     for text in (SMALLEST, (FOLDER / "demo_controller.toml").read_text(encoding="utf-8")):
         assert [error.message for error in validator.iter_errors(json.loads(json.dumps(tomllib.loads(text))))] == []
     data = tomllib.loads(SMALLEST)
-    data["quantities"]["position"]["adress"] = 3
+    data["quantities"]["position"]["adr"] = 3
     assert list(validator.iter_errors(data))
 
 
@@ -300,4 +300,4 @@ def test_a_map_upon_another_one_has_its_entries_but_for_those_it_is_without() ->
     assert not controller.capabilities.table
     assert controller.quantities["force"].address == 700
     assert "did you mean demo" in problems('base = "demos"\n')[0]
-    assert "is nothing that demo has" in problems('base = "demo"\nwithout = ["quantities.owners"]\n')[0]
+    assert any("nothing that demo has" in told for told in problems('base = "demo"\nwithout = ["state.holds"]\n'))

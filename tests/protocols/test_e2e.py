@@ -121,3 +121,16 @@ def test_another_data_id_is_wrong_by_the_same_bits_in_every_frame() -> None:
     frames = [sealed(theirs, count, payload=bytes([0, 0, count * 7, 3])) for count in range(9)]
     assert len({ours.difference(frame) for frame in frames}) == 1
     assert {theirs.difference(frame) for frame in frames} == {0}
+
+
+def test_the_data_ids_that_fit_frames_of_the_standard_are_found() -> None:
+    """A checksum of 16 bits leaves one of 65536, one of 8 bits 256, one that covers the low byte alone one of 4096."""
+    first, second = bytes.fromhex("CC 00 00 00 00 00 00 00"), bytes.fromhex("91 01 00 00 00 00 00 00")
+    fitting = profile_1(0x7, COUNTER, CRC).fitting_ids([first, second])
+    assert (len(fitting), 0x123 in fitting) == (256, True)
+    nibble = bytes.fromhex("2A 10 00 00 00 00 00 00")
+    assert profile_1(0x7, COUNTER, CRC, "nibble", NIBBLE).fitting_ids([nibble]) == [0x123]
+    assert profile_11(0x7, COUNTER, CRC, "nibble", NIBBLE).fitting_ids([nibble]) == [0x123]
+    assert profile_5(0x7, COUNTER8, CRC16).fitting_ids([bytes.fromhex("1C CA 00 00 00 00 00 00")]) == [0x1234]
+    assert profile_2(range(1, 17), COUNTER, CRC).fitting_ids([first]) == []
+    assert profile_1(0x7, COUNTER, CRC).fitting_ids([first, bytes(8)]) == []

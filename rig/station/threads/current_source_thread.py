@@ -31,6 +31,8 @@ from rig.station.threads.device_thread import ReadingThread
 from rig.station.watchdogs import Listener
 
 STALE_FOR_SURE_S = 0.0002
+PROVING_COMMANDS = 6
+"""So many commands tell whether the source takes them; it may forgive a few that are damaged."""
 
 
 class CurrentSourceThread(ReadingThread):
@@ -112,6 +114,18 @@ class CurrentSourceThread(ReadingThread):
         with self._command_lock:
             self._command(0.0, enable=False)
         return clear
+
+    def wait_taken(self, timeout_s: float) -> bool:
+        """Whether it reports no fault once it has had several commands; False too when it says nothing more."""
+        enough_ns = monotonic_ns() + int(1e9 * PROVING_COMMANDS * self.config.command_period_s)
+        with self._progress:
+            return self._progress.wait_for(lambda: self._last_ns > enough_ns, timeout_s) and self._is_clear()
+
+    @property
+    def faults(self) -> int:
+        """Its faults as it last told them."""
+        status = self._driver.status
+        return 0 if status is None else status.faults
 
     def set_current(self, current_A: float) -> None:
         """Ask for a current (A), at once and from now on.

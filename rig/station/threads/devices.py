@@ -94,7 +94,7 @@ class Devices:
     def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
         connection = self._connections[given.label] = SensorConnection(
             given.url, given.baudrate, given.label, role.channel, given.format,
-            scale_of(given, self.config.device_rate),
+            scale_of(given, self.config.device_rate), given.line,
         )
         return SensorThread(given, make_sensor(connection), role, self._supervisor, append)
 

@@ -100,7 +100,7 @@ def test_the_plan_accepts_table_1_on_the_demo_bench_and_gives_the_documented_key
         (("run", TABLE1, "--simulate", "--speed", "nan"), "--speed"),
         (("runs", "--in", "nowhere"), "nowhere: there is no such folder"),
         (("recover", "nowhere"), "nowhere: not a campaign's directory"),
-        (("schema", "rig"), "'rig' is not one of 'bench', 'matrix', 'register-map', 'ecu-roles'"),
+        (("schema", "rig"), "'rig' is not one of 'bench', 'matrix', 'register-map', 'ecu-roles', "),
         (("import", "x.csv", "--column", "time"), "is not of the form displacement=x_m"),
         (("import", "x.csv", "--column", "time=t_s"), "displacement: no column named"),
         (("import", "x.csv", "--current", "0.5"), "0.5 has no unit"),
