@@ -59,6 +59,18 @@ def serial_url(text: str) -> str:
     return text
 
 
+def supply_url(text: str) -> str:
+    """Check a supply's address: a serial port as `serial_url` takes it, or `tcp://host:port`.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    if text.startswith("tcp://"):
+        _host_and_port(text, "tcp://192.168.0.20:5025")
+        return text
+    return serial_url(text)
+
+
 def modbus_url(text: str) -> str:
     """Check the controller's address.
 
