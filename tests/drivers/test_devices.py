@@ -86,9 +86,9 @@ def test_a_name_that_nobody_knows_is_refused_with_those_that_are_known() -> None
         make_actuator("mine", ActuatorConnection("tcp://127.0.0.1:1"))
     with pytest.raises(UnknownDevice, match=r"'mine' is not known; known: .*demo"):
         make_current_source("mine", None, CanAddress("virtual", "x"))
-    with pytest.raises(LocalProtocolError, match="known: demo"):
+    with pytest.raises(LocalProtocolError, match="known: delta-rmc, demo"):
         controller("mine")
-    with pytest.raises(LocalProtocolError, match="known: demo"):
+    with pytest.raises(LocalProtocolError, match="known: delta-rmc, demo"):
         sources.current_source("mine")
     assert current_source_names() == ("demo",)
 
