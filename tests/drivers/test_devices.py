@@ -88,7 +88,7 @@ def test_a_name_that_nobody_knows_is_refused_with_those_that_are_known() -> None
         make_current_source("mine", None, CanAddress("virtual", "x"))
     with pytest.raises(LocalProtocolError, match="known: delta-rmc, demo"):
         controller("mine")
-    with pytest.raises(LocalProtocolError, match="known: delta-rmc, demo"):
+    with pytest.raises(LocalProtocolError, match="known: demo"):
         sources.current_source("mine")
     assert current_source_names() == ("demo",)
 
