@@ -262,6 +262,8 @@ class ScpiSupply:
         # A poll that comes late is not made up for by a burst.
         self._due_ns = self._due_ns + period_ns if self._due_ns + period_ns > now_ns else now_ns + period_ns
         commands = self._described.commands
+        if not self._told:
+            yield from (Job(command) for command in commands.connect)
         if not self._told and commands.identify:
             yield from (Job(command, Wanted.IDENTITY) for command in commands.identify)
             return

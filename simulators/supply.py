@@ -169,7 +169,7 @@ class SimulatedSupply:
             (commands.output_on, lambda _: self._switch(on=True)),
             (commands.output_off, lambda _: self._switch(on=False)),
             (commands.clear, lambda _: self._errors.clear()),
-            ((*commands.remote, *commands.local, *commands.prepare), lambda _: None),
+            ((*commands.connect, *commands.remote, *commands.local, *commands.prepare), lambda _: None),
         ]
         if watchdog is not None:
             told += [(watchdog.start, lambda _: self._watch(True)), (watchdog.stop, lambda _: self._watch(False)),

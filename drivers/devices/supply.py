@@ -45,6 +45,7 @@ class SupplyLink:
 class SupplyCommands:
     """What is sent for what; an empty tuple: the supply has no such command."""
 
+    connect: Commands = ()
     identify: Commands = ()
     remote: Commands = ()
     local: Commands = ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 COMMANDS = {
+    "connect": "sent before anything is asked: an address, say",
     "identify": "asks who it is; its answer is also how answers are told apart after one stayed away",
     "remote": "sent once after it has said who it is: remote control",
     "local": "sent at the end: front panel",

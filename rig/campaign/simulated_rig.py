@@ -50,8 +50,8 @@ def wearing(path: Path) -> tuple[str, ...]:
     problems = [
         f"{place}: is described here; write it into a file of its own and name that: then a simulated rig can wear it"
         for place, given in (
-            ("ecu.roles", bench.ecu.roles), ("load_cell.format", bench.load_cell.format),
-            ("lvdt.format", bench.lvdt.format),
+            ("ecu.roles", bench.ecu.roles), ("ecu.supply", bench.ecu.supply),
+            ("load_cell.format", bench.load_cell.format), ("lvdt.format", bench.lvdt.format),
         ) if isinstance(given, Mapping)
     ]
     if problems:
@@ -63,6 +63,8 @@ def wearing(path: Path) -> tuple[str, ...]:
         arguments += ["--register-map", actuator.register_map]
     if isinstance(ecu.roles, str):
         arguments += ["--dbc", ecu.dbc, "--ecu-roles", ecu.roles]
+    if isinstance(ecu.supply, str):
+        arguments += ["--supply", ecu.supply]
     arguments += ["--force-format", str(bench.load_cell.format), "--displacement-format", str(bench.lvdt.format)]
     for name, sensor in (("load_cell", bench.load_cell), ("lvdt", bench.lvdt)):
         arguments += ["--option", f"{name}.rate_Hz={sensor.rate_Hz}", "--option", f"{name}.baudrate={sensor.baudrate}"]

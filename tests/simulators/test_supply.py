@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 
 import numpy as np
 import pytest
 
+from drivers.devices.supply_file import supply, supply_names
+from protocols.scpi import number_in
 from simulators.clock import DeviceClock
 from simulators.ecu import Ecu
 from simulators.options import RigOptions
@@ -108,8 +111,31 @@ def test_a_command_is_known_whatever_number_stands_in_it(text: str) -> None:
 
 
 def test_an_answer_looks_as_the_description_says() -> None:
-    import re
-
     assert number_like(1.5, None) == "+1.50000E+00"
     assert number_like(1.5, re.compile(r"^(?P<value>[-+0-9.]+)A$")) == "1.50000A"
     assert number_like(1.5, re.compile(r"MC: (?P<value>[-+0-9.]+) A")) == "MC: 1.50000 A"
+
+
+@pytest.mark.parametrize("name", supply_names())
+def test_every_preset_is_spoken_by_the_simulated_supply(name: str) -> None:
+    """Each command is one it knows, each answer one that its description knows."""
+    options = RigOptions()
+    ecu = Ecu(
+        Plant(options), options.coil, 23.0, DeviceClock(0.0, 0.0), np.random.default_rng(0), lambda what, value: None
+    )
+    source, described = simulated_supply(ecu, name, 7), supply(name)
+    assert source is not None
+    commands = described.commands
+    told = (*commands.connect, *commands.remote, *commands.prepare, *commands.clear, *commands.set_voltage_limit,
+            *commands.set_current, *commands.output_on)  # fmt: skip
+    assert [source.line(command.line(1.0, 5.0).decode()) for command in told] == [None] * len(told)
+    assert (source.current_A, source.limit_V, source.on) == (1.0, 5.0, True)
+    asked = {
+        field: source.line(command.text) or ""
+        for field in ("identify", "measure_current", "read_output", "error_queue")
+        for command in getattr(commands, field)
+    }
+    assert re.search(described.identity, asked["identify"])
+    assert number_in(asked["measure_current"], described.current) == pytest.approx(0.0, abs=0.02)
+    assert asked["read_output"] in described.on
+    assert re.search(described.no_error, asked.get("error_queue", "0"))

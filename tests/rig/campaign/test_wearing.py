@@ -50,3 +50,11 @@ def test_what_is_described_inside_of_the_bench_file_is_refused_with_what_to_do(t
     path = bench(tmp_path, ('format = "frame16"', "format = {pattern = '(?P<value>[+-]\\d{5})'}"))
     with pytest.raises(FileProblem, match=r"load_cell\.format: is described here; write it into a file of its own"):
         wearing(path)
+
+
+def test_a_supply_of_the_bench_is_worn_too(tmp_path: Path) -> None:
+    text = (EXAMPLES / "demo-bench.toml").read_text(encoding="utf-8")
+    ecu = '[ecu]\nurl = "/dev/ttyUSB2"\nsupply = "rs-hmp"\nvoltage_limit = "9 V"\nstale_after = "1 s"\n\n'
+    path = tmp_path / "bench.toml"
+    path.write_text(text[: text.index("[ecu]")] + ecu + text[text.index("[load_cell]") :], encoding="utf-8")
+    assert after("--supply", wearing(path)) == ["rs-hmp"]
