@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
+from drivers.can_library import missing_for
 from drivers.catalogue import (
     actuator_names,
     check_actuator,
@@ -155,9 +156,12 @@ def can_interface(text: str) -> str:
     """Check the name of a CAN interface against what python-can and its plugins provide.
 
     Raises:
-        ValueError: unknown; the nearest name is suggested.
+        ValueError: unknown; the nearest name is suggested. Or its package is not installed.
     """
     if text in INTERFACES:
+        missing = missing_for(text)
+        if missing:
+            raise ValueError(f"what python-can needs for it is not installed here: {missing}")
         return text
     from importlib.metadata import entry_points
 

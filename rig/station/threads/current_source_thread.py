@@ -66,6 +66,7 @@ class CurrentSourceThread(ReadingThread):
         self._bus_errors = 0
         self._errors_before = 0
         self._repeats = 0
+        self._stamps_told = False
         self._zeroed = True
         self._zeroed_ns = 0
         self._command_lock = threading.Lock()
@@ -304,6 +305,7 @@ class CurrentSourceThread(ReadingThread):
             if not late:
                 # What waited may be from before the set-point.
                 findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
+        self._tell_stamps()
         if batch.statuses:
             # Errors that came with the last status frame may be the beginning of what silences the bus.
             self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
@@ -318,6 +320,17 @@ class CurrentSourceThread(ReadingThread):
             findings.append(Finding("can-lost", f"0 A could not be sent at once: {self._zero_error}", now_ns))
         silence = self._supervisor.host.missed(self.name, self._silence(), self._last_ns, self._stale_ns, now_ns)
         return findings if silence is None else [*findings, silence]
+
+    def _tell_stamps(self) -> None:
+        """Say once that frames are timed by the interface, and how well."""
+        uncertainty_ns = self._driver.counters.stamps_ns
+        if uncertainty_ns and not self._stamps_told:
+            self._stamps_told = True
+            self._supervisor.tell(
+                "ecu-time-stamps",
+                f"its frames are timed by the CAN interface's stamps, known on this host's clock to "
+                f"{uncertainty_ns / 1e3:.0f} us beside the shortest time that reading takes",
+            )
 
     def _silence(self) -> str:
         """Why no fresh status comes: the bus has errors, the ECU sends bad or old ones, or it says nothing."""
