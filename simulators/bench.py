@@ -13,6 +13,8 @@ from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
 
+BY_HAND = "generic-scpi"
+"""The supply that is turned in place of somebody who sets the current by hand."""
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 STALE_SAMPLES = 5
 STALE_S = 0.020
@@ -118,6 +120,13 @@ def supply_lines(options: RigOptions, port: int, speed: float, given: str | Mapp
         low_V, high_V = described.voltage_V or (0.0, options.coil.supply_V)
         lines.append(f'voltage_limit = "{max(low_V, min(high_V, options.coil.supply_V)):g} V"')
     return lines
+
+
+def hand_lines(port: int, pressure: str) -> list[str]:
+    """Lines of a current set by hand, whose supply the station turns in somebody's place."""
+    return [
+        "[ecu]", "by_hand = true", f'pressure_while_asked = "{pressure}"', f'rehearsal = "tcp://127.0.0.1:{port}"'
+    ]
 
 
 def _input_delay(options: RigOptions) -> list[str]:

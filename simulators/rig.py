@@ -70,6 +70,8 @@ class RunOptions:
     actuator: str = "tcp"
     supply: str | Mapping[str, Any] = ""
     """The coil's current by a supply in place of the ECU: a preset, a file's path, or a description."""
+    by_hand: str = ""
+    """The current is set by hand, rehearsed with `supply`: the pressure meanwhile (off, low, on); empty: it is not."""
     auxiliary: int = 0
     auxiliaries: tuple[SensorOptions, ...] = ()
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
@@ -178,6 +180,8 @@ class SimulatedRig:
     def _source_lines(self, addresses: Addresses, relaxed: bool) -> list[str]:
         """The table of the coil's current source."""
         run, number = self.run_options, self.options.coil.serial_number
+        if run.by_hand:
+            return bench.hand_lines(addresses.supply_port, run.by_hand)
         if run.supply:
             return bench.supply_lines(self.options, addresses.supply_port, run.speed, run.supply)
         own = ['dbc = "demo"', f"serial_number = {number}"] if run.worn_ecu is None else run.worn_ecu.entries(number)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,6 +96,7 @@ def command(
         simulator_args=simulator_args,
         resume_path=resume,
         requalified=words,
+        attended=not as_json and sys.stdin.isatty() and sys.stdout.isatty(),
     )
     shown = console(as_json=as_json)
     result = run_job(options, identify if identify.enabled and not no_identify else None, shown)
