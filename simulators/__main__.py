@@ -20,6 +20,7 @@ from simulators.schedule import STREAMED, WITHIN_S, ScheduledFault, Wiring, draw
 from simulators.settings import setting_options
 
 if TYPE_CHECKING:
+    from simulators.options import RigOptions
     from simulators.worn_ecu import WornEcuFiles
 
 EPILOG = """\b
@@ -123,14 +124,12 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         FileProblem: a file or an option cannot be used.
         RigError: an unknown damper model or set.
     """
-    from dataclasses import replace
-
     from simulators.injection import NEEDS_AUXILIARY
     from simulators.options import RigOptions, load_options, with_option
     from simulators.plant.plant import specimen_model
     from simulators.rig import RunOptions
     from simulators.settings import with_settings
-    from simulators.worn_format import sending
+    from simulators.worn_bench import appearing_as
 
     options = load_options(values["config"]) if values["config"] else RigOptions()
     assignments = [*values["option"], *(f"specimen.{text}" for text in values["specimen"])]
@@ -148,13 +147,10 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     if values["rate"] is not None:
         for table in ("load_cell", "lvdt", "auxiliary"):
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
+    if values["register_map"] is not None:
+        options = appearing_as(options, values["register_map"])
     worn_ecu = worn(values["dbc"], values["ecu_roles"])
-    limits = options.limits
-    if (force := values["force_format"]) is not None:
-        options = replace(options, load_cell=sending(options.load_cell, force, "--force-format", limits.force_N))
-    if (displacement := values["displacement_format"]) is not None:
-        lvdt = sending(options.lvdt, displacement, "--displacement-format", limits.position_m)
-        options = replace(options, lvdt=lvdt)
+    options = speaking(options, values["force_format"], values["displacement_format"])
     written = tuple(parse_fault(text) for text in values["fault"])
     wiring = wiring_for(written, values["actuator"], values["ports"])
     if wiring.actuator == STREAMED:
@@ -176,6 +172,25 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     )
     asked = {"bench": values["bench"], "json": values["as_json"], "real_time": values["real_time"]}
     return {"options": options, "run": run, **asked}
+
+
+def speaking(options: RigOptions, force: str | None, displacement: str | None) -> RigOptions:
+    """The same rig with sensors that send other formats.
+
+    Raises:
+        FileProblem: one cannot be used.
+    """
+    from dataclasses import replace
+
+    from simulators.worn_format import sending
+
+    limits = options.limits
+    if force is not None:
+        options = replace(options, load_cell=sending(options.load_cell, force, "--force-format", limits.force_N))
+    if displacement is not None:
+        lvdt = sending(options.lvdt, displacement, "--displacement-format", limits.position_m)
+        options = replace(options, lvdt=lvdt)
+    return options
 
 
 def worn(dbc: Path | None, roles: Path | None) -> WornEcuFiles | None:
@@ -242,6 +257,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--force-format", metavar="FORMAT",
               help="What the load cell sends: a format's name or file.  [default: frame16]")
 @click.option("--displacement-format", metavar="FORMAT", help="What the LVDT sends.  [default: frame16]")
+@click.option("--register-map", metavar="MAP",
+              help="The controller's registers and commands are as this register map says: a file, or a map's name.")
 @click.option("--dbc", type=click.Path(path_type=Path, exists=True, dir_okay=False),
               help="The current ECU is as this DBC file says (with --ecu-roles).")
 @click.option("--ecu-roles", type=click.Path(path_type=Path, exists=True, dir_okay=False),

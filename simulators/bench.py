@@ -31,7 +31,8 @@ class Addresses:
 
 
 def bench_text(
-    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = ('dbc = "demo"',)
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = ('dbc = "demo"',),
+    actuator: Sequence[str] = ('register_map = "demo"',),
 ) -> str:
     """The bench file as TOML text.
 
@@ -41,6 +42,7 @@ def bench_text(
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
         ecu: entries of [ecu] that say what the current ECU is.
+        actuator: entries of [actuator] that say what the controller is.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -57,7 +59,7 @@ def bench_text(
         "[actuator]",
         f'url = "{addresses.actuator_url}"',
         f"device_id = {controller.device_id}",
-        f'register_map = "{"demo" if controller.generator else "demo-streamed"}"',
+        *actuator,
         f'poll = "{poll_ms(rtu, speed)} ms"',
         f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed):g} ms"',
         f'stale_after = "{1000 if relaxed else 300 if rtu else 150} ms"',
@@ -66,7 +68,6 @@ def bench_text(
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
         *([] if controller.generator or not relaxed else [f'setpoint_late = "{1e3 * RELAXED_SETPOINT_S:g} ms"']),
         *_input_delay(options),
-        f'serial_number = "{controller.serial_number}"',
         "[ecu]",
         'interface = "slcan"',
         f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',

@@ -37,7 +37,9 @@ from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port
 from simulators.slcan_bus import SlcanBus
 from simulators.truth import About, Attribute, Truth
+from simulators.worn_bench import actuator_lines, ecu_lines, worn_map
 from simulators.worn_ecu import WornEcuFiles
+from simulators.worn_registers import WornRegisters
 
 TICK_S = 0.002
 HOLDING_S = 0.0005
@@ -98,7 +100,11 @@ class SimulatedRig:
             self.plant, controller,
             DeviceClock.drawn(controller.clock_offset_us, controller.clock_ppm, next(self._draws)), self.note,
         )
-        self.bank = RegisterBank(self.actuator, options.servo, next(self._draws))
+        worn = worn_map(controller)
+        draws = next(self._draws)
+        self.bank = RegisterBank(self.actuator, options.servo, draws) if worn is None else WornRegisters(
+            self.actuator, options.servo, draws, worn
+        )
         self.ecu = Ecu(
             self.plant, coil, options.damper.ambient_degC,
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
@@ -164,16 +170,8 @@ class SimulatedRig:
         self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed)
         if relaxed:
             self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
-        return bench_text(self.options, addresses, speed, relaxed, self._ecu_lines())
-
-    def _ecu_lines(self) -> list[str]:
-        """Entries of [ecu] that say what the current ECU is."""
-        worn, number = self.run_options.worn_ecu, f"serial_number = {self.options.coil.serial_number}"
-        if worn is None:
-            return ['dbc = "demo"', number]
-        has_number = "serial_number" in worn.load().described.roles
-        files = [f'dbc = "{worn.dbc.absolute()}"', f'roles = "{worn.roles}"']
-        return [*files, number] if has_number else files
+        ecu = ecu_lines(self.run_options.worn_ecu, self.options.coil.serial_number)
+        return bench_text(self.options, addresses, speed, relaxed, ecu, actuator_lines(self.options.controller))
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""
