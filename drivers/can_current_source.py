@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections import deque
+from itertools import repeat
 
 from drivers.can_port import CanPort
 from drivers.current_source import (
@@ -94,6 +95,7 @@ class CanCurrentSource:
         self._ticked = 0  # unwrapped, of the device's clock
         self._device_us = NO_DEVICE_TIME
         self._reported: tuple[int, int] | None = None
+        self._at_ns = 0
 
     @property
     def timing(self) -> SourceTiming:
@@ -239,8 +241,10 @@ class CanCurrentSource:
         batch = SourceBatch([], [], [], 0, 0, arrival_ns)
         while self._sent:
             batch.records.append(self._sent.popleft())
-        for frame in frames:
+        for frame, at_ns in zip(frames, self._port.at_ns or repeat(arrival_ns), strict=False):
+            self._at_ns = at_ns
             self._take(frame, batch)
+        self.counters.stamps_ns = self._port.stamps.uncertainty_ns or 0
         return batch._replace(
             lost=self.counters.lost - lost_before,
             bad=self.counters.bad_checks + self.counters.malformed - bad_before,
@@ -351,7 +355,7 @@ class CanCurrentSource:
 
     def _record(self, batch: SourceBatch, channel: Channel, value: float, flags: Quality = Quality.GOOD) -> None:
         batch.records.append((
-            batch.arrival_ns, self._device_us, float(value), self._checks.sequence & 0xFFFFFFFF, int(channel),
+            self._at_ns, self._device_us, float(value), self._checks.sequence & 0xFFFFFFFF, int(channel),
             int(flags),
         ))
 

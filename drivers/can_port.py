@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from drivers.can_library import import_can
 from drivers.connection import CanAddress
 from drivers.errors import LinkLost, PortClosed
+from drivers.stamp_clock import StampClock
 from protocols.slcan import Frame
 
 if TYPE_CHECKING:
@@ -30,10 +31,15 @@ class CanPort:
 
     Attributes:
         bus_errors: error frames the interface reported.
+        at_ns: host time of each frame of the last `receive`, by the interface's time stamps as far as these are used;
+            empty where the interface gives none.
+        stamps: follows them.
     """
 
     def __init__(self, address: CanAddress, *, fd: bool = False, device: str = "ecu") -> None:
         self.bus_errors = 0
+        self.at_ns: list[int] = []
+        self.stamps = StampClock()
         self.device = device
         self._address = address
         self._fd = fd
@@ -86,9 +92,12 @@ class CanPort:
         Raises:
             PortClosed: the bus is not open or has gone.
         """
+        if self._interface == SLCAN:
+            return self._receive_block(timeout_s)
         frames: list[Frame] = []
+        self.at_ns = []
         message = self._receive_one(timeout_s)
-        arrival_ns = time.monotonic_ns()
+        read_ns = arrival_ns = time.monotonic_ns()
         while message is not None:
             if message.is_error_frame:
                 self.bus_errors += 1
@@ -97,9 +106,11 @@ class CanPort:
                     message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame,
                     message.dlc,
                 ))
+                self.at_ns.append(self.stamps.host_ns(int(1e9 * message.timestamp), read_ns))
             if len(frames) >= LARGEST_BATCH:
                 break
             message = self._receive_one(0.0)
+            read_ns = time.monotonic_ns()
         return frames, arrival_ns
 
     def send(self, identifier: int, data: bytes, *, extended: bool = False, fd: bool = False) -> None:
@@ -123,6 +134,21 @@ class CanPort:
     @property
     def _name(self) -> str:
         return self._channel if self._interface == SLCAN else f"{self._interface}:{self._channel}"
+
+    def _receive_block(self, timeout_s: float) -> tuple[list[Frame], int]:
+        """What our own slcan reader has, without a message of python-can for each frame.
+
+        Raises:
+            PortClosed: the bus is not open or has gone.
+        """
+        if self._bus is None or self._can is None:
+            raise PortClosed(self.device, self._name, "the bus is not open")
+        try:
+            frames, errors = self._bus.take(timeout_s)
+        except self._can.CanError as error:
+            raise PortClosed(self.device, self._name, f"the bus is gone: {error}") from error
+        self.bus_errors += errors
+        return frames, time.monotonic_ns()
 
     def _receive_one(self, timeout_s: float) -> Any:  # noqa: ANN401 - python-can's Message, imported only when needed
         """Next message or None.

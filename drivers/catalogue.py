@@ -16,6 +16,8 @@ from drivers import plugins
 from drivers.connection import ActuatorConnection, CanAddress, LineSettings
 from drivers.current_source import CurrentSource
 from drivers.devices.source import current_source, current_source_names, current_source_problems, is_dbc
+from drivers.devices.supply import SupplyConnection, SupplyDescription
+from drivers.devices.supply_file import supply, supply_problems
 from drivers.errors import UnknownDevice
 from drivers.register_maps.map_file import controller, controller_names, is_map_file
 from drivers.ring import Channel
@@ -28,6 +30,8 @@ from protocols.sensor_presets import TABLES
 
 __all__ = [
     "SensorConnection",
+    "SupplyConnection",
+    "SupplyDescription",
     "actuator_names",
     "check_actuator",
     "check_current_source",
@@ -43,11 +47,14 @@ __all__ = [
     "make_actuator",
     "make_current_source",
     "make_sensor",
+    "make_supply",
     "own_names",
     "register_actuator",
     "register_map_schema",
     "register_sensor",
     "sensor_format_names",
+    "supply",
+    "supply_problems",
 ]
 
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
@@ -198,6 +205,13 @@ def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: C
 
     described = current_source(name, roles)
     return CanCurrentSource(CanPort(bus, fd=described.fd), described)
+
+
+def make_supply(connection: SupplyConnection) -> CurrentSource:
+    """The driver of a programmable supply that drives the coil; nothing is opened."""
+    from drivers.scpi_supply import ScpiSupply
+
+    return ScpiSupply(connection)
 
 
 @dataclass(frozen=True, slots=True)

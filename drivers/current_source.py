@@ -96,6 +96,7 @@ class SourceCounters:
         bad_in_a_row: status frames dropped since the last good one; `malformed_in_a_row` of them for length or kind.
         gaps_in_a_row: good status frames one after the other whose counter has left some out.
         lateness: grows by 2 with a repeated status frame, falls by 1 with a fresh one: duplicates that keep coming.
+        stamps_ns: uncertainty of the interface's time stamps, by which frames are timed; 0 while it is their arrival.
         other_bits: bits on the bus of frames that are not the source's, without stuffing.
     """
 
@@ -113,6 +114,7 @@ class SourceCounters:
     other_frames: int = 0
     sent: int = 0
     late_sends: int = 0
+    stamps_ns: int = 0
 
 
 class SourceBatch(NamedTuple):

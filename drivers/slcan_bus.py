@@ -72,6 +72,20 @@ class BlockSlcanBus(slcanBus):
             line = encode_frame(msg.arbitration_id, bytes(msg.data), msg.is_extended_id, msg.is_remote_frame, msg.dlc)
         self._put(line, WRITE_TIMEOUT_S if timeout is None else timeout)
 
+    def take(self, timeout_s: float) -> tuple[list[Frame], int]:
+        """Every frame of one block, as the decoder gives them, and errors that the adapter reported with them.
+
+        Raises:
+            CanOperationError: the port is gone.
+        """
+        try:
+            chunk, _ = self._port.read_available(timeout_s)
+        except DriverError as error:
+            raise can.CanOperationError(str(error)) from error
+        frames = self._decoder.feed(chunk)
+        errors, self._errors = self._decoder.errors - self._errors, self._decoder.errors
+        return frames, errors
+
     def shutdown(self) -> None:
         """Leave the bus as far as the adapter still listens, and close the port."""
         try:
@@ -104,14 +118,9 @@ class BlockSlcanBus(slcanBus):
             CanOperationError: the port is gone.
         """
         if not self._ready:
-            try:
-                chunk, _ = self._port.read_available(1.0 if timeout is None else timeout)
-            except DriverError as error:
-                raise can.CanOperationError(str(error)) from error
-            self._ready.extend(map(_message, self._decoder.feed(chunk)))
-            for _ in range(self._decoder.errors - self._errors):
-                self._ready.append(can.Message(is_error_frame=True))
-            self._errors = self._decoder.errors
+            frames, errors = self.take(1.0 if timeout is None else timeout)
+            self._ready.extend(map(_message, frames))
+            self._ready.extend(can.Message(is_error_frame=True) for _ in range(errors))
         return (self._ready.popleft() if self._ready else None), False
 
 

@@ -13,7 +13,7 @@ r"""CAN frames as ASCII lines (Lawicel "slcan"), each ended by CR.
 
 from __future__ import annotations
 
-import re
+from binascii import unhexlify
 
 from protocols.errors import LocalProtocolError
 
@@ -24,8 +24,10 @@ LONGEST_LINE = 148
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 """Bytes that a CAN FD frame can have, by its length code."""
 
-_HEX = re.compile(rb"[0-9A-Fa-f]+")
-_IDENTIFIER_DIGITS = {b"t": 3, b"r": 3, b"d": 3, b"b": 3, b"T": 8, b"R": 8, b"D": 8, b"B": 8}
+_IDENTIFIER_DIGITS = dict.fromkeys(b"trdb", 3) | dict.fromkeys(b"TRDB", 8)
+EXTENDED_DIGITS, CLASSIC_LENGTH = 8, 8
+STAMP_BYTES = frozenset((0, 2))
+_REMOTE, _FD = frozenset(b"rR"), frozenset(b"dDbB")
 _LENGTH_CODES = {code: number for number, code in enumerate(b"0123456789ABCDEF")} | {
     code: 10 + number for number, code in enumerate(b"abcdef")
 }
@@ -113,18 +115,22 @@ class SlcanDecoder:
     @staticmethod
     def _frame(line: bytes) -> Frame | None:
         """The frame a line describes; None when it describes none."""
-        kind = line[:1]
+        kind = line[0]
         digits = _IDENTIFIER_DIGITS.get(kind)
-        if digits is None or _HEX.fullmatch(line, 1) is None or len(line) < digits + 2:
+        # Letters and digits only: int() would take signs and underscores too.
+        if digits is None or not line.isalnum() or len(line) < digits + 2:
             return None
-        identifier = int(line[1 : digits + 1], 16)
-        code = _LENGTH_CODES[line[digits + 1]]
-        extended, remote, fd = digits == 8, kind in b"rR", kind in b"dDbB"
-        length = FD_LENGTHS[code]
-        carried = 0 if remote else 2 * length
         begin = digits + 2
-        if (code > 8 and not fd) or len(line) - begin - carried not in {0, 4}:
+        code = _LENGTH_CODES.get(line[digits + 1])
+        try:
+            identifier, body = int(line[1 : digits + 1], 16), unhexlify(line[begin:])
+        except ValueError:
             return None
-        if identifier > (0x1FFFFFFF if extended else 0x7FF):
+        if code is None or (code > CLASSIC_LENGTH and kind not in _FD):
             return None
-        return identifier, bytes.fromhex(line[begin : begin + carried].decode("ascii")), extended, remote, length
+        extended, remote = digits == EXTENDED_DIGITS, kind in _REMOTE
+        length = FD_LENGTHS[code]
+        carried = 0 if remote else length
+        if len(body) - carried not in STAMP_BYTES or identifier > (0x1FFFFFFF if extended else 0x7FF):
+            return None
+        return identifier, body[:carried], extended, remote, length

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.supply_file import is_file, supply
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
 
+SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 STALE_SAMPLES = 5
 STALE_S = 0.020
 RELAXED_STALE_S = 0.600
@@ -28,10 +32,11 @@ class Addresses:
     load_cell_url: str
     lvdt_url: str
     auxiliary_urls: Sequence[str]
+    supply_port: int = 0
 
 
 def bench_text(
-    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = ('dbc = "demo"',),
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = (),
     actuator: Sequence[str] = ('register_map = "demo"',),
 ) -> str:
     """The bench file as TOML text.
@@ -41,7 +46,7 @@ def bench_text(
         addresses: its open ports.
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
-        ecu: entries of [ecu] that say what the current ECU is.
+        ecu: lines of the current source's table; none: of the demo ECU.
         actuator: entries of [actuator] that say what the controller is.
     """
     limits, controller = options.limits, options.controller
@@ -68,12 +73,7 @@ def bench_text(
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
         *([] if controller.generator or not relaxed else [f'setpoint_late = "{1e3 * RELAXED_SETPOINT_S:g} ms"']),
         *_input_delay(options),
-        "[ecu]",
-        'interface = "slcan"',
-        f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
-        "bitrate = 500000",
-        *ecu,
-        *_ecu_times(relaxed),
+        *(ecu or ecu_lines(addresses, relaxed)),
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
     lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)
@@ -93,8 +93,32 @@ def bench_text(
     return "\n".join(lines) + "\n"
 
 
-def _ecu_times(relaxed: bool) -> list[str]:
-    return ['command_period = "10 ms"', f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"']
+def ecu_lines(addresses: Addresses, relaxed: bool, entries: Sequence[str] = ('dbc = "demo"',)) -> list[str]:
+    """Lines of the table of an ECU on CAN; `entries` say which ECU it is."""
+    return [
+        "[ecu]",
+        'interface = "slcan"',
+        f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
+        "bitrate = 500000",
+        *entries,
+        'command_period = "10 ms"',
+        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
+    ]
+
+
+def supply_lines(options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any]) -> list[str]:
+    """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often."""
+    described = supply(given)
+    name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given
+    poll_ms = max(FASTEST_POLL_MS, SUPPLY_POLL_MS / max(1.0, speed))
+    lines = [
+        "[ecu]", f'url = "tcp://127.0.0.1:{port}"', f"supply = {toml_text(name)}", f'poll = "{poll_ms:g} ms"',
+        'timeout = "500 ms"', f'stale_after = "{RELAXED_STALE_S * 1e3:g} ms"',
+    ]
+    if described.commands.set_voltage_limit:
+        low_V, high_V = described.voltage_V or (0.0, options.coil.supply_V)
+        lines.append(f'voltage_limit = "{max(low_V, min(high_V, options.coil.supply_V)):g} V"')
+    return lines
 
 
 def _input_delay(options: RigOptions) -> list[str]:

@@ -122,13 +122,17 @@ class Ecu:
             self._bad_command()
             return
         self._bad_commands = 0
+        self.obey(command.setpoint_A, enable=command.enable, clear_faults=command.clear_faults)
+
+    def obey(self, setpoint_A: float, *, enable: bool, clear_faults: bool) -> None:
+        """Drive a current, as far as no fault is latched."""
         self._heard_s = self._served_s
-        if command.clear_faults:
+        if clear_faults:
             self.fault_bits = 0
         if self.fault_bits == 0:
-            self.state = EcuState.ENABLED if command.enable else EcuState.OFF
+            self.state = EcuState.ENABLED if enable else EcuState.OFF
         limit_A = self.options.limit_A
-        self._set(max(-limit_A, min(limit_A, command.setpoint_A)) if command.enable else 0.0)
+        self._set(max(-limit_A, min(limit_A, setpoint_A)) if enable else 0.0)
 
     def _bad_command(self) -> None:
         """Count a frame with a wrong CRC, counter or length; the third in a row is a fault."""
@@ -226,6 +230,13 @@ class Ecu:
         self._repeats = not self._repeats
         return self._held[0] if self._repeats else self._held.pop(0)
 
+    def measured_A(self, current_A: float) -> float:
+        """What the source's own measurement shows of a current (A)."""
+        if self.faults.coil_short and self.setpoint_A != 0.0:
+            current_A = SHORT_A
+        measured_A = self.options.current_gain * current_A + self.options.current_offset_A
+        return measured_A + self.options.current_noise_A * float(self._random.standard_normal())
+
     def _shown(self, device_us: int) -> Shown:
         """What it says of itself at that instant of its clock (us)."""
         time_s = (device_us - self.clock.offset_us) / (1e6 + self.clock.ppm)
@@ -234,10 +245,7 @@ class Ecu:
         current_A = self.plant.value("current_A")
         if len(out):
             current_A = float(out[min(max(row - 1, 0), len(out) - 1), CURRENT])
-        if self.faults.coil_short and self.setpoint_A != 0.0:
-            current_A = SHORT_A
-        measured_A = self.options.current_gain * current_A + self.options.current_offset_A
-        measured_A += self.options.current_noise_A * float(self._random.standard_normal())
+        measured_A = self.measured_A(current_A)
         ohm = self.options.ohm
         duty_percent = min(100.0, abs(self.setpoint_A) * ohm / self.supply_V * 100.0) if self.supply_V > 0 else 100.0
         case_degC = self._ambient_degC + CASE_SHARE * (self.plant.value("coil_degC") - self._ambient_degC)

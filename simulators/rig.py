@@ -8,14 +8,16 @@ import gc
 import math
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rig.clock import monotonic_ns
 from rig.dampers.catalogue import KINDS, NO_KIND
+from simulators import bench
 from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.channel import Channel
@@ -36,8 +38,9 @@ from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port
 from simulators.slcan_bus import SlcanBus
+from simulators.supply import simulated_supply
 from simulators.truth import About, Attribute, Truth
-from simulators.worn_bench import actuator_lines, ecu_lines, worn_map
+from simulators.worn_bench import actuator_lines, worn_map
 from simulators.worn_ecu import WornEcuFiles
 from simulators.worn_registers import WornRegisters
 
@@ -67,6 +70,8 @@ class RunOptions:
     seed: int = 0
     ports: str = "pty"
     actuator: str = "tcp"
+    supply: str | Mapping[str, Any] = ""
+    """The coil's current by a supply in place of the ECU: a preset, a file's path, or a description."""
     auxiliary: int = 0
     auxiliaries: tuple[SensorOptions, ...] = ()
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
@@ -112,6 +117,7 @@ class SimulatedRig:
         if run.worn_ecu is not None:
             self.ecu.wear(run.worn_ecu.load())
         self.bus = SlcanBus(self.ecu.receive)
+        self.supply = simulated_supply(self.ecu, run.supply, coil.serial_number)
         rtu = run.actuator == "rtu"
         self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports != "socket")
         self.channels: list[Channel] = []
@@ -145,6 +151,8 @@ class SimulatedRig:
         """
         await self.modbus.open()
         await self.bus.open()
+        if self.supply is not None:
+            await self.supply.open()
         kind, options = self.run_options.ports, self.options
         self._add("load_cell", options.load_cell, plant_step.FORCE, kind)
         self._add("lvdt", options.lvdt, plant_step.DISPLACEMENT, kind)
@@ -153,7 +161,8 @@ class SimulatedRig:
             self._add(f"auxiliary_{number}", auxiliary, plant_step.DISPLACEMENT, kind)
         self._inject_due()
         urls = [channel.port.url for channel in self.channels]
-        return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:])
+        supply_port = 0 if self.supply is None else self.supply.port
+        return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:], supply_port)
 
     def bench(self, addresses: Addresses, real_time: bool) -> str:
         """The text of the bench file.
@@ -170,8 +179,16 @@ class SimulatedRig:
         self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed)
         if relaxed:
             self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
-        ecu = ecu_lines(self.run_options.worn_ecu, self.options.coil.serial_number)
-        return bench_text(self.options, addresses, speed, relaxed, ecu, actuator_lines(self.options.controller))
+        ecu, actuator = self._source_lines(addresses, relaxed), actuator_lines(self.options.controller)
+        return bench_text(self.options, addresses, speed, relaxed, ecu, actuator)
+
+    def _source_lines(self, addresses: Addresses, relaxed: bool) -> list[str]:
+        """The table of the coil's current source."""
+        run, number = self.run_options, self.options.coil.serial_number
+        if run.supply:
+            return bench.supply_lines(self.options, addresses.supply_port, run.speed, run.supply)
+        own = ['dbc = "demo"', f"serial_number = {number}"] if run.worn_ecu is None else run.worn_ecu.entries(number)
+        return bench.ecu_lines(addresses, relaxed, own)
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""
@@ -195,6 +212,8 @@ class SimulatedRig:
         """
         await self.modbus.close()
         self.bus.close()
+        if self.supply is not None:
+            self.supply.close()
         for channel in self.channels:
             channel.port.close()
         if self._names is not None:
@@ -218,6 +237,8 @@ class SimulatedRig:
         self._inject_due()
         self.actuator.tick(served_s)
         self.ecu.tick(served_s)
+        if self.supply is not None:
+            self.supply.tick(served_s)
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])
@@ -275,7 +296,8 @@ class SimulatedRig:
             )
             if data:
                 channel.port.write(data, channel.sensor.frame_size)
-        self.bus.send(self.ecu.frames())
+        if self.supply is None:
+            self.bus.send(self.ecu.frames())
         if self.first_cycle_s is None:
             self.first_cycle_s = self.actuator.turned_s
         if self.truth is not None:
@@ -330,7 +352,8 @@ class SimulatedRig:
         """Stop once the parent is gone and the rig has stood still without current for a while."""
         moving = abs(self.plant.value("velocity_m_s")) > STANDSTILL_M_S
         moving = moving or self.actuator.motion_state in {State.MOVING, State.RUNNING, State.FADING, State.HALTING}
-        powered = abs(self.plant.value("current_A")) > NO_CURRENT_A
+        stays_on = self.supply is not None and self.supply.stays_on
+        powered = abs(self.plant.value("current_A")) > NO_CURRENT_A and not stays_on
         if moving or powered or os.getppid() == self._parent:
             self._idle_since_ns = now_ns
         elif now_ns - self._idle_since_ns > IDLE_S * 1e9:

@@ -10,7 +10,6 @@ from drivers.register_maps.map_file import controller, is_map_file
 from protocols.errors import LocalProtocolError
 from rig.errors import FileProblem
 from simulators.options import ControllerOptions, RigOptions
-from simulators.worn_ecu import WornEcuFiles
 
 OWN = ("demo", "demo-streamed")
 """Maps of the simulated controller itself: by whether it has a function generator."""
@@ -67,18 +66,3 @@ def actuator_lines(options: ControllerOptions) -> list[str]:
         return [f'register_map = "{name}"', f'serial_number = "{options.serial_number}"']
     number = serial_number(worn, options)
     return [f'register_map = "{options.register_map}"', *([f'serial_number = "{number}"'] if number else [])]
-
-
-def ecu_lines(worn: WornEcuFiles | None, serial_number: int) -> list[str]:
-    """Entries of [ecu] that say what the current ECU is.
-
-    Args:
-        worn: the files as which it appears; None: as its own.
-        serial_number: its number.
-    """
-    number = f"serial_number = {serial_number}"
-    if worn is None:
-        return ['dbc = "demo"', number]
-    has_number = "serial_number" in worn.load().described.roles
-    files = [f'dbc = "{worn.dbc.absolute()}"', f'roles = "{worn.roles}"']
-    return [*files, number] if has_number else files

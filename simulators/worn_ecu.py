@@ -44,6 +44,12 @@ class WornEcuFiles:
         """
         return WornEcu(self.dbc, self.roles)
 
+    def entries(self, serial_number: int) -> list[str]:
+        """Entries of [ecu] that name the files, and the serial number where that ECU tells one."""
+        has_number = "serial_number" in self.load().described.roles
+        files = [f'dbc = "{self.dbc.absolute()}"', f'roles = "{self.roles}"']
+        return [*files, f"serial_number = {serial_number}"] if has_number else files
+
 
 class WornEcu:
     """Frames of an ECU that a DBC and a roles file describe (`simulators.ecu_wire.EcuWire`).

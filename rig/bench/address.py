@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 from urllib.parse import urlsplit
 
+from drivers.can_library import missing_for
 from drivers.catalogue import (
     actuator_names,
     check_actuator,
@@ -57,6 +58,18 @@ def serial_url(text: str) -> str:
     if scheme in _WITH_HOST:
         _host_and_port(text, f"{scheme}://192.168.0.7:4001")
     return text
+
+
+def supply_url(text: str) -> str:
+    """Check a supply's address: a serial port as `serial_url` takes it, or `tcp://host:port`.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    if text.startswith("tcp://"):
+        _host_and_port(text, "tcp://192.168.0.20:5025")
+        return text
+    return serial_url(text)
 
 
 def modbus_url(text: str) -> str:
@@ -143,9 +156,12 @@ def can_interface(text: str) -> str:
     """Check the name of a CAN interface against what python-can and its plugins provide.
 
     Raises:
-        ValueError: unknown; the nearest name is suggested.
+        ValueError: unknown; the nearest name is suggested. Or its package is not installed.
     """
     if text in INTERFACES:
+        missing = missing_for(text)
+        if missing:
+            raise ValueError(f"what python-can needs for it is not installed here: {missing}")
         return text
     from importlib.metadata import entry_points
 

@@ -17,6 +17,7 @@ from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Station
+from rig.bench.supply_settings import supply_of
 
 ZERO_SHARE_OF_RANGE = 0.0025
 CHANGE_OF_ZERO = 0.4
@@ -108,7 +109,7 @@ class Bench(Section):
             exclude={
                 "name": True,
                 "actuator": {"url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s"},
-                "ecu": {"interface", "channel", "bitrate", "interface_options", "command_period_s", "stale_after_s"},
+                "ecu": self.ecu.not_physics,
                 "load_cell": self.load_cell.not_physics,
                 "lvdt": self.lvdt.not_physics,
                 "auxiliary": {index: item.not_physics for index, item in enumerate(self.auxiliary)},
@@ -119,7 +120,7 @@ class Bench(Section):
         )
         tables = {
             "actuator": {"register_map": self.actuator.register_map},
-            "ecu": {"dbc": self.ecu.dbc, "roles": self.ecu.roles},
+            "ecu": {"dbc": self.ecu.dbc, "roles": self.ecu.roles, "supply": self.ecu.supply},
             "load_cell": {"format": self.load_cell.format},
             "lvdt": {"format": self.lvdt.format},
             "auxiliary": [{"format": sensor.format} for sensor in self.auxiliary],
@@ -176,8 +177,12 @@ class Bench(Section):
         return problems
 
     def _current(self) -> list[Problem]:
-        """The limit against what the current source's set-point can hold."""
-        low_A, high_A = current_range_A(self.ecu.dbc, self.ecu.roles)
+        """The limit against what the current source gives."""
+        described = supply_of(self.ecu.supply)
+        if described is not None:
+            low_A, high_A = described.current_A
+        else:
+            low_A, high_A = current_range_A(self.ecu.dbc, self.ecu.roles)
         if self.limits.current_A <= high_A and (-self.limits.current_A >= low_A or low_A >= 0.0):
             return []
         held = f"{units.show(low_A, 'A')} to {units.show(high_A, 'A')}"
@@ -194,12 +199,14 @@ class Bench(Section):
         if self.actuator.watchdog_s < shortest:
             message = f"is less than two polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
             problems.append((("actuator", "watchdog"), message))
-        if self.ecu.stale_after_s < 2.0 * self.ecu.command_period_s:
-            shortest = 2.0 * self.ecu.command_period_s
-            message = f"is less than two status frames; allowed: at least {units.show(shortest, 'ms')}"
-            problems.append((("ecu", "stale_after"), message))
-        shortest = 2.0 * status_period_s(self.ecu.dbc, self.ecu.roles) / self.clock.device_rate
-        if self.ecu.stale_after_s < shortest:
-            message = f"is less than two periods of the measured current; at least {units.show(shortest, 'ms')}"
-            problems.append((("ecu", "stale_after"), message))
-        return problems
+        return problems if self.ecu.url is not None else [*problems, *self._ecu_periods()]
+
+    def _ecu_periods(self) -> list[Problem]:
+        """Of a current controller on CAN; those of a supply are its own entries'."""
+        told = 2.0 * status_period_s(self.ecu.dbc, self.ecu.roles) / self.clock.device_rate
+        asked = 2.0 * self.ecu.command_period_s
+        for shortest, what in ((asked, "status frames"), (told, "periods of the measured current")):
+            if self.ecu.stale_after_s < shortest:
+                message = f"is less than two {what}; allowed: at least {units.show(shortest, 'ms')}"
+                return [(("ecu", "stale_after"), message)]
+        return []

@@ -16,6 +16,7 @@ from rig.text_file import read_bytes
 LARGEST_BYTES = 262_144
 ENTRIES: Mapping[tuple[str, str], str] = {
     ("actuator", "register_map"): ".toml", ("ecu", "dbc"): ".dbc", ("ecu", "roles"): ".toml",
+    ("ecu", "supply"): ".toml",
     ("load_cell", "format"): ".toml", ("lvdt", "format"): ".toml", ("auxiliary", "format"): ".toml",
 }  # fmt: skip
 """Table and key of each entry that may name a file, and how such a name ends; a table may be a list of them."""

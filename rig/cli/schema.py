@@ -36,6 +36,12 @@ def _ecu_roles() -> dict[str, Any]:
     return ecu_roles_schema()
 
 
+def _supply() -> dict[str, Any]:
+    from rig.bench.supply_schema import SUPPLY
+
+    return SUPPLY
+
+
 def _sensor_format() -> dict[str, Any]:
     from protocols.sensor_format import json_schema
 
@@ -44,7 +50,7 @@ def _sensor_format() -> dict[str, Any]:
 
 SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
     "bench": _bench, "matrix": _matrix, "register-map": _register_map, "ecu-roles": _ecu_roles,
-    "sensor-format": _sensor_format,
+    "sensor-format": _sensor_format, "supply": _supply,
 }  # fmt: skip
 """Kind of file -> what makes its schema."""
 

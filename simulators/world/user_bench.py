@@ -71,6 +71,7 @@ class UserBench:
         actuator: "tcp" or "rtu".
         stood_in: what of the file a world has otherwise, in words.
         tick_s: how often the devices may hand over at most (s).
+        supply: what drives the coil in place of an ECU; empty: an ECU does.
     """
 
     options: RigOptions
@@ -81,6 +82,7 @@ class UserBench:
     tick_s: float
     timeout_s: float
     values: Mapping[str, Any]
+    supply: str | Mapping[str, Any] = ""
 
     @classmethod
     def load(cls, path: Path, matrix: Matrix) -> UserBench:
@@ -99,6 +101,7 @@ class UserBench:
         return cls(
             _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
             tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
+            bench.ecu.supply or "",
         )
 
     def text(self, rig: SimulatedRig, addresses: Addresses) -> str:
@@ -106,16 +109,23 @@ class UserBench:
         rig.modbus.late_s = LATE_SHARE * self.timeout_s
         own = dict(self.values)
         own["actuator"] = {**own["actuator"], "url": addresses.actuator_url}
-        channel = f"socket://127.0.0.1:{addresses.slcan_port}"
-        if own["ecu"]["interface"] != "slcan":
-            own["ecu"] = {**own["ecu"], "interface": "slcan", "bitrate": BITRATE}
-            own["ecu"].pop("interface_options", None)
-        own["ecu"] = {**own["ecu"], "channel": channel}
+        own["ecu"] = self._current_source(own["ecu"], addresses)
         own["load_cell"] = {**own["load_cell"], "url": addresses.load_cell_url}
         own["lvdt"] = {**own["lvdt"], "url": addresses.lvdt_url}
         further = zip(own.get("auxiliary", ()), addresses.auxiliary_urls, strict=True)
         own["auxiliary"] = [{**sensor, "url": url} for sensor, url in further]
         return _file(own)
+
+    @staticmethod
+    def _current_source(own: Mapping[str, Any], addresses: Addresses) -> dict[str, Any]:
+        """The table of the current source with the address of a rig."""
+        if addresses.supply_port:
+            return {**own, "url": f"tcp://127.0.0.1:{addresses.supply_port}"}
+        channel = f"socket://127.0.0.1:{addresses.slcan_port}"
+        if own["interface"] == "slcan":
+            return {**own, "channel": channel}
+        kept = {key: value for key, value in own.items() if key != "interface_options"}
+        return {**kept, "interface": "slcan", "bitrate": BITRATE, "channel": channel}
 
     def portable(self, text: str) -> str:
         """The user's file (`text`) as it can be read in any folder: files that it names have whole paths."""
@@ -177,7 +187,9 @@ def _worn_ecu(bench: Bench) -> WornEcuFiles | None:
 def _stood_in(bench: Bench) -> Iterator[str]:
     """What a world has otherwise than the file says, in words."""
     yield "serial lines and networks are sockets of the world; baud rates do not count"
-    if bench.ecu.interface != "slcan":
+    if bench.ecu.url is not None:
+        yield "the supply is reached by TCP; nobody kills the station, nor is there a power cut: its current would stay"
+    elif bench.ecu.interface != "slcan":
         yield f"the CAN bus is reached by slcan at {BITRATE // 1000} kbit/s in place of {bench.ecu.interface}"
     if bench.auxiliary:
         yield "auxiliary channels show the rod's travel, scaled to a part of their range"

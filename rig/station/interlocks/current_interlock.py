@@ -38,11 +38,17 @@ class CurrentInterlock:
     Args (construction):
         patience_ns: wall time which a command and its effect may take on the wires.
         timing: how often the source tells its current.
+        settling_s: the time that a new set-point is given (s of its clock).
     """
 
-    def __init__(self, patience_ns: int, timing: SourceTiming = SourceTiming()) -> None:  # noqa: B008 - immutable
+    def __init__(
+        self,
+        patience_ns: int,
+        timing: SourceTiming = SourceTiming(),  # noqa: B008 - immutable
+        settling_s: float = SETTLED_S,
+    ) -> None:
         self._patience_ns = patience_ns
-        self._settled = max(FEWEST_STATUSES, round(SETTLED_S / timing.status_s))
+        self._settled = max(FEWEST_STATUSES, round(settling_s / timing.status_s))
         self._set_point = (math.nan, 0)
         self._since_ns = 0
         self._statuses = 0

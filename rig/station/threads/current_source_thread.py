@@ -26,11 +26,14 @@ from rig.station.errors import StationRefused
 from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterlock, EcuInterlock, thrown_away
 from rig.station.interlocks.finding import Finding
 from rig.station.log import say
+from rig.station.safe_stop import CURRENT_LIMIT_S, ZERO_CURRENT_A
 from rig.station.supervisor import Supervisor
 from rig.station.threads.device_thread import ReadingThread
 from rig.station.watchdogs import Listener
 
 STALE_FOR_SURE_S = 0.0002
+SLOW_STATUS_S = 0.050
+"""A source that tells its current less often is a slow one."""
 PROVING_COMMANDS = 6
 """So many commands tell whether the source takes them; it may forgive a few that are damaged."""
 
@@ -57,11 +60,13 @@ class CurrentSourceThread(ReadingThread):
         self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
         self._zero_error: DriverError | None = None
         self._bus_judge = BusInterlock(config.bitrate)
-        self._current_judge = CurrentInterlock(self._stale_ns, driver.timing)
+        self._settle_s = driver.traits.settling_s / min(1.0, supervisor.config.device_rate)
+        self._current_judge = CurrentInterlock(self._stale_ns, driver.timing, driver.traits.settling_s)
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
         self._repeats = 0
+        self._stamps_told = False
         self._zeroed = True
         self._zeroed_ns = 0
         self._command_lock = threading.Lock()
@@ -107,10 +112,16 @@ class CurrentSourceThread(ReadingThread):
             self._zeroed = False
 
     def wait_clear(self, timeout_s: float) -> bool:
-        """Wait until the ECU reports no fault, then stop asking it to clear them; False after `timeout_s`."""
+        """Wait until the ECU reports no fault, then stop asking it to clear them; False after `timeout_s`.
+
+        A slow source is given its own time on top, and that in which its current falls.
+        """
+        timeout_s += self._stale_ns * 1e-9 + self._settle_s
         begun_ns = monotonic_ns()
         with self._progress:
             clear = self._progress.wait_for(lambda: self._last_ns > begun_ns and self._is_clear(), timeout_s)
+            if clear:
+                self._progress.wait_for(self._is_zero, self._settle_s)
         with self._command_lock:
             self._command(0.0, enable=False)
         return clear
@@ -196,6 +207,22 @@ class CurrentSourceThread(ReadingThread):
         return [name for name, came in heard.items() if not came]
 
     @property
+    def zero_within_s(self) -> float:
+        """After so long a commanded 0 A must be measured (wall s)."""
+        slow_s = self._settle_s + 2.0 * self._stale_ns * 1e-9
+        return max(CURRENT_LIMIT_S, slow_s) if self._driver.timing.status_s > SLOW_STATUS_S else CURRENT_LIMIT_S
+
+    @property
+    def lowest_A(self) -> float | None:
+        """The most negative current it drives (A); None: as negative as positive."""
+        return self._driver.traits.lowest_A
+
+    @property
+    def falls_by_itself(self) -> bool:
+        """Without commands it goes to 0 A."""
+        return self._driver.traits.own_timeout
+
+    @property
     def longest_period_s(self) -> float:
         """Of what it tells (s of its clock)."""
         return max(self._driver.timing)
@@ -278,6 +305,7 @@ class CurrentSourceThread(ReadingThread):
             if not late:
                 # What waited may be from before the set-point.
                 findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
+        self._tell_stamps()
         if batch.statuses:
             # Errors that came with the last status frame may be the beginning of what silences the bus.
             self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
@@ -293,12 +321,27 @@ class CurrentSourceThread(ReadingThread):
         silence = self._supervisor.host.missed(self.name, self._silence(), self._last_ns, self._stale_ns, now_ns)
         return findings if silence is None else [*findings, silence]
 
+    def _tell_stamps(self) -> None:
+        """Say once that frames are timed by the interface, and how well."""
+        uncertainty_ns = self._driver.counters.stamps_ns
+        if uncertainty_ns and not self._stamps_told:
+            self._stamps_told = True
+            self._supervisor.tell(
+                "ecu-time-stamps",
+                f"its frames are timed by the CAN interface's stamps, known on this host's clock to "
+                f"{uncertainty_ns / 1e3:.0f} us beside the shortest time that reading takes",
+            )
+
     def _silence(self) -> str:
         """Why no fresh status comes: the bus has errors, the ECU sends bad or old ones, or it says nothing."""
         if self._driver.bus_errors > self._bus_errors:
             return "can-busoff"
         late = self._driver.counters.duplicates > self._repeats
         return thrown_away(self._driver.counters) or ("ecu-late" if late else "ecu-silent")
+
+    def _is_zero(self) -> bool:
+        status = self._driver.status
+        return status is not None and abs(status.current_A) < ZERO_CURRENT_A
 
     def _is_clear(self) -> bool:
         status = self._driver.status

@@ -33,6 +33,8 @@ class Coil:
     """A coil that is always at 0 A."""
 
     fresh_current_A = 0.0
+    zero_within_s = 0.25
+    falls_by_itself = True
 
     def zero_now(self) -> None:
         """Nothing to do."""

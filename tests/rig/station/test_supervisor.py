@@ -69,6 +69,8 @@ class Coil:
     """A coil whose 0 A does what a test wants."""
 
     fresh_current_A = None
+    zero_within_s = 0.25
+    falls_by_itself = True
 
     def __init__(self, zero: Callable[[], None]) -> None:
         self.zero_now = zero
