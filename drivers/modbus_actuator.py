@@ -362,6 +362,9 @@ class ModbusActuator:
             DriverError: the controller cannot be reached.
         """
         values = self._access.read(self._map.status_reads, "status", requests, once=once)
+        if len(self._map.status_reads) > 1 and self._map.differs(values, self._values):
+            # What changed between two requests of a poll is only half seen.
+            values = self._access.read(self._map.status_reads, "status")
         received_ns = time.monotonic_ns()
         values |= self._host.unwrapped(values)
         self._values = values

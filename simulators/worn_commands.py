@@ -98,29 +98,32 @@ class Scripts:
         return sorted(seen, key=lambda one: (-one.decides, -one.size))
 
     def _follow(self, script: Script, written: Written) -> Seen | None:
-        if not self._goes_on(script, written):
-            if script.place == 0:
-                return None
+        """The step that is complete with a request; None where it is of another command, or more is missing."""
+        fits = self._fits(script, written)
+        if not fits and script.place > 0:
+            before = script.place, script.missing
             script.place, script.missing = 0, set()
-            if not self._goes_on(script, written):
-                return None
+            begins_again = self._fits(script, written)
+            if fits is None and not begins_again:
+                script.place, script.missing = before
+            fits = begins_again
+        if fits is False:
+            script.missing = set()
+        if not fits:
+            return None
+        missing = script.missing or {quantity.name for quantity in script.steps[script.place]}
+        script.missing = missing - written.keys()
         if script.missing:
             return None
         place, size = script.place, sum(len(step) for step in script.steps[: script.place + 1])
         script.place = (place + 1) % len(script.steps)
         return Seen(script.command, place == script.decides, tuple(script.waits[place]), size)
 
-    def _goes_on(self, script: Script, written: Written) -> bool:
-        """Whether a request is of the script's next step; notes what of it is still missing."""
+    def _fits(self, script: Script, written: Written) -> bool | None:
+        """Whether a request is of the script's next step; None where it touches nothing of it."""
         step = {quantity.name: (quantity, value) for quantity, value in script.steps[script.place].items()}
         touched = step.keys() & written.keys()
         if not touched:
-            return False
-        for name in touched:
-            quantity, value = step[name]
-            if not isinstance(value, str) and self._raw_of(quantity, value) != written[name]:
-                script.missing = set()
-                return False
-        missing = script.missing or set(step)
-        script.missing = missing - touched
-        return True
+            return None
+        constants = (step[name] for name in touched if not isinstance(step[name][1], str))
+        return all(self._raw_of(quantity, value) == written[quantity.name] for quantity, value in constants)

@@ -21,8 +21,9 @@ from protocols.errors import LocalProtocolError
 from simulators import controller_firmware as wire
 from simulators.actuator import Actuator
 from simulators.controller_firmware import Result, State
-from simulators.options import ServoOptions
+from simulators.options import RigOptions, ServoOptions
 from simulators.registers import RegisterBank
+from simulators.worn_bench import worn_map
 from simulators.worn_codec import bits_of, raw_of, text_words, value_of, words_of
 from simulators.worn_commands import Scripts, Seen, preconditions, scripts_of
 from simulators.worn_orders import order_of
@@ -75,12 +76,12 @@ class WornRegisters(RegisterBank):
 
     def blocks(self) -> dict[str, list[tuple[int, int]]]:
         """First address and count of what is there, by space."""
-        found: dict[str, list[tuple[int, int]]] = {}
+        runs: dict[str, list[tuple[int, int]]] = {}
         for space in SPACES:
             addresses = [address for held, address in self._allowed if held == space]
             if addresses:
-                found[space] = [(min(addresses), max(addresses) - min(addresses) + 1)]
-        return found
+                runs[space] = [(min(addresses), max(addresses) - min(addresses) + 1)]
+        return runs
 
     def tick(self) -> None:
         """What the device does by itself: nobody owns it where there are no leases, and its watchdog has a time."""
@@ -334,6 +335,18 @@ class WornRegisters(RegisterBank):
         """Quantity -> what is written to it, of all steps."""
         steps = [step for step in recipe if isinstance(step, Write)]
         return {quantity.name: value for step in steps for quantity, value in step.values.items()}
+
+
+def registers_of(actuator: Actuator, options: RigOptions, random: np.random.Generator) -> RegisterBank:
+    """The registers of a controller: as a user's map says where there is one, else its own.
+
+    Raises:
+        FileProblem: the map cannot be used: everything that is wrong.
+    """
+    worn = worn_map(options.controller)
+    if worn is None:
+        return RegisterBank(actuator, options.servo, random)
+    return WornRegisters(actuator, options.servo, random, worn)
 
 
 def _resolved(test: Test, given: dict[str, float]) -> Test:

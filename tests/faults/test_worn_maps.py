@@ -1,7 +1,8 @@
 """A rig whose controller appears as a user's register map: a matrix completes, and the rows that apply end as they say.
 
-The maps in `tests/simulators/maps`: `scaled` (integers, input registers, a coil; no watchdog), `handshake` (little-endian
-words, a status word, discrete inputs, a keep-alive), `streamed` (no generator, a counter beside the set-point).
+The maps in `tests/simulators/maps`: `scaled` (integers, input registers, a coil; no watchdog), `handshake`
+(little-endian words, a status word, discrete inputs, a keep-alive), `streamed` (no generator, a counter beside the
+set-point).
 """
 
 from __future__ import annotations
