@@ -146,10 +146,10 @@ class ActuatorThread(DeviceThread):
         return {"age_s": (now_ns - self._last_ns) / 1e9, "polls": self.polls, "failures": self.failures}
 
     def wait_fed(self, timeout_s: float) -> ActuatorStatus | None:
-        """A status after the watchdog was fed, which echoes that where it can; None after `timeout_s` wall seconds."""
-        before, echo = self._counter, self.capabilities.echo
+        """A status after a feed, which echoes it where the controller does; None after `timeout_s` wall seconds."""
+        before, echoes = self._counter, self.capabilities.echo
         return self.wait_status(
-            lambda status: self._counter != before and (not echo or status.watchdog_echo != before), timeout_s
+            lambda status: self._counter != before and not (echoes and status.watchdog_echo == before), timeout_s
         )
 
     def act(self, action: StopAction) -> None:
