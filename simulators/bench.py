@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.ecu_description import EcuDescription
 from drivers.devices.supply_file import is_file, supply
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
 
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
+STATUS_S = 0.010
+"""The demo ECU's status period, and how often it is sent commands."""
+STALE_STATUSES = 3
+COMMANDS_IN_TIME = 4
+"""So many commands fit into the time after which an ECU gives up."""
 STALE_SAMPLES = 5
 STALE_S = 0.020
 RELAXED_STALE_S = 0.600
@@ -92,16 +99,26 @@ def bench_text(
     return "\n".join(lines) + "\n"
 
 
-def ecu_lines(addresses: Addresses, relaxed: bool, entries: Sequence[str] = ('dbc = "demo"',)) -> list[str]:
-    """Lines of the table of an ECU on CAN; `entries` say which ECU it is."""
+def ecu_lines(
+    addresses: Addresses,
+    relaxed: bool,
+    entries: Sequence[str] = ('dbc = "demo"',),
+    described: EcuDescription | None = None,
+) -> list[str]:
+    """Lines of the table of an ECU on CAN; `entries` say which it is, its description how patient both sides are."""
+    status_s, timeout_s = STATUS_S, None
+    if described is not None:
+        status_s, timeout_s = described.timing.status_s, described.command_timeout_s
+    stale_s = max(RELAXED_STALE_S if relaxed else STALE_STATUSES * STATUS_S, STALE_STATUSES * status_s)
+    command_s = min(STATUS_S, (timeout_s or math.inf) / COMMANDS_IN_TIME)
     return [
         "[ecu]",
         'interface = "slcan"',
         f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
         "bitrate = 500000",
         *entries,
-        'command_period = "10 ms"',
-        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
+        f'command_period = "{1e3 * command_s:g} ms"',
+        f'stale_after = "{1e3 * stale_s:g} ms"',
     ]
 
 
