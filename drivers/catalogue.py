@@ -17,7 +17,7 @@ from drivers.connection import ActuatorConnection, CanAddress, LineSettings
 from drivers.current_source import CurrentSource
 from drivers.devices.source import current_source, current_source_names, current_source_problems, is_dbc
 from drivers.devices.supply import SupplyConnection, SupplyDescription
-from drivers.devices.supply_file import supply, supply_problems
+from drivers.devices.supply_file import supply, supply_names, supply_problems
 from drivers.errors import UnknownDevice
 from drivers.register_maps.map_file import controller, controller_names, is_map_file
 from drivers.ring import Channel
@@ -55,6 +55,7 @@ __all__ = [
     "register_sensor",
     "sensor_format_names",
     "supply",
+    "supply_names",
     "supply_problems",
 ]
 

@@ -10,8 +10,7 @@ import zlib
 from binascii import crc_hqx
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial, reduce
-from operator import xor
+from functools import partial
 
 
 @dataclass(frozen=True)
@@ -45,6 +44,15 @@ def _reflected(data: bytes, table: tuple[int, ...], start: int, last: int) -> in
     return total ^ last
 
 
+def _xor(data: bytes) -> int:
+    """Halves laid over each other until one byte is left."""
+    total, half = int.from_bytes(data, "big"), 1 << max(0, len(data) - 1).bit_length()
+    while half > 1:
+        half >>= 1
+        total ^= total >> 8 * half
+    return total & 0xFF
+
+
 def _crc8(data: bytes) -> int:
     total = 0
     for byte in data:
@@ -59,7 +67,7 @@ def _crc16(polynomial: int, start: int, last: int = 0) -> Callable[[bytes], int]
 
 
 CHECKSUMS: Mapping[str, Checksum] = {
-    "xor": Checksum(1, lambda data: reduce(xor, data, 0), "exclusive or of all bytes"),
+    "xor": Checksum(1, _xor, "exclusive or of all bytes"),
     "sum8": Checksum(1, lambda data: sum(data) & 0xFF, "sum modulo 256"),
     "sum8-negated": Checksum(1, lambda data: -sum(data) & 0xFF, "two's complement of the sum: all bytes add up to 0"),
     "sum8-inverted": Checksum(1, lambda data: ~sum(data) & 0xFF, "one's complement of the sum"),

@@ -33,6 +33,7 @@ NUMBERS = {
 SIGNS = ("leading", "trailing", "separate")
 STATUSES = {"ok": 0, "overload": STATUS_OVERLOAD, "fault": STATUS_SENSOR_FAULT}
 _NO_CLOCK = -1
+_HEX_DIGITS = {1: "02X", 2: "04X", 4: "08X"}
 
 
 @dataclass(frozen=True)
@@ -135,12 +136,13 @@ class LineFormat:
             raise RemoteProtocolError(f"{self.name}: {text!r} does not match {self.pattern!r}")
         if self._plain:
             return self._value(match["value"], 1.0, negative=False)
-        groups = match.groupdict()
-        if self.checksum != "none" and groups["checksum"].upper() != (right := self._checksum(text, match)):
+        groups = self._regex.groupindex
+        if self.checksum != "none" and match["checksum"].upper() != (right := self._checksum(text, match)):
             raise RemoteProtocolError(f"{self.name}: {text!r} has checksum {right}")
-        factor = self._factor(groups.get("unit"))
-        status = self._status(groups.get("status"))
-        value, bits = self._value(groups["value"], factor, negative=self._negative(groups.get("sign")))
+        factor = self._factor(match["unit"]) if "unit" in groups else 1.0
+        status = self._status(match["status"]) if "status" in groups else 0
+        negative = "sign" in groups and self._negative(match["sign"])
+        value, bits = self._value(match["value"], factor, negative=negative)
         return (math.nan, bits | status) if status else (value, bits)
 
     def _is_plain(self) -> bool:
@@ -226,7 +228,7 @@ class LineFormat:
             begin = text.find(self.checksum_from) + len(self.checksum_from)
             end = text.rfind(self.checksum_to) if self.checksum_to else match.start("checksum")
             covered = text[begin:end]
-        return f"{kind.of(covered.encode('ascii')):0{2 * kind.size}X}"
+        return format(kind.of(covered.encode("ascii")), _HEX_DIGITS[kind.size])
 
 
 class LineDecoder:

@@ -11,6 +11,7 @@ from protocols.errors import LocalProtocolError
 from protocols.format_keys import FormatProblems
 from protocols.line_format import LineFormat
 from protocols.sensor_format import SensorFormat
+from protocols.sensor_presets import TABLES
 from rig import units
 from rig.errors import FileProblem
 from simulators import frame_writer, line_writer
@@ -24,6 +25,8 @@ RATED_mV_V = 2.0
 FINEST = 1e6
 """Where the format does not say its unit, its numbers make no more than so many steps of the range."""
 ASKED_RATE_Hz = 100.0
+BURST_SHARE = 0.3
+"""A line holds back for so much of the time until the next request, at most."""
 OWN = ("signed-decimal", "ascii")
 """The project's own line, by its name and by the name it also has on the command line."""
 
@@ -75,7 +78,8 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
     low, high = span_of(described)
     zero = 0.0 if low < 0.0 else 0.5 * (low + high)
     half = min(high - zero, zero - low)
-    per_si = _per_si(described, stated="unit" in table or table.keys() == {"base"}, half=half, options=options)
+    stated = "unit" in table or "unit" in TABLES.get(str(table.get("base")), {})
+    per_si = _per_si(described, stated=stated, half=half, options=options)
     range_si = min(options.range / options.wire_per_si, half / per_si) if per_si else 0.0
     if range_si < least_si:
         raise FileProblem(
@@ -84,12 +88,13 @@ def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> 
              f"{range_si:g} {SI_UNITS[options.unit]} about zero; needed: {least_si:g}"],
         )  # fmt: skip
     ratio = per_si / options.wire_per_si
-    rate_Hz = options.rate_Hz
+    rate_Hz, burst_s = options.rate_Hz, options.burst_s
     if described.exchange.request:
         rate_Hz = min(rate_Hz, described.nominal_rate_Hz or ASKED_RATE_Hz)
+        burst_s = min(burst_s, BURST_SHARE / rate_Hz)
     return replace(
         options, format=described, described=given, wire_per_si=per_si, wire_zero=zero, range=range_si * per_si,
-        rate_Hz=rate_Hz, noise=options.noise * ratio, resolution=options.resolution * ratio,
+        rate_Hz=rate_Hz, burst_s=burst_s, noise=options.noise * ratio, resolution=options.resolution * ratio,
         offset=options.offset * ratio, drift_per_s=options.drift_per_s * ratio, hum=options.hum * ratio,
         crosstalk_per_A=options.crosstalk_per_A * ratio, clip=options.clip * ratio,
     )  # fmt: skip

@@ -95,7 +95,7 @@ class UserBench:
             raise FileProblem(str(path), problems)
         link = LINKS[ActuatorAddress.parse(bench.actuator.url).kind]
         values = named_files.with_paths(tomllib.loads(path.read_text(encoding="utf-8-sig")), path.absolute().parent)
-        quickest_s = min(bench.ecu.stale_after_s, *(sensor.stale_after_s for sensor in _sensors(bench).values()))
+        quickest_s = min(bench.ecu.stale_after_s, *map(_patience_s, _sensors(bench).values()))
         return cls(
             _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
             tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
@@ -193,6 +193,13 @@ def _stood_in(bench: Bench) -> Iterator[str]:
         yield "auxiliary channels show the rod's travel, scaled to a part of their range"
 
 
+def _patience_s(sensor: SensorConfig) -> float:
+    """How long a sensor may be quiet (s): until it counts as dead; one that is asked, until it is asked again."""
+    described = _format(sensor)
+    asked = not isinstance(described, str) and bool(described.exchange.request)
+    return 1.0 / sensor.rate_Hz if asked else sensor.stale_after_s
+
+
 def _format(sensor: SensorConfig) -> str | SensorFormat:
     """The format a simulated sensor sends.
 
@@ -240,7 +247,7 @@ def _sensor(sensor: SensorConfig, usual: SensorOptions, span_m: float = 0.0) -> 
         format=described, described="" if own else sensor.format, range=full, noise=usual.noise / usual.range * full,
         resolution=usual.resolution / usual.range * full, offset=zero if own else 0.0, wire_zero=0.0 if own else zero,
         reversed=calibration.sign < 0.0, bandwidth_Hz=bandwidth_Hz, skew_s=skew_s, baudrate=sensor.baudrate,
-        serial_number=calibration.serial_number, burst_s=min(usual.burst_s, BURST_SHARE * sensor.stale_after_s),
+        serial_number=calibration.serial_number, burst_s=min(usual.burst_s, BURST_SHARE * _patience_s(sensor)),
     )  # fmt: skip
 
 
