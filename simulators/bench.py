@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from drivers.connection import ActuatorAddress, LinkKind
-from drivers.devices.ecu_description import EcuDescription
 from drivers.devices.supply_file import is_file, supply
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
+from simulators.worn_ecu import WornEcuFiles
 
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 STATUS_S = 0.010
@@ -100,14 +100,13 @@ def bench_text(
 
 
 def ecu_lines(
-    addresses: Addresses,
-    relaxed: bool,
-    entries: Sequence[str] = ('dbc = "demo"',),
-    described: EcuDescription | None = None,
+    addresses: Addresses, relaxed: bool, serial_number: int | None = None, worn: WornEcuFiles | None = None
 ) -> list[str]:
-    """Lines of the table of an ECU on CAN; `entries` say which it is, its description how patient both sides are."""
-    status_s, timeout_s = STATUS_S, None
-    if described is not None:
+    """Lines of the table of an ECU on CAN: the demo's, or a user's; how patient both sides are is the ECU's own."""
+    status_s, timeout_s, number = STATUS_S, None, "" if serial_number is None else f"serial_number = {serial_number}"
+    entries = ['dbc = "demo"', number]
+    if worn is not None and serial_number is not None:
+        described, entries = worn.load().described, worn.entries(serial_number)
         status_s, timeout_s = described.timing.status_s, described.command_timeout_s
     stale_s = max(RELAXED_STALE_S if relaxed else STALE_STATUSES * STATUS_S, STALE_STATUSES * status_s)
     command_s = min(STATUS_S, (timeout_s or math.inf) / COMMANDS_IN_TIME)
