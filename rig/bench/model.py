@@ -108,7 +108,7 @@ class Bench(Section):
         text = self.model_dump_json(
             exclude={
                 "name": True,
-                "actuator": {"url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s"},
+                "actuator": self.actuator.not_physics,
                 "ecu": self.ecu.not_physics,
                 "load_cell": self.load_cell.not_physics,
                 "lvdt": self.lvdt.not_physics,
