@@ -41,6 +41,7 @@ __all__ = [
     "current_source_period_s",
     "current_source_problems",
     "current_source_range_A",
+    "current_source_timeout_s",
     "ecu_roles_schema",
     "is_dbc",
     "known_current_source_names",
@@ -150,6 +151,15 @@ def current_source_period_s(name: str, roles: str | Mapping[str, Any] | None) ->
         LocalProtocolError: it cannot be used.
     """
     return current_source(name, roles).timing.status_s if name in current_source_names() or is_dbc(name) else 0.0
+
+
+def current_source_timeout_s(name: str, roles: str | Mapping[str, Any] | None) -> float | None:
+    """After so long without a command a described current source goes to 0 A by itself (s); None: not stated.
+
+    Raises:
+        LocalProtocolError: it cannot be used.
+    """
+    return current_source(name, roles).command_timeout_s
 
 
 def ecu_roles_schema() -> dict[str, Any]:

@@ -181,8 +181,7 @@ class SimulatedRig:
         run, number = self.run_options, self.options.coil.serial_number
         if run.supply:
             return bench.supply_lines(self.options, addresses.supply_port, run.speed, run.supply)
-        own = ['dbc = "demo"', f"serial_number = {number}"] if run.worn_ecu is None else run.worn_ecu.entries(number)
-        return bench.ecu_lines(addresses, relaxed, own)
+        return bench.ecu_lines(addresses, relaxed, number, run.worn_ecu)
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""
