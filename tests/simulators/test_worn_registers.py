@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drivers.register_maps.map_file import load_map
 from drivers.register_maps.quantity import Quantity
 from drivers.roles import Command
+from simulators.actuator import Actuator
+from simulators.clock import DeviceClock
 from simulators.options import RigOptions
-from simulators.rig import RunOptions, SimulatedRig
+from simulators.plant.plant import Plant
+from simulators.registers import RegisterBank
 from simulators.worn_bench import appearing_as
 from simulators.worn_codec import bits_of, raw_of, text_words, value_of, words_of
 from simulators.worn_commands import Scripts, scripts_of
+from simulators.worn_registers import registers_of
 
 MAPS = Path(__file__).parent / "maps"
+
+
+def registers(options: RigOptions) -> RegisterBank:
+    actuator = Actuator(Plant(options), options.controller, DeviceClock(0.0, 0.0), lambda *_: None)
+    return registers_of(actuator, options, np.random.default_rng(3))
 
 
 @pytest.mark.parametrize(
@@ -65,25 +75,24 @@ def test_a_command_is_known_by_its_constants_and_its_request_is_taken_back_witho
 
 
 def test_what_the_map_does_not_name_is_not_there() -> None:
-    rig = SimulatedRig(appearing_as(RigOptions(), str(MAPS / "streamed.toml")), RunOptions())
-    assert rig.bank.read(40, 8) is not None
-    assert rig.bank.read(48, 1) is None
-    assert rig.bank.read(40, 1, "input") is None
-    assert rig.bank.write(40, [0, 0]) is True, "nothing says that it is read only"
-    assert rig.bank.write(61, [1]) is None
+    bank = registers(appearing_as(RigOptions(), str(MAPS / "streamed.toml")))
+    assert bank.read(40, 8) is not None
+    assert bank.read(48, 1) is None
+    assert bank.read(40, 1, "input") is None
+    assert bank.write(40, [0, 0]) is True, "nothing says that it is read only"
+    assert bank.write(61, [1]) is None
 
 
 def test_the_rigs_own_map_as_a_file_shows_and_takes_the_same_registers() -> None:
     demo = Path(__file__).parents[2] / "drivers" / "devices" / "demo_controller.toml"
-    worn = SimulatedRig(appearing_as(RigOptions(), str(demo)), RunOptions(seed=3))
-    own = SimulatedRig(RigOptions(), RunOptions(seed=3))
+    worn, own = registers(appearing_as(RigOptions(), str(demo))), registers(RigOptions())
     # ACQUIRE as number 5 by owner 9, the whole command block
-    for rig in (worn, own):
-        assert rig.bank.write(300, [1, 5, 9, *[0] * 21]) is True
-        assert rig.bank.write(350, [77]) is True
-    read = [rig.bank.read(100, 34) for rig in (worn, own)]
+    for bank in (worn, own):
+        assert bank.write(300, [1, 5, 9, *[0] * 21]) is True
+        assert bank.write(350, [77]) is True
+    read = [bank.read(100, 34) for bank in (worn, own)]
     assert read[0] == read[1]
     assert read[0] is not None
     assert read[0][18:23] == [5, 1, 1, 9, 77]
-    assert worn.bank.read(0, 38) == own.bank.read(0, 38)
-    assert worn.bank.read(200, 16) == own.bank.read(200, 16)
+    assert worn.read(0, 38) == own.read(0, 38)
+    assert worn.read(200, 16) == own.read(200, 16)
