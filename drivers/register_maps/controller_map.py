@@ -101,6 +101,13 @@ class ControllerMap:
         """The rig's state for what the quantities of `polled` show."""
         return self._state(values, self.words.faults.meaning(values))
 
+    def differs(self, values: Values, before: Values) -> bool:
+        """State, faults or inputs are others than before."""
+        words = self.words
+        return bool(before) and any(
+            of.meaning(values) != of.meaning(before) for of in (words.states, words.faults, words.inputs)
+        )
+
     @staticmethod
     def with_low_pressure(status: ActuatorStatus) -> ActuatorStatus:
         """The status of a device without pressure whose host is to see low pressure, of which it has none."""

@@ -99,6 +99,13 @@ def _program(source: Source, start: Recipe) -> None:
         source.add(place, "its amplitude is missing: write $amplitude, $peak_to_peak, or $low and $high")
     if not (_asks_for(start, "$frequency") or _asks_for(start, "$period")):
         source.add(place, "its frequency is missing: write $frequency or $period")
+    ramped = _asks_for(start, "$ramp_in_cycles") or _asks_for(start, "$ramp_out_cycles")
+    ramps = ramped and _asks_for(start, "$cycles")
+    if not (_asks_for(start, "$all_cycles") or _asks_for(start, "$duration") or ramps):
+        source.add(
+            place, "its length is missing: write $all_cycles, $duration, or $cycles beside $ramp_in_cycles and "
+            "$ramp_out_cycles"
+        )
 
 
 def _pressure(source: Source, words: Words, commands: Mapping[Command, Recipe]) -> None:

@@ -143,6 +143,12 @@ class ActuatorConfig(Settings):
     serial_number: Name | None = None
 
     @property
+    def not_physics(self) -> dict[str, Any]:
+        """What does not count for `Bench.digest`: addresses and times."""
+        link = ("url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s", "setpoint_late_s")
+        return dict.fromkeys(link, True)
+
+    @property
     def setpoints_s(self) -> float | None:
         """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
         connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
