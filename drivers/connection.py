@@ -1,10 +1,12 @@
-"""How to reach an actuator: its address, parsed once, and what else a driver needs."""
+"""How to reach a device: addresses of actuators and CAN buses, parsed once, and settings of lines."""
 
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 from urllib.parse import urlsplit
 
 
@@ -85,6 +87,40 @@ class ActuatorConnection:
     baudrate: int = 115_200
     parity: str = "N"
     motion: MotionTerms = MotionTerms()
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """Of a serial line; sockets have none.
+
+    Attributes:
+        baudrate: Bd.
+        data_bits: 7 or 8.
+        parity: "N", "E" or "O".
+        stop_bits: 1 or 2.
+    """
+
+    baudrate: int = 115200
+    data_bits: int = 8
+    parity: str = "N"
+    stop_bits: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class CanAddress:
+    """Where a CAN bus is.
+
+    Attributes:
+        interface: name as python-can has it.
+        channel: what that interface calls the bus; a serial URL for slcan.
+        bitrate: bit/s.
+        options: further arguments of the interface, by python-can's names.
+    """
+
+    interface: str
+    channel: str
+    bitrate: int = 500_000
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 def draw_owner_id() -> int:

@@ -93,15 +93,16 @@ class ModbusLink:
         if self._wire is not None:
             self._wire.close()
 
-    def read(self, address: int, count: int) -> list[int]:
-        """Read holding registers (FC3), again after a time-out, a damaged or a busy answer.
+    def read(self, address: int, count: int, function: int = modbus.READ) -> list[int]:
+        """Read registers or coils, again after a time-out, a damaged or a busy answer.
 
         Args:
-            address: first register.
-            count: 1..125.
+            address: first register or coil.
+            count: 1..125 registers, 1..2000 coils.
+            function: 1, 2, 3 or 4.
 
         Returns:
-            `count` words.
+            `count` words, of coils 0 and 1.
 
         Raises:
             NoAnswer: no answer, also not to the retry.
@@ -109,14 +110,15 @@ class ModbusLink:
             RequestRefused: the device answered with an exception.
             WrongAnswer: the answer is not one to this request, also not to the retry.
         """
-        return self._words(modbus.read_request(address, count), count)
+        return self._words(modbus.read_request(address, count, function), count)
 
-    def write(self, address: int, words: Sequence[int]) -> None:
-        """Write holding registers (FC16), once.
+    def write(self, address: int, words: Sequence[int], function: int = modbus.WRITE) -> None:
+        """Write registers or coils, once.
 
         Args:
-            address: first register.
-            words: 1..123 values.
+            address: first register or coil.
+            words: 1..123 values, of coils 0 and 1.
+            function: 5, 6, 15 or 16.
 
         Raises:
             NoAnswer: no answer; the device may have acted.
@@ -124,7 +126,7 @@ class ModbusLink:
             RequestRefused: the device answered with an exception; it has not acted.
             WrongAnswer: the answer is not one to this request; the device may have acted.
         """
-        request = modbus.write_request(address, words)
+        request = modbus.write_request(address, words, function)
         self._unless_busy(request, lambda answer: modbus.check_written(request, answer))
 
     def exchange(
@@ -161,9 +163,10 @@ class ModbusLink:
             LinkLost: the connection broke.
             RequestRefused: an exception.
         """
+        decode = modbus.decode_bits if request[0] in modbus.BIT_READS else modbus.decode_words
         while True:
             try:
-                return self._unless_busy(request, lambda answer: modbus.decode_words(request, answer, count))
+                return self._unless_busy(request, lambda answer: decode(request, answer, count))
             except (NoAnswer, WrongAnswer):
                 if retries == 0 or not self.is_open:
                     raise

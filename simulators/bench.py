@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.supply_file import is_file, supply
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
+from simulators.toml_text import toml_text
+from simulators.worn_ecu import WornEcuFiles
 
+SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
+STATUS_S = 0.010
+"""The demo ECU's status period, and how often it is sent commands."""
+STALE_STATUSES = 3
+COMMANDS_IN_TIME = 4
+"""So many commands fit into the time after which an ECU gives up."""
 STALE_SAMPLES = 5
 STALE_S = 0.020
 RELAXED_STALE_S = 0.600
@@ -27,9 +39,13 @@ class Addresses:
     load_cell_url: str
     lvdt_url: str
     auxiliary_urls: Sequence[str]
+    supply_port: int = 0
 
 
-def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed: bool) -> str:
+def bench_text(
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = (),
+    actuator: Sequence[str] = ('register_map = "demo"',),
+) -> str:
     """The bench file as TOML text.
 
     Args:
@@ -37,6 +53,8 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         addresses: its open ports.
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
+        ecu: lines of the current source's table; none: of the demo ECU.
+        actuator: entries of [actuator] that say what the controller is.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -53,7 +71,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         "[actuator]",
         f'url = "{addresses.actuator_url}"',
         f"device_id = {controller.device_id}",
-        f'register_map = "{"demo" if controller.generator else "demo-streamed"}"',
+        *actuator,
         f'poll = "{poll_ms(rtu, speed)} ms"',
         f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed):g} ms"',
         f'stale_after = "{1000 if relaxed else 300 if rtu else 150} ms"',
@@ -62,15 +80,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
         *([] if controller.generator or not relaxed else [f'setpoint_late = "{1e3 * RELAXED_SETPOINT_S:g} ms"']),
         *_input_delay(options),
-        f'serial_number = "{controller.serial_number}"',
-        "[ecu]",
-        'interface = "slcan"',
-        f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
-        "bitrate = 500000",
-        'dbc = "demo"',
-        'command_period = "10 ms"',
-        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
-        f"serial_number = {options.coil.serial_number}",
+        *(ecu or ecu_lines(addresses, relaxed)),
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
     lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)
@@ -88,6 +98,43 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f"real_time = {'false' if relaxed else 'true'}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def ecu_lines(
+    addresses: Addresses, relaxed: bool, serial_number: int | None = None, worn: WornEcuFiles | None = None
+) -> list[str]:
+    """Lines of the table of an ECU on CAN: the demo's, or a user's; how patient both sides are is the ECU's own."""
+    status_s, timeout_s, number = STATUS_S, None, "" if serial_number is None else f"serial_number = {serial_number}"
+    entries = ['dbc = "demo"', number]
+    if worn is not None and serial_number is not None:
+        described, entries = worn.load().described, worn.entries(serial_number)
+        status_s, timeout_s = described.timing.status_s, described.command_timeout_s
+    stale_s = max(RELAXED_STALE_S if relaxed else STALE_STATUSES * STATUS_S, STALE_STATUSES * status_s)
+    command_s = min(STATUS_S, (timeout_s or math.inf) / COMMANDS_IN_TIME)
+    return [
+        "[ecu]",
+        'interface = "slcan"',
+        f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
+        "bitrate = 500000",
+        *entries,
+        f'command_period = "{1e3 * command_s:g} ms"',
+        f'stale_after = "{1e3 * stale_s:g} ms"',
+    ]
+
+
+def supply_lines(options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any]) -> list[str]:
+    """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often."""
+    described = supply(given)
+    name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given
+    poll_ms = max(FASTEST_POLL_MS, SUPPLY_POLL_MS / max(1.0, speed))
+    lines = [
+        "[ecu]", f'url = "tcp://127.0.0.1:{port}"', f"supply = {toml_text(name)}", f'poll = "{poll_ms:g} ms"',
+        'timeout = "500 ms"', f'stale_after = "{RELAXED_STALE_S * 1e3:g} ms"',
+    ]
+    if described.commands.set_voltage_limit:
+        low_V, high_V = described.voltage_V or (0.0, options.coil.supply_V)
+        lines.append(f'voltage_limit = "{max(low_V, min(high_V, options.coil.supply_V)):g} V"')
+    return lines
 
 
 def _input_delay(options: RigOptions) -> list[str]:
@@ -110,6 +157,13 @@ def actuator_timeout_s(rtu: bool, relaxed: bool) -> float:
     return 0.06 if rtu else 0.04
 
 
+def _range(options: SensorOptions) -> str:
+    """The range in the sensor's usual unit."""
+    if options.described:
+        return f"{options.range / options.wire_per_si:.6g} {SI_UNITS[options.unit]}"
+    return f"{options.range:g} {options.unit}"
+
+
 def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list[str]:
     """Lines of one sensor's table."""
     stale_s = max(STALE_SAMPLES / options.rate_Hz, STALE_S)
@@ -119,14 +173,14 @@ def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list
         f"[{table}]",
         f'url = "{url}"',
         f"baudrate = {options.baudrate}",
-        f'format = "{options.format}"',
+        f"format = {toml_text(options.described or options.format)}",
         f'rate = "{options.rate_Hz:g} Hz"',
-        f'range = "{options.range:g} {options.unit}"',
+        f'range = "{_range(options)}"',
         f'stale_after = "{1e3 * stale_s:g} ms"',
         f'delay = "{1e3 * group_delay_s(options.bandwidth_Hz):.4f} ms"',
         f"[{table}.calibration]",
         f"sensitivity = {1.0 / options.wire_per_si!r}",
-        f'offset = "0 {SI_UNITS[options.unit]}"',
+        f'offset = "{options.wire_zero / options.wire_per_si:.9g} {SI_UNITS[options.unit]}"',
         f'serial_number = "{options.serial_number}"',
         'certificate = "SIM"',
         "due = 2030-01-01",

@@ -36,6 +36,13 @@ ONLY_ON = {
 }  # fmt: skip
 """Faults of one kind of controller, link or port."""
 
+ONLY_BY_ECU = frozenset({
+    "can-busoff", "can-busoff:lost", "can-malformed", "can-babble", "can-foreign", "ecu-late", "ecu-overtemp",
+    "ecu-overtemp:undervoltage", "ecu-overtemp:coil", "coil-open-short:short", "current-tracking:over",
+    "current-stuck:full",
+})
+"""Faults of a bus, of what a supply does not tell, or seen sooner than a supply is asked."""
+
 
 @dataclass(frozen=True)
 class ScheduledFault:
@@ -64,6 +71,18 @@ class ScheduledFault:
     def __str__(self) -> str:
         at = "" if self.after_s is None else f"@{self.after_s:g}"
         return f"{self.name}{at}" + ("" if math.isinf(self.lasts_s) else f"+{self.lasts_s:g}")
+
+
+def check_source(faults: Iterable[ScheduledFault], *, supply: bool) -> None:
+    """Refuse faults of a current source that this rig does not have.
+
+    Raises:
+        FileProblem: each is named.
+    """
+    wrong = [fault.name for fault in faults if supply and fault.name in ONLY_BY_ECU]
+    if wrong:
+        told = "happens only where an ECU on CAN drives the coil, not with --supply"
+        raise FileProblem("--fault", [f"{name!r} {told}" for name in wrong])
 
 
 def parse_fault(text: str) -> ScheduledFault:
@@ -144,19 +163,24 @@ def wiring_for(faults: Iterable[ScheduledFault], actuator: str | None = None, po
     return wiring
 
 
-def drawn_faults(seed: int, kinds: frozenset[str], within_s: float = WITHIN_S) -> tuple[ScheduledFault, ...]:
+def drawn_faults(
+    seed: int, kinds: frozenset[str], within_s: float = WITHIN_S, *, supply: bool = False
+) -> tuple[ScheduledFault, ...]:
     """One to three faults of different rows in the order of their times; a preflight fault is there from the start.
 
     Args:
         seed: the same seed draws the same faults, for the same `kinds` and `within_s`.
         kinds: the rig's kinds of link and port, such as {"tcp", "pty"}; faults of other kinds are not drawn.
         within_s: the latest begin (simulated s after the first cycle).
+        supply: a supply drives the coil: what happens to an ECU only is left out.
     """
     chance = random.Random(seed)
     possible = [slug for slug in INJECTORS if ONLY_ON.get(slug) is None or ONLY_ON[slug] in kinds]
+    possible = [slug for slug in possible if not (supply and slug in ONLY_BY_ECU)]
     slugs = chance.sample(sorted(possible), chance.randint(1, MOST_DRAWN))
     faults = (drawn_fault(slug, chance, within_s) for slug in slugs)
-    return tuple(sorted(faults, key=lambda fault: fault.after_s or 0.0))
+    kept = (replace(f, variant="") if supply and f.name in ONLY_BY_ECU else f for f in faults)
+    return tuple(sorted(kept, key=lambda fault: fault.after_s or 0.0))
 
 
 def drawn_fault(slug: str, chance: random.Random, within_s: float) -> ScheduledFault:

@@ -62,6 +62,12 @@ class SensorPort(Protocol):
     def read_once(self) -> bool:
         """Whether the host has ever read from this port."""
 
+    def listen(self) -> None:
+        """Keep what the host sends from now on; until then it is thrown away."""
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        """What the host has sent since the last call, each part with the monotonic time (ns) it came at."""
+
     def close(self) -> None:
         """Hang up."""
 
@@ -97,6 +103,7 @@ class PtyPort:
         self.sent_bytes = 0
         self.waits = False
         self._held = bytearray()
+        self._heard: list[tuple[int, bytes]] | None = None
         self._complete_ns = monotonic_ns()
         self._waiting = 0
         self._read_once = False
@@ -165,14 +172,27 @@ class PtyPort:
         """Hang up: the host's next read ends or fails, as when a cable is pulled."""
         if not self._closed:
             self._closed = True
+            if self._heard is not None:
+                asyncio.get_running_loop().remove_reader(self._master)
             os.close(self._master)
             os.close(self._slave)
 
+    def listen(self) -> None:
+        """Keep what the host sends from now on; until then it is thrown away."""
+        self._heard = []
+        asyncio.get_running_loop().add_reader(self._master, self._discard_input)
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        """What the host has sent since the last call, each part with the monotonic time (ns) it came at."""
+        parts, self._heard = self._heard or [], None if self._heard is None else []
+        return parts
+
     def _discard_input(self) -> None:
-        """Read what the host sent; these sensors stream and take no commands."""
+        """Read what the host sent; sensors that stream take no commands."""
         try:
-            while os.read(self._master, _READ_SIZE):
-                pass
+            while data := os.read(self._master, _READ_SIZE):
+                if self._heard is not None:
+                    self._heard.append((monotonic_ns(), data))
         except BlockingIOError:
             return
 
@@ -191,6 +211,7 @@ class SocketPort:
         self.sent_bytes = 0
         self.waits = False
         self._held = bytearray()
+        self._heard: list[tuple[int, bytes]] | None = None
         self._queue = PeerQueue()
         self._peer: socket.socket | None = None
         self._read_once = False
@@ -220,6 +241,15 @@ class SocketPort:
         """Whether a host has ever connected."""
         return self._read_once
 
+    def listen(self) -> None:
+        """Keep what the host sends from now on; until then it is thrown away."""
+        self._heard = []
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        """What the host has sent since the last call, each part with the monotonic time (ns) it came at."""
+        parts, self._heard = self._heard or [], None if self._heard is None else []
+        return parts
+
     def close(self) -> None:
         """Hang up and stop listening."""
         if self._listener.fileno() >= 0:
@@ -240,11 +270,14 @@ class SocketPort:
         asyncio.get_running_loop().add_reader(peer.fileno(), self._discard_input)
 
     def _discard_input(self) -> None:
-        """Read what the host sent and forget it; an empty read means it hung up."""
+        """Read what the host sent, and forget it unless somebody listens; an empty read means it hung up."""
         if self._peer is None:
             return
         try:
-            gone = not self._peer.recv(_READ_SIZE)
+            data = self._peer.recv(_READ_SIZE)
+            gone = not data
+            if data and self._heard is not None:
+                self._heard.append((monotonic_ns(), data))
         except BlockingIOError:
             return
         except OSError:

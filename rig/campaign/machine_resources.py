@@ -54,8 +54,7 @@ def locked(bench: Bench) -> Iterator[tuple[int, ...]]:
         Refused: another campaign on this machine holds one of them, or its lock cannot be had (slug `two-instances`).
     """
     sensors = (bench.load_cell, bench.lvdt, *bench.auxiliary)
-    can = bench.ecu.channel if bench.ecu.interface == SLCAN else f"{bench.ecu.interface}:{bench.ecu.channel}"
-    addresses = (bench.actuator.url, can, *(sensor.url for sensor in sensors))
+    addresses = (bench.actuator.url, bench.ecu.port, *(sensor.url for sensor in sensors))
     devices = {device: address for address in addresses for device in device_names(address)}
     with contextlib.ExitStack() as held:
         descriptors = []

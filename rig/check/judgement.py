@@ -71,6 +71,7 @@ class Reports:
             report.identity = {name: value for name, value in seen["proved"].items() if name != "rate_Hz"}
             if seen["slug"]:
                 report.findings.append(failed(seen["slug"], seen["message"], _fix(seen)))
+            report.findings += [warning(slug, without) for slug, without in seen["lacking"]]
             if seen["name"] == ACTUATOR:
                 report.findings += self._controller(seen)
                 times_s = np.array(seen["answers_s"], dtype=np.float64)
@@ -80,8 +81,6 @@ class Reports:
         self._identities()
 
     def _controller(self, seen: Seen) -> Iterator[CheckFinding]:
-        for name, without in seen["lacking"]:
-            yield warning(f"actuator-without-{name}", without)
         if seen["e_stop_open"]:
             yield failed("estop", "the e-stop chain is open", "close the chain at the rig; this software never does")
         if seen["faults"] and not seen["e_stop_open"]:
@@ -94,12 +93,17 @@ class Reports:
             yield warning("actuator-slow", text, fix)
 
     def _identities(self) -> None:
-        for name, given in ((ACTUATOR, self._bench.actuator.serial_number), (ECU, self._bench.ecu.serial_number)):
+        ecu = self._bench.ecu
+        # A supply is known by a text in its identity; its serial number is one.
+        key = "serial_number" if ecu.url is None else "identity"
+        for name, entry, given in (
+            (ACTUATOR, "serial_number", self._bench.actuator.serial_number), (ECU, key, getattr(ecu, key)),
+        ):
             number = self.of[name].identity.get("serial_number")
             if given is None and number and self.of[name].verdict != "failed":
                 shown = f'"{number}"' if isinstance(number, str) else str(number)
                 text = f"serial number {number}: the bench file does not say which one is expected"
-                self.add(name, note("identity-unstated", text, f"write serial_number = {shown} in [{name}]"))
+                self.add(name, note("identity-unstated", text, f"write {entry} = {shown} in [{name}]"))
 
     def warned(self, events: Iterable[Mapping[str, Any]]) -> None:
         """Take the station's warnings; those of a device that failed anyway say nothing new."""

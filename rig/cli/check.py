@@ -29,6 +29,7 @@ MARKS = {"note": "  ", "warning": "! ", "failed": "X "}
     examples=(
         "rig check my-bench.toml",
         "rig check my-bench.toml --prove        (moves the rod by 2 mm)",
+        "rig check my-bench.toml --simulate     (a simulated rig with its devices)",
         "rig check --simulate -- --fault register-layout",
     ),
 )
@@ -38,7 +39,7 @@ MARKS = {"note": "  ", "warning": "! ", "failed": "X "}
     "--prove", is_flag=True,
     help="Starve the watchdog and move the rod by 2 mm at 10 mm/s and 0 A: only on a rig that may move.",
 )
-@click.option("--simulate", is_flag=True, help="Start a simulated rig and check that one.")
+@click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices of BENCH) and check it.")
 @json_option
 def command(bench: Path | None, simulator_args: tuple[str, ...], prove: bool, simulate: bool, as_json: bool) -> int:
     """Check every device of BENCH: reachable, the right one, laid out as its file says, rates, noise, zero, watchdog.
@@ -55,7 +56,8 @@ def command(bench: Path | None, simulator_args: tuple[str, ...], prove: bool, si
     shown = console(as_json=as_json)
     with tempfile.TemporaryDirectory(prefix="rig-check-") as name:
         folder = Path(name)
-        with _bench_file(bench, folder, simulator_args) as path, shown.status("reading the bench file") as line:
+        given = _bench_file(bench, folder, simulator_args, simulate=simulate)
+        with given as path, shown.status("reading the bench file") as line:
             report = check_bench(Bench.load(path), folder, line.update, prove=prove)
     if as_json:
         write_json(report.to_json())
@@ -70,22 +72,25 @@ def _check_usage(bench: Path | None, simulator_args: tuple[str, ...], *, simulat
     Raises:
         UsageError: with what to write instead.
     """
-    if (bench is None) != simulate:
-        raise click.UsageError("give either a bench file or --simulate")
+    if bench is None and not simulate:
+        raise click.UsageError("which bench? rig check BENCH, or rig check --simulate")
     if simulator_args and not simulate:
         raise click.UsageError("arguments after -- belong to the simulated rig; with BENCH give them to `rig simulate`")
 
 
 @contextmanager
-def _bench_file(bench: Path | None, folder: Path, simulator_args: tuple[str, ...]) -> Iterator[Path]:
-    """The bench file to check; a simulated rig's, which runs while the block does."""
-    if bench is not None:
+def _bench_file(
+    bench: Path | None, folder: Path, simulator_args: tuple[str, ...], *, simulate: bool
+) -> Iterator[Path]:
+    """The bench file to check; with `simulate` that of a simulated rig, which runs while the block does."""
+    if bench is not None and not simulate:
         yield bench
         return
     from rig.campaign.results import CampaignOptions
-    from rig.campaign.simulated_rig import SimulatedRig
+    from rig.campaign.simulated_rig import SimulatedRig, wearing
     from rig.matrix.sections import Specimen
 
+    simulator_args = (*(wearing(bench) if bench is not None else ()), *simulator_args)
     options = CampaignOptions(folder, folder, simulate=True, simulator_args=simulator_args)
     specimen = Specimen.model_validate({"serial_number": "CHECK", "stroke": "170 mm"})
     ignore: Callable[[float], None] = lambda _: None  # noqa: E731 - nobody is told of the wait
@@ -107,6 +112,7 @@ def show(report: CheckReport, shown: Console) -> None:
         style = STYLES[device.verdict]
         table.add_row(device.name, f"[{style}]{device.verdict}[/]", *_numbers(device))
     shown.print(table)
+    _histograms(report, shown)
     for device in report.devices:
         for finding in sorted(device.findings, key=lambda finding: -finding.severity):
             severity = finding.severity.name.lower()
@@ -122,6 +128,24 @@ def show(report: CheckReport, shown: Console) -> None:
         shown.print(f"{report.bench}: {told}", style="green", soft_wrap=True, markup=False)
     else:
         shown.print(f"{report.bench}: `rig run` would refuse this rig", style="bold red", soft_wrap=True, markup=False)
+
+
+def _histograms(report: CheckReport, shown: Console) -> None:
+    """Of each device how many per cent of its answers or arrivals lie in each bin of lateness."""
+    from rich.table import Table
+
+    histograms = {device.name: device.numbers.get("latency_histogram") for device in report.devices}
+    known = {name: bins for name, bins in histograms.items() if isinstance(bins, list)}
+    if not known:
+        return
+    table = Table(box=None, pad_edge=False, header_style="bold", title="latency, % of values", title_justify="left")
+    table.add_column("up to (ms)")
+    for edge, _ in next(iter(known.values())):
+        table.add_column("more" if edge is None else f"{edge:g}", justify="right")
+    for name, bins in known.items():
+        total = sum(count for _, count in bins) or 1
+        table.add_row(name, *(f"{100 * count / total:.0f}" if count else "." for _, count in bins))
+    shown.print(table)
 
 
 def _numbers(device: DeviceReport) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from rig.clock import monotonic_ns
 from rig.station.errors import StationRefused
 from rig.station.preparation import Preparation
 from rig.station.threads.actuator_thread import ActuatorThread
+from rig.station.threads.current_source_thread import CurrentSourceThread
 from rig.station.threads.devices import Device, Devices, slug_of
 from rig.station.threads.sensor_thread import SensorThread
 
@@ -42,7 +43,7 @@ class Seen:
         proved: its identity, or its rate.
         reads_at: baud rates at which a sensor that could not be read is read.
         answers_s: how long the controller took for each of `ASKED` answers (s).
-        lacking: what the actuator cannot do, and what is left without it.
+        lacking: what actuator or current source cannot do, by slug, and what is left without it.
         state, faults: the controller's, in words.
         e_stop_open: the hard-wired chain is open.
         pressure_off: there is no pressure: nothing can move.
@@ -108,6 +109,8 @@ def _seen(device: Device, devices: Devices, preparation: Preparation) -> Seen:
         seen.fails(refusal.slug, refusal.message)
     if isinstance(device, SensorThread) and seen.slug == "serial-baud":
         seen.reads_at = tuple(_reading_rates(device, devices))
+    if isinstance(device, CurrentSourceThread):
+        seen.lacking = tuple((f"ecu-without-{name}", left) for name, left in device.lacking)
     if isinstance(device, ActuatorThread):
         _look_at_the_controller(device, seen)
     return seen
@@ -117,7 +120,7 @@ def _look_at_the_controller(actuator: ActuatorThread, seen: Seen) -> None:
     capabilities = actuator.capabilities
     if not capabilities.can_be_stopped:
         seen.fails("watchdog-absent", NOTHING_STOPS_IT)
-    seen.lacking = capabilities.lacking()
+    seen.lacking = tuple((f"actuator-without-{name}", left) for name, left in capabilities.lacking())
     status = actuator.fresh_status(monotonic_ns())
     if status is None:
         return

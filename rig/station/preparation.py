@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict
 
 from drivers.capabilities import WatchdogKind
+from drivers.current_source import SourceFault, SourceIdentity
 from drivers.roles import ActuatorLimits, Command, FaultBit, State, WatchdogAction
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
@@ -71,21 +72,13 @@ class Preparation:
 
     def _prove_ecu(self) -> dict[str, object]:
         devices, config = self._devices, self._config
-        ecu = devices.coil.wait_identity(FIRST_DATA_S)
-        if ecu is None:
-            missing, bad = " and ".join(devices.coil.missing), devices.coil.thrown_away
-            failing = ", though frames come: they fail their checks" if bad else ""
-            raise StationRefused(
-                bad or "no-answer", f"ecu: no valid {missing} frames within {FIRST_DATA_S:g} s{failing}"
-            )
+        ecu = self._prove_source()
         if devices.coil.identity_problem:
             raise StationRefused("wrong-identity", f"ecu: {devices.coil.identity_problem}")
-        if config.ecu.serial_number not in {None, ecu.serial_number}:
-            expected_number = config.ecu.serial_number
-            raise StationRefused(
-                "wrong-identity", f"ecu: serial number {ecu.serial_number}, the bench expects {expected_number}"
-            )
-        return ecu._asdict()
+        if config.ecu.serial_number is not None and (ecu is None or config.ecu.serial_number != ecu.serial_number):
+            expected_number, own = config.ecu.serial_number, "none" if ecu is None else ecu.serial_number
+            raise StationRefused("wrong-identity", f"ecu: serial number {own}, the bench expects {expected_number}")
+        return {} if ecu is None else ecu._asdict()
 
     @staticmethod
     def _prove_sensor(sensor: SensorThread) -> dict[str, object]:
@@ -98,6 +91,26 @@ class Preparation:
                 f"{sensor.config.rate_Hz:g} a second; check baud rate and format",
             )
         return {"rate_Hz": rate_Hz}
+
+    def _prove_source(self) -> SourceIdentity | None:
+        """The coil's current source tells all that it should; its identity, where it has one.
+
+        Raises:
+            StationRefused: something is missing, or its frames cannot be believed: the DBC, its protection.
+        """
+        coil = self._devices.coil
+        first_s = max(FIRST_DATA_S, 2.0 * coil.longest_period_s / self._config.device_rate)
+        identity = coil.wait_identity(first_s)
+        missing = coil.missing
+        slug, words = coil.refusal
+        if slug:
+            raise StationRefused(slug, f"ecu: {words}")
+        if missing:
+            bad = coil.thrown_away
+            failing = ", though frames come: they fail their checks" if bad else ""
+            told = f"ecu: no valid {' and '.join(missing)} frames within {first_s:g} s{failing}"
+            raise StationRefused(bad or "no-answer", told)
+        return identity
 
     def prepare_controller(self) -> ActuatorLimits:
         """Take the lease, clear a trip that a silent host left, write the limits and read them back.
@@ -188,6 +201,14 @@ class Preparation:
         coil.begin()
         if not coil.wait_clear(ACK_TIMEOUT_S):
             raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
+        if not coil.wait_taken(ACK_TIMEOUT_S):
+            if coil.faults & SourceFault.COMMAND_CHECK:
+                raise StationRefused(
+                    "ecu-command",
+                    f"arm: ECU {coil.describe()}: it throws the commands away; check their protection: profile, E2E "
+                    "data id, counter, and the DBC",
+                )
+            raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
         current_A = coil.fresh_current_A
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
             raise StationRefused("current-stuck", f"arm: measured current {current_A} A at 0 A commanded")
@@ -207,6 +228,8 @@ class Preparation:
             return None
         if actuator.judge.moving(STILL_S):
             raise StationRefused("not-at-rest", "starve_watchdog: the actuator moves")
+        # Many watchdogs run from the first feed on.
+        actuator.wait_fed(ACK_TIMEOUT_S)
         begin_ns = monotonic_ns()
         allowed_s = 2.0 * self._config.actuator.watchdog_s + ACK_TIMEOUT_S
         supervisor.starve(proving=True, feeding=False)

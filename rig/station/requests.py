@@ -145,6 +145,8 @@ class Requests:
             raise
         for lacking, without in capabilities.lacking():
             self._supervisor.tell(f"actuator-without-{lacking}", without)
+        for lacking, without in self._devices.coil.lacking:
+            self._supervisor.tell(f"ecu-without-{lacking}", without)
         return answer
 
     def _arm(self, arguments: Arguments) -> Answer:
@@ -200,7 +202,8 @@ class Requests:
 
     def _set_current(self, arguments: Arguments) -> Answer:
         limit_A = self._config.limits.current_A
-        current_A = _number(arguments, "current_A", -limit_A, limit_A)
+        lowest_A = self._devices.coil.lowest_A
+        current_A = _number(arguments, "current_A", -limit_A if lowest_A is None else max(-limit_A, lowest_A), limit_A)
         if current_A != 0.0:
             self._require_motion("set_current")
         self._devices.coil.set_current(current_A)

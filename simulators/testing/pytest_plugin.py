@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from simulators.testing.campaigns import CampaignEnd, WorldEnd
     from simulators.testing.rehearsal import RigProcess
 
+CONFORMANCE = "rig.conformance"
+CONFORMANCE_OPTIONS = {
+    "driver": ("NAME", "the driver to try: a name of `register_map`, `dbc` or `format`, or ROLE:NAME"),
+    "model": ("NAME", "the damper model to try"),
+    "method": ("NAME", "the identification method to try"),
+    "peer": ("URL", "where the driver's device is, in place of a simulated one; it will be moved"),
+}
 BENCH, MATRIX = "rig_bench", "rig_matrix"
 QUICK = """format = 1
 [specimen]
@@ -41,6 +48,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         option = "--" + name.replace("_", "-")
         group.addoption(option, dest=name, metavar="FILE", help=f"{what} of the fixtures; overrides the ini entry")
         parser.addini(name, f"{what} of the fixtures `bench`, `matrix`, `campaign`, `world`; relative to the ini file")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests(parser: pytest.Parser, args: list[str]) -> None:
+    """The options of the conformance suite, where it is asked for: their short names may be another plug-in's."""
+    if not any(argument.startswith(CONFORMANCE) for argument in args):
+        return
+    group = parser.getgroup("rig conformance", "what a driver, a damper model or a method must keep")
+    for name, what in CONFORMANCE_OPTIONS.items():
+        group.addoption(f"--{name}", dest=f"rig_{name}", metavar=what[0], help=what[1])
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Refuse names that nobody knows before anything is collected."""
+    if hasattr(config.option, "rig_driver"):
+        from rig.conformance.choice import wanted_files
+
+        wanted_files(config)
 
 
 def _file(config: pytest.Config, name: str) -> Path | None:
@@ -173,6 +198,14 @@ def world(_rig_folders: Folders) -> RunWorld:
     return ran
 
 
+@pytest.fixture(scope="session")
+def simulated_rigs(
+    tmp_path_factory: pytest.TempPathFactory, matrix_path: Path, bench_path: Path | None
+) -> Iterator[StartRig]:
+    """As `simulated_rig`, for all tests of a session."""
+    yield from _started(Folders(tmp_path_factory.mktemp("rigs"), matrix_path, bench_path))
+
+
 @pytest.fixture
 def simulated_rig(_rig_folders: Folders) -> Iterator[StartRig]:
     """A simulated rig on real wires: started by a call, it has `bench_path`, `bench` and `stop()`.
@@ -180,20 +213,24 @@ def simulated_rig(_rig_folders: Folders) -> Iterator[StartRig]:
     It is the rig of the lab's bench file, drivers included; without one, or with `usual=True`, the usual one, which
     takes the arguments of `python -m simulators`. What still runs at the end of the test is ended.
     """
+    yield from _started(_rig_folders)
+
+
+def _started(folders: Folders) -> Iterator[StartRig]:
     begun: list[RigProcess] = []
 
     def started(*arguments: str, usual: bool = False, matrix: Given = None, bench: Given = None) -> RigProcess:
         from simulators.testing.rehearsal import start
 
-        folder = _rig_folders.new("rig")
-        bench_file = None if usual else _rig_folders.file(folder, "bench.toml", bench)
+        folder = folders.new("rig")
+        bench_file = None if usual else folders.file(folder, "bench.toml", bench)
         log, out = folder / "simulator.log", folder / "bench.toml"
         if bench_file is None:
             command = ["simulators", "--no-real-time", "--exit-when-idle", "--bench", str(out), *arguments]
         elif arguments:
             pytest.fail("arguments are for the usual simulated rig: simulated_rig(..., usual=True)")
         else:
-            matrix_file = _rig_folders.file(folder, "matrix.toml", matrix)
+            matrix_file = folders.file(folder, "matrix.toml", matrix)
             command = ["simulators.testing.rehearsal", str(bench_file), str(matrix_file), str(out)]
         begun.append(start(["-m", *command], log))
         return begun[-1]

@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.devices.ecu_lacking import WITHOUT
+from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, SupplyLink, supply_lacks
 from rig.explanations.explanation import explained, texts
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
@@ -28,6 +30,11 @@ SAID_BY = {
 """Calls whose first argument is a slug."""
 FUNCTIONS = {"failed", "warning", "note"}
 """The same, but methods of these names say something else."""
+
+BARE = SupplyDescription(
+    "bare", SupplyLink(), SupplyCommands(output_on=(Command.of("ON"),)), (0.0, 1.0), tried="unverified"
+)
+"""A supply that can do next to nothing."""
 
 
 def texts_in(node: ast.AST) -> Iterator[str]:
@@ -81,7 +88,7 @@ def in_code() -> dict[str, str]:
 
 @cache
 def known() -> dict[str, str]:
-    nothing = Capabilities(watchdog=WatchdogKind.NONE, hydraulics=False)
+    nothing = Capabilities(watchdog=WatchdogKind.NONE, hydraulics=False, tried=False)
     echoless = Capabilities(watchdog=WatchdogKind.COUNTER, hydraulics=False)
     lacking = {name for one in (nothing, echoless) for name, _ in one.lacking()}
     return {
@@ -89,6 +96,8 @@ def known() -> dict[str, str]:
         **dict.fromkeys((*MATRIX, *REACTIONS), "rig/faults"),
         **dict.fromkeys((*SLUGS, ZERO_RETURN, *VERDICT_REMARKS), "rig/recording/quality"),
         **{f"actuator-without-{name}": "drivers/capabilities.py" for name in lacking},
+        **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_lacks(BARE)},
+        **{f"ecu-without-{name}": "drivers/devices/ecu_lacking.py" for name in WITHOUT},
         "hydraulics": "rig/station/requests.py: await_status",
         "amplitude-scatter": "rig/recording/quality/judgement.py", "force-scatter": "the same",
     }

@@ -17,7 +17,7 @@ from simulators.options import RigOptions
 from simulators.rig import RunOptions, SimulatedRig
 from simulators.schedule import MOST_DRAWN, ONLY_ON, ScheduledFault, drawn_faults, parse_fault
 from simulators.sensor import SensorFaults
-from simulators.slcan_bus import standard_line
+from simulators.slcan_bus import frame_line
 
 TCP = frozenset({"tcp", "pty"})
 RTU_BY_ID = frozenset({"rtu", "by-id"})
@@ -66,7 +66,7 @@ def test_what_is_taken_away_leaves_a_rig_as_it_was() -> None:
             assert rig.modbus.faults == LinkFaults()
             assert rig.actuator.faults == ActuatorFaults()
             assert [channel.sensor.faults for channel in rig.channels] == [SensorFaults()] * 2
-            assert (rig.bus.encode, rig.bus.silent, rig.every_tick) == (standard_line, False, [])
+            assert (rig.bus.encode, rig.bus.silent, rig.every_tick) == (frame_line, False, [])
             assert not rig.bank.writes_lost
             assert (rig.plant.constants == constants).all()
         finally:

@@ -5,15 +5,24 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Container, Iterator
 
-from drivers.catalogue import SensorConnection, make_actuator, make_current_source, make_sensor
-from drivers.connection import ActuatorConnection, MotionTerms
+from drivers.catalogue import (
+    SensorConnection,
+    SupplyConnection,
+    make_actuator,
+    make_current_source,
+    make_sensor,
+    make_supply,
+)
+from drivers.connection import ActuatorConnection, CanAddress, MotionTerms
+from drivers.current_source import CurrentSource
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
 from drivers.roles import Sensor
 from drivers.sample_stream import SampleScale
 from protocols.errors import ProtocolError
 from rig.bench.sensor_settings import SensorConfig
-from rig.bench.settings import StationConfig
+from rig.bench.settings import EcuConfig, StationConfig
+from rig.bench.supply_settings import supply_of
 from rig.station.errors import StationRefused
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLimits
@@ -60,11 +69,13 @@ class Devices:
             for index, given in enumerate(config.auxiliary)
         )
         given_ecu, given_actuator = config.ecu, config.actuator
+        source = _current_source(given_ecu)
         self.coil = CurrentSourceThread(
             given_ecu,
-            make_current_source(given_ecu.dbc, given_ecu.interface, given_ecu.channel, given_ecu.bitrate),
+            source,
             EcuInterlock(
-                limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls
+                limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls,
+                source.timing,
             ),
             supervisor,
             append,
@@ -90,7 +101,7 @@ class Devices:
     def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
         connection = self._connections[given.label] = SensorConnection(
             given.url, given.baudrate, given.label, role.channel, given.format,
-            scale_of(given, self.config.device_rate),
+            scale_of(given, self.config.device_rate), given.line,
         )
         return SensorThread(given, make_sensor(connection), role, self._supervisor, append)
 
@@ -175,6 +186,19 @@ def slug_of(error: Exception) -> str:
     if isinstance(error, (WrongAnswer, ProtocolError)):
         return "register-layout"
     return "unreachable"
+
+
+def _current_source(given: EcuConfig) -> CurrentSource:
+    """The driver of the coil's current source: of a supply where its address is stated, else on CAN."""
+    described = supply_of(given.supply)
+    if given.url is None or described is None:
+        return make_current_source(given.dbc, given.roles, CanAddress(
+            given.interface or "", given.channel or "", given.bitrate, given.interface_options
+        ))
+    return make_supply(SupplyConnection(
+        given.url, described, given.poll_s, given.timeout_s, given.voltage_limit_V, given.baudrate,
+        given.identity or "",
+    ))
 
 
 def _interlock(

@@ -16,6 +16,7 @@ from rig.check.check import check_bench
 from rig.check.finding import CheckFinding, CheckReport
 from simulators.world.stage import Stage
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 Change = Callable[[str], str]
 
 
@@ -97,8 +98,24 @@ def test_garbled_bytes_are_called_a_wrong_baud_rate_and_hide_no_other_device(tmp
 
 def test_frames_that_fail_their_checks_are_told_from_a_silent_ecu(tmp_path: Path) -> None:
     report = checked(tmp_path, "--fault", "ecu-crc")
-    assert "fail their checks" in finding(report, "ecu", "ecu-crc").text
+    assert "every frame of CoilStatus has a wrong checksum" in finding(report, "ecu", "ecu-crc").text
     assert "data id" in finding(report, "ecu", "ecu-crc").fix
+
+
+def test_a_wrong_data_id_is_named_with_those_that_fit(tmp_path: Path) -> None:
+    """The ECU seals its status with 0x2A2; the host is told 0x2A3."""
+    dbc, roles, wrong = EXAMPLES / "coil-driver.dbc", EXAMPLES / "coil-driver-roles.toml", tmp_path / "wrong.toml"
+    wrong.write_text(roles.read_text(encoding="utf-8").replace("0x2A2", "0x2A3"), encoding="utf-8")
+    report = checked(
+        tmp_path, "--dbc", str(dbc), "--ecu-roles", str(roles),
+        change=lambda bench: bench.replace(str(roles), str(wrong)),
+    )
+    seen = finding(report, "ecu", "e2e-data-id")
+    assert "256 of 65536 data ids make them right" in seen.text
+    assert "0x2A2 (674)" in seen.text
+    assert "another E2E data id" in seen.text
+    assert "[protection.DriverStatus]" in seen.text
+    assert verdicts(report)["load_cell"] == "ok"
 
 
 def test_another_controller_is_refused_by_its_serial_number(tmp_path: Path) -> None:
