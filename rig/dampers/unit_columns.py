@@ -49,7 +49,7 @@ class UnitSeparation:
         ]
 
     def _per_ampere(self, name: str) -> list[str]:
-        return [each.name for each in self.model.parameters if each.at_zero == name]
+        return [parameter.name for parameter in self.model.parameters if parameter.at_zero == name]
 
     def fixed_columns(self, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray) -> FloatArray:
         """See `Separation.fixed_columns`."""
