@@ -306,7 +306,8 @@ def test_a_map_upon_another_one_has_its_entries_but_for_those_it_is_without() ->
 def test_a_generator_that_is_not_told_the_waveform_makes_sines_only() -> None:
     assert not read(SMALLEST).capabilities.triangle
     told = edited(
-        ("cycles    =", "shape = {address = 110}\ncycles    ="), ('cycles = "$all', 'shape = "$waveform", cycles = "$all'),
+        ("cycles    =", "shape = {address = 110}\ncycles    ="),
+        ('cycles = "$all', 'shape = "$waveform", cycles = "$all'),
         ("[faults]", "[waveforms]\nsine = 1\ntriangle = 2\n[faults]"),
     )
     assert read(told).capabilities.triangle
