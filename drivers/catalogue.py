@@ -57,6 +57,7 @@ __all__ = [
     "supply",
     "supply_names",
     "supply_problems",
+    "watchdog_time_s",
 ]
 
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
@@ -100,6 +101,16 @@ def check_actuator(name: str) -> None:
         controller(name)
     elif name not in _REGISTERED:
         plugins.maker_of(plugins.ACTUATORS, name)
+
+
+def watchdog_time_s(name: str) -> float:
+    """After how long the watchdog of a known actuator trips by itself (s); 0: it is told, or its map does not say.
+
+    Raises:
+        LocalProtocolError: its map cannot be used.
+    """
+    mapped = name not in _REGISTERED and (name in controller_names() or is_map_file(name))
+    return controller(name).fixed_watchdog_s if mapped else 0.0
 
 
 def register_map_schema() -> dict[str, Any]:
