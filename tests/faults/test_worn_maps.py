@@ -2,7 +2,7 @@
 
 The maps in `tests/simulators/maps`: `scaled` (integers, input registers, a coil; no watchdog), `handshake`
 (little-endian words, a status word, discrete inputs, a keep-alive), `streamed` (no generator, a counter beside the
-set-point).
+set-point), `pulses` (function 6, pulsed coils, a state of inputs alone).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def wearing(here: RowWorld, name: str, *more: str) -> RowWorld:
 
 @pytest.mark.parametrize(
     ("name", "link"),
-    [("scaled", "tcp"), ("scaled", "rtu"), ("handshake", "tcp"), ("handshake", "rtu"), ("streamed", "tcp")],
+    [("scaled", "tcp"), ("scaled", "rtu"), ("handshake", "tcp"), ("handshake", "rtu"), ("streamed", "tcp"), ("pulses", "tcp")],
 )
 def test_a_matrix_completes_on_a_controller_of_a_users_map(name: str, link: str, begin_world: Start) -> None:
     here = wearing(RowWorld(ONCE), name, "--actuator", link)
