@@ -28,8 +28,11 @@ def wearing(here: RowWorld, name: str, *more: str) -> RowWorld:
 
 @pytest.mark.parametrize(
     ("name", "link"),
-    [("scaled", "tcp"), ("scaled", "rtu"), ("handshake", "tcp"), ("handshake", "rtu"), ("streamed", "tcp"), ("pulses", "tcp")],
-)
+    [
+        ("scaled", "tcp"), ("scaled", "rtu"), ("handshake", "tcp"), ("handshake", "rtu"), ("streamed", "tcp"),
+        ("pulses", "tcp"),
+    ],
+)  # fmt: skip
 def test_a_matrix_completes_on_a_controller_of_a_users_map(name: str, link: str, begin_world: Start) -> None:
     here = wearing(RowWorld(ONCE), name, "--actuator", link)
     ending = begin_world(here.setting).finish(None)
