@@ -41,6 +41,7 @@ __all__ = [
     "current_source_period_s",
     "current_source_problems",
     "current_source_range_A",
+    "current_source_timeout_s",
     "ecu_roles_schema",
     "is_dbc",
     "known_current_source_names",
@@ -56,6 +57,7 @@ __all__ = [
     "supply",
     "supply_names",
     "supply_problems",
+    "watchdog_time_s",
 ]
 
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
@@ -99,6 +101,16 @@ def check_actuator(name: str) -> None:
         controller(name)
     elif name not in _REGISTERED:
         plugins.maker_of(plugins.ACTUATORS, name)
+
+
+def watchdog_time_s(name: str) -> float:
+    """After how long the watchdog of a known actuator trips by itself (s); 0: it is told, or its map does not say.
+
+    Raises:
+        LocalProtocolError: its map cannot be used.
+    """
+    mapped = name not in _REGISTERED and (name in controller_names() or is_map_file(name))
+    return controller(name).fixed_watchdog_s if mapped else 0.0
 
 
 def register_map_schema() -> dict[str, Any]:
@@ -150,6 +162,15 @@ def current_source_period_s(name: str, roles: str | Mapping[str, Any] | None) ->
         LocalProtocolError: it cannot be used.
     """
     return current_source(name, roles).timing.status_s if name in current_source_names() or is_dbc(name) else 0.0
+
+
+def current_source_timeout_s(name: str, roles: str | Mapping[str, Any] | None) -> float | None:
+    """After so long without a command a described current source goes to 0 A by itself (s); None: not stated.
+
+    Raises:
+        LocalProtocolError: it cannot be used.
+    """
+    return current_source(name, roles).command_timeout_s
 
 
 def ecu_roles_schema() -> dict[str, Any]:
