@@ -69,8 +69,8 @@ class FitUse:
                 "stiffness: give that motion to `dataclasses.replace(fit, series=None)`"
             )
         form: Hysteresis = "printed" if self.hysteresis == "printed" else "kwok"
-        found = {name: estimate.value for name, estimate in self.parameters.items()}
-        return Law.of(rig.dampers.model(self.model, form), found, self.current)
+        estimated = {name: estimate.value for name, estimate in self.parameters.items()}
+        return Law.of(rig.dampers.model(self.model, form), estimated, self.current)
 
     @property
     def equation(self: Found) -> str:
