@@ -31,6 +31,7 @@ COMMANDS = {
     "runs": ("rig.cli.runs", "List recorded runs."),
     "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
+    "ride": ("rig.cli.ride", "Drive a car with fitted dampers: what differs, and how sure that is."),
     "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
     "plugins": ("rig.cli.plugins", "List what other packages bring: drivers, models, methods, sections, exports."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
