@@ -1,75 +1,128 @@
-"""The coil's current source over CAN: cyclic command frames out, status frames in."""
+"""The coil's current source over CAN: command frames out, status frames in, laid out as its description says."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
+from itertools import repeat
 
 from drivers.can_port import CanPort
-from drivers.current_source import SourceBatch, SourceCounters, SourceIdentity, SourceStatus, SourceTemperature
-from drivers.devices.source import SourceDescription
+from drivers.current_source import (
+    UNKNOWN_STATE,
+    SourceBatch,
+    SourceCounters,
+    SourceIdentity,
+    SourceStatus,
+    SourceTemperature,
+    SourceTiming,
+    SourceTraits,
+)
+from drivers.devices.ecu_description import (
+    BOOTS,
+    CLEAR,
+    CLOCK,
+    COIL,
+    COMMAND,
+    CURRENT,
+    ECU,
+    ENABLE,
+    EXTENDED,
+    FAULTS,
+    FIRMWARE,
+    LAYOUT,
+    SERIAL,
+    STATE,
+    SUPPLY,
+    EcuDescription,
+)
 from drivers.errors import DriverError
+from drivers.frame_checks import FrameChecks
 from drivers.ring import NO_DEVICE_TIME, Channel, Record
-from protocols.current_frames import COUNTER_MODULUS, CoilCommand, CoilStatus, counter_delta
 from protocols.errors import RemoteProtocolError
 from protocols.quality import Quality
 from protocols.slcan import Frame
 
 DEFAULT_PERIOD_S = 0.010
+REPEATS = 3
+"""A command that is sent on change is sent so often, a period apart: one lost frame loses no command."""
 _COMMANDS_KEPT = 4096
 _STANDARD_BITS, _EXTENDED_BITS = 47, 67
+_TEMPERATURES = ((COIL, Channel.COIL_TEMPERATURE), (ECU, Channel.ECU_TEMPERATURE), (SUPPLY, Channel.ECU_SUPPLY))
 
 
 class CanCurrentSource:
     """Drives one current source whose description says what its frames mean.
 
-    `read_batch` belongs to one owner thread. The command frame goes out from a thread of its own after `start`;
+    `read_batch` belongs to one owner thread. The command frames go out from a thread of its own after `start`;
     `command` and `send_now` may be called from any thread. Until `command` is called the frames ask for 0 A, disabled.
 
     Args:
-        interface: any interface of python-can.
-        channel: what that interface calls the bus; a serial URL for slcan.
+        port: its bus, not yet open.
         description: its frames, codes and layout.
-        bitrate: bit/s.
 
     Attributes:
         counters: totals.
-        status: last status frame that passed every check, None before the first.
-        temperature: last temperature frame.
-        identity: last identity frame.
+        status: last status that passed every check, None before the first.
+        temperature: last temperatures.
+        identity: last identity.
         send_error: what ended the command thread, None while it runs.
     """
 
-    def __init__(
-        self, interface: str, channel: str, description: SourceDescription, *, bitrate: int = 500_000
-    ) -> None:
+    def __init__(self, port: CanPort, description: EcuDescription) -> None:
         self.counters = SourceCounters()
         self.status: SourceStatus | None = None
         self.temperature: SourceTemperature | None = None
         self.identity: SourceIdentity | None = None
         self.send_error: DriverError | None = None
         self._description = description
-        self._frames = description.frames
-        self._own = frozenset({self._frames.status_id, self._frames.temperature_id, self._frames.identity_id})
-        self._port = CanPort(interface, channel, bitrate)
+        self._heard = description.heard
+        self._checks = FrameChecks(description, self.counters)
+        self._port = port
         self._is_open = False
         self._send_lock = threading.Lock()
-        self._counter = 0
+        self._count = 0
+        self._own = frozenset(frame.identifier | (EXTENDED if frame.extended else 0) for frame in description.sent)
         self._wanted = (0.0, False, False)
         self._sent: deque[Record] = deque(maxlen=_COMMANDS_KEPT)
+        self._left = REPEATS
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
-        self._last: CoilStatus | None = None
-        self._sequence = 0  # unwrapped counter of status frames
-        self._device_us = NO_DEVICE_TIME  # unwrapped
+        self._values: dict[str, float] = {}
+        self._roles = description.roles
+        self._ticks: int | None = None
+        self._ticked = 0  # unwrapped, of the device's clock
+        self._device_us = NO_DEVICE_TIME
         self._reported: tuple[int, int] | None = None
+        self._at_ns = 0
+
+    @property
+    def timing(self) -> SourceTiming:
+        """How often it tells what."""
+        return self._description.timing
+
+    @property
+    def traits(self) -> SourceTraits:
+        """What else the rig has to know of it."""
+        described = self._description
+        return SourceTraits(own_timeout=described.command_timeout_s is not None, lowest_A=described.low_A)
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What it cannot do or does not tell: a name, and what is left without it."""
+        return self._description.lacking
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Slug and words of why its frames cannot be believed; two empty texts while nothing speaks against them."""
+        return self._checks.refusal()
 
     @property
     def identity_problem(self) -> str:
-        """Why the identity frame is not one of the described device; empty while it is, or none has come."""
+        """Why the identity is not one of the described device; empty while it is, or none has come."""
         identity, layout = self.identity, self._description.layout
-        if identity is None or identity.layout == layout:
+        if identity is None or layout is None or identity.layout == layout:
             return ""
         return f"frame layout {identity.layout}, expected {layout}"
 
@@ -86,7 +139,7 @@ class CanCurrentSource:
 
     @property
     def malformed(self) -> int:
-        """Frames and lines that cannot be the ECU's: wrong length, remote, extended, not decodable."""
+        """Frames and lines that cannot be the ECU's: wrong length, remote, of the other kind, not decodable."""
         return self.counters.malformed + self._port.malformed
 
     def open(self) -> None:
@@ -111,7 +164,7 @@ class CanCurrentSource:
             self._port.close()
 
     def start(self, period_s: float = DEFAULT_PERIOD_S) -> None:
-        """Send the command frame from now on, every `period_s` wall seconds.
+        """Send the command frames from now on, every `period_s` wall seconds.
 
         Raises:
             PortClosed: the bus is not open.
@@ -125,35 +178,50 @@ class CanCurrentSource:
         self._thread.start()
 
     def command(self, current_A: float, *, enable: bool = True, clear_faults: bool = False) -> None:
-        """Set what the next command frame asks for.
+        """Set what the next command frames ask for.
 
         Args:
-            current_A: set-point, A, within -32.768..32.767.
-            enable: output stage on.
+            current_A: set-point, A, within what its signal holds.
+            enable: output stage on; without such a signal the set-point is 0 A while it is off.
             clear_faults: ask the ECU to clear its latched faults.
 
         Raises:
             LocalProtocolError: the set-point does not fit the frame; the old one stays.
         """
-        self._frames.encode_command(CoilCommand(0, enable, clear_faults, current_A))
-        self._wanted = (current_A, enable, clear_faults)
+        wanted = (current_A, enable, clear_faults)
+        self._frames(*wanted)
+        if wanted != self._wanted:
+            self._left = REPEATS
+        self._wanted = wanted
 
     def send_now(self) -> None:
-        """Send the command frame at once, beside the cycle.
+        """Send the command frames at once, beside the cycle.
 
         Raises:
             PortClosed: the bus is not open or has gone.
-            LinkLost: the interface does not take the frame.
+            LinkLost: the interface does not take a frame.
         """
         with self._send_lock:
             current_A, enable, clear_faults = self._wanted
-            data = self._frames.encode_command(CoilCommand(self._counter, enable, clear_faults, current_A))
-            self._port.send(self._frames.command_id, data)
-            self._counter = (self._counter + 1) % COUNTER_MODULUS
+            frames = self._frames(current_A, enable, clear_faults)
+            for frame, data in zip(self._description.sent, frames, strict=True):
+                frame.protection.seal(data, self._count)
+                self._port.send(frame.identifier, bytes(data), extended=frame.extended, fd=frame.fd)
+            self._count += 1
+            self._left = max(0, self._left - 1)
             self.counters.sent += 1
         self._sent.append((
             time.monotonic_ns(), NO_DEVICE_TIME, current_A, self.counters.sent, Channel.COMMANDED_CURRENT, 0,
         ))
+
+    def _frames(self, current_A: float, enable: bool, clear_faults: bool) -> list[bytearray]:
+        """The frames of one command, their protection left open."""
+        on_off = self._description.on_off
+        values = {COMMAND: current_A if enable else 0.0}
+        for role, on in ((ENABLE, enable), (CLEAR, clear_faults)):
+            if role in on_off:
+                values[role] = on_off[role][0 if on else 1]
+        return [frame.writer.write(values) for frame in self._description.sent]
 
     def read_batch(self, timeout_s: float) -> SourceBatch:
         """Whatever has arrived, waiting for the first frame.
@@ -173,8 +241,10 @@ class CanCurrentSource:
         batch = SourceBatch([], [], [], 0, 0, arrival_ns)
         while self._sent:
             batch.records.append(self._sent.popleft())
-        for frame in frames:
+        for frame, at_ns in zip(frames, self._port.at_ns or repeat(arrival_ns), strict=False):
+            self._at_ns = at_ns
             self._take(frame, batch)
+        self.counters.stamps_ns = self._port.stamps.uncertainty_ns or 0
         return batch._replace(
             lost=self.counters.lost - lost_before,
             bad=self.counters.bad_checks + self.counters.malformed - bad_before,
@@ -183,9 +253,11 @@ class CanCurrentSource:
     def _send_cyclically(self, period_s: float) -> None:
         """Body of the command thread; ends at `close` or when the port is gone."""
         due = time.monotonic() + period_s
+        cyclic = self._description.cyclic
         while not self._ending.wait(max(0.0, due - time.monotonic())):
             try:
-                self.send_now()
+                if cyclic or self._left:
+                    self.send_now()
             except DriverError as error:
                 self.send_error = error
                 return
@@ -199,91 +271,97 @@ class CanCurrentSource:
     def _take(self, frame: Frame, batch: SourceBatch) -> None:
         """Sort one frame; nothing is decoded before its kind and length are checked."""
         identifier, data, extended, remote, length = frame
-        if extended or identifier not in self._own:
-            self._take_other(identifier, extended=extended, length=0 if remote else length)
+        key = identifier | EXTENDED if extended else identifier
+        message = self._heard.get(key)
+        if message is None:
+            self._take_other(key, length=0 if remote else length)
             return
-        expected = self._frames.lengths[identifier]
-        if remote or length != expected or len(data) != expected:
-            self._malformed(identifier)
+        is_status = key == self._description.status
+        if remote or length != message.size or len(data) != message.size:
+            self._checks.malformed(is_status)
             return
-        if identifier == self._frames.status_id:
-            self._take_status(data, batch)
-        elif identifier == self._frames.temperature_id:
-            self._take_temperature(data, batch)
-        else:
-            self.identity = SourceIdentity(*self._frames.decode_identity(data))
+        step = self._checks.step(key, message, data)
+        if step is None:
+            return
+        try:
+            values = message.reader.read(data)
+        except RemoteProtocolError:
+            self._checks.malformed(is_status)
+            return
+        self._values.update(values)
+        self._checks.heard(key, batch.arrival_ns)
+        if CLOCK in values:
+            self._tick(int(values[CLOCK]))
+        if is_status and CURRENT in values:
+            self._take_status(batch, step)
+        if message.roles & {COIL, ECU, SUPPLY, BOOTS}:
+            self._take_temperature(values, batch)
+        if message.roles & {SERIAL, FIRMWARE, LAYOUT}:
+            self._take_identity()
 
-    def _take_other(self, identifier: int, *, extended: bool, length: int) -> None:
+    def _take_other(self, key: int, *, length: int) -> None:
         """A frame that is none of the ECU's."""
-        self.counters.other_bits += (_EXTENDED_BITS if extended else _STANDARD_BITS) + 8 * length
-        if extended and identifier in self._own:
-            self._malformed(identifier)
-        elif identifier == self._frames.command_id and not extended:
+        self.counters.other_bits += (_EXTENDED_BITS if key & EXTENDED else _STANDARD_BITS) + 8 * length
+        if key ^ EXTENDED in self._heard:
+            self._checks.malformed(key ^ EXTENDED == self._description.status)
+        elif key in self._own:
             self.counters.foreign_commands += 1
         else:
             self.counters.other_frames += 1
 
-    def _malformed(self, identifier: int) -> None:
-        self.counters.malformed += 1
-        if identifier == self._frames.status_id:
-            self.counters.bad_in_a_row += 1
-            self.counters.malformed_in_a_row += 1
-
-    def _take_status(self, data: bytes, batch: SourceBatch) -> None:
-        """Check, count and record one status frame."""
-        counters = self.counters
-        try:
-            wire = self._frames.decode_status(data)
-        except RemoteProtocolError:
-            counters.bad_checks += 1
-            counters.bad_in_a_row += 1
+    def _take_status(self, batch: SourceBatch, step: int) -> None:
+        """Record one status, unless what it is told beside by other messages has become too old."""
+        if not self._checks.complete(batch.arrival_ns):
             return
-        counters.bad_in_a_row = counters.malformed_in_a_row = 0
-        step = 1 if self._last is None else counter_delta(self._last.counter, wire.counter)
-        if step == 0:
-            counters.duplicates += 1
-            counters.lateness += 2
-            return
-        counters.lateness = max(0, counters.lateness - 1)
-        counters.gaps_in_a_row = counters.gaps_in_a_row + 1 if step > 1 else 0
-        counters.statuses += 1
-        counters.lost += step - 1
-        self._sequence += step
-        self._device_us = self._unwrap(wire)
-        described = self._description
-        status = SourceStatus(described.state(wire.state), wire.current_A, described.faults(wire.faults))
-        self._last, self.status = wire, status
+        described, values, roles = self._description, self._values, self._roles
+        state = described.state(int(values[STATE])) if STATE in values else UNKNOWN_STATE
+        status = self.status = SourceStatus(state, values[CURRENT], described.faults(values))
+        self.counters.statuses += 1
         batch.statuses.append(status)
         flags = Quality.GAP_BEFORE if step > 1 else Quality.GOOD
         self._record(batch, Channel.COIL_CURRENT, status.current_A, flags)
-        state = (status.state, status.faults)
-        if state != self._reported:
+        told = (status.state, status.faults)
+        if told != self._reported and any(role == STATE or role.startswith(FAULTS) for role in roles):
             self._report(batch, status)
 
-    def _take_temperature(self, data: bytes, batch: SourceBatch) -> None:
+    def _take_temperature(self, values: dict[str, float], batch: SourceBatch) -> None:
         """Record temperatures and supply; and, for late readers, state and faults as they stand."""
-        temperature = self.temperature = SourceTemperature(*self._frames.decode_temperature(data))
+        for role, channel in _TEMPERATURES:
+            if role in values:
+                self._record(batch, channel, values[role])
+        leading = next((role for role in (COIL, ECU, SUPPLY, BOOTS) if role in self._roles), COIL)
+        if leading not in values:
+            return
+        known = self._values
+        temperature = self.temperature = SourceTemperature(
+            known.get(COIL, math.nan), known.get(ECU, math.nan), known.get(SUPPLY, math.nan), int(known.get(BOOTS, 0))
+        )
         batch.temperatures.append(temperature)
-        self._record(batch, Channel.COIL_TEMPERATURE, temperature.coil_degC)
-        self._record(batch, Channel.ECU_TEMPERATURE, temperature.source_degC)
-        self._record(batch, Channel.ECU_SUPPLY, temperature.supply_V)
         if self.status is not None:
             self._report(batch, self.status)
 
+    def _take_identity(self) -> None:
+        """An identity, once everything that makes one has come."""
+        wanted = [role for role in (SERIAL, FIRMWARE, LAYOUT) if role in self._roles]
+        if all(role in self._values for role in wanted):
+            self.identity = SourceIdentity(*(int(self._values.get(role, 0)) for role in (SERIAL, FIRMWARE, LAYOUT)))
+
     def _report(self, batch: SourceBatch, status: SourceStatus) -> None:
-        self._record(batch, Channel.ECU_STATE, status.state)
-        self._record(batch, Channel.ECU_FAULTS, status.faults)
+        if STATE in self._roles:
+            self._record(batch, Channel.ECU_STATE, status.state)
+        if any(role.startswith(FAULTS) for role in self._roles):
+            self._record(batch, Channel.ECU_FAULTS, status.faults)
         self._reported = (status.state, status.faults)
 
     def _record(self, batch: SourceBatch, channel: Channel, value: float, flags: Quality = Quality.GOOD) -> None:
         batch.records.append((
-            batch.arrival_ns, self._device_us, float(value), self._sequence & 0xFFFFFFFF, int(channel), int(flags),
+            self._at_ns, self._device_us, float(value), self._checks.sequence & 0xFFFFFFFF, int(channel),
+            int(flags),
         ))
 
-    def _unwrap(self, status: CoilStatus) -> int:
+    def _tick(self, ticks: int) -> None:
         """Device clock in microseconds, from a counter that wraps."""
-        ticks, tick_us = status.device_time_ticks, self._frames.tick_us
-        if self._last is None:
-            return ticks * tick_us
-        passed = (ticks - self._last.device_time_ticks) % self._frames.device_time_modulus
-        return self._device_us + passed * tick_us
+        described = self._description
+        self._ticked += ticks if self._ticks is None else (ticks - self._ticks) % described.clock_modulus
+        self._ticks = ticks
+        self._device_us = round(self._ticked * described.tick_us)

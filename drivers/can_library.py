@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import logging
 import sys
 from typing import TYPE_CHECKING
 
@@ -20,3 +22,29 @@ def import_can() -> types.ModuleType:
         if absent:
             del sys.modules["asammdf"]
     return can
+
+
+ALWAYS_THERE = frozenset({"socketcan", "slcan", "virtual", "serial", "socketcand"})
+"""Interfaces that need nothing beside python-can and pyserial."""
+
+
+def missing_for(interface: str) -> str:
+    """Why one of python-can's own interfaces cannot be used on this machine; empty where its package is installed.
+
+    Whether its adapter and driver are there shows when it is opened.
+    """
+    if interface in ALWAYS_THERE:
+        return ""
+    can = import_can()
+    module = can.interfaces.BACKENDS.get(interface, ("", ""))[0]
+    if not module:
+        return ""
+    chatty = logging.getLogger("can")
+    before, chatty.level = chatty.level, logging.CRITICAL
+    try:
+        importlib.import_module(module)
+    except (ImportError, can.CanError, OSError, AttributeError) as error:
+        return str(error)
+    finally:
+        chatty.level = before
+    return ""

@@ -7,7 +7,9 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from drivers.can_library import import_can
+from drivers.connection import CanAddress
 from drivers.errors import LinkLost, PortClosed
+from drivers.stamp_clock import StampClock
 from protocols.slcan import Frame
 
 if TYPE_CHECKING:
@@ -23,21 +25,27 @@ class CanPort:
     """Any interface of python-can: socketcan, pcan, kvaser, vector, virtual, socketcand ...; slcan with our own reader.
 
     Args:
-        interface: name as python-can has it.
-        channel: what that interface calls the bus; a serial URL for slcan.
-        bitrate: bit/s.
+        address: where the bus is.
+        fd: CAN FD frames are among those that are sent or heard.
         device: name of the device for messages.
 
     Attributes:
         bus_errors: error frames the interface reported.
+        at_ns: host time of each frame of the last `receive`, by the interface's time stamps as far as these are used;
+            empty where the interface gives none.
+        stamps: follows them.
     """
 
-    def __init__(self, interface: str, channel: str, bitrate: int, *, device: str = "ecu") -> None:
+    def __init__(self, address: CanAddress, *, fd: bool = False, device: str = "ecu") -> None:
         self.bus_errors = 0
+        self.at_ns: list[int] = []
+        self.stamps = StampClock()
         self.device = device
-        self._interface = interface
-        self._channel = channel
-        self._bitrate = bitrate
+        self._address = address
+        self._fd = fd
+        self._switched = "data_bitrate" in address.options
+        self._interface = address.interface
+        self._channel = address.channel
         self._can: types.ModuleType | None = None
         self._bus: Any = None
 
@@ -57,9 +65,12 @@ class CanPort:
             if self._interface == SLCAN:
                 from drivers.slcan_bus import BlockSlcanBus
 
-                self._bus = BlockSlcanBus(self._channel, self._bitrate)
+                self._bus = BlockSlcanBus(self._channel, self._address.bitrate, **self._address.options)
             else:
-                self._bus = can.Bus(interface=self._interface, channel=self._channel, bitrate=self._bitrate)
+                options = {"fd": True, **self._address.options} if self._fd else dict(self._address.options)
+                self._bus = can.Bus(
+                    interface=self._interface, channel=self._channel, bitrate=self._address.bitrate, **options
+                )
         except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
             raise PortClosed(self.device, self._name, f"cannot open: {error}") from error
 
@@ -81,9 +92,12 @@ class CanPort:
         Raises:
             PortClosed: the bus is not open or has gone.
         """
+        if self._interface == SLCAN:
+            return self._receive_block(timeout_s)
         frames: list[Frame] = []
+        self.at_ns = []
         message = self._receive_one(timeout_s)
-        arrival_ns = time.monotonic_ns()
+        read_ns = arrival_ns = time.monotonic_ns()
         while message is not None:
             if message.is_error_frame:
                 self.bus_errors += 1
@@ -92,13 +106,15 @@ class CanPort:
                     message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame,
                     message.dlc,
                 ))
+                self.at_ns.append(self.stamps.host_ns(int(1e9 * message.timestamp), read_ns))
             if len(frames) >= LARGEST_BATCH:
                 break
             message = self._receive_one(0.0)
+            read_ns = time.monotonic_ns()
         return frames, arrival_ns
 
-    def send(self, identifier: int, data: bytes) -> None:
-        """Hand one standard frame to the interface.
+    def send(self, identifier: int, data: bytes, *, extended: bool = False, fd: bool = False) -> None:
+        """Hand one frame to the interface.
 
         Raises:
             PortClosed: the bus is not open.
@@ -107,13 +123,32 @@ class CanPort:
         if self._bus is None or self._can is None:
             raise PortClosed(self.device, self._name, "the bus is not open")
         try:
-            self._bus.send(self._can.Message(arbitration_id=identifier, data=data, is_extended_id=False), timeout=0.02)
+            message = self._can.Message(
+                arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=fd,
+                bitrate_switch=fd and self._switched,
+            )
+            self._bus.send(message, timeout=0.02)
         except (self._can.CanError, OSError, ValueError) as error:
             raise LinkLost(self.device, self._name, f"frame 0x{identifier:03X} not taken: {error}") from error
 
     @property
     def _name(self) -> str:
         return self._channel if self._interface == SLCAN else f"{self._interface}:{self._channel}"
+
+    def _receive_block(self, timeout_s: float) -> tuple[list[Frame], int]:
+        """What our own slcan reader has, without a message of python-can for each frame.
+
+        Raises:
+            PortClosed: the bus is not open or has gone.
+        """
+        if self._bus is None or self._can is None:
+            raise PortClosed(self.device, self._name, "the bus is not open")
+        try:
+            frames, errors = self._bus.take(timeout_s)
+        except self._can.CanError as error:
+            raise PortClosed(self.device, self._name, f"the bus is gone: {error}") from error
+        self.bus_errors += errors
+        return frames, time.monotonic_ns()
 
     def _receive_one(self, timeout_s: float) -> Any:  # noqa: ANN401 - python-can's Message, imported only when needed
         """Next message or None.

@@ -77,7 +77,8 @@ class Capabilities:
             "cycle-pulse": (
                 self.cycle_pulse, "delays between sensors are estimated from their signals; no watch for a loose joint"
             ),
-            "generator": (self.generator, "set-points come from the host at its polls; slow motion only"),
+            "generator": (self.generator, "set-points are streamed by the host at its polls: slower motion only, and a "
+                "host that is late or dead is late or dead in the motion too"),
             "e-stop-input": (self.e_stop_input, "an open e-stop chain is not seen here"),
             "force-input": (self.force_input, "the load cell is not compared with a second force"),
         }

@@ -7,38 +7,54 @@ bench file is read. Where names are the same, ours comes first.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers import plugins
-from drivers.connection import ActuatorConnection
+from drivers.connection import ActuatorConnection, CanAddress, LineSettings
 from drivers.current_source import CurrentSource
-from drivers.devices.controller import controller, controller_names
-from drivers.devices.source import current_source, current_source_names
+from drivers.devices.source import current_source, current_source_names, current_source_problems, is_dbc
+from drivers.devices.supply import SupplyConnection, SupplyDescription
+from drivers.devices.supply_file import supply, supply_problems
 from drivers.errors import UnknownDevice
+from drivers.register_maps.map_file import controller, controller_names, is_map_file
 from drivers.ring import Channel
 from drivers.roles import Actuator, Sensor
 from drivers.sample_stream import SampleScale
-from drivers.serial_sensor import BINARY, CLOCKED, SerialSensor
-from protocols.line_format import PRESETS, from_description
+from drivers.sensor_formats import described_format, is_file
+from drivers.serial_sensor import BINARY, CLOCKED, USUAL, SerialSensor
+from drivers.streamed_actuator import as_actuator
+from protocols.sensor_presets import TABLES
 
 __all__ = [
     "SensorConnection",
+    "SupplyConnection",
+    "SupplyDescription",
     "actuator_names",
     "check_actuator",
     "check_current_source",
     "check_sensor_format",
     "clocked_format_names",
     "current_source_names",
+    "current_source_period_s",
+    "current_source_problems",
+    "current_source_range_A",
+    "ecu_roles_schema",
+    "is_dbc",
     "known_current_source_names",
     "make_actuator",
     "make_current_source",
     "make_sensor",
+    "make_supply",
     "own_names",
     "register_actuator",
+    "register_map_schema",
     "register_sensor",
     "sensor_format_names",
+    "supply",
+    "supply_problems",
 ]
 
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
@@ -51,7 +67,7 @@ def own_names(group: str) -> frozenset[str]:
     own = {
         plugins.ACTUATORS: (*controller_names(), *_REGISTERED),
         plugins.CURRENT_SOURCES: current_source_names(),
-        plugins.SENSORS: (*BINARY, *PRESETS, *_SENSORS),
+        plugins.SENSORS: (*BINARY, *TABLES, *_SENSORS),
     }
     return frozenset(own[group])
 
@@ -78,10 +94,17 @@ def check_actuator(name: str) -> None:
         LocalProtocolError: it cannot be read, contradicts itself, or lacks what it declares.
         BrokenPlugIn: its driver cannot be used.
     """
-    if name in controller_names():
+    if name in controller_names() or is_map_file(name):
         controller(name)
     elif name not in _REGISTERED:
         plugins.maker_of(plugins.ACTUATORS, name)
+
+
+def register_map_schema() -> dict[str, Any]:
+    """The JSON schema of the files that `register_map` may name."""
+    from drivers.register_maps.schema import schema
+
+    return schema()
 
 
 def check_current_source(name: str) -> None:
@@ -103,49 +126,92 @@ def check_sensor_format(name: str) -> None:
     Raises:
         BrokenPlugIn: its driver cannot be used.
     """
-    if name not in (*BINARY, *PRESETS, *_SENSORS):
+    if name not in (*BINARY, *TABLES, *_SENSORS):
         plugins.maker_of(plugins.SENSORS, name)
 
 
+def current_source_range_A(name: str, roles: str | Mapping[str, Any] | None) -> tuple[float, float]:
+    """Lowest and highest current (A) that the set-point of a current source can hold; a plug-in's says so itself.
+
+    Raises:
+        LocalProtocolError: it cannot be used.
+    """
+    if name not in current_source_names() and not is_dbc(name):
+        return -math.inf, math.inf
+    described = current_source(name, roles)
+    return described.low_A, described.high_A
+
+
+def current_source_period_s(name: str, roles: str | Mapping[str, Any] | None) -> float:
+    """How often a current source tells its current (s of its clock); 0 for a plug-in's, which says so when it runs.
+
+    Raises:
+        LocalProtocolError: it cannot be used.
+    """
+    return current_source(name, roles).timing.status_s if name in current_source_names() or is_dbc(name) else 0.0
+
+
+def ecu_roles_schema() -> dict[str, Any]:
+    """The JSON schema of a roles file."""
+    from drivers.devices.ecu_roles_schema import ecu_roles_schema as schema
+
+    return schema()
+
+
 def make_actuator(name: str, connection: ActuatorConnection) -> Actuator:
-    """The driver of a kind of actuator; nothing is opened.
+    """The driver of a kind of actuator; nothing is opened. One that only follows set-points is streamed them.
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
         BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
     if name in _REGISTERED:
-        return _REGISTERED[name](connection)
-    if name not in controller_names():
+        return as_actuator(_REGISTERED[name](connection), connection.motion)
+    if name not in controller_names() and not is_map_file(name):
         brought: Actuator | None = plugins.made(plugins.ACTUATORS, name, Actuator, connection)
         if brought is not None:
-            return brought
+            return as_actuator(brought, connection.motion)
         raise UnknownDevice(
             "actuator", connection.url, f"register_map {name!r} is not known; known: {', '.join(actuator_names())}"
         )
     from drivers.modbus_actuator import ModbusActuator
 
-    return ModbusActuator(connection, controller(name))
+    return as_actuator(ModbusActuator(connection, controller(name)), connection.motion)
 
 
-def make_current_source(name: str, interface: str, channel: str, bitrate: int) -> CurrentSource:
-    """The driver of a kind of current source; nothing is opened.
+def make_current_source(name: str, roles: str | Mapping[str, Any] | None, bus: CanAddress) -> CurrentSource:
+    """The driver of a current source on CAN; nothing is opened.
+
+    Args:
+        name: of a kind of current source, or the path of a DBC file.
+        roles: of a DBC file: path of the roles file, or its contents.
+        bus: where it is.
 
     Raises:
         UnknownDevice: no device of that name; the known ones are listed.
+        LocalProtocolError: a DBC and its roles cannot be used.
         BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
-    if name not in current_source_names():
-        given = (interface, channel, bitrate)
+    if name not in current_source_names() and not is_dbc(name):
+        given = (bus.interface, bus.channel, bus.bitrate)
         brought: CurrentSource | None = plugins.made(plugins.CURRENT_SOURCES, name, CurrentSource, *given)
         if brought is not None:
             return brought
         raise UnknownDevice(
-            "ecu", channel, f"dbc {name!r} is not known; known: {', '.join(known_current_source_names())}"
+            "ecu", bus.channel, f"dbc {name!r} is not known; known: {', '.join(known_current_source_names())}"
         )
     from drivers.can_current_source import CanCurrentSource
+    from drivers.can_port import CanPort
 
-    return CanCurrentSource(interface, channel, current_source(name), bitrate=bitrate)
+    described = current_source(name, roles)
+    return CanCurrentSource(CanPort(bus, fd=described.fd), described)
+
+
+def make_supply(connection: SupplyConnection) -> CurrentSource:
+    """The driver of a programmable supply that drives the coil; nothing is opened."""
+    from drivers.scpi_supply import ScpiSupply
+
+    return ScpiSupply(connection)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,8 +223,9 @@ class SensorConnection:
         baudrate: Bd.
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
-        format: name of a format, or the description of a line.
+        format: name of a format, path of its file, or its table.
         scale: from the wire to SI, and its rate.
+        framing: what else belongs to its serial line; the baud rate in it counts for nothing.
     """
 
     url: str
@@ -167,6 +234,7 @@ class SensorConnection:
     channel: Channel
     format: str | Mapping[str, Any]
     scale: SampleScale
+    framing: LineSettings = USUAL
 
 
 SensorMaker = Callable[[SensorConnection], Sensor]
@@ -180,8 +248,8 @@ def register_sensor(name: str, maker: SensorMaker) -> None:
 
 
 def sensor_format_names() -> tuple[str, ...]:
-    """Every name that a sensor's `format` may have, beside the description of a line."""
-    return tuple(dict.fromkeys((*BINARY, *PRESETS, *_SENSORS, *plugins.names(plugins.SENSORS))))
+    """Every name that a sensor's `format` may have, beside a file's name and a table."""
+    return tuple(dict.fromkeys((*BINARY, *TABLES, *_SENSORS, *plugins.names(plugins.SENSORS))))
 
 
 def clocked_format_names() -> tuple[str, ...]:
@@ -193,18 +261,18 @@ def make_sensor(connection: SensorConnection) -> Sensor:
     """The driver of a sensor; nothing is opened.
 
     Raises:
-        LocalProtocolError: no format of that name, or a line description that contradicts itself.
+        LocalProtocolError: no format of that name, or a description that contradicts itself.
         BrokenPlugIn: it is a plug-in's, and that cannot be used.
     """
     given = connection.format
     if isinstance(given, str) and given in _SENSORS:
         return _SENSORS[given](connection)
-    if isinstance(given, str) and given not in (*BINARY, *PRESETS):
+    if isinstance(given, str) and given not in (*BINARY, *TABLES) and not is_file(given):
         brought: Sensor | None = plugins.made(plugins.SENSORS, given, Sensor, connection)
         if brought is not None:
             return brought
-    line_format = given if isinstance(given, str) else from_description(given)
+    line_format = given if isinstance(given, str) else described_format(given)
     return SerialSensor(
-        connection.url, connection.baudrate, name=connection.name, channel=connection.channel,
-        line_format=line_format, scale=connection.scale,
+        connection.url, replace(connection.framing, baudrate=connection.baudrate), name=connection.name,
+        channel=connection.channel, line_format=line_format, scale=connection.scale,
     )

@@ -1,10 +1,12 @@
-"""How to reach an actuator: its address, parsed once, and what else a driver needs to connect."""
+"""How to reach a device: addresses of actuators and CAN buses, parsed once, and settings of lines."""
 
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 from urllib.parse import urlsplit
 
 
@@ -50,6 +52,21 @@ class ActuatorAddress:
 
 
 @dataclass(frozen=True, slots=True)
+class MotionTerms:
+    """What an actuator must know whose motion is made by its driver.
+
+    Attributes:
+        fade_out_cycles: cycles over which a program fades out, >= 1.
+        halt_deceleration_m_s2: of a halt.
+        device_rate: seconds of the device's time in one of the host's; 1 but on a simulated rig faster than life.
+    """
+
+    fade_out_cycles: float = 1.0
+    halt_deceleration_m_s2: float = 20.0
+    device_rate: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class ActuatorConnection:
     """How to reach an actuator.
 
@@ -60,6 +77,7 @@ class ActuatorConnection:
         owner_id: identifies this host in the actuator's lease, 1..65535.
         baudrate: Bd of a serial line.
         parity: "N", "E" or "O", of a serial line.
+        motion: used where the driver makes the motion, not the device.
     """
 
     url: str
@@ -68,6 +86,41 @@ class ActuatorConnection:
     owner_id: int = 0
     baudrate: int = 115_200
     parity: str = "N"
+    motion: MotionTerms = MotionTerms()
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """Of a serial line; sockets have none.
+
+    Attributes:
+        baudrate: Bd.
+        data_bits: 7 or 8.
+        parity: "N", "E" or "O".
+        stop_bits: 1 or 2.
+    """
+
+    baudrate: int = 115200
+    data_bits: int = 8
+    parity: str = "N"
+    stop_bits: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class CanAddress:
+    """Where a CAN bus is.
+
+    Attributes:
+        interface: name as python-can has it.
+        channel: what that interface calls the bus; a serial URL for slcan.
+        bitrate: bit/s.
+        options: further arguments of the interface, by python-can's names.
+    """
+
+    interface: str
+    channel: str
+    bitrate: int = 500_000
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 def draw_owner_id() -> int:

@@ -35,6 +35,10 @@ class SourceFault(IntFlag):
     RESTARTED = 1 << 6
 
 
+UNKNOWN_STATE = -1
+"""Of a current source that does not tell its state."""
+
+
 class SourceStatus(NamedTuple):
     """One status of the current source: `state` a `SourceState`, `faults` of `SourceFault`, measured current in A."""
 
@@ -43,8 +47,32 @@ class SourceStatus(NamedTuple):
     faults: int
 
 
+class SourceTiming(NamedTuple):
+    """How often a current source tells what (s of its clock); 0 for what it never tells."""
+
+    status_s: float = 0.010
+    temperature_s: float = 0.100
+    identity_s: float = 1.0
+
+
+class SourceTraits(NamedTuple):
+    """What the rig has to know of a current source beside its statuses.
+
+    Attributes:
+        own_timeout: without commands it goes to 0 A by itself.
+        measures: it measures its current; else a status repeats what was asked for.
+        settling_s: a new set-point's current is there after so long (s of its clock).
+        lowest_A: the most negative current it drives (A); None: as negative as positive.
+    """
+
+    own_timeout: bool = True
+    measures: bool = True
+    settling_s: float = 0.15
+    lowest_A: float | None = None
+
+
 class SourceTemperature(NamedTuple):
-    """Temperatures in degC, supply in V, and how often the source has started."""
+    """Temperatures in degC, supply in V, and how often the source has started; NaN for what it does not measure."""
 
     coil_degC: float
     source_degC: float
@@ -53,10 +81,10 @@ class SourceTemperature(NamedTuple):
 
 
 class SourceIdentity(NamedTuple):
-    """Who the current source is."""
+    """Who the current source is; 0 for what it does not tell."""
 
-    serial_number: int
-    firmware: int
+    serial_number: int | str
+    firmware: int | str
     layout: int
 
 
@@ -68,6 +96,7 @@ class SourceCounters:
         bad_in_a_row: status frames dropped since the last good one; `malformed_in_a_row` of them for length or kind.
         gaps_in_a_row: good status frames one after the other whose counter has left some out.
         lateness: grows by 2 with a repeated status frame, falls by 1 with a fresh one: duplicates that keep coming.
+        stamps_ns: uncertainty of the interface's time stamps, by which frames are timed; 0 while it is their arrival.
         other_bits: bits on the bus of frames that are not the source's, without stuffing.
     """
 
@@ -85,6 +114,7 @@ class SourceCounters:
     other_frames: int = 0
     sent: int = 0
     late_sends: int = 0
+    stamps_ns: int = 0
 
 
 class SourceBatch(NamedTuple):
@@ -118,6 +148,22 @@ class CurrentSource(Protocol):
     temperature: SourceTemperature | None
     identity: SourceIdentity | None
     send_error: DriverError | None
+
+    @property
+    def timing(self) -> SourceTiming:
+        """How often it tells what."""
+
+    @property
+    def traits(self) -> SourceTraits:
+        """What else the rig has to know of it."""
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What it cannot do or does not tell: a name, and what is left without it."""
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Slug and words of why what is heard cannot be believed; two empty texts while nothing speaks against it."""
 
     @property
     def identity_problem(self) -> str:

@@ -26,13 +26,15 @@ class DriverError(Exception):
         device: name of the device as in the bench file, e.g. "load_cell".
         port: URL or channel of its port.
         message: what was expected and what came, without device and port.
+        fix: what would mend it, where that is known; else empty.
         code: the condition as a slug; decide by it or by the class, never by the message.
     """
 
     code: ClassVar[str] = "driver"
 
-    def __init__(self, device: str, port: str, message: str) -> None:
+    def __init__(self, device: str, port: str, message: str, fix: str = "") -> None:
         super().__init__(f"{device} at {port}: {message}")
+        self.fix = fix
         self.device = device
         self.port = port
         self.message = message

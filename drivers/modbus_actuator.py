@@ -1,64 +1,88 @@
-"""The actuator controller over Modbus."""
+"""The actuator controller over Modbus, as its register map describes it."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import asdict, astuple
 
-from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.capabilities import Capabilities
+from drivers.command_numbers import CommandNumbers
 from drivers.connection import ActuatorConnection, LinkKind, draw_owner_id
-from drivers.devices.controller import ControllerDescription
 from drivers.errors import DriverError, LinkLost, NoAnswer, WrongAnswer, WrongLayout
+from drivers.host_side import HostSide
 from drivers.modbus_link import ModbusLink
-from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Move, Program
-from protocols.errors import RemoteProtocolError
+from drivers.poll_writes import PollWrites
+from drivers.recipe_run import Outcome, RecipeRun
+from drivers.register_access import RegisterAccess
+from drivers.register_maps.access_plan import Written
+from drivers.register_maps.controller_map import ControllerMap
+from drivers.register_maps.needs import is_numbered
+from drivers.register_maps.proof import unproved
+from drivers.register_maps.quantity import Value
+from drivers.register_maps.recipe import Recipe, Write, values_of
+from drivers.roles import (
+    ActuatorIdentity,
+    ActuatorLimits,
+    ActuatorStatus,
+    Command,
+    Move,
+    Program,
+    Result,
+    State,
+)
+from drivers.setpoint_generator import Setpoint
+from protocols.errors import LocalProtocolError, RemoteProtocolError
 
-SEQUENCE_MODULUS = 1 << 16
-CLEAR_OF_OTHERS = SEQUENCE_MODULUS // 2
-"""How far from another master's sequence numbers ours go on; it counts up, too."""
 SENT_KEPT = 64
 SEND_ATTEMPTS = 3
 REOPEN_TIMEOUT_S = 0.2
-LIMIT_TOLERANCE = 1e-6
-"""Relative difference that the 32-bit floats of the registers may make."""
+STOPS = frozenset({Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF, Command.HYDRAULICS_LOW})
+PRESSURISES = frozenset({Command.HYDRAULICS_LOW, Command.HYDRAULICS_ON, Command.RESET})
+NOT_TWICE = frozenset({Command.START})
+"""Without a number that the device repeats, such a command is not sent again when its outcome is unknown."""
 
 
 class ModbusActuator:
-    """Drives one actuator controller whose description says what lies where; one owner thread.
+    """Drives one actuator controller by its register map; one owner thread.
 
-    A command is written once with a new sequence number. When its outcome is unknown (time-out, broken connection) the
-    acknowledged sequence and command are read back first; only a command that did not arrive is written again, with the
-    same sequence number, so the controller never executes it twice. A number that another master has used meanwhile is
-    ignored by the controller: then the command gets a new one.
+    A command is its recipe. Where the device repeats the number of the last command, an unknown outcome (time-out,
+    broken connection) is read back first; only a command that did not arrive is written again, with the same number, so
+    the device never executes it twice. A number that another master has used meanwhile is ignored by the device: then
+    the command gets a new one. Where the device repeats none, what is harmless to repeat is written again.
 
     Args:
         connection: how to reach it; an `owner_id` of 0 has one drawn at random.
-        description: what lies where and what it means.
+        controller: its register map.
 
     Attributes:
         owner_id: identifies this host in the controller's lease.
         sent: sequence and command of the last commands written, oldest first.
     """
 
-    def __init__(self, connection: ActuatorConnection, description: ControllerDescription) -> None:
+    def __init__(self, connection: ActuatorConnection, controller: ControllerMap) -> None:
         self.owner_id = connection.owner_id or draw_owner_id()
         self._link = ModbusLink(
             connection.url, connection.device_id, connection.timeout_s, baudrate=connection.baudrate,
             parity=connection.parity,
         )
-        self._description = description
-        self._status = description.map.block("status")
-        self._command = description.map.block("command")
+        self._access = RegisterAccess(self._link, controller.rules, together=controller.read_while_writing)
+        self._map = controller
         self.sent: deque[tuple[int, int]] = deque(maxlen=SENT_KEPT)
-        self._sequence: int | None = None
-        self._sent = Command.NONE
-        self._seen: ActuatorStatus | None = None
+        self._numbered = is_numbered(controller.quantities, controller.recipes.commands)
+        self._host = HostSide(controller, answered=not self._numbered)
+        self._numbers = CommandNumbers()
+        self._run: RecipeRun | None = None
+        self._low = False
+        self._written: ActuatorLimits | None = None
+        self._values: dict[str, Value] = {}
+        self._writes = PollWrites(controller.recipes)
 
     @property
     def capabilities(self) -> Capabilities:
         """What the controller can do."""
-        return self._description.capabilities
+        return self._map.capabilities
 
     @property
     def link_kind(self) -> LinkKind:
@@ -86,48 +110,49 @@ class ModbusActuator:
         return self._link.busy
 
     def open(self) -> None:
-        """Connect; does nothing when connected.
+        """Connect; does nothing when connected. Nothing is written, but for the addresses of an indirect map.
 
         Raises:
             PortClosed: nobody answers at the URL.
+            DriverError: the indirect map cannot be written.
         """
+        before = self._link.is_open
         self._link.open()
+        if self._map.indirect is not None and not before:
+            for request in self._map.indirect.requests:
+                self._access.write(request)
 
     def close(self) -> None:
         """Disconnect; closing twice is harmless. The controller goes on with what it does."""
         self._link.close()
 
     def read_identity(self) -> ActuatorIdentity:
-        """Who the controller is; proves word order, float format and layout.
+        """Who the controller is; proves word order, number format and layout by what its map says it must show.
 
         Raises:
-            WrongLayout: signature or layout are not those of the register map.
+            WrongLayout: it shows something else.
             DriverError: the controller cannot be read.
         """
-        block = self._description.map.block("identity")
-        words = self._link.read(block.address, block.count)
+        answers = [(read, self._access.words(read)) for read in self._map.identity_reads]
         try:
-            identity = self._description.decode_identity(words)
+            values = {name: value for read, words in answers for name, value in read.decode(words).items()}
         except RemoteProtocolError as error:
-            raise WrongLayout("actuator", self.url, f"identity block: {error}") from error
-        expected = self._description.expected_identity
-        if wrong := [name for name, value in expected.items() if getattr(identity, name) != value]:
-            shown = ", ".join(
-                f"{name} {_shown(getattr(identity, name))}, expected {_shown(expected[name])}" for name in wrong
-            )
-            raise WrongLayout("actuator", self.url, f"{shown}: wrong word order, scale, layout or device")
-        return identity
+            raise WrongLayout("actuator", self.url, f"identity: {error}") from error
+        wrong, fix = unproved(self._map, values, answers)
+        if wrong:
+            raise WrongLayout("actuator", self.url, wrong, fix)
+        return self._map.identity(values)
 
     def read_status(self) -> ActuatorStatus:
-        """Status block, without feeding the watchdog.
+        """The status, without feeding the watchdog.
 
         Raises:
             DriverError: the controller cannot be read.
         """
-        return self._to_status(self._link.read(self._status.address, self._status.count))
+        return self._poll([])
 
     def exchange(self, watchdog_counter: int) -> ActuatorStatus:
-        """Feed the watchdog and read the status block, in one trip.
+        """Feed the watchdog and read the status, in one trip where the device can.
 
         Args:
             watchdog_counter: must differ from the last one to feed; taken modulo 65536.
@@ -135,46 +160,60 @@ class ModbusActuator:
         Raises:
             DriverError: the controller cannot be reached.
         """
-        if self.capabilities.watchdog is not WatchdogKind.COUNTER:
-            return self.read_status()
-        watchdog = self._description.map.block("watchdog")
-        words = self._link.exchange(
-            self._status.address, self._status.count, watchdog.address, [watchdog_counter % SEQUENCE_MODULUS]
-        )
-        return self._to_status(words)
+        return self._poll(self._writes.feed(watchdog_counter))
 
-    def read_limits(self) -> ActuatorLimits:
-        """Limits and watchdog setting as the controller holds them.
+    def knows(self, command: Command) -> bool:
+        """Whether the controller has this command itself."""
+        return command in self._map.recipes.commands
+
+    def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
+        """Write a set-point and read the status, in one trip where the device can; never written again.
+
+        A watchdog that is not fed by the set-point's own write is fed by a write of its own before.
+
+        Args:
+            setpoint: where to be now (m), and how fast to go on (m/s).
+            watchdog_counter: must differ from the last one to feed, modulo 65536; None: it is not fed.
 
         Raises:
-            WrongAnswer: the words do not make up the block.
+            DriverError: the controller cannot be reached, or refuses; the set-point may have arrived.
+        """
+        requests = self._writes.setpoint(setpoint, watchdog_counter)
+        if watchdog_counter is not None and not self._map.setpoint_feeds:
+            for request in self._writes.feed(watchdog_counter):
+                self._access.write(request)
+        return self._poll(requests, once=True)
+
+    def read_limits(self) -> ActuatorLimits:
+        """Limits and watchdog setting as the controller holds them; those it does not hold are as they were written.
+
+        Raises:
+            WrongAnswer: the words do not make up the limits, or none were written yet and the controller holds a part.
             DriverError: the controller cannot be read.
         """
-        block = self._description.map.block("config")
-        words = self._link.read(block.address, block.count)
-        try:
-            return self._description.decode_limits(words)
-        except RemoteProtocolError as error:
-            raise WrongAnswer("actuator", self.url, f"config block: {error}") from error
+        values = self._access.read(self._map.limit_reads, "limits")
+        return self._map.held_limits(values, self._written)
 
     def write_limits(self, limits: ActuatorLimits) -> None:
-        """Write limits and watchdog setting, read them back and compare.
+        """Write the limits that the controller holds, read them back and compare.
 
         Raises:
             LocalProtocolError: a limit does not fit its register; nothing was written.
             WrongAnswer: the controller holds something else afterwards.
             DriverError: the controller cannot be reached.
         """
-        words, address = self._description.encode_limits(limits), self._description.map.block("config").address
-        try:
-            self._link.write(address, words)
-        except (NoAnswer, LinkLost, WrongAnswer):
-            # Writing limits twice is harmless.
-            self._link.open()
-            self._link.write(address, words)
+        requests = Write(self._map.limit_values(limits)).requests({})
+        for request in requests:
+            try:
+                self._access.write(request)
+            except (NoAnswer, LinkLost, WrongAnswer):
+                # Writing limits twice is harmless.
+                self._link.open()
+                self._access.write(request)
+        self._written = limits
         held = self.read_limits()
         for name, wanted, got in zip(asdict(limits), astuple(limits), astuple(held), strict=True):
-            if abs(got - wanted) > LIMIT_TOLERANCE * max(abs(wanted), 1e-3):
+            if got != wanted:
                 raise WrongAnswer("actuator", self.url, f"wrote {name} = {wanted:g}, the controller holds {got:g}")
 
     def write_table(self, values_m: list[float]) -> None:
@@ -187,18 +226,16 @@ class ModbusActuator:
             LocalProtocolError: a value is not finite.
             DriverError: the controller cannot be reached or refuses.
         """
-        size, table = self._description.table_values, self._description.map.block("table")
-        for index in range(0, len(values_m), size):
-            part = values_m[index : index + size]
-            words = table.encode({
-                "table_index": index,
-                "table_count": len(part),
-                **{f"table_value_{i}": value for i, value in enumerate(part)},
-            })
-            self._link.write(table.address, words)
+        recipes = self._map.recipes
+        for index in range(0, len(values_m), recipes.table_values):
+            part = values_m[index : index + recipes.table_values]
+            for step in recipes.table:
+                if isinstance(step, Write):
+                    for request in step.requests({"index": index, "count": len(part)}, part):
+                        self._access.write(request)
 
     def send(self, command: Command, order: Move | Program | None = None) -> int:
-        """Write a command and make sure that it arrived.
+        """Write a command and make sure that it arrived; what its recipe waits for is waited for by the later polls.
 
         Args:
             command: what to do.
@@ -214,23 +251,77 @@ class ModbusActuator:
             LinkLost: the connection broke and cannot be made again; the command may have arrived.
             WrongAnswer: the answer was not one to this write; the command may have arrived.
         """
-        sequence = self._next_sequence()
+        sequence = self._next_number()
+        recipe = self._recipe(command)
+        run = self._started(command, sequence, recipe, order)
+        run.check()
+        if command in PRESSURISES and recipe:
+            self._hold_where_it_is()
+        self._run = None
         for attempt in range(SEND_ATTEMPTS):
             try:
                 if attempt > 0:
                     if self._arrived(command, sequence):
                         break
-                    sequence = self._next_sequence() if self._swallowed else sequence
-                self._sequence, self._sent = sequence, command
-                if (sequence, int(command)) not in self.sent:
-                    self.sent.append((sequence, int(command)))
-                words = self._description.encode_command(command, sequence, self.owner_id, order)
-                self._link.write(self._command.address, words)
+                    if self._numbers.swallowed:
+                        sequence = self._next_number()
+                    run = self._started(command, sequence, recipe, order)
+                self._note(command, sequence, order)
+                run.go_on(time.monotonic(), self._access.show, self._access.write)
                 break
             except (NoAnswer, LinkLost, WrongAnswer):
-                if attempt == SEND_ATTEMPTS - 1:
+                if attempt == SEND_ATTEMPTS - 1 or (command in NOT_TWICE and not self._numbered):
                     raise
+        self._follow(run)
         return sequence
+
+    # How a command is carried out
+
+    def _recipe(self, command: Command) -> Recipe:
+        """The steps of a command; none where the host makes its motion, or shows low pressure by itself.
+
+        Raises:
+            LocalProtocolError: the controller knows no such command.
+        """
+        off = self._values and self._state == State.OFF
+        if command is Command.HYDRAULICS_LOW and self._map.recipe(command) is None and self.capabilities.hydraulics:
+            # A device with one pressure only: low is shown while it is off; asked for under pressure it takes it away.
+            self._low = bool(off)
+            return () if off else self._recipe(Command.HYDRAULICS_OFF)
+        if command in {Command.HYDRAULICS_ON, Command.HYDRAULICS_OFF, Command.RESET}:
+            self._low = self._low and command is Command.RESET
+        recipe = self._map.recipe(command)
+        if recipe is None:
+            raise LocalProtocolError(f"{command.name.lower().replace('_', '-')} is nothing this controller knows")
+        return recipe
+
+    def _started(self, command: Command, sequence: int, recipe: Recipe, order: Move | Program | None) -> RecipeRun:
+        given: dict[str, Value] = {
+            "sequence": sequence, "owner": self.owner_id, "position": self._values.get("position", 0.0)
+        }
+        codes = {number: own[0] for number, own in self._map.words.waveforms.codes.items()}
+        return RecipeRun(command, sequence, recipe, given | values_of(order, codes))
+
+    def _note(self, command: Command, sequence: int, order: Move | Program | None) -> None:
+        """A command is about to be written."""
+        self._numbers.used(sequence, command)
+        if (sequence, int(command)) not in self.sent:
+            self.sent.append((sequence, int(command)))
+        self._host.sent(command, sequence, order if isinstance(order, Program) else None)
+
+    def _follow(self, run: RecipeRun) -> None:
+        """Say how a command stands; one that waits is gone on with at the next polls.
+
+        A stop counts as taken when it is written: it is proved by standstill, and written again if it is not answered.
+        """
+        done = run.outcome is Outcome.DONE or run.command in STOPS
+        result = Result.DONE if done else Result.BUSY
+        if run.outcome is Outcome.NOT_ANSWERED and run.command in STOPS:
+            run.restart()
+        elif run.outcome is Outcome.NOT_ANSWERED:
+            result = Result.REFUSED_STATE
+        self._host.answer = (run.sequence, int(run.command), result)
+        self._run = run if run.outcome is Outcome.UNDER_WAY else None
 
     def _arrived(self, command: Command, sequence: int) -> bool:
         """Whether the controller has seen this command; connects again first if it must.
@@ -243,45 +334,60 @@ class ModbusActuator:
             self._link.open(REOPEN_TIMEOUT_S)
         except DriverError as error:
             raise LinkLost("actuator", self.url, f"command {sequence}: outcome unknown, {error}") from error
-        return self.read_status().acknowledges(command, sequence)
+        return self._numbered and self._poll([]).acknowledges(command, sequence)
 
-    @property
-    def _swallowed(self) -> bool:
-        """The controller has seen our last number with another command: it ignored, or will ignore, ours."""
-        seen = self._seen
-        return seen is not None and seen.acked_sequence == self._sequence and seen.acked_command != self._sent
-
-    def _next_sequence(self) -> int:
-        """The number after our last one; far from it where another master uses the same ones; 1..65535.
+    def _next_number(self) -> int:
+        """The next command's number.
 
         Raises:
             DriverError: the controller cannot be asked for the last one it saw.
         """
-        if self._sequence is None or self._seen is None:
-            return _following(self.read_status().acked_sequence)
-        following = _following(self._sequence)
-        if self._swallowed or self._seen.acked_sequence == following:
-            return _following(self._sequence + CLEAR_OF_OTHERS)
-        return following
+        if not self._values:
+            self._poll([])
+        return self._numbers.following()
 
-    def _to_status(self, words: list[int]) -> ActuatorStatus:
-        """Decode a status block that has just arrived.
+    # Reading and writing
+
+    def _poll(self, requests: Sequence[Written], *, once: bool = False) -> ActuatorStatus:
+        """Write, read the status, and go on with the command that waits.
+
+        Args:
+            requests: what is written.
+            once: it is out of date when it would be written again.
 
         Raises:
-            WrongAnswer: the words do not make up the block.
+            WrongAnswer: the words do not make up the status.
+            DriverError: the controller cannot be reached.
         """
+        values = self._access.read(self._map.status_reads, "status", requests, once=once)
+        received_ns = time.monotonic_ns()
+        values |= self._host.unwrapped(values)
+        self._values = values
+        if self._run is not None:
+            self._run.go_on(received_ns * 1e-9, self._access.show, self._access.write)
+            self._follow(self._run)
         try:
-            self._seen = self._description.decode_status(words, time.monotonic_ns())
+            status = self._map.status(values, received_ns, self._host.knows(values, received_ns * 1e-9))
         except RemoteProtocolError as error:
-            raise WrongAnswer("actuator", self.url, f"status block: {error}") from error
-        return self._seen
+            raise WrongAnswer("actuator", self.url, f"status: {error}") from error
+        status = self._host.completed(status)
+        if self._low and status.hydraulics_off:
+            status = self._map.with_low_pressure(status)
+        if self._numbered:
+            self._numbers.seen(status.acked_sequence, status.acked_command)
+        return status
 
+    @property
+    def _state(self) -> int:
+        return self._map.state_of(self._values)
 
-def _following(sequence: int) -> int:
-    """The sequence number after this one; never 0."""
-    return sequence % (SEQUENCE_MODULUS - 1) + 1
+    def _hold_where_it_is(self) -> None:
+        """A device that follows set-points is told where the rod is before it can move it.
 
-
-def _shown(value: float | str) -> str:
-    """A register's value for people: whole numbers also as they lie on the wire."""
-    return f"{value} (0x{value:08X})" if isinstance(value, int) and value > 0xFFFF else str(value)
+        Raises:
+            DriverError: it cannot be read or written.
+        """
+        if self._map.recipes.setpoint:
+            self._poll([])
+            for request in self._writes.setpoint(Setpoint(float(self._values["position"]), 0.0), None):
+                self._access.write(request)

@@ -93,15 +93,16 @@ class ModbusLink:
         if self._wire is not None:
             self._wire.close()
 
-    def read(self, address: int, count: int) -> list[int]:
-        """Read holding registers (FC3), again after a time-out, a damaged or a busy answer.
+    def read(self, address: int, count: int, function: int = modbus.READ) -> list[int]:
+        """Read registers or coils, again after a time-out, a damaged or a busy answer.
 
         Args:
-            address: first register.
-            count: 1..125.
+            address: first register or coil.
+            count: 1..125 registers, 1..2000 coils.
+            function: 1, 2, 3 or 4.
 
         Returns:
-            `count` words.
+            `count` words, of coils 0 and 1.
 
         Raises:
             NoAnswer: no answer, also not to the retry.
@@ -109,14 +110,15 @@ class ModbusLink:
             RequestRefused: the device answered with an exception.
             WrongAnswer: the answer is not one to this request, also not to the retry.
         """
-        return self._words(modbus.read_request(address, count), count)
+        return self._words(modbus.read_request(address, count, function), count)
 
-    def write(self, address: int, words: Sequence[int]) -> None:
-        """Write holding registers (FC16), once.
+    def write(self, address: int, words: Sequence[int], function: int = modbus.WRITE) -> None:
+        """Write registers or coils, once.
 
         Args:
-            address: first register.
-            words: 1..123 values.
+            address: first register or coil.
+            words: 1..123 values, of coils 0 and 1.
+            function: 5, 6, 15 or 16.
 
         Raises:
             NoAnswer: no answer; the device may have acted.
@@ -124,17 +126,21 @@ class ModbusLink:
             RequestRefused: the device answered with an exception; it has not acted.
             WrongAnswer: the answer is not one to this request; the device may have acted.
         """
-        request = modbus.write_request(address, words)
+        request = modbus.write_request(address, words, function)
         self._unless_busy(request, lambda answer: modbus.check_written(request, answer))
 
-    def exchange(self, read_address: int, read_count: int, write_address: int, words: Sequence[int]) -> list[int]:
-        """Write, then read, in one trip (FC23); the write must be harmless to repeat.
+    def exchange(
+        self, read_address: int, read_count: int, write_address: int, words: Sequence[int], *,
+        retries: int = READ_RETRIES,
+    ) -> list[int]:
+        """Write, then read, in one trip (FC23); where it is retried, the write must be harmless to repeat.
 
         Args:
             read_address: first register to read.
             read_count: 1..125.
             write_address: first register to write.
             words: 1..121 values.
+            retries: how often it is tried again; 0 for a write that is out of date by then.
 
         Returns:
             `read_count` words.
@@ -145,9 +151,10 @@ class ModbusLink:
             RequestRefused: the device answered with an exception.
             WrongAnswer: the answer is not one to this request, also not to the retry.
         """
-        return self._words(modbus.exchange_request(read_address, read_count, write_address, words), read_count)
+        request = modbus.exchange_request(read_address, read_count, write_address, words)
+        return self._words(request, read_count, retries)
 
-    def _words(self, request: bytes, count: int) -> list[int]:
+    def _words(self, request: bytes, count: int, retries: int = READ_RETRIES) -> list[int]:
         """Ask for registers, within the bound again after silence or a damaged answer.
 
         Raises:
@@ -156,10 +163,10 @@ class ModbusLink:
             LinkLost: the connection broke.
             RequestRefused: an exception.
         """
-        retries = READ_RETRIES
+        decode = modbus.decode_bits if request[0] in modbus.BIT_READS else modbus.decode_words
         while True:
             try:
-                return self._unless_busy(request, lambda answer: modbus.decode_words(request, answer, count))
+                return self._unless_busy(request, lambda answer: decode(request, answer, count))
             except (NoAnswer, WrongAnswer):
                 if retries == 0 or not self.is_open:
                     raise

@@ -1,67 +1,92 @@
-"""A sensor that sends readings by itself over a serial line: load cell, LVDT, auxiliary channels."""
+"""A sensor on a serial line or socket (load cell, LVDT, auxiliary channels) that sends by itself or is asked."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import time
+from collections import deque
 from dataclasses import replace
+from typing import cast
 
+from drivers.connection import LineSettings
 from drivers.errors import DriverError
 from drivers.ring import Channel
 from drivers.sample_stream import Batch, Decoder, SampleCounters, SampleScale, SampleStream
+from drivers.sensor_formats import FRAME16, described_format
 from drivers.serial_port import SerialPort
-from protocols.frame_format import FrameDecoder
-from protocols.line_format import LineDecoder, LineFormat, preset
+from protocols.binary_decoder import BinaryDecoder
+from protocols.binary_format import BinaryFormat
+from protocols.exchange import Exchange
+from protocols.frame_format import DEVICE_US_MODULUS, SEQUENCE_MODULUS, FrameDecoder, Reading
+from protocols.line_format import LineDecoder, LineFormat
 
-BINARY: Mapping[str, Callable[[], Decoder]] = {"frame16": FrameDecoder}
-"""Binary formats by name, each with what splits its bytes; such a format numbers its samples."""
-CLOCKED = ("frame16",)
+BINARY = (FRAME16,)
+"""Formats that have a decoder of their own."""
+CLOCKED = (FRAME16,)
 """Those that carry the sensor's clock and latched edges too; all others are counted against their rate."""
-DEFAULT_FORMAT = "frame16"
+DEFAULT_FORMAT = FRAME16
 UNSCALED = SampleScale()
-WIRE_UNITS = {Channel.FORCE: "N", Channel.DISPLACEMENT: "mm"}
+NO_EXCHANGE = Exchange()
+ASKED_RATE_Hz = 100.0
+"""How often a sensor is asked where neither bench nor format say it."""
+AHEAD_BYTES = 2048
+AHEAD_S = 0.25
+"""Requests under way to a sensor whose clock is not the host's: at most so many bytes, or for so much wall time."""
+AHEAD_TIMEOUT_S = 1.0
+"""Such a sensor's clock may stand still for a while."""
+
+
+USUAL = LineSettings()
 
 
 class SerialSensor:
     """Owns the port of one sensor and turns what it sends into ring records in SI.
 
+    A sensor that must be asked (its format has a request) is asked at the scale's rate from `read_batch`: one request
+    at a time, its time the reading's device time, an answer that does not come within its time a lost sample. Where the
+    device's clock is not the host's (a simulated one at speed), requests are sent ahead and the readings counted.
+
     Args:
         url: port, anything `SerialPort` takes.
-        baudrate: Bd.
+        line: settings of the serial line, or its baud rate alone.
         name: device name for messages, as in the bench file.
         channel: ring channel 1..9.
-        line_format: name of a binary format or of a line format preset, or a `LineFormat`. A preset that writes a unit
-            behind the number is taken to write N for force, mm for displacement.
+        line_format: name of a format, path of a format's file, or a format.
         scale: from the wire to SI, and the sensor's rate; without a rate the format's own.
 
     Raises:
-        LocalProtocolError: no format of that name.
+        LocalProtocolError: no format of that name, or one that cannot be used.
     """
 
     def __init__(
         self,
         url: str,
-        baudrate: int = 115200,
+        line: LineSettings | int = USUAL,
         *,
         name: str,
         channel: Channel,
-        line_format: str | LineFormat = DEFAULT_FORMAT,
+        line_format: str | LineFormat | BinaryFormat = DEFAULT_FORMAT,
         scale: SampleScale = UNSCALED,
     ) -> None:
         self.name = name
         self.channel = channel
-        self._port = SerialPort(url, baudrate, device=name)
-        self._format: LineFormat | None = None
-        if isinstance(line_format, LineFormat):
-            self._format = line_format
-        elif line_format not in BINARY:
-            shipped = preset(line_format)
-            self._format = replace(shipped, unit=WIRE_UNITS.get(channel, shipped.unit))
-        self._decoder: Decoder = (
-            BINARY[str(line_format)]() if self._format is None else LineDecoder(self._format)
+        line = LineSettings(line) if isinstance(line, int) else line
+        self._port = SerialPort(
+            url, line.baudrate, device=name, bytesize=line.data_bits, parity=line.parity, stopbits=line.stop_bits
         )
-        if scale.rate_Hz is None and self._format is not None:
-            scale = replace(scale, rate_Hz=self._format.nominal_rate_Hz)
-        self._stream = SampleStream(self._decoder, channel, scale, has_sequence=self._format is None)
+        self._exchange, self._poll = NO_EXCHANGE, cast("Poll | None", None)
+        self._decoder: Decoder = FrameDecoder()
+        has_sequence = True
+        if line_format != FRAME16:
+            wanted = described_format(line_format, channel) if isinstance(line_format, str) else line_format
+            if scale.rate_Hz is None:
+                scale = replace(scale, rate_Hz=wanted.nominal_rate_Hz)
+            self._exchange = wanted.exchange
+            self._decoder = _decoder(wanted)
+            has_sequence = wanted.has_sequence
+            if self._exchange.request:
+                self._decoder = self._poll = Poll(self._decoder, self._exchange, scale)
+                has_sequence = True
+        self._stream = SampleStream(self._decoder, channel, scale, has_sequence=has_sequence)
 
     @property
     def url(self) -> str:
@@ -102,14 +127,14 @@ class SerialSensor:
         """
         self._port.open()
         self._decoder.clear()
-        if self._format is not None and self._format.start_command:
-            self._port.write(self._format.start_command)
+        if self._exchange.start_command:
+            self._port.write(self._exchange.start_command)
 
     def close(self) -> None:
         """Stop the device's sending if its format needs that, and close the port; closing twice is harmless."""
-        if self._port.is_open and self._format is not None and self._format.stop_command:
+        if self._port.is_open and self._exchange.stop_command:
             try:
-                self._port.write(self._format.stop_command)
+                self._port.write(self._exchange.stop_command)
             except DriverError:
                 # The port may be what failed; a device that goes on sending harms nothing.
                 self._decoder.clear()
@@ -136,5 +161,117 @@ class SerialSensor:
         Raises:
             PortClosed: the port is not open, or the cable was pulled.
         """
+        if self._poll is not None:
+            return self._ask(self._poll, timeout_s)
         chunk, arrival_ns = self._port.read_available(timeout_s)
         return self._stream.take(chunk, arrival_ns)
+
+    def _ask(self, poll: Poll, timeout_s: float) -> Batch:
+        """Ask when it is time, and take what comes, until a sample or the time-out.
+
+        Raises:
+            PortClosed: the port is not open, or the cable was pulled.
+            LinkLost: a request could not be sent.
+        """
+        lost_before = self._stream.counters.lost
+        end_ns = time.monotonic_ns() + int(timeout_s * 1e9)
+        while True:
+            now_ns = time.monotonic_ns()
+            if poll.given_up(now_ns):
+                self._port.discard_input()
+            if request := poll.due(now_ns):
+                self._port.write(request)
+            wait_ns = max(0, min(end_ns, poll.next_ns()) - now_ns)
+            chunk, arrival_ns = self._port.read_available(wait_ns * 1e-9)
+            batch = self._stream.take(chunk, arrival_ns)
+            if batch.records or arrival_ns >= end_ns:
+                return batch._replace(lost=self._stream.counters.lost - lost_before)
+
+
+def _decoder(wanted: LineFormat | BinaryFormat) -> Decoder:
+    answers = bool(wanted.exchange.request)
+    if isinstance(wanted, LineFormat):
+        return LineDecoder(wanted, answers=answers)
+    return BinaryDecoder(wanted, answers=answers)
+
+
+class Poll:
+    """When to ask, and which answer belongs to which request; a `Decoder` around the format's own.
+
+    A request that is not answered in time is given up: for as long again nothing is asked, so that a late answer is
+    thrown away and never taken for the next one's.
+
+    Args:
+        decoder: of the answers.
+        exchange: the request and its time-out.
+        scale: how often to ask (device time), and how fast the device's clock runs against the host's.
+    """
+
+    def __init__(self, decoder: Decoder, exchange: Exchange, scale: SampleScale) -> None:
+        self.bad_frames = self.skipped_bytes = 0
+        self._decoder = decoder
+        self._exchange = exchange
+        rate_Hz = (scale.rate_Hz or ASKED_RATE_Hz) * scale.device_rate
+        self._period_ns = int(1e9 / rate_Hz)
+        self._clocked = scale.device_rate == 1.0
+        self._timeout_ns = int((exchange.answer_timeout_s if self._clocked else AHEAD_TIMEOUT_S) * 1e9)
+        ahead = min(AHEAD_BYTES // len(exchange.request), int(AHEAD_S * rate_Hz))
+        self._most = 1 if self._clocked else max(1, ahead)
+        self._asked: deque[tuple[int, int]] = deque()
+        self._number = 0
+        self._due_ns = 0
+        self._asked_ns = 0
+
+    def given_up(self, now_ns: int) -> bool:
+        """Whether an answer is overdue; then all requests are forgotten, and nothing is asked for a while."""
+        if not self._asked or now_ns - self._asked_ns <= self._timeout_ns:
+            return False
+        self._asked.clear()
+        self._decoder.clear()
+        self._due_ns = now_ns + self._timeout_ns
+        return True
+
+    def due(self, now_ns: int) -> bytes:
+        """Requests to be sent now, with which the waiting begins; b"" for none."""
+        count = self._most - len(self._asked)
+        if now_ns < self._due_ns or count <= 0:
+            return b""
+        if self._clocked:
+            late = (now_ns - self._due_ns) // self._period_ns if self._due_ns else 0
+            self._due_ns = (self._due_ns or now_ns) + (late + 1) * self._period_ns
+            self._number += late
+        for _ in range(count):
+            self._number += 1
+            self._asked.append((self._number, now_ns))
+        self._asked_ns = now_ns
+        return self._exchange.request * count
+
+    def next_ns(self) -> int:
+        """When to look again at the latest (monotonic)."""
+        if self._asked:
+            return self._asked_ns + self._timeout_ns + 1
+        return self._due_ns
+
+    def feed(self, chunk: bytes) -> list[Reading]:
+        """Readings that answer requests, numbered by them; what nobody asked for is damaged."""
+        bad = self._decoder.bad_frames
+        answers = self._decoder.feed(chunk)
+        self.bad_frames += self._decoder.bad_frames - bad
+        self.skipped_bytes = self._decoder.skipped_bytes
+        for _ in range(min(self._decoder.bad_frames - bad, len(self._asked))):
+            self._asked.popleft()
+        readings: list[Reading] = []
+        for _, _, value, status, _ in answers:
+            if not self._asked:
+                self.bad_frames += 1
+                continue
+            number, asked_ns = self._asked.popleft()
+            clock = asked_ns // 1000 % DEVICE_US_MODULUS if self._clocked else -1
+            readings.append((number % SEQUENCE_MODULUS, clock, value, status, 0))
+            self._asked_ns = max(self._asked_ns, asked_ns) if self._clocked else time.monotonic_ns()
+        return readings
+
+    def clear(self) -> None:
+        """Forget the unfinished answer and the requests under way."""
+        self._decoder.clear()
+        self._asked.clear()

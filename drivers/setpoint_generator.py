@@ -56,6 +56,11 @@ class SetpointGenerator:
         self._program = Program(Waveform.SINE, 0.0, 1.0)
         self._fade_cycle, self._fade_share = 0.0, 0.0
 
+    @property
+    def last(self) -> Setpoint:
+        """The set-point that was made last."""
+        return self._last
+
     def rest(self, position_m: float) -> None:
         """Hold at a position (m), whatever was under way: the rod is known to stand there, or has no pressure."""
         self.state, self.phase = State.HOLD, ProgramPhase.IDLE

@@ -11,13 +11,15 @@ from collections import deque
 from drivers.can_library import import_can
 from drivers.errors import DriverError
 from drivers.serial_port import SerialPort
-from protocols.slcan import Frame, SlcanDecoder, encode_frame
+from protocols.slcan import Frame, SlcanDecoder, encode_fd_frame, encode_frame
 
 import_can()
 import can  # noqa: E402 - only after it was loaded without its log reader
 from can.interfaces.slcan import slcanBus  # noqa: E402 - the same
 
 WRITE_TIMEOUT_S = 0.02
+CLASSIC_BYTES = 8
+"""Most data of a classic frame."""
 
 
 class BlockSlcanBus(slcanBus):
@@ -26,6 +28,7 @@ class BlockSlcanBus(slcanBus):
     Args:
         channel: URL of the serial port.
         bitrate: CAN bit rate, bit/s.
+        data_bitrate: of the data of CAN FD frames, bit/s; None: the same.
         tty_baudrate: Bd of the serial port; ignored by sockets and USB adapters.
 
     Attributes:
@@ -37,7 +40,9 @@ class BlockSlcanBus(slcanBus):
         CanOperationError: it does not take the adapter's set-up.
     """
 
-    def __init__(self, channel: str, bitrate: int, tty_baudrate: int = 921_600) -> None:
+    def __init__(
+        self, channel: str, bitrate: int, data_bitrate: int | None = None, tty_baudrate: int = 921_600
+    ) -> None:
         if bitrate not in self._BITRATES:
             raise ValueError(f"slcan: no code for {bitrate} bit/s; there are {', '.join(map(str, self._BITRATES))}")
         self._listen_only = False
@@ -47,7 +52,7 @@ class BlockSlcanBus(slcanBus):
         self._ready: deque[can.Message] = deque()
         self._port = SerialPort(channel, tty_baudrate, device="ecu")
         self._port.open()
-        self.set_bitrate(bitrate)
+        self.set_bitrate(bitrate, data_bitrate)
         can.BusABC.__init__(self, channel)
 
     @property
@@ -61,8 +66,25 @@ class BlockSlcanBus(slcanBus):
         Raises:
             CanOperationError: the port is gone, or takes no more bytes within `timeout` (s).
         """
-        line = encode_frame(msg.arbitration_id, bytes(msg.data), msg.is_extended_id, msg.is_remote_frame, msg.dlc)
+        if msg.is_fd:
+            line = encode_fd_frame(msg.arbitration_id, bytes(msg.data), msg.is_extended_id, msg.bitrate_switch)
+        else:
+            line = encode_frame(msg.arbitration_id, bytes(msg.data), msg.is_extended_id, msg.is_remote_frame, msg.dlc)
         self._put(line, WRITE_TIMEOUT_S if timeout is None else timeout)
+
+    def take(self, timeout_s: float) -> tuple[list[Frame], int]:
+        """Every frame of one block, as the decoder gives them, and errors that the adapter reported with them.
+
+        Raises:
+            CanOperationError: the port is gone.
+        """
+        try:
+            chunk, _ = self._port.read_available(timeout_s)
+        except DriverError as error:
+            raise can.CanOperationError(str(error)) from error
+        frames = self._decoder.feed(chunk)
+        errors, self._errors = self._decoder.errors - self._errors, self._decoder.errors
+        return frames, errors
 
     def shutdown(self) -> None:
         """Leave the bus as far as the adapter still listens, and close the port."""
@@ -96,19 +118,15 @@ class BlockSlcanBus(slcanBus):
             CanOperationError: the port is gone.
         """
         if not self._ready:
-            try:
-                chunk, _ = self._port.read_available(1.0 if timeout is None else timeout)
-            except DriverError as error:
-                raise can.CanOperationError(str(error)) from error
-            self._ready.extend(map(_message, self._decoder.feed(chunk)))
-            for _ in range(self._decoder.errors - self._errors):
-                self._ready.append(can.Message(is_error_frame=True))
-            self._errors = self._decoder.errors
+            frames, errors = self.take(1.0 if timeout is None else timeout)
+            self._ready.extend(map(_message, frames))
+            self._ready.extend(can.Message(is_error_frame=True) for _ in range(errors))
         return (self._ready.popleft() if self._ready else None), False
 
 
 def _message(frame: Frame) -> can.Message:
     identifier, data, extended, remote, length = frame
     return can.Message(
-        arbitration_id=identifier, is_extended_id=extended, is_remote_frame=remote, dlc=length, data=data
+        arbitration_id=identifier, is_extended_id=extended, is_remote_frame=remote, dlc=length, data=data,
+        is_fd=length > CLASSIC_BYTES,
     )

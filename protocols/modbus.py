@@ -1,4 +1,4 @@
-"""Modbus requests and answers for holding registers (FC3, FC16, FC23), and their frames on TCP and on a serial line.
+"""Modbus requests and answers for registers and coils, and their frames on TCP and on a serial line.
 
 Messages and frames are built and read by pymodbus; what is added here is the matching of an answer to its request.
 House rules: no I/O here; an answer is believed only when function, count and echo are those of the request.
@@ -14,16 +14,27 @@ from collections.abc import Sequence
 
 from pymodbus.framer import FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
+from pymodbus.pdu.bit_message import (
+    ReadCoilsRequest,
+    ReadDiscreteInputsRequest,
+    WriteMultipleCoilsRequest,
+    WriteSingleCoilRequest,
+)
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
     ReadWriteMultipleRegistersRequest,
     WriteMultipleRegistersRequest,
     WriteMultipleRegistersResponse,
+    WriteSingleRegisterRequest,
 )
 
 from protocols.errors import RemoteProtocolError
 
-READ, WRITE, EXCHANGE = 3, 16, 23
+READ_COILS, READ_DISCRETE, READ, READ_INPUT = 1, 2, 3, 4
+WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE, EXCHANGE = 5, 6, 15, 16, 23
+WRITES = frozenset({WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE})
+BIT_READS = frozenset({READ_COILS, READ_DISCRETE})
 BUSY = 6
 EXCEPTION_BIT = 0x80
 EXCEPTION_NAMES = {
@@ -42,13 +53,23 @@ def _pdu(message: ModbusPDU) -> bytes:
     return bytes([message.function_code]) + message.encode()
 
 
-def read_request(address: int, count: int) -> bytes:
-    """PDU of a read of `count` (1..125) registers from `address`."""
-    return _pdu(ReadHoldingRegistersRequest(address=address, count=count))
+def read_request(address: int, count: int, function: int = READ) -> bytes:
+    """PDU of a read of `count` registers (1..125) or coils (1..2000) from `address`, by function 1, 2, 3 or 4."""
+    kinds: dict[int, type[ModbusPDU]] = {
+        READ_COILS: ReadCoilsRequest, READ_DISCRETE: ReadDiscreteInputsRequest, READ: ReadHoldingRegistersRequest,
+        READ_INPUT: ReadInputRegistersRequest,
+    }  # fmt: skip
+    return _pdu(kinds[function](address=address, count=count))
 
 
-def write_request(address: int, words: Sequence[int]) -> bytes:
-    """PDU of a write of `words` (1..123) from `address`."""
+def write_request(address: int, words: Sequence[int], function: int = WRITE) -> bytes:
+    """PDU of a write of `words` (1..123 registers, or coils 0 and 1) from `address`, by function 5, 6, 15 or 16."""
+    if function == WRITE_COIL:
+        return _pdu(WriteSingleCoilRequest(address=address, bits=[bool(words[0])]))
+    if function == WRITE_COILS:
+        return _pdu(WriteMultipleCoilsRequest(address=address, bits=[bool(word) for word in words]))
+    if function == WRITE_REGISTER:
+        return _pdu(WriteSingleRegisterRequest(address=address, registers=[words[0]]))
     return _pdu(WriteMultipleRegistersRequest(address=address, count=len(words), registers=list(words)))
 
 
@@ -65,6 +86,19 @@ def refusal(request: bytes, answer: bytes) -> int | None:
     """The exception code of an answer that refuses `request`; None when it is no such answer."""
     refused = len(answer) == 2 and answer[0] == request[0] | EXCEPTION_BIT
     return answer[1] if refused else None
+
+
+def decode_bits(request: bytes, answer: bytes, count: int) -> list[int]:
+    """Coils (0 and 1) of the answer to a read of them.
+
+    Raises:
+        RemoteProtocolError: another function, another count, or bytes missing or left over.
+    """
+    _check_function(request, answer)
+    size = (count + 7) // 8
+    if len(answer) != 2 + size or answer[1] != size:
+        raise RemoteProtocolError(f"asked for {count} coils in {size} bytes, the answer has {len(answer) - 2}")
+    return [answer[2 + place // 8] >> place % 8 & 1 for place in range(count)]
 
 
 def decode_words(request: bytes, answer: bytes, count: int) -> list[int]:
@@ -157,7 +191,7 @@ def rtu_answer_size(head: bytes, request: bytes) -> int | None:
         return ExceptionResponse.rtu_frame_size
     if head[1] != request[0]:
         raise RemoteProtocolError(f"asked function {request[0]}, the answer is one to function {head[1]}")
-    if head[1] == WRITE:
+    if head[1] in WRITES:
         return WriteMultipleRegistersResponse.rtu_frame_size
     return None if len(head) < 3 else 3 + head[2] + _CRC_SIZE
 

@@ -5,23 +5,32 @@ r"""CAN frames as ASCII lines (Lawicel "slcan"), each ended by CR.
     t iii l dd..        standard frame: 3 hex digits identifier, 1 digit length, 2 hex digits a byte
     T iiiiiiii l dd..   extended frame: 8 hex digits identifier
     r iii l             remote request, standard          R iiiiiiii l   remote request, extended
+    d iii l dd..        CAN FD, standard                  D iiiiiiii l dd..   CAN FD, extended; l is 9..F for
+    b iii l dd..        the same, data at its own rate    B iiiiiiii l dd..   12, 16, 20, 24, 32, 48, 64 bytes
     [tttt]              4 hex digits of time stamp may follow where the adapter adds them
     z, Z, V.., N.., F.. adapter -> host: answers; a lone BEL (0x07) means an error
 """
 
 from __future__ import annotations
 
-import re
+from binascii import unhexlify
 
 from protocols.errors import LocalProtocolError
 
 Frame = tuple[int, bytes, bool, bool, int]
 """(identifier, data, extended, remote, stated length)."""
 
-LONGEST_LINE = 32
+LONGEST_LINE = 148
+FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+"""Bytes that a CAN FD frame can have, by its length code."""
 
-_HEX = re.compile(rb"[0-9A-Fa-f]+")
-_IDENTIFIER_DIGITS = {b"t": 3, b"r": 3, b"T": 8, b"R": 8}
+_IDENTIFIER_DIGITS = dict.fromkeys(b"trdb", 3) | dict.fromkeys(b"TRDB", 8)
+EXTENDED_DIGITS, CLASSIC_LENGTH = 8, 8
+STAMP_BYTES = frozenset((0, 2))
+_REMOTE, _FD = frozenset(b"rR"), frozenset(b"dDbB")
+_LENGTH_CODES = {code: number for number, code in enumerate(b"0123456789ABCDEF")} | {
+    code: 10 + number for number, code in enumerate(b"abcdef")
+}
 _ANSWERS = frozenset(b"zZVNF")
 
 
@@ -44,6 +53,25 @@ def encode_frame(identifier: int, data: bytes, extended: bool = False, remote: b
     kind = ("R" if remote else "T") if extended else ("r" if remote else "t")
     carried = "" if remote else data.hex().upper()
     return f"{kind}{identifier:0{8 if extended else 3}X}{stated}{carried}\r".encode("ascii")
+
+
+def encode_fd_frame(identifier: int, data: bytes, extended: bool = False, switched: bool = False) -> bytes:
+    """Line of one CAN FD frame.
+
+    Args:
+        identifier: up to 0x7FF, or 0x1FFFFFFF when extended.
+        data: as many bytes as such a frame can have.
+        extended: 29-bit identifier.
+        switched: the data are sent at the faster rate.
+
+    Raises:
+        LocalProtocolError: no CAN FD frame can carry it.
+    """
+    if not 0 <= identifier <= (0x1FFFFFFF if extended else 0x7FF) or len(data) not in FD_LENGTHS:
+        raise LocalProtocolError(f"slcan: identifier 0x{identifier:X} with {len(data)} bytes is no CAN FD frame")
+    kind = ("B" if switched else "D") if extended else ("b" if switched else "d")
+    code = FD_LENGTHS.index(len(data))
+    return f"{kind}{identifier:0{8 if extended else 3}X}{code:X}{data.hex().upper()}\r".encode("ascii")
 
 
 class SlcanDecoder:
@@ -87,17 +115,22 @@ class SlcanDecoder:
     @staticmethod
     def _frame(line: bytes) -> Frame | None:
         """The frame a line describes; None when it describes none."""
-        kind = line[:1]
+        kind = line[0]
         digits = _IDENTIFIER_DIGITS.get(kind)
-        if digits is None or _HEX.fullmatch(line, 1) is None or len(line) < digits + 2:
+        # Letters and digits only: int() would take signs and underscores too.
+        if digits is None or not line.isalnum() or len(line) < digits + 2:
             return None
-        identifier = int(line[1 : digits + 1], 16)
-        length = line[digits + 1] - 0x30
-        extended, remote = digits == 8, kind in b"rR"
-        carried = 0 if remote else 2 * length
         begin = digits + 2
-        if not 0 <= length <= 8 or len(line) - begin - carried not in {0, 4}:
+        code = _LENGTH_CODES.get(line[digits + 1])
+        try:
+            identifier, body = int(line[1 : digits + 1], 16), unhexlify(line[begin:])
+        except ValueError:
             return None
-        if identifier > (0x1FFFFFFF if extended else 0x7FF):
+        if code is None or (code > CLASSIC_LENGTH and kind not in _FD):
             return None
-        return identifier, bytes.fromhex(line[begin : begin + carried].decode("ascii")), extended, remote, length
+        extended, remote = digits == EXTENDED_DIGITS, kind in _REMOTE
+        length = FD_LENGTHS[code]
+        carried = 0 if remote else length
+        if len(body) - carried not in STAMP_BYTES or identifier > (0x1FFFFFFF if extended else 0x7FF):
+            return None
+        return identifier, body[:carried], extended, remote, length

@@ -31,7 +31,7 @@ def read_text(path: Path, limit_bytes: int) -> str:
     Raises:
         FileProblem: missing, unreadable, not a regular file, too large, or not UTF-8 (with the line).
     """
-    raw = _read_bytes(path, limit_bytes)
+    raw = read_bytes(path, limit_bytes)
     if raw[:2] in _UTF16:
         raise FileProblem(str(path), ["the file is UTF-16 text; save it as UTF-8"])
     try:
@@ -58,7 +58,12 @@ def read_json(path: Path, limit_bytes: int = JSON_LIMIT_BYTES) -> dict[str, Any]
     return value
 
 
-def _read_bytes(path: Path, limit_bytes: int) -> bytes:
+def read_bytes(path: Path, limit_bytes: int) -> bytes:
+    """The content of a regular file.
+
+    Raises:
+        FileProblem: missing, unreadable, not a regular file, or too large.
+    """
     try:
         # Without O_NONBLOCK, opening a pipe nobody writes to would wait for ever.
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))

@@ -9,15 +9,28 @@ import signal
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from drivers.connection import ActuatorAddress, LinkKind
 from rig.errors import EXIT_USAGE, FileProblem, RigError
 from rig.faults.matrix import MATRIX
-from simulators.schedule import WITHIN_S, ScheduledFault, Wiring, drawn_faults, parse_fault, wiring_for
+from simulators.schedule import (
+    STREAMED,
+    WITHIN_S,
+    ScheduledFault,
+    Wiring,
+    check_source,
+    drawn_faults,
+    parse_fault,
+    wiring_for,
+)
 from simulators.settings import setting_options
+
+if TYPE_CHECKING:
+    from simulators.options import RigOptions
+    from simulators.worn_ecu import WornEcuFiles
 
 EPILOG = """\b
 Example:
@@ -58,15 +71,23 @@ def hints(bench: Path, text: str) -> str:
     lines = [
         f"bench file   {bench}",
         f"actuator     {modbus}      {_mbpoll(modbus)}",
-        f"current ECU  slcan {values['ecu']['channel']}      "
-        f"python -m can.viewer -i slcan -c {values['ecu']['channel']} -b 500000",
+        _current_source(values["ecu"]),
     ]
     sensors = [(name, values[name]) for name in ("load_cell", "lvdt")]
     sensors += [(sensor["name"], sensor) for sensor in values.get("auxiliary", [])]
     for name, sensor in sensors:
         url = sensor["url"]
-        lines.append(f"{name:12} {sensor['format']} {sensor['rate']} {url}      python -m serial {url} 921600")
+        shown = sensor["format"] if isinstance(sensor["format"], str) else "described format"
+        lines.append(f"{name:12} {shown} {sensor['rate']} {url}      python -m serial {url} 921600")
     return "\n".join(lines)
+
+
+def _current_source(ecu: dict[str, Any]) -> str:
+    """Where the coil's current comes from, and how to look at it."""
+    if "url" in ecu:
+        host, _, port = ecu["url"].removeprefix("tcp://").rpartition(":")
+        return f"supply       {ecu['url']}      nc {host} {port}"
+    return f"current ECU  slcan {ecu['channel']}      python -m can.viewer -i slcan -c {ecu['channel']} -b 500000"
 
 
 def _mbpoll(url: str) -> str:
@@ -112,8 +133,8 @@ async def serve(arguments: dict[str, Any]) -> None:
     click.echo(rig.summary(), err=True)
 
 
-def collect(values: dict[str, Any]) -> dict[str, Any]:
-    """Options and run options from the command line.
+def made_of(values: dict[str, Any]) -> RigOptions:
+    """What the rig is made of, from the command line.
 
     Raises:
         FileProblem: a file or an option cannot be used.
@@ -121,11 +142,10 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     """
     from dataclasses import replace
 
-    from simulators.injection import NEEDS_AUXILIARY
     from simulators.options import RigOptions, load_options, with_option
     from simulators.plant.plant import specimen_model
-    from simulators.rig import RunOptions
     from simulators.settings import with_settings
+    from simulators.worn_format import sending
 
     options = load_options(values["config"]) if values["config"] else RigOptions()
     assignments = [*values["option"], *(f"specimen.{text}" for text in values["specimen"])]
@@ -143,10 +163,33 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
     if values["rate"] is not None:
         for table in ("load_cell", "lvdt", "auxiliary"):
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
-    if values["force_format"] == "ascii":
-        options = replace(options, load_cell=replace(options.load_cell, format="signed-decimal"))
+    limits = options.limits
+    if (force := values["force_format"]) is not None:
+        options = replace(options, load_cell=sending(options.load_cell, force, "--force-format", limits.force_N))
+    if (displacement := values["displacement_format"]) is not None:
+        lvdt = sending(options.lvdt, displacement, "--displacement-format", limits.position_m)
+        options = replace(options, lvdt=lvdt)
+    return options
+
+
+def collect(values: dict[str, Any]) -> dict[str, Any]:
+    """Options and run options from the command line.
+
+    Raises:
+        FileProblem: a file or an option cannot be used.
+        RigError: an unknown damper model or set.
+    """
+    from simulators.injection import NEEDS_AUXILIARY
+    from simulators.options import with_option
+    from simulators.rig import RunOptions
+
+    options = made_of(values)
+    worn_ecu = worn(values["dbc"], values["ecu_roles"])
     written = tuple(parse_fault(text) for text in values["fault"])
+    check_source(written, supply=bool(values["supply"]))
     wiring = wiring_for(written, values["actuator"], values["ports"])
+    if wiring.actuator == STREAMED:
+        options = with_option(options, "controller.generator=false")
     for fault in written:
         if fault.name in NEEDS_AUXILIARY and not values["auxiliary"]:
             raise FileProblem("--fault", [f"{fault.name!r} needs a sensor of that kind: add --auxiliary 1"])
@@ -155,14 +198,49 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         seed=values["seed"],
         ports=wiring.ports,
         actuator=wiring.actuator,
+        supply=_supply(values["supply"]),
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
+        worn_ecu=worn_ecu,
         drop_unread=values["drop_unread"],
         faults=(*written, *drawn(values, wiring)),
     )
     asked = {"bench": values["bench"], "json": values["as_json"], "real_time": values["real_time"]}
     return {"options": options, "run": run, **asked}
+
+
+def _supply(given: str) -> str:
+    """The supply's preset or file, looked at.
+
+    Raises:
+        FileProblem: unknown, or everything that is wrong with the file.
+    """
+    from drivers.devices.supply_file import supply_problems
+
+    problems = supply_problems(given) if given else []
+    if problems:
+        raise FileProblem(f"--supply {given}", [text for _, text in problems])
+    return given
+
+
+def worn(dbc: Path | None, roles: Path | None) -> WornEcuFiles | None:
+    """A user's files as which the current ECU appears; None where none are given.
+
+    Raises:
+        FileProblem: one without the other, or they cannot be used: everything that is wrong.
+    """
+    from drivers.devices.source import current_source_problems
+    from simulators.worn_ecu import WornEcuFiles
+
+    if dbc is None and roles is None:
+        return None
+    if dbc is None or roles is None:
+        raise FileProblem("--dbc", ["needs --ecu-roles beside it, and the other way round"])
+    problems = current_source_problems(str(dbc), str(roles))
+    if problems:
+        raise FileProblem("--dbc", [text for _, text in problems])
+    return WornEcuFiles(dbc.absolute(), roles.absolute())
 
 
 def drawn(values: dict[str, Any], wiring: Wiring) -> tuple[ScheduledFault, ...]:
@@ -176,7 +254,7 @@ def drawn(values: dict[str, Any], wiring: Wiring) -> tuple[ScheduledFault, ...]:
     within_s = float(values["fault_within"])
     if not math.isfinite(within_s):
         raise FileProblem("--fault-within", [f"{within_s}: expected a number of seconds from 0"])
-    return drawn_faults(values["fault_seed"], wiring.kinds, within_s)
+    return drawn_faults(values["fault_seed"], wiring.kinds, within_s, supply=bool(values["supply"]))
 
 
 def refuse(message: str, as_json: bool) -> NoReturn:
@@ -207,16 +285,23 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--set", "parameter_set", help="Parameter set of the specimen.")
 @click.option("--specimen", metavar="KEY=VALUE", multiple=True,
               help="serial_number, mid_stroke_m, stroke_m (repeatable).")
-@click.option("--force-format", type=click.Choice(["frame16", "ascii"]), default="frame16", show_default=True,
-              help="What the load cell sends.")
+@click.option("--force-format", metavar="FORMAT",
+              help="What the load cell sends: a format's name or file.  [default: frame16]")
+@click.option("--displacement-format", metavar="FORMAT", help="What the LVDT sends.  [default: frame16]")
+@click.option("--supply", default="", metavar="NAME|FILE",
+              help="The coil's current by a supply of this language in place of the ECU: a preset, or a file of yours.")
+@click.option("--dbc", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              help="The current ECU is as this DBC file says (with --ecu-roles).")
+@click.option("--ecu-roles", type=click.Path(path_type=Path, exists=True, dir_okay=False),
+              help="What the signals of the DBC mean.")
 @click.option("--rate", type=click.FloatRange(1.0, 10_000.0), help="Sampling rate of every sensor (Hz).")
 @click.option("--auxiliary", type=click.IntRange(0, 4), default=0, show_default=True, help="Auxiliary channels.")
 @click.option("--ports", type=click.Choice(["pty", "socket", "by-id"]),
               help="How sensors are reached; by-id: names of serial numbers that lead to ptys.  "
                    "[default: pty, or by-id where a fault needs it]")
-@click.option("--actuator", type=click.Choice(["tcp", "rtu"]),
-              help="Modbus TCP, or RTU on a port of the kind --ports says.  "
-                   "[default: tcp, or rtu where a fault needs it]")
+@click.option("--actuator", type=click.Choice(["tcp", "rtu", "setpoints"]),
+              help="Modbus TCP, RTU on a port of the kind --ports says, or a controller on TCP without a function "
+                   "generator, which follows streamed set-points.  [default: tcp, or what a fault needs]")
 @click.option("--real-time/--no-real-time", default=True, show_default=True,
               help="Take real-time priority at speed 1 where that is allowed; without it the bench file's time limits "
                    "are widened, as on a busy machine.")

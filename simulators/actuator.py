@@ -33,10 +33,13 @@ MODE_STATES = {
     records.MODE_STOP: State.FADING,
     records.MODE_HALT: State.HALTING,
     records.MODE_LOCKED: State.HOLD,
+    records.MODE_FOLLOW: State.MOVING,
 }
+FOLLOWS = {records.MODE_HOLD, records.MODE_LOCKED, records.MODE_FOLLOW}
 RESTING = {State.OFF, State.LOW, State.HOLD}
 WITHOUT_LEASE = {Command.ACQUIRE, Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF}
 OFF_CENTRE_M = 2e-3
+GENERATED = {Command.MOVE_TO, Command.START, Command.FADE_STOP}
 SHORTEST_LEASE_S = 2.0
 ENDLESS_CYCLES = 1e6
 
@@ -48,6 +51,8 @@ class ActuatorFaults:
     position_frozen: bool = False
     stop_ignored: bool = False
     watchdog_absent: bool = False
+    setpoints_lost: bool = False
+    """Set-points are acknowledged and not followed."""
     e_stop_open: bool = False
 
 
@@ -74,6 +79,8 @@ class Actuator:
         self.boot_count = options.boot_count
         self.pulse_clock_us = 0
         self.served_s = 0.0
+        self.turned_s: float | None = None
+        """When the streamed set-points first turned round without a rest (simulated s): a cyclic motion has begun."""
         self._actions: dict[Command, Callable[[Values], Result]] = {
             Command.ACQUIRE: self._acquire,
             Command.RELEASE: self._release,
@@ -198,6 +205,27 @@ class Actuator:
         self.order_limits()
         return True
 
+    def follow(self, position_m: float, velocity_m_s: float) -> None:
+        """Take a streamed set-point (m, m/s); one that makes no sense, or while the rod is not held, moves nothing.
+
+        After a halt the valve opens again only for a set-point close to where the rod is.
+        """
+        mode, before_m_s = (self.plant.command[name][0] for name in ("mode", "move_speed_m_s"))
+        limits, off_m = self.limits, abs(position_m - self.seen_m) if mode == records.MODE_LOCKED else 0.0
+        sane = limits.position_min_m <= position_m <= limits.position_max_m and off_m <= OFF_CENTRE_M
+        sane = sane and abs(velocity_m_s) <= limits.speed_max_m_s * FLOAT_SLACK
+        if not sane or self.tripped or mode not in FOLLOWS or self.motion_state is State.LOW:
+            return
+        if self.faults.setpoints_lost:
+            return
+        if mode == records.MODE_FOLLOW and before_m_s * velocity_m_s < 0.0 and self.turned_s is None:
+            self.turned_s = self.plant.time_s
+        self._unlock()
+        self.plant.order(target_m=position_m, move_speed_m_s=velocity_m_s, told_s=self.plant.time_s)
+        if velocity_m_s == 0.0:
+            self.plant.state["setpoint_m"], self.plant.state["setpoint_velocity_m_s"] = position_m, 0.0
+        self.plant.order(mode=records.MODE_FOLLOW if velocity_m_s != 0.0 else records.MODE_HOLD)
+
     def write_table(self, values: Values) -> bool:
         """Put samples of a table waveform in (m about the centre); False when they do not fit or are not finite."""
         index, count = int(values["table_index"]), int(values["table_count"])
@@ -225,7 +253,7 @@ class Actuator:
             self.result = Result.REFUSED_VALUE
             return
         action = self._actions.get(command)
-        if action is None:
+        if action is None or (command in GENERATED and not self.options.generator):
             self.result = Result.REFUSED_VALUE
         elif command not in WITHOUT_LEASE and int(values["owner_id"]) != self.owner:
             self.result = Result.REFUSED_OWNER

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.supply_file import is_file, supply
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
+from simulators.toml_text import toml_text
 
+SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 STALE_SAMPLES = 5
 STALE_S = 0.020
 RELAXED_STALE_S = 0.600
 """Longer than `simulators.pace.LONGEST_WAIT_S`, for which the rig's clock may stand still."""
+RELAXED_SETPOINT_S = 0.100
 RELAXED_COMMAND_TIMEOUT_S = 0.600
 """The ECU's patience with its host where the host's limits are widened too."""
 
@@ -26,9 +32,12 @@ class Addresses:
     load_cell_url: str
     lvdt_url: str
     auxiliary_urls: Sequence[str]
+    supply_port: int = 0
 
 
-def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed: bool) -> str:
+def bench_text(
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = ()
+) -> str:
     """The bench file as TOML text.
 
     Args:
@@ -36,6 +45,7 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         addresses: its open ports.
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
+        ecu: lines of the current source's table; none: of the demo ECU.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -52,23 +62,17 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         "[actuator]",
         f'url = "{addresses.actuator_url}"',
         f"device_id = {controller.device_id}",
-        'register_map = "demo"',
+        f'register_map = "{"demo" if controller.generator else "demo-streamed"}"',
         f'poll = "{poll_ms(rtu, speed)} ms"',
         f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed):g} ms"',
         f'stale_after = "{1000 if relaxed else 300 if rtu else 150} ms"',
         f'watchdog = "{1000 if relaxed else 500} ms"',
         f"fade_out_cycles = {controller.fade_out_cycles:.3f}",
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
+        *([] if controller.generator or not relaxed else [f'setpoint_late = "{1e3 * RELAXED_SETPOINT_S:g} ms"']),
         *_input_delay(options),
         f'serial_number = "{controller.serial_number}"',
-        "[ecu]",
-        'interface = "slcan"',
-        f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
-        "bitrate = 500000",
-        'dbc = "demo"',
-        'command_period = "10 ms"',
-        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
-        f"serial_number = {options.coil.serial_number}",
+        *(ecu or ecu_lines(addresses, relaxed)),
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
     lines += _sensor("lvdt", options.lvdt, addresses.lvdt_url, relaxed)
@@ -86,6 +90,34 @@ def bench_text(options: RigOptions, addresses: Addresses, speed: float, relaxed:
         f"real_time = {'false' if relaxed else 'true'}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def ecu_lines(addresses: Addresses, relaxed: bool, entries: Sequence[str] = ('dbc = "demo"',)) -> list[str]:
+    """Lines of the table of an ECU on CAN; `entries` say which ECU it is."""
+    return [
+        "[ecu]",
+        'interface = "slcan"',
+        f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
+        "bitrate = 500000",
+        *entries,
+        'command_period = "10 ms"',
+        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
+    ]
+
+
+def supply_lines(options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any]) -> list[str]:
+    """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often."""
+    described = supply(given)
+    name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given
+    poll_ms = max(FASTEST_POLL_MS, SUPPLY_POLL_MS / max(1.0, speed))
+    lines = [
+        "[ecu]", f'url = "tcp://127.0.0.1:{port}"', f"supply = {toml_text(name)}", f'poll = "{poll_ms:g} ms"',
+        'timeout = "500 ms"', f'stale_after = "{RELAXED_STALE_S * 1e3:g} ms"',
+    ]
+    if described.commands.set_voltage_limit:
+        low_V, high_V = described.voltage_V or (0.0, options.coil.supply_V)
+        lines.append(f'voltage_limit = "{max(low_V, min(high_V, options.coil.supply_V)):g} V"')
+    return lines
 
 
 def _input_delay(options: RigOptions) -> list[str]:
@@ -108,6 +140,13 @@ def actuator_timeout_s(rtu: bool, relaxed: bool) -> float:
     return 0.06 if rtu else 0.04
 
 
+def _range(options: SensorOptions) -> str:
+    """The range in the sensor's usual unit."""
+    if options.described:
+        return f"{options.range / options.wire_per_si:.6g} {SI_UNITS[options.unit]}"
+    return f"{options.range:g} {options.unit}"
+
+
 def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list[str]:
     """Lines of one sensor's table."""
     stale_s = max(STALE_SAMPLES / options.rate_Hz, STALE_S)
@@ -117,14 +156,14 @@ def _sensor(table: str, options: SensorOptions, url: str, relaxed: bool) -> list
         f"[{table}]",
         f'url = "{url}"',
         f"baudrate = {options.baudrate}",
-        f'format = "{options.format}"',
+        f"format = {toml_text(options.described or options.format)}",
         f'rate = "{options.rate_Hz:g} Hz"',
-        f'range = "{options.range:g} {options.unit}"',
+        f'range = "{_range(options)}"',
         f'stale_after = "{1e3 * stale_s:g} ms"',
         f'delay = "{1e3 * group_delay_s(options.bandwidth_Hz):.4f} ms"',
         f"[{table}.calibration]",
         f"sensitivity = {1.0 / options.wire_per_si!r}",
-        f'offset = "0 {SI_UNITS[options.unit]}"',
+        f'offset = "{options.wire_zero / options.wire_per_si:.9g} {SI_UNITS[options.unit]}"',
         f'serial_number = "{options.serial_number}"',
         'certificate = "SIM"',
         "due = 2030-01-01",

@@ -1,30 +1,96 @@
 """The demo controller from its inside: the codes its firmware knows, and its registers.
 
-The codes stand here a second time, beside `drivers/devices/demo_controller.toml`, because a device does not read its
-host's files; that the two agree is tested. Where the registers lie is taken from that file.
+Codes and registers stand here a second time, beside `drivers/devices/demo_controller.toml`, because a device does not
+read its host's files; that the two agree is tested.
 """
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Mapping, Sequence
 from enum import IntEnum, IntFlag
+from pathlib import Path
+from typing import Any
 
-from drivers.devices.controller import controller
+from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus
+from simulators.register_blocks import Block, Register, RegisterMap
 
-DESCRIPTION = controller("demo")
-MAP = DESCRIPTION.map
-IDENTITY, STATUS, CONFIG, COMMAND, WATCHDOG, TABLE = (
-    MAP.block(name) for name in ("identity", "status", "config", "command", "watchdog", "table")
-)
 SIGNATURE_U32 = 0x01020304
 SIGNATURE_F32 = 1234.5
 LAYOUT_VERSION = 1
 TABLE_VALUES = 60
 """Values of a table waveform that fit one write of the table block."""
 
-decode_identity = DESCRIPTION.decode_identity
-decode_status = DESCRIPTION.decode_status
-decode_limits = DESCRIPTION.decode_limits
-encode_limits = DESCRIPTION.encode_limits
+
+def _registers(given: Mapping[str, Any], *, writable: bool) -> list[Register]:
+    """One register; an entry with `repeat` stands for so many in a row, numbered from 0."""
+    one = dict(given)
+    repeat = int(one.pop("repeat", 0))
+    if not repeat:
+        return [Register(**one, writable=writable)]
+    first = Register(**one, writable=writable)
+    places = ((f"{first.name}{i}", first.address + i * first.length) for i in range(repeat))
+    return [Register(**(one | {"name": name, "address": at}), writable=writable) for name, at in places]
+
+
+def _map() -> RegisterMap:
+    data = tomllib.loads(Path(__file__).with_name("demo_registers.toml").read_text(encoding="utf-8"))
+    blocks = []
+    for entry in data["block"]:
+        writable = bool(entry.get("writable", False))
+        registers = [one for given in entry["registers"] for one in _registers(given, writable=writable)]
+        blocks.append(Block(entry["name"], tuple(registers)))
+    return RegisterMap("demo-streamed", blocks)
+
+
+MAP_WITHOUT_GENERATOR = _map()
+IDENTITY, STATUS, CONFIG, COMMAND, WATCHDOG, TABLE, SETPOINT = (
+    MAP_WITHOUT_GENERATOR.block(name)
+    for name in ("identity", "status", "config", "command", "watchdog", "table", "setpoint")
+)
+MAP = RegisterMap("demo", (IDENTITY, STATUS, CONFIG, COMMAND, WATCHDOG, TABLE))
+LIMITS = tuple(register.name for register in CONFIG.registers)
+"""In the order of `ActuatorLimits`."""
+
+
+def encode_limits(limits: ActuatorLimits) -> list[int]:
+    """Words of the config block.
+
+    Raises:
+        LocalProtocolError: a limit does not fit its register.
+    """
+    values = [getattr(limits, name) for name in ActuatorLimits.__dataclass_fields__]
+    return CONFIG.encode(dict(zip(LIMITS, values, strict=True)))
+
+
+def decode_limits(words: Sequence[int]) -> ActuatorLimits:
+    """Limits from the words of the config block.
+
+    Raises:
+        RemoteProtocolError: the words do not make up the block.
+    """
+    values: Any = CONFIG.decode(words)
+    return ActuatorLimits(*[values[name] for name in LIMITS])
+
+
+def decode_status(words: Sequence[int], received_ns: int) -> ActuatorStatus:
+    """The status block as whoever watches the registers reads it; the firmware's codes are the rig's.
+
+    Raises:
+        RemoteProtocolError: the words do not make up the block.
+    """
+    values: Any = STATUS.decode(words)
+    return ActuatorStatus(received_ns, *[values[register.name] for register in STATUS.registers])
+
+
+def decode_identity(words: Sequence[int]) -> ActuatorIdentity:
+    """The identity block as whoever watches the registers reads it.
+
+    Raises:
+        RemoteProtocolError: the words do not make up the block.
+    """
+    values: Any = IDENTITY.decode(words)
+    return ActuatorIdentity(**values)
 
 
 class Command(IntEnum):

@@ -13,16 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from protocols.errors import RemoteProtocolError
-from simulators import ecu_firmware as wire
 from simulators.clock import DeviceClock
-from simulators.ecu_firmware import EcuFault, EcuState
+from simulators.ecu_firmware import DemoWire, EcuFault, EcuState
+from simulators.ecu_wire import EcuWire, Frame, Shown
 from simulators.options import CoilOptions
 from simulators.plant.plant import Plant
 from simulators.plant.step import CURRENT
 
-STATUS_PERIOD_US = 10_000
-TEMPERATURES_EVERY = 10
-IDENTITY_EVERY = 100
 BAD_COMMANDS_TO_FAULT = 3
 CASE_SHARE = 0.25
 """The ECU's own case warms by this share of the coil's rise above ambient."""
@@ -31,8 +28,6 @@ HOT_CASE_DEGC = 110.0
 UNDERVOLTAGE_V = 9.0
 OPEN_ETA_1_S = 400.0
 SHORT_A = 8.0
-
-Frame = tuple[int, bytes]
 
 
 @dataclass
@@ -54,6 +49,7 @@ class Ecu:
     """The ECU's logic over the plant's coil.
 
     Attributes:
+        wire: how its frames look; the demo's, or as a user's files say.
         faults: switches of the fault injectors.
         log: called with (what, value) when the commanded current or a fault changes, for the truth file.
         command_timeout_s: wall seconds without a good command until it drives 0 A by itself.
@@ -73,7 +69,6 @@ class Ecu:
         self.faults = EcuFaults()
         self.log = log
         self.options = options
-        self.command_timeout_s = options.command_timeout_s
         self.boot_count = options.boot_count
         self.supply_V = options.supply_V
         self._ambient_degC = ambient_degC
@@ -82,7 +77,14 @@ class Ecu:
         self._held: list[Frame] = []
         self._repeats = False
         self._eta_1_s = float(plant.constants["coil_eta_1_s"][0])
-        self._next_tick = math.ceil(clock.unwrapped_us(plant.time_s) / STATUS_PERIOD_US)
+        self.wear(DemoWire())
+
+    def wear(self, wire: EcuWire) -> None:
+        """Be an ECU with these frames from now on, just started."""
+        self.wire = wire
+        self.command_timeout_s = wire.timeout_s(self.options.command_timeout_s)
+        now_us = self.clock.unwrapped_us(self.plant.time_s)
+        self._next_us = {name: math.ceil(now_us / period) * period for name, period in wire.periods_us.items()}
         self.boot()
 
     def boot(self) -> None:
@@ -90,7 +92,7 @@ class Ecu:
         self.state = EcuState.INIT
         self.fault_bits = 0
         self.setpoint_A = 0.0
-        self.counter = 0
+        self.wire.reset()
         self._last_counter = -1
         self._bad_commands = 0
         self._heard_s = math.nan
@@ -104,27 +106,33 @@ class Ecu:
         self.state = EcuState.FAULT
 
     def receive(self, identifier: int, data: bytes) -> None:
-        """A frame from the bus; only CoilCommand matters here."""
-        if identifier != wire.COMMAND_ID:
+        """A frame from the bus; only the host's commands matter here."""
+        if not self.wire.is_command(identifier):
             return
         try:
-            command = wire.decode_command(data)
+            command = self.wire.command(identifier, data)
         except RemoteProtocolError:
             self._bad_command()
             return
-        repeated = self._last_counter >= 0 and wire.counter_delta(self._last_counter, command.counter) == 0
+        if command is None:
+            return
+        repeated = self._last_counter >= 0 and self._last_counter == command.counter
         self._last_counter = command.counter
         if repeated:
             self._bad_command()
             return
         self._bad_commands = 0
+        self.obey(command.setpoint_A, enable=command.enable, clear_faults=command.clear_faults)
+
+    def obey(self, setpoint_A: float, *, enable: bool, clear_faults: bool) -> None:
+        """Drive a current, as far as no fault is latched."""
         self._heard_s = self._served_s
-        if command.clear_faults:
+        if clear_faults:
             self.fault_bits = 0
         if self.fault_bits == 0:
-            self.state = EcuState.ENABLED if command.enable else EcuState.OFF
+            self.state = EcuState.ENABLED if enable else EcuState.OFF
         limit_A = self.options.limit_A
-        self._set(max(-limit_A, min(limit_A, command.setpoint_A)) if command.enable else 0.0)
+        self._set(max(-limit_A, min(limit_A, setpoint_A)) if enable else 0.0)
 
     def _bad_command(self) -> None:
         """Count a frame with a wrong CRC, counter or length; the third in a row is a fault."""
@@ -192,20 +200,19 @@ class Ecu:
     def frames(self) -> list[Frame]:
         """The frames that the ECU's own clock has made due since the last call, in order.
 
-        Status every 10 ms, temperatures every 100 ms, identity every second of device time. The current in each status
-        is the plant's at that instant.
+        Each message has its period of device time. The current in each status is the plant's at that instant.
         """
         due: list[Frame] = []
         now_us = self.clock.unwrapped_us(self.plant.time_s)
-        while self._next_tick * STATUS_PERIOD_US <= now_us:
-            due.append((wire.STATUS_ID, self._status(self._next_tick)))
-            told = self.plant.time_s < self.options.temperatures_until_s
-            if told and self._next_tick % TEMPERATURES_EVERY == 0:
-                due.append((wire.TEMPERATURE_ID, self._temperatures()))
-            if self._next_tick % IDENTITY_EVERY == 0:
-                identity = wire.EcuIdentity(self.options.serial_number, 0x0100, wire.LAYOUT)
-                due.append((wire.IDENTITY_ID, wire.encode_identity(identity)))
-            self._next_tick += 1
+        told = self.plant.time_s < self.options.temperatures_until_s
+        while (at_us := min(self._next_us.values())) <= now_us:
+            shown = self._shown(at_us)
+            for name, period_us in self.wire.periods_us.items():
+                if self._next_us[name] != at_us:
+                    continue
+                self._next_us[name] += period_us
+                if told or name not in self.wire.temperatures:
+                    due.append(self.wire.frame(name, shown))
         return self._damaged(due)
 
     def _damaged(self, due: list[Frame]) -> list[Frame]:
@@ -214,7 +221,7 @@ class Ecu:
         if faults.silent:
             return []
         if faults.wrong_crc:
-            due = [(identifier, bytes([data[0] ^ 0x3C]) + data[1:]) for identifier, data in due]
+            due = [self.wire.damaged(frame) for frame in due]
         return [self._delayed(frame) for frame in due] if faults.late else due
 
     def _delayed(self, frame: Frame) -> Frame:
@@ -223,31 +230,28 @@ class Ecu:
         self._repeats = not self._repeats
         return self._held[0] if self._repeats else self._held.pop(0)
 
-    def _status(self, tick: int) -> bytes:
-        device_us = tick * STATUS_PERIOD_US
+    def measured_A(self, current_A: float) -> float:
+        """What the source's own measurement shows of a current (A)."""
+        if self.faults.coil_short and self.setpoint_A != 0.0:
+            current_A = SHORT_A
+        measured_A = self.options.current_gain * current_A + self.options.current_offset_A
+        return measured_A + self.options.current_noise_A * float(self._random.standard_normal())
+
+    def _shown(self, device_us: int) -> Shown:
+        """What it says of itself at that instant of its clock (us)."""
         time_s = (device_us - self.clock.offset_us) / (1e6 + self.clock.ppm)
         row = round(time_s / self.plant.dt_s) - self.plant.first_step
         out = self.plant.out
         current_A = self.plant.value("current_A")
         if len(out):
             current_A = float(out[min(max(row - 1, 0), len(out) - 1), CURRENT])
-        if self.faults.coil_short and self.setpoint_A != 0.0:
-            current_A = SHORT_A
-        measured_A = self.options.current_gain * current_A + self.options.current_offset_A
-        measured_A += self.options.current_noise_A * float(self._random.standard_normal())
+        measured_A = self.measured_A(current_A)
         ohm = self.options.ohm
         duty_percent = min(100.0, abs(self.setpoint_A) * ohm / self.supply_V * 100.0) if self.supply_V > 0 else 100.0
-        status = wire.CoilStatus(
-            self.counter, int(self.state), measured_A, self.fault_bits, duty_percent,
-            device_us // wire.DEVICE_TIME_TICK_US % wire.DEVICE_TIME_MODULUS,
-        )
-        self.counter = (self.counter + 1) % wire.COUNTER_MODULUS
-        return wire.encode_status(status)
-
-    def _temperatures(self) -> bytes:
-        coil_degC = self._coil_degC
         case_degC = self._ambient_degC + CASE_SHARE * (self.plant.value("coil_degC") - self._ambient_degC)
         if self.faults.over_temperature:
             case_degC = max(case_degC, HOT_CASE_DEGC)
-        boots = self.boot_count & 0xFF
-        return wire.encode_temperature(wire.CoilTemperature(coil_degC, case_degC, self.supply_V, boots))
+        return Shown(
+            int(self.state), measured_A, self.fault_bits, duty_percent, device_us, self._coil_degC, case_degC,
+            self.supply_V, self.boot_count, self.options.serial_number,
+        )

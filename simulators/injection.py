@@ -11,15 +11,20 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rig.clock import monotonic_ns
-from simulators import ecu_firmware as wire
 from simulators.actuator import ENDLESS_CYCLES
 from simulators.beyond_limits import BEYOND_LASTING, BEYOND_PASSING
 from simulators.controller_firmware import Command, Result
+from simulators.ecu_wire import EXTENDED
+from simulators.ecu_wire import Command as CurrentCommand
 from simulators.faulty import Faulty, LastingInjector, PassingInjector, Undo
 from simulators.named_port import NamedPort
-from simulators.slcan_bus import ERROR, standard_line
+from simulators.slcan_bus import ERROR, frame_line
 
 FOREIGN_OWNER = 999
+SHORT = 8
+"""So many bytes a malformed frame has at most."""
+STANDARD_MAX = 0x7FF
+"""Largest identifier of a standard frame."""
 BABBLED_FRAMES_S = 4200.0
 """More than nine tenths of a 500 kbit/s bus."""
 MOST_BABBLED = 200
@@ -129,24 +134,24 @@ def _can_busoff(rig: Faulty) -> None:
 
 
 def _can_malformed(rig: Faulty) -> Undo:
-    """Every frame of the ECU is short, a remote request or has an extended identifier, in turn."""
+    """Every frame of the ECU is short, a remote request or has an identifier of the other kind, in turn."""
     turn = 0
 
     def malformed_line(identifier: int, data: bytes) -> bytes:
         nonlocal turn
         turn += 1
         if turn % 3 == 0:
-            return b"r%03X%X\r" % (identifier, len(data))
-        if turn % 3 == 1:
-            return b"T%08X%X%s\r" % (identifier, len(data), data.hex().upper().encode("ascii"))
-        return standard_line(identifier, data[:5])
+            return frame_line(identifier, data[:SHORT], remote=True)
+        if turn % 3 == 1 and (identifier | EXTENDED) ^ EXTENDED <= STANDARD_MAX:
+            return frame_line(identifier ^ EXTENDED, data)
+        return frame_line(identifier, data[: min(len(data) // 2 + 1, SHORT)] if len(data) > 1 else b"")
 
     return _switch(rig.bus, "encode", malformed_line)
 
 
 def _can_babble(rig: Faulty) -> Undo:
     """A node that never stops fills the bus, on wall time as any other node's bits take theirs."""
-    line = standard_line(0x001, bytes(8))
+    line = frame_line(0x001, bytes(8))
     begin_ns, sent = monotonic_ns(), 0
 
     def babble() -> None:
@@ -159,15 +164,16 @@ def _can_babble(rig: Faulty) -> Undo:
 
 
 def _can_foreign(rig: Faulty) -> Undo:
-    """Another node sends CoilCommand with a valid counter and CRC of its own."""
+    """Another node sends commands with a valid counter and checksum of its own."""
     count = 0
 
     def intrude() -> None:
         nonlocal count
         count += 1
         if count % 5 == 0:
-            command = wire.CoilCommand(count // 5 % wire.COUNTER_MODULUS, True, False, 0.1)
-            rig.bus.send_lines([standard_line(wire.COMMAND_ID, wire.encode_command(command))])
+            wire = rig.ecu.wire
+            command = CurrentCommand(count // 5 % max(1, wire.counter_modulus), True, False, 0.1)
+            rig.bus.send_lines([frame_line(*frame) for frame in wire.commands(command)])
 
     return _every_tick(rig, intrude)
 
@@ -279,6 +285,8 @@ PASSING: dict[str, PassingInjector] = {
     "rtu-stale": _switched(_link, "late_answers"),
     "rtu-crc": _switched(_link, "damaged"),
     "modbus-write-lost": _switched(_registers, "writes_lost"),
+    "setpoints-late": _switched(_link, "slow"),
+    "setpoints-lost": _switched(_controller, "setpoints_lost"),
     "actuator-frozen": _switched(_controller, "position_frozen"),
     "ecu-silent": _switched(_ecu, "silent"),
     "ecu-late": _switched(_ecu, "late"),

@@ -15,12 +15,13 @@ from pymodbus.framer import FramerRTU
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from simulators import controller_firmware as wire
 from simulators.registers import RegisterBank
 
 _RTU_FUNCTION, _TCP_FUNCTION = 1, 7
 """Where in an answer its function stands."""
 _READ_SIZE = 4096
+SLOW_S = 0.025
+"""Less than a host waits for an answer, more than two of its polls."""
 STALE_EVERY = 20
 """While the fault `late_answers` is on, its first answer and then one in so many comes late."""
 
@@ -37,6 +38,8 @@ class LinkFaults:
     wrong_function: bool = False
     late_answers: bool = False
     silent_next: bool = False
+    slow: bool = False
+    """Every answer comes `SLOW_S` late."""
     damaged: bool = False
     """Answers with a wrong checksum, cut short, or with bytes behind them, in turn."""
 
@@ -74,7 +77,7 @@ class ModbusServer:
         logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
         data = [
             SimData(block.address, values=[0] * block.count, datatype=DataType.REGISTERS)
-            for block in wire.MAP.blocks.values()
+            for block in self._bank.map.blocks.values()
         ]
         device = SimDevice(self._device_id, data, action=self._access)
         self._server = ModbusTcpServer(
@@ -154,6 +157,9 @@ class ModbusServer:
         self._late += faults.late_answers
         if faults.late_answers and self._late % STALE_EVERY == 1:
             asyncio.get_running_loop().call_later(self.late_s, self._send_late, packet)
+            return b""
+        if faults.slow:
+            asyncio.get_running_loop().call_later(SLOW_S, self._send_late, packet)
             return b""
         if faults.damaged:
             return _damage(packet, self._answers)

@@ -22,6 +22,7 @@ class NamedPort:
         self.url = str(folder / name)
         self._port = self._connect()
         self._dropped_before = self._sent_before = 0
+        self._listens = False
 
     @property
     def waits(self) -> bool:
@@ -60,9 +61,20 @@ class NamedPort:
         """Bytes sent and not yet read by the host."""
         return self._port.unread()
 
+    def listen(self) -> None:
+        """Keep what the host sends from now on; until then it is thrown away."""
+        self._listens = True
+        self._port.listen()
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        """What the host has sent since the last call, each part with the monotonic time (ns) it came at."""
+        return self._port.heard()
+
     def renumber(self) -> None:
         """Come up as another port, as a USB adapter does after a short loss of power; the old one ends."""
         before, self._port = self._port, self._connect()
+        if self._listens:
+            self._port.listen()
         self._dropped_before += before.dropped_frames
         self._sent_before += before.sent_bytes
         before.close()

@@ -13,14 +13,14 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rig.errors import FileProblem
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from protocols.line_format import LineFormat
+    from protocols.sensor_format import SensorFormat
 
     Options = TypeVar("Options", bound=DataclassInstance)
 
@@ -79,7 +79,10 @@ FORCE_INPUT = InputOptions(noise=10.0, resolution=0.5)
 
 @dataclass(frozen=True)
 class ControllerOptions:
-    """The actuator controller: its identity, its limits at boot, its clock."""
+    """The actuator controller: its identity, its limits at boot, its clock.
+
+    Without a `generator` it moves by set-points that are streamed to it, and only so.
+    """
 
     serial_number: str = "SIM-ACT-1"
     firmware: str = "1.0"
@@ -94,6 +97,7 @@ class ControllerOptions:
     move_acceleration_m_s2: float = 2.0
     following_error_max_m: float = 0.040
     watchdog_ms: int = 0
+    generator: bool = True
     clock_offset_us: float = math.nan
     clock_ppm: float = math.nan
 
@@ -170,13 +174,16 @@ class SensorOptions:
     After `numbers_until_s` (simulated s) every value is NaN. `drift_per_s` is a zero that creeps from the start (wire
     unit per simulated s), `hum` the amplitude of what the mains induce, `crosstalk_per_A` what the coil's current does.
     With `reversed` it counts the other way round, which the written bench file does not say. `format` is "frame16",
-    "signed-decimal", or any format of lines.
+    "signed-decimal", or any described format; `described` is then its name or table in the bench file, and `wire_zero`
+    what is on the wire for zero. A format with a request is answered.
     """
 
     unit: str = "N"
     wire_per_si: float = 1.0
     rate_Hz: float = 250.0
-    format: str | LineFormat = "frame16"
+    format: str | SensorFormat = "frame16"
+    described: str | Mapping[str, Any] = ""
+    wire_zero: float = 0.0
     range: float = 10e3
     noise: float = 5.0
     resolution: float = 0.05

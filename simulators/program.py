@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.roles import ActuatorLimits
-from protocols.register_map import Value
 from simulators.controller_firmware import Waveform
+from simulators.register_blocks import Value
 
 FLOAT_SLACK = 1.0 + 1e-6
 """Registers are float32: a value exactly at its limit may come back a rounding step above it."""

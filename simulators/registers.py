@@ -1,6 +1,6 @@
 """The controller's register bank: what Modbus reads and writes, as words. No sockets.
 
-Blocks and types come from `drivers/devices/demo_controller.toml`; registers between blocks are not there (illegal
+Blocks and types come from `simulators/demo_registers.toml`; registers between blocks are not there (illegal
 address).
 """
 
@@ -12,18 +12,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from protocols.register_map import Block, Value
 from simulators import controller_firmware as wire
 from simulators.actuator import Actuator
 from simulators.controller_firmware import Input, ProgramPhase, State
 from simulators.options import ServoOptions
 from simulators.plant import records
+from simulators.register_blocks import Block, Value
 
 
 class RegisterBank:
     """Registers of one controller.
 
     Attributes:
+        map: its blocks, by whether the controller has a function generator.
         word_order_swapped: a fault: numbers of two registers come low word first.
         writes_lost: a fault: writes are acknowledged and forgotten.
         polled_s: served time (s) at which the status block was last read; NaN before.
@@ -37,13 +38,14 @@ class RegisterBank:
         self._servo = servo
         self._random = random
         self._frozen_m = 0.0
-        self._words = {block.name: [0] * block.count for block in (wire.COMMAND, wire.TABLE)}
+        self.map = wire.MAP if actuator.options.generator else wire.MAP_WITHOUT_GENERATOR
+        self._words = {block.name: [0] * block.count for block in (wire.COMMAND, wire.TABLE, wire.SETPOINT)}
 
     def read(self, address: int, count: int) -> list[int] | None:
         """Words of `count` registers from `address`; None when one of them is not there."""
         words: list[int] = []
         while len(words) < count:
-            block = _block_at(address + len(words))
+            block = self._block_at(address + len(words))
             if block is None:
                 return None
             content = self._block_words(block)
@@ -52,7 +54,7 @@ class RegisterBank:
 
     def write(self, address: int, words: Sequence[int]) -> bool | None:
         """Take a write within one block; False when its values are refused, None when it cannot be written there."""
-        block = _block_at(address)
+        block = self._block_at(address)
         if block is None or address + len(words) > block.address + block.count or not block.registers[0].writable:
             return None
         if self.writes_lost:
@@ -66,10 +68,18 @@ class RegisterBank:
             self.actuator.feed(content[0])
             return True
         self._words[block.name] = content
+        if block is wire.SETPOINT:
+            self._follow(block.decode(content))
+            return True
         if block is wire.TABLE:
             return self.actuator.write_table(block.decode(content))
         self.actuator.execute(block.decode(content))
         return True
+
+    def _follow(self, values: dict[str, Value]) -> None:
+        """A set-point, and the watchdog's counter beside it: a living host feeds, whether the rod may move or not."""
+        self.actuator.feed(int(values["watchdog_counter"]))
+        self.actuator.follow(float(values["setpoint_position"]), float(values["setpoint_velocity"]))
 
     def _block_words(self, block: Block) -> list[int]:
         if block is wire.STATUS:
@@ -162,10 +172,9 @@ class RegisterBank:
             bits |= Input.VALVE_SATURATED
         return bits
 
-
-def _block_at(address: int) -> Block | None:
-    """The block that holds a register, None when there is none."""
-    for block in wire.MAP.blocks.values():
-        if block.address <= address < block.address + block.count:
-            return block
-    return None
+    def _block_at(self, address: int) -> Block | None:
+        """The block that holds a register, None when there is none."""
+        for block in self.map.blocks.values():
+            if block.address <= address < block.address + block.count:
+                return block
+        return None

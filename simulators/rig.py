@@ -8,14 +8,16 @@ import gc
 import math
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rig.clock import monotonic_ns
 from rig.dampers.catalogue import KINDS, NO_KIND
+from simulators import bench
 from simulators.actuator import Actuator
 from simulators.bench import RELAXED_COMMAND_TIMEOUT_S, Addresses, actuator_timeout_s, bench_text, poll_ms
 from simulators.channel import Channel
@@ -36,7 +38,9 @@ from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port
 from simulators.slcan_bus import SlcanBus
+from simulators.supply import simulated_supply
 from simulators.truth import About, Attribute, Truth
+from simulators.worn_ecu import WornEcuFiles
 
 TICK_S = 0.002
 HOLDING_S = 0.0005
@@ -64,11 +68,15 @@ class RunOptions:
     seed: int = 0
     ports: str = "pty"
     actuator: str = "tcp"
+    supply: str | Mapping[str, Any] = ""
+    """The coil's current by a supply in place of the ECU: a preset, a file's path, or a description."""
     auxiliary: int = 0
     auxiliaries: tuple[SensorOptions, ...] = ()
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
     truth: Path | None = None
     exit_when_idle: bool = False
+    worn_ecu: WornEcuFiles | None = None
+    """The current ECU is one that a user's files describe."""
     drop_unread: bool = False
     """The ports drop what the host has not read in time, as real ones do; the rig's clock waits for nobody."""
     faults: tuple[ScheduledFault, ...] = ()
@@ -100,7 +108,10 @@ class SimulatedRig:
             self.plant, coil, options.damper.ambient_degC,
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
         )
+        if run.worn_ecu is not None:
+            self.ecu.wear(run.worn_ecu.load())
         self.bus = SlcanBus(self.ecu.receive)
+        self.supply = simulated_supply(self.ecu, run.supply, coil.serial_number)
         rtu = run.actuator == "rtu"
         self.modbus = ModbusServer(self.bank, controller.device_id, rtu=rtu, pty=rtu and run.ports != "socket")
         self.channels: list[Channel] = []
@@ -134,6 +145,8 @@ class SimulatedRig:
         """
         await self.modbus.open()
         await self.bus.open()
+        if self.supply is not None:
+            await self.supply.open()
         kind, options = self.run_options.ports, self.options
         self._add("load_cell", options.load_cell, plant_step.FORCE, kind)
         self._add("lvdt", options.lvdt, plant_step.DISPLACEMENT, kind)
@@ -142,7 +155,8 @@ class SimulatedRig:
             self._add(f"auxiliary_{number}", auxiliary, plant_step.DISPLACEMENT, kind)
         self._inject_due()
         urls = [channel.port.url for channel in self.channels]
-        return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:])
+        supply_port = 0 if self.supply is None else self.supply.port
+        return Addresses(self.modbus.url, self.bus.port, urls[0], urls[1], urls[2:], supply_port)
 
     def bench(self, addresses: Addresses, real_time: bool) -> str:
         """The text of the bench file.
@@ -159,7 +173,15 @@ class SimulatedRig:
         self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed)
         if relaxed:
             self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
-        return bench_text(self.options, addresses, speed, relaxed)
+        return bench_text(self.options, addresses, speed, relaxed, self._source_lines(addresses, relaxed))
+
+    def _source_lines(self, addresses: Addresses, relaxed: bool) -> list[str]:
+        """The table of the coil's current source."""
+        run, number = self.run_options, self.options.coil.serial_number
+        if run.supply:
+            return bench.supply_lines(self.options, addresses.supply_port, run.speed, run.supply)
+        own = ['dbc = "demo"', f"serial_number = {number}"] if run.worn_ecu is None else run.worn_ecu.entries(number)
+        return bench.ecu_lines(addresses, relaxed, own)
 
     async def run(self) -> None:
         """Run until `stop`, or (with `exit_when_idle`) standstill after the parent is gone."""
@@ -183,6 +205,8 @@ class SimulatedRig:
         """
         await self.modbus.close()
         self.bus.close()
+        if self.supply is not None:
+            self.supply.close()
         for channel in self.channels:
             channel.port.close()
         if self._names is not None:
@@ -206,10 +230,12 @@ class SimulatedRig:
         self._inject_due()
         self.actuator.tick(served_s)
         self.ecu.tick(served_s)
+        if self.supply is not None:
+            self.supply.tick(served_s)
         for action in self.every_tick:
             action()
         step = int(self.plant.state["step"][0])
-        if not self.run_options.drop_unread and self._readers_are_behind(served_s):
+        if not self.run_options.drop_unread and self._readers_are_behind(now_ns, served_s):
             self._waited_s += served_s - before_s
             if self.run_options.speed > 1.0:
                 self._pace.hold(now_ns, step)
@@ -221,7 +247,7 @@ class SimulatedRig:
             self._leave_when_idle(now_ns)
         return True
 
-    def _readers_are_behind(self, served_s: float) -> bool:
+    def _readers_are_behind(self, now_ns: int, served_s: float) -> bool:
         """Whether simulated time should wait for whoever reads a sensor, hears the bus or polls the controller."""
         speed, pressure = self.run_options.speed, self._backpressure
         fast = speed > 1.0
@@ -230,6 +256,9 @@ class SimulatedRig:
             frame, port = channel.sensor.frame_size, channel.port
             due = max(FEWEST_FRAMES * frame, BEHIND_S * speed * channel.sensor.options.rate_Hz * frame)
             behind |= pressure.waits_for(port, due if fast else CAPACITY // 2, served_s)
+            if fast and channel.sensor.requests is not None:
+                channel.hear(now_ns, 0.0, 0.0, speed)
+                behind |= pressure.waits_for(channel, 0, served_s)
             port.waits = port.read_once and not pressure.given_up(port)
         for client in self.bus.clients:
             due = max(BUS_BYTES, BEHIND_S * speed * CAN_LINES_BYTES_S)
@@ -251,14 +280,19 @@ class SimulatedRig:
                     self.first_cycle_s = time_s
             elif kind == EVENT_TRIP:
                 self.note("TRIP", f"limit bit {int(value)}", time_s)
+        now_ns = monotonic_ns()
         for channel in self.channels:
+            channel.hear(now_ns, start_s, self.plant.time_s, self.run_options.speed)
             out = self.plant.out
             data = channel.sensor.sample(
                 out[:, channel.column], start_s, self.plant.dt_s, pulses_s, out[:, plant_step.CURRENT]
             )
             if data:
                 channel.port.write(data, channel.sensor.frame_size)
-        self.bus.send(self.ecu.frames())
+        if self.supply is None:
+            self.bus.send(self.ecu.frames())
+        if self.first_cycle_s is None:
+            self.first_cycle_s = self.actuator.turned_s
         if self.truth is not None:
             self.truth.slice()
 
@@ -281,8 +315,8 @@ class SimulatedRig:
     def _add(self, name: str, options: SensorOptions, column: int, kind: str) -> None:
         clock = DeviceClock.drawn(options.clock_offset_us, options.clock_ppm, next(self._draws))
         sensor = Sensor(options, clock, next(self._draws), self.plant.time_s)
-        by_id = kind == BY_ID
-        port = NamedPort(self._ports_folder(), f"{options.serial_number}-{name}") if by_id else open_port(kind)
+        by_id = f"{options.serial_number}-{name}"
+        port = NamedPort(self._ports_folder(), by_id) if kind == BY_ID else open_port(kind, options.baudrate)
         self.channels.append(Channel(name, sensor, port, column))
 
     def _ports_folder(self) -> Path:
@@ -311,7 +345,8 @@ class SimulatedRig:
         """Stop once the parent is gone and the rig has stood still without current for a while."""
         moving = abs(self.plant.value("velocity_m_s")) > STANDSTILL_M_S
         moving = moving or self.actuator.motion_state in {State.MOVING, State.RUNNING, State.FADING, State.HALTING}
-        powered = abs(self.plant.value("current_A")) > NO_CURRENT_A
+        stays_on = self.supply is not None and self.supply.stays_on
+        powered = abs(self.plant.value("current_A")) > NO_CURRENT_A and not stays_on
         if moving or powered or os.getppid() == self._parent:
             self._idle_since_ns = now_ns
         elif now_ns - self._idle_since_ns > IDLE_S * 1e9:

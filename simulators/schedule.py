@@ -28,11 +28,20 @@ SHORTEST_S, LONGEST_S = 0.05, 2.0
 BEYOND_SHARE = 0.2
 """Of a row's drawn faults: so many are those that drive the rig beyond its limits."""
 BY_ID = "by-id"
+STREAMED = "setpoints"
+"""A controller on Modbus TCP that has no function generator and follows set-points."""
 ONLY_ON = {
     "modbus-reset": "tcp", "modbus-halfopen": "tcp", "modbus-wrong-tid": "tcp", "rtu-stale": "rtu", "rtu-crc": "rtu",
-    "usb-renumber": BY_ID,
+    "usb-renumber": BY_ID, "setpoints-late": STREAMED, "setpoints-lost": STREAMED,
 }  # fmt: skip
-"""Faults of one kind of link or port."""
+"""Faults of one kind of controller, link or port."""
+
+ONLY_BY_ECU = frozenset({
+    "can-busoff", "can-busoff:lost", "can-malformed", "can-babble", "can-foreign", "ecu-late", "ecu-overtemp",
+    "ecu-overtemp:undervoltage", "ecu-overtemp:coil", "coil-open-short:short", "current-tracking:over",
+    "current-stuck:full",
+})
+"""Faults of a bus, of what a supply does not tell, or seen sooner than a supply is asked."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +71,18 @@ class ScheduledFault:
     def __str__(self) -> str:
         at = "" if self.after_s is None else f"@{self.after_s:g}"
         return f"{self.name}{at}" + ("" if math.isinf(self.lasts_s) else f"+{self.lasts_s:g}")
+
+
+def check_source(faults: Iterable[ScheduledFault], *, supply: bool) -> None:
+    """Refuse faults of a current source that this rig does not have.
+
+    Raises:
+        FileProblem: each is named.
+    """
+    wrong = [fault.name for fault in faults if supply and fault.name in ONLY_BY_ECU]
+    if wrong:
+        told = "happens only where an ECU on CAN drives the coil, not with --supply"
+        raise FileProblem("--fault", [f"{name!r} {told}" for name in wrong])
 
 
 def parse_fault(text: str) -> ScheduledFault:
@@ -106,7 +127,7 @@ def parse_fault(text: str) -> ScheduledFault:
 
 @dataclass(frozen=True)
 class Wiring:
-    """How the rig's wires are made: `actuator` "tcp" or "rtu", `ports` "pty", "socket" or "by-id"."""
+    """How the rig's wires are made: `actuator` "tcp", "rtu" or "setpoints", `ports` "pty", "socket" or "by-id"."""
 
     actuator: str
     ports: str
@@ -116,8 +137,8 @@ class Wiring:
 
     @property
     def kinds(self) -> frozenset[str]:
-        """Both, as `ONLY_ON` names them."""
-        return frozenset((self.actuator, self.ports))
+        """All that they are, as `ONLY_ON` names them."""
+        return frozenset((self.actuator, self.ports, *(("tcp",) if self.actuator == STREAMED else ())))
 
 
 def wiring_for(faults: Iterable[ScheduledFault], actuator: str | None = None, ports: str | None = None) -> Wiring:
@@ -133,9 +154,8 @@ def wiring_for(faults: Iterable[ScheduledFault], actuator: str | None = None, po
     """
     wanted = {fault.slug: ONLY_ON[fault.slug] for fault in faults if fault.slug in ONLY_ON}
     needed = set(wanted.values())
-    wiring = Wiring(
-        actuator or ("rtu" if "rtu" in needed else "tcp"), ports or (BY_ID if BY_ID in needed else "pty")
-    )
+    controller = next((kind for kind in ("rtu", STREAMED) if kind in needed), "tcp")
+    wiring = Wiring(actuator or controller, ports or (BY_ID if BY_ID in needed else "pty"))
     for slug, kind in wanted.items():
         if kind not in wiring.kinds:
             option = f"--ports {kind}" if kind == BY_ID else f"--actuator {kind}"
@@ -143,19 +163,24 @@ def wiring_for(faults: Iterable[ScheduledFault], actuator: str | None = None, po
     return wiring
 
 
-def drawn_faults(seed: int, kinds: frozenset[str], within_s: float = WITHIN_S) -> tuple[ScheduledFault, ...]:
+def drawn_faults(
+    seed: int, kinds: frozenset[str], within_s: float = WITHIN_S, *, supply: bool = False
+) -> tuple[ScheduledFault, ...]:
     """One to three faults of different rows in the order of their times; a preflight fault is there from the start.
 
     Args:
         seed: the same seed draws the same faults, for the same `kinds` and `within_s`.
         kinds: the rig's kinds of link and port, such as {"tcp", "pty"}; faults of other kinds are not drawn.
         within_s: the latest begin (simulated s after the first cycle).
+        supply: a supply drives the coil: what happens to an ECU only is left out.
     """
     chance = random.Random(seed)
     possible = [slug for slug in INJECTORS if ONLY_ON.get(slug) is None or ONLY_ON[slug] in kinds]
+    possible = [slug for slug in possible if not (supply and slug in ONLY_BY_ECU)]
     slugs = chance.sample(sorted(possible), chance.randint(1, MOST_DRAWN))
     faults = (drawn_fault(slug, chance, within_s) for slug in slugs)
-    return tuple(sorted(faults, key=lambda fault: fault.after_s or 0.0))
+    kept = (replace(f, variant="") if supply and f.name in ONLY_BY_ECU else f for f in faults)
+    return tuple(sorted(kept, key=lambda fault: fault.after_s or 0.0))
 
 
 def drawn_fault(slug: str, chance: random.Random, within_s: float) -> ScheduledFault:

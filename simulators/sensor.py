@@ -8,22 +8,21 @@ latency of the line, with bursts in which everything waits and arrives together.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from protocols.frame_format import STATUS_EDGE, STATUS_OVERLOAD, STATUS_SENSOR_FAULT
-from protocols.line_format import LineFormat
 from simulators.clock import DeviceClock
 from simulators.conditioner import LARGEST_JITTER, amplify, condition, limit, sampling
 from simulators.delay_line import DelayLine
+from simulators.frame_writer import FrameWriter
 from simulators.frames import encode_frames, encode_lines
 from simulators.line_writer import LineWriter
 from simulators.options import SensorOptions
+from simulators.worn_format import writer
 
 FloatArray = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -65,6 +64,8 @@ class Sensor:
         faults: switches of the fault injectors.
         samples: how many samples have been taken.
         frame_size: bytes of one frame or line.
+        requests: of a sensor that is asked: simulated times (s) of the requests in the slice to come, NaN for one that
+            the next sample of its own clock answers; None for one that sends by itself.
     """
 
     def __init__(self, options: SensorOptions, clock: DeviceClock, random: np.random.Generator, start_s: float) -> None:
@@ -73,11 +74,14 @@ class Sensor:
         self.faults = SensorFaults()
         self.samples = 0
         self.edges = 0
-        self._lines: Callable[[FloatArray], Bytes] = partial(encode_lines, unit=options.unit)
         self.frame_size = 16 if options.format == "frame16" else 13 + len(options.unit)
-        if isinstance(options.format, LineFormat):
-            self._lines = lines = LineWriter(options.format, options.range)
-            self.frame_size = lines.size
+        self._writer: LineWriter | FrameWriter | None = None
+        self.requests: list[float] | None = None
+        if not isinstance(options.format, str):
+            zero = options.wire_zero
+            self._writer = writer(options.format, zero - options.range, zero + options.range)
+            self.frame_size = self._writer.size
+            self.requests = [] if options.format.exchange.request else None
         self._random, self._line_random = random.spawn(2)
         self._period_us = 1e6 / options.rate_Hz
         self._tick = math.ceil(clock.unwrapped_us(start_s) / self._period_us)
@@ -117,12 +121,8 @@ class Sensor:
         if self._delay is not None and self.options.skew_s > 0.0:
             signal = self._delay.delayed(signal)
         end_s = start_s + len(signal) * dt_s
-        first = self._tick
-        draws = self._random.standard_normal((self._count_due(end_s), 2))
-        clock, options = self.clock, self.options
-        device_us, nominal_s, times_s = sampling(
-            first, self._period_us, clock.offset_us, 1e6 + clock.ppm, options.jitter_s, draws
-        )
+        options = self.options
+        draws, device_us, nominal_s, times_s = self._instants(end_s)
         value = condition(signal, dt_s, 2.0 * math.pi * options.bandwidth_Hz, self._filter, start_s, times_s)
         if len(value) or pulses_s or self.faults != HEALTHY:
             status = self._imperfect(value, draws, self._disturbance(times_s, start_s, dt_s, current_A))
@@ -130,6 +130,24 @@ class Sensor:
                 value[nominal_s >= options.numbers_until_s] = math.nan
             self._queue(*self._encode(value, status, device_us, nominal_s, pulses_s))
         return self._damage(self._released(end_s))
+
+    def _instants(self, end_s: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Draws (n, 2), device clock (us), nominal and true times (s), each (n,), of the slice's samples."""
+        first, clock, asked = self._tick, self.clock, self.requests
+        if asked and math.isfinite(asked[0]):
+            times_s = np.array(asked)
+            asked.clear()
+            draws = self._random.standard_normal((len(times_s), 2))
+            return draws, np.array([clock.unwrapped_us(time_s) for time_s in times_s]), times_s, times_s
+        count = self._count_due(end_s)
+        if asked is not None:
+            first, count = first + max(0, count - len(asked)), min(count, len(asked))
+            del asked[:count]
+        draws = self._random.standard_normal((count, 2))
+        device_us, nominal_s, times_s = sampling(
+            first, self._period_us, clock.offset_us, 1e6 + clock.ppm, self.options.jitter_s, draws
+        )
+        return draws, device_us, nominal_s, times_s
 
     def _disturbance(
         self, times_s: FloatArray, start_s: float, dt_s: float, current_A: FloatArray | None
@@ -207,7 +225,7 @@ class Sensor:
         self.samples += count
         if self.options.format != "frame16":
             kept = slice(None) if keep is None else keep
-            return self._lines(value[kept]), time_s[kept]
+            return self._written(value, status, sequence, np.floor(device_us).astype(np.int64))[kept], time_s[kept]
         stamp_us = np.floor(device_us).astype(np.int64)
         if self.faults.time_backwards:
             stamp_us = np.where(self._backwards(sequence), stamp_us - 50_000, stamp_us)
@@ -217,6 +235,16 @@ class Sensor:
         if keep is not None:
             columns, value, time_s = [column[keep] for column in columns], value[keep], time_s[keep]
         return encode_frames(*columns, value), time_s
+
+    def _written(
+        self, value: FloatArray, status: NDArray[np.uint8], sequence: NDArray[np.int64], stamp_us: NDArray[np.int64]
+    ) -> Bytes:
+        """Lines or frames (n, size) of a format that is not our own frame."""
+        if self._writer is None:
+            return encode_lines(value, self.options.unit)
+        if not len(value):
+            return np.zeros((0, self.frame_size), np.uint8)
+        return self._writer(value + self.options.wire_zero, status, sequence, stamp_us)
 
     def _backwards(self, sequence: NDArray[np.int64]) -> NDArray[np.bool_]:
         return np.equal(sequence % max(2, round(GAP_EVERY_S * self.options.rate_Hz)), 1)
@@ -267,7 +295,8 @@ class Sensor:
         count = int(self._release_s.searchsorted(now_s, side="right"))
         if not count:
             return b""
-        data = self._waiting[:count].tobytes()
+        rows = self._waiting[:count]
+        data = rows.tobytes() if self._writer is None else self._writer.joined(rows)
         self._waiting, self._release_s = self._waiting[count:], self._release_s[count:]
         return data
 

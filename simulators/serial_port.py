@@ -62,18 +62,39 @@ class SensorPort(Protocol):
     def read_once(self) -> bool:
         """Whether the host has ever read from this port."""
 
+    def listen(self) -> None:
+        """Keep what the host sends from now on; until then it is thrown away."""
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        """What the host has sent since the last call, each part with the monotonic time (ns) it came at."""
+
     def close(self) -> None:
         """Hang up."""
+
+
+SPEEDS = {int(name[1:]): getattr(termios, name) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
+"""The system's code of a baud rate, by the rate (Bd)."""
+UNSET = termios.B38400
+"""What a pty says before anybody has chosen a rate."""
+GARBLING = bytes((37 * place + 11) % 256 for place in range(256))
 
 
 class PtyPort:
     """A pseudo-terminal in raw mode. The slave stays open here, so the host may come and go.
 
+    A pty carries bytes at any rate. As on a real line, a host that has chosen another rate than the device's gets
+    other bytes.
+
+    Args:
+        baudrate: at which the device sends (Bd); 0: whatever the host has chosen.
+
     Raises:
         OSError: this machine has no ptys left (or none at all).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, baudrate: int = 0) -> None:
+        self._speed = SPEEDS.get(baudrate, UNSET)
+        self._chosen = False
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -82,6 +103,7 @@ class PtyPort:
         self.sent_bytes = 0
         self.waits = False
         self._held = bytearray()
+        self._heard: list[tuple[int, bytes]] | None = None
         self._complete_ns = monotonic_ns()
         self._waiting = 0
         self._read_once = False
@@ -93,13 +115,21 @@ class PtyPort:
             return
         room = len(data) if self.waits else max(0, _PTY_CAPACITY - self.unread())
         take = data if len(data) <= room else data[: room // frame_size * frame_size]
-        self._held += take
+        self._held += take if self._heard_right() else bytes(map(GARBLING.__getitem__, take))
         self.sent_bytes += len(take)
         dropped = -(-(len(data) - len(take)) // frame_size)
         self.dropped_frames += dropped if self._read_once else 0
         self.unheard_frames += 0 if self._read_once else dropped
         self._pass_on()
         self._discard_input()
+
+    def _heard_right(self) -> bool:
+        """The host listens at the device's rate, or one of the two has none."""
+        if self._speed == UNSET:
+            return True
+        speed = termios.tcgetattr(self._master)[5]
+        self._chosen = self._chosen or speed != UNSET
+        return not self._chosen or speed == self._speed
 
     def unread(self) -> int:
         """Bytes sent and not yet read by the host."""
@@ -142,14 +172,27 @@ class PtyPort:
         """Hang up: the host's next read ends or fails, as when a cable is pulled."""
         if not self._closed:
             self._closed = True
+            if self._heard is not None:
+                asyncio.get_running_loop().remove_reader(self._master)
             os.close(self._master)
             os.close(self._slave)
 
+    def listen(self) -> None:
+        """Keep what the host sends from now on; until then it is thrown away."""
+        self._heard = []
+        asyncio.get_running_loop().add_reader(self._master, self._discard_input)
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        """What the host has sent since the last call, each part with the monotonic time (ns) it came at."""
+        parts, self._heard = self._heard or [], None if self._heard is None else []
+        return parts
+
     def _discard_input(self) -> None:
-        """Read what the host sent; these sensors stream and take no commands."""
+        """Read what the host sent; sensors that stream take no commands."""
         try:
-            while os.read(self._master, _READ_SIZE):
-                pass
+            while data := os.read(self._master, _READ_SIZE):
+                if self._heard is not None:
+                    self._heard.append((monotonic_ns(), data))
         except BlockingIOError:
             return
 
@@ -168,6 +211,7 @@ class SocketPort:
         self.sent_bytes = 0
         self.waits = False
         self._held = bytearray()
+        self._heard: list[tuple[int, bytes]] | None = None
         self._queue = PeerQueue()
         self._peer: socket.socket | None = None
         self._read_once = False
@@ -197,6 +241,15 @@ class SocketPort:
         """Whether a host has ever connected."""
         return self._read_once
 
+    def listen(self) -> None:
+        """Keep what the host sends from now on; until then it is thrown away."""
+        self._heard = []
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        """What the host has sent since the last call, each part with the monotonic time (ns) it came at."""
+        parts, self._heard = self._heard or [], None if self._heard is None else []
+        return parts
+
     def close(self) -> None:
         """Hang up and stop listening."""
         if self._listener.fileno() >= 0:
@@ -217,11 +270,14 @@ class SocketPort:
         asyncio.get_running_loop().add_reader(peer.fileno(), self._discard_input)
 
     def _discard_input(self) -> None:
-        """Read what the host sent and forget it; an empty read means it hung up."""
+        """Read what the host sent, and forget it unless somebody listens; an empty read means it hung up."""
         if self._peer is None:
             return
         try:
-            gone = not self._peer.recv(_READ_SIZE)
+            data = self._peer.recv(_READ_SIZE)
+            gone = not data
+            if data and self._heard is not None:
+                self._heard.append((monotonic_ns(), data))
         except BlockingIOError:
             return
         except OSError:
@@ -249,11 +305,16 @@ class SocketPort:
             self._held.clear()
 
 
-def open_port(kind: str) -> SensorPort:
-    """A port of the kind "pty" or "socket"; where ptys cannot be had, "pty" falls back to a socket."""
+def open_port(kind: str, baudrate: int = 0) -> SensorPort:
+    """A port of the kind "pty" or "socket"; where ptys cannot be had, "pty" falls back to a socket.
+
+    Args:
+        kind: "pty" or "socket".
+        baudrate: at which the device sends (Bd); 0: at any.
+    """
     if kind == "pty":
         try:
-            return PtyPort()
+            return PtyPort(baudrate)
         except OSError:
             return SocketPort()
     return SocketPort()

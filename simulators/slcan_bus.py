@@ -10,14 +10,18 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable
 
+from simulators.ecu_wire import EXTENDED
 from simulators.peer_queue import PeerQueue
 
 OK = b"\r"
 ERROR = b"\a"
 ADAPTER_ANSWERS = {b"S": OK, b"s": OK, b"Z": OK, b"Y": OK, b"V": b"V1013\r", b"N": b"NSIM1\r", b"F": b"F00\r"}
 HIGHEST_BACKLOG = 64 * 1024
-LONGEST_LINE = 64
+LONGEST_LINE = 160
 MAXIMUM_DATA = 8
+FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Bytes of a CAN FD frame by its length code."""
+STANDARD, FRAMES = b"trdb", b"trdbTRDB"
 
 
 class SlcanBus:
@@ -29,13 +33,15 @@ class SlcanBus:
         silent: a fault: nothing passes in either direction.
         queue: asks what clients have not read.
         encode: turns a frame of the ECU into its line; a fault may put another one here.
+
+    A frame's number has `EXTENDED` set where its identifier is an extended one.
     """
 
     def __init__(self, on_frame: Callable[[int, bytes], None]) -> None:
         self.port = 0
         self.dropped_frames = 0
         self.silent = False
-        self.encode: Callable[[int, bytes], bytes] = standard_line
+        self.encode: Callable[[int, bytes], bytes] = frame_line
         self._on_frame = on_frame
         self._clients: list[SlcanClient] = []
         self._server: asyncio.Server | None = None
@@ -75,12 +81,14 @@ class SlcanBus:
                 client.deliver(lines)
 
     def received(self, line: bytes, sender: SlcanClient) -> None:
-        """A client's frame: to the other clients, and to the ECU when it is a standard data frame."""
+        """A client's frame: to the other clients, and to the ECU when it is a data frame."""
         if self.silent:
             return
         self.send_lines([line + OK], sender)
-        if line[:1] == b"t":
+        if line[:1] in b"tdb":
             self._on_frame(int(line[1:4], 16), bytes.fromhex(line[5:].decode("ascii")))
+        elif line[:1] in b"TDB":
+            self._on_frame(int(line[1:9], 16) | EXTENDED, bytes.fromhex(line[10:].decode("ascii")))
 
     def joined(self, client: SlcanClient) -> None:
         """A client connected."""
@@ -92,9 +100,13 @@ class SlcanBus:
             self._clients.remove(client)
 
 
-def standard_line(identifier: int, data: bytes) -> bytes:
-    """The slcan line of a standard data frame, its CR included."""
-    return b"t%03X%X%s\r" % (identifier, len(data), data.hex().upper().encode("ascii"))
+def frame_line(identifier: int, data: bytes, *, remote: bool = False) -> bytes:
+    """The slcan line of a frame, its CR included; a remote request has no data, more than 8 bytes are CAN FD."""
+    kind = b"r" if remote else b"t" if len(data) <= MAXIMUM_DATA else b"d"
+    kind = kind.upper() if identifier & EXTENDED else kind
+    number = b"%08X" % (identifier ^ EXTENDED) if identifier & EXTENDED else b"%03X" % identifier
+    carried = b"" if remote else data.hex().upper().encode("ascii")
+    return b"%s%s%X%s\r" % (kind, number, FD_LENGTHS.index(len(data)), carried)
 
 
 class SlcanClient(asyncio.Protocol):
@@ -162,11 +174,11 @@ class SlcanClient(asyncio.Protocol):
 
     def _answer(self, line: bytes) -> bytes:
         kind = line[:1]
-        if kind in b"tTrR":
+        if kind in FRAMES:
             if not (self._transmits and well_formed(line)):
                 return ERROR
             self._bus.received(line, self)
-            return (b"z" if kind in b"tr" else b"Z") + OK
+            return (b"z" if kind in STANDARD else b"Z") + OK
         if kind in b"OL":
             self.listening, self._transmits = True, kind == b"O"
             return OK
@@ -177,14 +189,15 @@ class SlcanClient(asyncio.Protocol):
 
 
 def well_formed(line: bytes) -> bool:
-    """Whether a frame line has a readable identifier, a length up to 8 and as many data bytes as it says."""
-    digits = 3 if line[:1] in b"tr" else 8
+    """Whether a frame line has a readable identifier, a length that it can have and as many data bytes as it says."""
+    digits = 3 if line[:1] in STANDARD else 8
     head, body = line[1 : 1 + digits], line[2 + digits :]
     try:
         identifier, length = int(head, 16), int(line[1 + digits : 2 + digits], 16)
         data = bytes.fromhex(body.decode("ascii"))
     except ValueError:
         return False
-    expected = 0 if line[:1] in b"rR" else length
+    expected = 0 if line[:1] in b"rR" else FD_LENGTHS[length]
     highest = 0x7FF if digits == 3 else 0x1FFFFFFF
-    return len(head) == digits and identifier <= highest and length <= MAXIMUM_DATA and len(data) == expected
+    fits = length <= MAXIMUM_DATA or line[:1] in b"dDbB"
+    return len(head) == digits and identifier <= highest and fits and len(data) == expected

@@ -21,7 +21,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 SELDOM = 50_000
 """The garbage collector looks after so many objects; what was collected of the tests it does not look at any more."""
-STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", "start_campaign", "wired_station_rig"})
+STARTS_PROCESSES = frozenset({"start", "run_wired", "in_motion", "start_brisk", "start_campaign", "wired_station_rig",
+                              "simulated_rig"})
 """Fixtures that start real processes on real transports: whoever uses them is marked `wire`."""
 
 

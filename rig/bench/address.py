@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 from urllib.parse import urlsplit
 
-from drivers.catalogue import actuator_names, check_actuator, check_current_source, known_current_source_names
+from drivers.can_library import missing_for
+from drivers.catalogue import (
+    actuator_names,
+    check_actuator,
+    check_current_source,
+    current_source_period_s,
+    current_source_problems,
+    current_source_range_A,
+    is_dbc,
+    known_current_source_names,
+)
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.plugins import BrokenPlugIn
 from protocols.errors import ProtocolError
+from rig.bench.quantity import Problem
 
 SCHEMES = ("socket", "rfc2217", "loop", "spy", "alt", "hwgrep", "cp2110")
 """What pyserial's `serial_for_url` takes before "://"; a test compares this list with it."""
@@ -48,6 +60,18 @@ def serial_url(text: str) -> str:
     return text
 
 
+def supply_url(text: str) -> str:
+    """Check a supply's address: a serial port as `serial_url` takes it, or `tcp://host:port`.
+
+    Raises:
+        ValueError: it is neither.
+    """
+    if text.startswith("tcp://"):
+        _host_and_port(text, "tcp://192.168.0.20:5025")
+        return text
+    return serial_url(text)
+
+
 def modbus_url(text: str) -> str:
     """Check the controller's address.
 
@@ -65,26 +89,56 @@ def modbus_url(text: str) -> str:
 
 
 def known_actuator(name: str) -> str:
-    """Check the name of a kind of actuator against those there are a description or a driver of, and its description.
+    """Check the name of a kind of actuator, or the path of a register map (it ends in .toml), and its description.
 
     Raises:
         ValueError: unknown; the known ones are named. Or its description cannot be used.
     """
-    return _described(_known(name, actuator_names()), check_actuator)
+    if not name.casefold().endswith(".toml"):
+        _known(name, actuator_names(), '; a register map of your own is named by its file, such as "my-map.toml"')
+    return _described(name, check_actuator)
 
 
 def known_current_source(name: str) -> str:
     """Check the name of a kind of current source against those there is a description of, and that description.
 
+    A DBC file is looked at together with its roles (`ecu_problems`).
+
     Raises:
         ValueError: unknown; the known ones are named. Or its description cannot be used.
     """
+    if is_dbc(name):
+        return name
     return _described(_known(name, known_current_source_names()), check_current_source)
 
 
-def _known(name: str, known: tuple[str, ...]) -> str:
+def ecu_problems(dbc: str, roles: str | Mapping[str, Any] | None) -> Iterator[Problem]:
+    """What a current source's DBC and roles say wrong, each by itself and together."""
+    if not is_dbc(dbc):
+        if roles is not None:
+            yield ("roles",), f'says what the signals of a DBC file mean; "{dbc}" has its own. Take it out'
+    elif roles is None:
+        yield ("dbc",), (
+            'a DBC file needs roles, which say what its signals mean: write roles = "ecu-roles.toml", or a table '
+            "[ecu.roles]; docs/how-to/connect-an-ecu-by-dbc.md"
+        )  # fmt: skip
+    else:
+        yield from current_source_problems(dbc, roles)
+
+
+def current_range_A(dbc: str, roles: str | Mapping[str, Any] | None) -> tuple[float, float]:
+    """Lowest and highest current (A) that the set-point of a current source can hold."""
+    return current_source_range_A(dbc, roles)
+
+
+def status_period_s(dbc: str, roles: str | Mapping[str, Any] | None) -> float:
+    """How often a current source tells its current (s of its clock)."""
+    return current_source_period_s(dbc, roles)
+
+
+def _known(name: str, known: tuple[str, ...], way: str = "") -> str:
     if name not in known:
-        raise ValueError(f"{name!r} is not known; known: {', '.join(known)}")
+        raise ValueError(f"{name!r} is not known; known: {', '.join(known)}{way}")
     return name
 
 
@@ -102,9 +156,12 @@ def can_interface(text: str) -> str:
     """Check the name of a CAN interface against what python-can and its plugins provide.
 
     Raises:
-        ValueError: unknown; the nearest name is suggested.
+        ValueError: unknown; the nearest name is suggested. Or its package is not installed.
     """
     if text in INTERFACES:
+        missing = missing_for(text)
+        if missing:
+            raise ValueError(f"what python-can needs for it is not installed here: {missing}")
         return text
     from importlib.metadata import entry_points
 

@@ -11,11 +11,13 @@ from pydantic import Field, model_validator
 
 from rig import units
 from rig.bench import named_files
+from rig.bench.address import current_range_A, status_period_s
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
 from rig.bench.sensor_settings import Auxiliary, LoadCell, Lvdt, Name, SensorConfig
 from rig.bench.settings import MOST_AUXILIARY, ActuatorConfig, Clock, EcuConfig, Limits, Station
+from rig.bench.supply_settings import supply_of
 
 ZERO_SHARE_OF_RANGE = 0.0025
 CHANGE_OF_ZERO = 0.4
@@ -107,7 +109,7 @@ class Bench(Section):
             exclude={
                 "name": True,
                 "actuator": {"url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s"},
-                "ecu": {"interface", "channel", "bitrate", "command_period_s", "stale_after_s"},
+                "ecu": self.ecu.not_physics,
                 "load_cell": self.load_cell.not_physics,
                 "lvdt": self.lvdt.not_physics,
                 "auxiliary": {index: item.not_physics for index, item in enumerate(self.auxiliary)},
@@ -116,7 +118,13 @@ class Bench(Section):
                 "checks": True,
             }
         )
-        tables = {"actuator": {"register_map": self.actuator.register_map}}
+        tables = {
+            "actuator": {"register_map": self.actuator.register_map},
+            "ecu": {"dbc": self.ecu.dbc, "roles": self.ecu.roles, "supply": self.ecu.supply},
+            "load_cell": {"format": self.load_cell.format},
+            "lvdt": {"format": self.lvdt.format},
+            "auxiliary": [{"format": sensor.format} for sensor in self.auxiliary],
+        }
         return hashlib.sha256(named_files.with_contents(text, tables).encode()).hexdigest()
 
     def overdue(self, today: date) -> tuple[str, ...]:
@@ -128,7 +136,9 @@ class Bench(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        problems = [*self._shared_ports(), *self._shared_names(), *self._ranges(), *self._periods()]
+        problems = [
+            *self._shared_ports(), *self._shared_names(), *self._ranges(), *self._current(), *self._periods()
+        ]
         if problems:
             raise located(problems)
         return self
@@ -166,6 +176,18 @@ class Bench(Section):
             problems.append((("limits", "position"), f"is beyond the LVDT's range; allowed: within +-{lvdt}"))
         return problems
 
+    def _current(self) -> list[Problem]:
+        """The limit against what the current source gives."""
+        described = supply_of(self.ecu.supply)
+        if described is not None:
+            low_A, high_A = described.current_A
+        else:
+            low_A, high_A = current_range_A(self.ecu.dbc, self.ecu.roles)
+        if self.limits.current_A <= high_A and (-self.limits.current_A >= low_A or low_A >= 0.0):
+            return []
+        held = f"{units.show(low_A, 'A')} to {units.show(high_A, 'A')}"
+        return [(("limits", "current"), f"is beyond the set-point of the current source; allowed: within {held}")]
+
     def _periods(self) -> list[Problem]:
         problems: list[Problem] = []
         for place, sensor in self._sensors().items():
@@ -177,8 +199,14 @@ class Bench(Section):
         if self.actuator.watchdog_s < shortest:
             message = f"is less than two polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
             problems.append((("actuator", "watchdog"), message))
-        if self.ecu.stale_after_s < 2.0 * self.ecu.command_period_s:
-            shortest = 2.0 * self.ecu.command_period_s
-            message = f"is less than two status frames; allowed: at least {units.show(shortest, 'ms')}"
-            problems.append((("ecu", "stale_after"), message))
-        return problems
+        return problems if self.ecu.url is not None else [*problems, *self._ecu_periods()]
+
+    def _ecu_periods(self) -> list[Problem]:
+        """Of a current controller on CAN; those of a supply are its own entries'."""
+        told = 2.0 * status_period_s(self.ecu.dbc, self.ecu.roles) / self.clock.device_rate
+        asked = 2.0 * self.ecu.command_period_s
+        for shortest, what in ((asked, "status frames"), (told, "periods of the measured current")):
+            if self.ecu.stale_after_s < shortest:
+                message = f"is less than two {what}; allowed: at least {units.show(shortest, 'ms')}"
+                return [(("ecu", "stale_after"), message)]
+        return []

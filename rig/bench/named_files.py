@@ -11,11 +11,15 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
-from rig.text_file import read_text
+from rig.text_file import read_bytes
 
 LARGEST_BYTES = 262_144
-ENTRIES: Mapping[tuple[str, str], str] = {("actuator", "register_map"): ".toml"}
-"""Table and key of each entry that may name a file, and how such a name ends."""
+ENTRIES: Mapping[tuple[str, str], str] = {
+    ("actuator", "register_map"): ".toml", ("ecu", "dbc"): ".dbc", ("ecu", "roles"): ".toml",
+    ("ecu", "supply"): ".toml",
+    ("load_cell", "format"): ".toml", ("lvdt", "format"): ".toml", ("auxiliary", "format"): ".toml",
+}  # fmt: skip
+"""Table and key of each entry that may name a file, and how such a name ends; a table may be a list of them."""
 
 
 def is_file(entry: tuple[str, str], value: object) -> bool:
@@ -31,8 +35,12 @@ def with_paths(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         folder: the bench file's.
     """
     result = dict(data)
-    for (table, key), written in named(data):
-        result[table] = {**result[table], key: str(folder / written)}
+    for entry in ENTRIES:
+        table, key = entry
+        tables = _tables(result, table)
+        whole = [{**one, key: str(folder / one[key])} if is_file(entry, one.get(key)) else one for one in tables]
+        if whole:
+            result[table] = whole[0] if isinstance(data[table], Mapping) else tuple(whole)
     return result
 
 
@@ -40,9 +48,14 @@ def named(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str], str]]:
     """Each entry that names a file, and the name as it is written."""
     for entry in ENTRIES:
         table, key = entry
-        given = data.get(table)
-        if isinstance(given, Mapping) and is_file(entry, given.get(key)):
-            yield entry, given[key]
+        yield from ((entry, one[key]) for one in _tables(data, table) if is_file(entry, one.get(key)))
+
+
+def _tables(data: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
+    """The table of that name, or every one of a list of them; none where there is something else."""
+    given = data.get(name)
+    listed = [given] if isinstance(given, Mapping) else list(given) if isinstance(given, (list, tuple)) else []
+    return listed if all(isinstance(one, Mapping) for one in listed) else []
 
 
 def with_contents(dumped: str, data: Mapping[str, Any]) -> str:
@@ -56,7 +69,7 @@ def with_contents(dumped: str, data: Mapping[str, Any]) -> str:
         FileProblem: a file cannot be read any more.
     """
     for _, path in named(data):
-        content = read_text(Path(path), LARGEST_BYTES).encode()
+        content = read_bytes(Path(path), LARGEST_BYTES)
         dumped = dumped.replace(json.dumps(path), json.dumps(hashlib.sha256(content).hexdigest()))
     return dumped
 

@@ -219,7 +219,8 @@ def _missing(field: FieldInfo | None, key: str | int) -> str:
     table = _section_in(field.annotation)
     if table is not None:
         needed = [key_of(table, name) for name, inner in fields_of(table).items() if inner.is_required()]
-        return f"missing; write a table [{key}] with {', '.join(needed)}"
+        # Where one of several kinds of device may stand, no key is needed by all: the first kind's are shown.
+        return f"missing; write a table [{key}] with {', '.join(needed or _keys(table)[:2])}"
     example = _example(field)
     return "missing" + (f"; write for example {key} = {example}" if example else "")
 

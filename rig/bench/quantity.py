@@ -7,7 +7,7 @@ schema, reading values back (`rig.bench.settings_json`) their `check` is called:
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -130,23 +130,46 @@ class Text:
         return core_schema.str_schema(min_length=1, max_length=self.longest, strict=True, pattern=self.pattern)
 
 
+class Problems(ValueError):
+    """What a check of a whole table found wrong in it, every place of it."""
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        told = (f"{'.'.join(map(str, place))}: {text}" if place else text for place, text in problems)
+        super().__init__("; ".join(told))
+        self.problems = tuple(problems)
+
+
 @dataclass(frozen=True)
 class Check:
     """Annotation with a check of its own: a function that returns the value, or raises ValueError with what would fit.
 
-    With `alone` nothing else looks at the value, whatever its type.
+    For a table it raises `Problems`. With `alone` nothing else looks at the value, whatever its type.
     """
 
     check: Callable[[Any], Any]
     alone: bool = False
+    located: ClassVar[Callable[..., Any]]
+    """How the validator is told problems with their places: set by `rig.bench.section`, which loads the validator."""
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         from pydantic_core import core_schema
 
         inner = handler(source)
         if self.alone:
-            return core_schema.no_info_plain_validator_function(self.check, json_schema_input_schema=inner)
-        return core_schema.no_info_after_validator_function(self.check, inner)
+            return core_schema.no_info_plain_validator_function(self._placed, json_schema_input_schema=inner)
+        return core_schema.no_info_after_validator_function(self._placed, inner)
+
+    def _placed(self, value: Any) -> Any:  # noqa: ANN401 - whatever the field holds
+        """The checked value.
+
+        Raises:
+            error: problems inside of it, with their places as the validator tells them.
+        """
+        try:
+            return self.check(value)
+        except Problems as problems:
+            error: Exception = Check.located(problems.problems)
+            raise error from problems
 
 
 def key(name: str | None = None, **shape: object) -> dict[str, object]:

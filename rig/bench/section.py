@@ -18,7 +18,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from rig import units
-from rig.bench.quantity import Problem, Quantity, Settings
+from rig.bench.quantity import Check, Problem, Quantity, Settings
 
 
 class Section(BaseModel):
@@ -162,6 +162,7 @@ def _json_schema_of(table: type[Settings], schema: CoreSchema, handler: GetJsonS
     return result
 
 
+Check.located = located
 Settings.core_schema_of = _core_schema_of
 Settings.json_schema_of = _json_schema_of
 

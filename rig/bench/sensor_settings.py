@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import difflib
+import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import date
 from typing import Annotated, Any, Literal
 
+from drivers.connection import LineSettings
 from rig import units
 from rig.bench import address
-from rig.bench.quantity import Check, Problem, Quantity, Settings, Text, Wording, key
+from rig.bench.quantity import Check, Problem, Problems, Quantity, Settings, Text, Wording, key
 
 # A limit outside these is a slip of the pen, not a damper test rig (fault row `config-absurd`).
 Force = Annotated[float, Quantity("force", "0 N", "200 kN", above=True)]
 Timeout = Annotated[float, Quantity("time", "5 ms", "5 s")]
 Delay = Annotated[float, Quantity("time", "0 s", "100 ms")]
 
-LineValue = str | int | float | tuple[str, ...]
 Name = Annotated[str, Text(64, r"^[^\x00-\x1f]+$", Wording("1 to 64 characters on one line", "bench 2"))]
 ChannelName = Annotated[
     str,
@@ -36,11 +39,38 @@ def _positive(value: float) -> float:
     return value
 
 
+WireValue = str | int | float
+"""A value on the wire: a bare number, or one with its unit, such as "2 mV/V", which the format's unit must be."""
+CalibrationPoint = tuple[WireValue, str]
+_WIRE = re.compile(rf"\s*({units.NUMBER})\s*([^\s\d.+-]\S*)?\s*", re.ASCII)
+
+
+def wire_number(value: WireValue) -> float:
+    """The number of a value on the wire.
+
+    Raises:
+        rig.units.UnitProblem: there is no number.
+    """
+    if not isinstance(value, str):
+        return float(value)
+    match = _WIRE.fullmatch(value)
+    if match is None:
+        raise units.UnitProblem(f'{value!r} is not a value on the wire, such as 1234 or "2 mV/V"')
+    return float(match[1])
+
+
+def wire_unit(value: WireValue) -> str:
+    """The unit of a value on the wire; empty where none is written."""
+    match = _WIRE.fullmatch(value) if isinstance(value, str) else None
+    return match[2] or "" if match else ""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Calibration(Settings):
     """How the value on the wire becomes SI: `sensitivity * wire - offset`, times -1 where polarity is reversed.
 
-    The polarity is applied in one place: everybody else computes with a sensor's own `sensitivity` and `offset`.
+    The polarity is applied in one place: everybody else computes with a sensor's own `sensitivity` and `offset`. In
+    place of a sensitivity there may be two points, or a rated output with its capacity.
     """
 
     sensitivity: Annotated[float, Check(_positive)] = field(
@@ -51,6 +81,21 @@ class Calibration(Settings):
         default="normal", metadata=key(description="reversed: the sensor counts jounce, or compression, as positive")
     )
     offset: str | None = field(default=None, metadata=key(description="what the sensor shows at zero, with its unit"))
+    points: tuple[CalibrationPoint, CalibrationPoint] | None = field(
+        default=None,
+        metadata=key(
+            description="two points of the certificate, in place of a sensitivity: on the wire, and meant",
+            examples=[[["0.002 mV/V", "0 N"], ["2.001 mV/V", "10 kN"]]],
+        ),
+    )
+    rated_output: WireValue | None = field(
+        default=None,
+        metadata=key(description="what is on the wire at the capacity, in place of a sensitivity", examples=["2 mV/V"]),
+    )
+    capacity: str | None = field(default=None, metadata=key(description="load of the rated output", examples=["10 kN"]))
+    zero: WireValue | None = field(
+        default=None, metadata=key(description="on the wire at zero, with a rated output", examples=["0.01 mV/V"])
+    )
     serial_number: Name = field(metadata=key(examples=["LC-1234"]))
     certificate: str = field(default="", metadata=key(max_length=128))
     uncertainty_percent: float | None = field(
@@ -64,28 +109,71 @@ class Calibration(Settings):
         """-1 where the polarity is reversed."""
         return -1.0 if self.polarity == "reversed" else 1.0
 
+    def line(self, dimension: str) -> tuple[float, float]:
+        """Sensitivity (SI per unit on the wire) and offset (SI), the polarity not applied.
 
-def _known_format(value: object) -> str | dict[str, LineValue]:
+        Raises:
+            rig.units.UnitProblem: a value has another dimension or unit.
+        """
+        if self.points is not None:
+            (low, low_text), (high, high_text) = self.points
+            low_wire, high_wire = wire_number(low), wire_number(high)
+            low_SI, high_SI = units.parse(low_text, dimension), units.parse(high_text, dimension)
+            slope = (high_SI - low_SI) / (high_wire - low_wire) if high_wire != low_wire else math.nan
+            return slope, slope * low_wire - low_SI
+        if self.rated_output is not None and self.capacity is not None:
+            rated = wire_number(self.rated_output)
+            slope = units.parse(self.capacity, dimension) / rated if rated else math.nan
+            return slope, slope * wire_number(self.zero) if self.zero is not None else 0.0
+        return self.sensitivity, 0.0 if self.offset is None else units.parse(self.offset, dimension)
+
+    def problems_with(self, dimension: str) -> Iterator[Problem]:
+        """What contradicts itself, or is not of the sensor's dimension."""
+        ways = [name for name in ("points", "rated_output") if getattr(self, name) is not None]
+        if len(ways) > 1:
+            yield ("points",), "a rated output is given too; keep one of the two"
+        for name in ("sensitivity", "offset"):
+            if ways and getattr(self, name) != (1.0 if name == "sensitivity" else None):
+                yield (name,), f"{ways[0]} is given too; keep one of the two"
+        for name, wanted in (("capacity", "rated_output"), ("zero", "rated_output"), ("rated_output", "capacity")):
+            if getattr(self, name) is not None and getattr(self, wanted) is None:
+                yield (name,), f"needs {wanted} beside it"
+        try:
+            slope, _ = self.line(dimension)
+        except units.UnitProblem as problem:
+            yield (ways[0] if ways else "offset",), str(problem)
+            return
+        if not 0.0 < slope < math.inf:
+            way_out = 'falls as the wire\'s value rises; write the loads with the other sign, and polarity = "reversed"'
+            yield (ways[0] if ways else "sensitivity",), f"the load {way_out}" if slope < 0.0 else "it has no slope"
+
+
+def _known_format(value: object) -> str | dict[str, Any]:
     from drivers.catalogue import check_sensor_format, sensor_format_names
     from drivers.plugins import BrokenPlugIn
-    from protocols.errors import LocalProtocolError
-    from protocols.line_format import from_description
+    from drivers.sensor_formats import described_format, is_file
+    from protocols.format_keys import FormatProblems
 
-    if isinstance(value, str):
+    if isinstance(value, str) and not is_file(value):
         known = list(sensor_format_names())
         if value not in known:
-            raise ValueError(f"unknown format; known: {', '.join(known)}, or a table that describes a line")
+            meant = difflib.get_close_matches(value, known, n=1, cutoff=0.6)
+            said = f"did you mean {meant[0]}? " if meant else ""
+            raise ValueError(
+                f"unknown format; {said}known: {', '.join(known)}, a file's name that ends in .toml, or a table that "
+                f"describes the format"
+            )
         try:
             check_sensor_format(value)
         except BrokenPlugIn as error:
             raise ValueError(str(error)) from error
         return value
-    if not isinstance(value, dict):
-        raise ValueError("must be the name of a format in quotes, or a table that describes a line")
+    if not isinstance(value, (str, dict)):
+        raise ValueError("must be the name of a format or of a file in quotes, or a table that describes the format")
     try:
-        from_description(value)
-    except LocalProtocolError as error:
-        raise ValueError(str(error)) from error
+        described_format(value)
+    except FormatProblems as error:
+        raise Problems(error.problems) from error
     return value
 
 
@@ -97,9 +185,15 @@ class SensorConfig(Settings):
         metadata=key(examples=["/dev/ttyUSB0", "socket://192.168.0.7:4001"])
     )
     baudrate: int = field(default=921_600, metadata=key(ge=300, le=12_000_000))
-    format: Annotated[str | dict[str, LineValue], Check(_known_format, alone=True)] = field(
+    parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line"))
+    data_bits: Literal[7, 8] = field(default=8, metadata=key(description="of a serial line"))
+    stop_bits: Literal[1, 2] = field(default=1, metadata=key(description="of a serial line"))
+    format: Annotated[str | dict[str, Any], Check(_known_format, alone=True)] = field(
         default="frame16",
-        metadata=key(description="frame16, a line format preset, or a table that describes a line"),
+        metadata=key(
+            description="a format's name, the name of a file that ends in .toml (from the bench file's folder), or a "
+            "table (rig schema sensor-format)"
+        ),
     )
     rate_Hz: Annotated[float, Quantity("frequency", "1 Hz", "50 kHz")] = field(metadata=key("rate"))
     stale_after_s: Timeout = field(default=0.020, metadata=key("stale_after"))
@@ -115,6 +209,11 @@ class SensorConfig(Settings):
         metadata=key("bandwidth", description="where sensor and conditioner have lost 3 dB; the plan looks at it"),
     )
     calibration: Calibration
+
+    @property
+    def line(self) -> LineSettings:
+        """Settings of its serial line."""
+        return LineSettings(self.baudrate, self.data_bits, self.parity, self.stop_bits)
 
     @property
     def label(self) -> str:
@@ -134,26 +233,49 @@ class SensorConfig(Settings):
     @property
     def sensitivity(self) -> float:
         """SI units per unit on the wire; negative where the polarity is reversed."""
-        return self.calibration.sign * self.calibration.sensitivity
+        return self.calibration.sign * self.calibration.line(self.dimension)[0]
 
     @property
     def offset(self) -> float:
         """What `sensitivity * wire` is at zero, in the SI unit of this sensor; its sign follows the polarity."""
-        text = self.calibration.offset
-        return 0.0 if text is None else self.calibration.sign * units.parse(text, self.dimension)
+        return self.calibration.sign * self.calibration.line(self.dimension)[1]
 
     @property
     def not_physics(self) -> dict[str, Any]:
         """What does not count for `Bench.digest`; a polarity that is as ever does not either."""
-        link = dict.fromkeys(("url", "baudrate", "stale_after_s", "bandwidth_Hz"), True)
-        return {**link, "calibration": {"polarity"} if self.calibration.polarity == "normal" else set()}
+        link = ("url", "baudrate", "parity", "data_bits", "stop_bits", "stale_after_s", "bandwidth_Hz")
+        given = self.calibration
+        usual = {name for name in ("points", "rated_output", "capacity", "zero") if getattr(given, name) is None}
+        usual |= {"polarity"} if given.polarity == "normal" else set()
+        return {**dict.fromkeys(link, True), "calibration": usual}
 
     def problems(self) -> Iterator[Problem]:
-        """An offset has the sensor's own dimension."""
-        try:
-            _ = self.offset
-        except units.UnitProblem as problem:
-            yield ("calibration", "offset"), str(problem)
+        """A calibration has the sensor's own dimension."""
+        for place, text in (*self.calibration.problems_with(self.dimension), *self._unit_problems()):
+            yield ("calibration", *place), text
+
+    def _unit_problems(self) -> Iterator[Problem]:
+        """The format's unit, where it states one, is the calibration's."""
+        from drivers.sensor_formats import is_file, stated_unit
+
+        unit, given = stated_unit(self.format), self.calibration
+        if not unit:
+            return
+        for name in ("points", "rated_output", "zero"):
+            values = getattr(given, name) or ()
+            for value in [wire for wire, _ in values] if name == "points" else [values]:
+                if wire_unit(value or 0) not in {"", unit}:
+                    yield (name,), f"the format's unit is {unit}; write these values in it, or without a unit"
+                    break
+        # A table stands beside its calibration; of a file nobody sees here what its numbers are.
+        known = units.UNITS.get(units.ALIASES.get(unit, unit)) if is_file(self.format) else None
+        usual = given.sensitivity == 1.0 and given.points is None and given.rated_output is None
+        if known is not None and usual and not (known.dimension == self.dimension and known.scale == 1.0):
+            if known.dimension == self.dimension:
+                yield ("sensitivity",), f"the format's unit is {unit}; write sensitivity = {known.scale!r}"
+            else:
+                told = f"the format's unit is {unit}, which is no {self.dimension}; state a sensitivity"
+                yield ("sensitivity",), told
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,11 +11,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+from drivers.catalogue import make_actuator
+from drivers.connection import ActuatorConnection
 from rig.bench import address
 from rig.bench.quantity import Check, Problem, Quantity, Settings, Text, key
 from rig.bench.sensor_settings import (
@@ -28,9 +30,11 @@ from rig.bench.sensor_settings import (
     SensorConfig,
     Timeout,
 )
+from rig.bench.supply_settings import supply_problems_of
 
 ECU_STATUS_Hz = 100.0
 MOST_AUXILIARY = 7
+LATE_SETPOINT_S = 0.010
 SPIKE_FORCE_SHARE = 0.6
 """A triangle's reversal turns the whole yield force round between two samples; a larger jump is no physics."""
 SPIKE_SPEED_FACTOR = 2.0
@@ -128,30 +132,128 @@ class ActuatorConfig(Settings):
             description="delay of the controller's own position and force inputs; sensors are checked against them",
         ),
     )
+    setpoint_late_s: Annotated[float, Quantity("time", "2 ms", "500 ms")] | None = field(
+        default=None,
+        metadata=key(
+            "setpoint_late",
+            description="of an actuator that is streamed its set-points: one sent so much after its time is late; not "
+            "stated: 10 ms, or one poll if that is longer",
+        ),
+    )
     serial_number: Name | None = None
+
+    @property
+    def setpoints_s(self) -> float | None:
+        """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
+        connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
+        return None if make_actuator(self.register_map, connection).capabilities.generator else self.poll_s
+
+    @property
+    def late_setpoint_s(self) -> float:
+        """A set-point sent so much after its time is late (s)."""
+        return max(self.poll_s, LATE_SETPOINT_S) if self.setpoint_late_s is None else self.setpoint_late_s
+
+
+def _own_or_preset(value: object) -> object:
+    """A preset's name, a file's or a table; what is in it is looked at by `EcuConfig.problems`.
+
+    Raises:
+        ValueError: it is none of these.
+    """
+    if not isinstance(value, (str, Mapping)):
+        raise ValueError("must be a preset's or a file's name in quotes, or a table that describes a supply")
+    return value
 
 
 @dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings):
-    """The current controller of the coil, over CAN by any python-can interface."""
+    """The coil's current source: a current controller on CAN by any python-can interface, or a supply by its `url`.
 
-    interface: Annotated[str, Text(256), Check(address.can_interface)] = field(metadata=key(examples=["socketcan"]))
-    channel: Name = field(metadata=key(examples=["can0"]))
+    `dbc` is a known kind, or the name of a DBC file; then `roles` says what its signals mean: the name of a TOML file,
+    or the same as a table. `supply` is a supply's language: a preset, a file, a table.
+    """
+
+    interface: Annotated[str, Text(256), Check(address.can_interface)] | None = field(
+        default=None, metadata=key(examples=["socketcan"])
+    )
+    channel: Name | None = field(default=None, metadata=key(examples=["can0"]))
     bitrate: int = field(default=500_000, metadata=key(ge=10_000, le=1_000_000))
-    dbc: Annotated[str, Check(address.known_current_source)] = "demo"
+    interface_options: dict[str, str | int | float | bool] = field(
+        default_factory=dict, metadata=key(description="further arguments of the interface, by python-can's names")
+    )
+    dbc: Annotated[str, Check(address.known_current_source)] = field(
+        default="demo", metadata=key(examples=["ecu.dbc"], description="a known kind, or a DBC file")
+    )
+    roles: str | dict[str, Any] | None = field(
+        default=None, metadata=key(examples=["ecu-roles.toml"], description="what the signals of a DBC file mean")
+    )
     command_period_s: Annotated[float, Quantity("time", "2 ms", "50 ms")] = field(
         default=0.010, metadata=key("command_period")
     )
     stale_after_s: Timeout = field(default=0.030, metadata=key("stale_after"))
     serial_number: int | None = field(default=None, metadata=key(ge=0, le=0xFFFF_FFFF))
+    url: Annotated[str, Text(256), Check(address.supply_url)] | None = field(
+        default=None, metadata=key(examples=["tcp://192.168.0.20:5025", "/dev/ttyUSB2"], description="of a supply")
+    )
+    supply: Annotated[str | dict[str, Any], Check(_own_or_preset, alone=True)] | None = field(
+        default=None,
+        metadata=key(
+            examples=["generic-scpi", "my-supply.toml"],
+            description="a supply's language: a preset, a file beside this one, or a table",
+        ),
+    )
+    baudrate: int | None = field(
+        default=None, metadata=key(ge=300, le=12_000_000, description="of a supply's serial line; else as it says")
+    )
+    poll_s: Annotated[float, Quantity("time", "2 ms", "1 s")] = field(
+        default=0.100, metadata=key("poll", description="how often a supply is asked for its current")
+    )
+    timeout_s: Timeout = field(default=0.500, metadata=key("timeout", description="of one answer of a supply"))
+    voltage_limit_V: Annotated[float, Quantity("voltage", "0 V", "200 V", above=True)] | None = field(
+        default=None, metadata=key("voltage_limit", description="the highest voltage a supply may put on the coil")
+    )
+    identity: Name | None = field(
+        default=None, metadata=key(description="text that a supply's identity (*IDN?) must hold; another is refused")
+    )
+
+    @property
+    def port(self) -> str:
+        """Where it is: the supply's port, a serial CAN adapter's, or the interface and its channel."""
+        if self.url is not None:
+            return self.url
+        return f"{self.channel}" if self.interface == "slcan" else f"{self.interface}:{self.channel}"
+
+    @property
+    def status_period_s(self) -> float:
+        """How often its current is told (s)."""
+        return 1.0 / ECU_STATUS_Hz if self.url is None else self.poll_s
+
+    @property
+    def not_physics(self) -> dict[str, Any]:
+        """What does not count for `Bench.digest`: addresses and times, and what is not stated of a supply."""
+        link = (
+            "interface", "channel", "bitrate", "interface_options", "command_period_s", "stale_after_s", "url",
+            "baudrate", "poll_s", "timeout_s",
+        )
+        unsaid = (name for name in ("roles", "supply", "voltage_limit_V", "identity") if getattr(self, name) is None)
+        return dict.fromkeys((*link, *unsaid), True)
 
     def problems(self) -> Iterator[Problem]:
-        """A serial CAN adapter's channel is a port."""
-        if self.interface == "slcan":
+        """Which kind of source it is, and what that kind needs."""
+        if self.url is not None or self.supply is not None:
+            yield from supply_problems_of(self)
+            return
+        for name, example in (("interface", "socketcan"), ("channel", "can0")):
+            if getattr(self, name) is None:
+                yield (name,), f'missing; write for example {name} = "{example}", or the url of a supply'
+        if self.interface == "slcan" and self.channel is not None:
             try:
                 address.serial_url(self.channel)
             except ValueError as problem:
                 yield ("channel",), str(problem)
+        for name in self.interface_options.keys() & {"interface", "channel", "bitrate"}:
+            yield ("interface_options", name), f"is an entry of [ecu] itself: write {name} = ... there"
+        yield from address.ecu_problems(self.dbc, self.roles)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,8 +311,8 @@ class StationConfig(Station, Clock):
     @property
     def periods_s(self) -> list[float]:
         """At which periods the devices are heard (wall s): polls, samples, the ECU's status frames."""
-        rates_Hz = [*(sensor.rate_Hz for sensor in self.sensors), ECU_STATUS_Hz]
-        return [self.actuator.poll_s, *(1.0 / (rate_Hz * self.device_rate) for rate_Hz in rates_Hz)]
+        periods_s = [*(1.0 / sensor.rate_Hz for sensor in self.sensors), self.ecu.status_period_s]
+        return [self.actuator.poll_s, *(period_s / self.device_rate for period_s in periods_s)]
 
     def spike_jump(self, sensor: SensorConfig) -> float:
         """The change between two samples (SI) that physics cannot make; none is known of an auxiliary channel."""

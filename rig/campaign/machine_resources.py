@@ -54,8 +54,7 @@ def locked(bench: Bench) -> Iterator[tuple[int, ...]]:
         Refused: another campaign on this machine holds one of them, or its lock cannot be had (slug `two-instances`).
     """
     sensors = (bench.load_cell, bench.lvdt, *bench.auxiliary)
-    can = bench.ecu.channel if bench.ecu.interface == SLCAN else f"{bench.ecu.interface}:{bench.ecu.channel}"
-    addresses = (bench.actuator.url, can, *(sensor.url for sensor in sensors))
+    addresses = (bench.actuator.url, bench.ecu.port, *(sensor.url for sensor in sensors))
     devices = {device: address for address in addresses for device in device_names(address)}
     with contextlib.ExitStack() as held:
         descriptors = []
@@ -250,14 +249,17 @@ def _written(ring: Path) -> bool:
     return False
 
 
-def station_config(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConfig:
+def station_config(bench: Bench, matrix: Matrix | None, ring_path: Path) -> StationConfig:
     """What the station is told: the bench's settings as they are, its limits narrowed to the specimen's travel.
 
     Args:
         bench: the bench.
-        matrix: the matrix, for the specimen.
+        matrix: the matrix, for the specimen; None where it is not known: the bench's limits hold.
         ring_path: where the station makes its ring.
     """
+    limits = bench.limits
+    if matrix is not None:
+        limits = limits.within_stroke(matrix.specimen.stroke_m, matrix.specimen.mid_stroke_m)
     return StationConfig(
         **vars(bench.station),
         **vars(bench.clock),
@@ -266,20 +268,20 @@ def station_config(bench: Bench, matrix: Matrix, ring_path: Path) -> StationConf
         load_cell=bench.load_cell,
         lvdt=bench.lvdt,
         auxiliary=bench.auxiliary,
-        limits=bench.limits.within_stroke(matrix.specimen.stroke_m, matrix.specimen.mid_stroke_m),
+        limits=limits,
         ring_path=str(ring_path),
     )
 
 
 @contextmanager
 def station_in_use(
-    bench: Bench, matrix: Matrix, folder: Path, locks: tuple[int, ...]
+    bench: Bench, matrix: Matrix | None, folder: Path, locks: tuple[int, ...]
 ) -> Iterator[tuple[StationClient, StationConfig]]:
     """The station's process, and what it was told; the block closes its link.
 
     Args:
         bench: the bench.
-        matrix: the matrix, for the specimen.
+        matrix: the matrix, for the specimen; None as for `station_config`.
         folder: the campaign's directory.
         locks: of the bench's devices, where they are held already; the station inherits them.
 

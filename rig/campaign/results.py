@@ -193,6 +193,7 @@ class CampaignResult:
         findings: what the session as a whole showed about its instruments.
         stop: how it was stopped; None when it ran to its end or was refused.
         confirmed: stops of earlier sessions whose mending the operator confirmed by resuming.
+        setpoints: how late the set-points were that were streamed to the actuator; None where it has a generator.
     """
 
     campaign: Path
@@ -210,6 +211,7 @@ class CampaignResult:
     findings: tuple[CampaignFinding, ...] = ()
     stop: StopReport | None = None
     confirmed: tuple[Mapping[str, str], ...] = ()
+    setpoints: Mapping[str, float] | None = None
 
     @property
     def exit_code(self) -> int:
@@ -238,6 +240,7 @@ class CampaignResult:
             "findings": [finding.to_json() for finding in self.findings],
             "stop": None if self.stop is None else asdict(self.stop),
             "confirmed": [dict(stop) for stop in self.confirmed],
+            "setpoints": None if self.setpoints is None else dict(self.setpoints),
         }
 
 
@@ -279,6 +282,7 @@ class PointResults:
         motion_s: planned motion of the points recorded (s, rig's clock).
         start_temperature_degC: the coil's first reading in this session; None before.
         waits: what the damper's temperature cost.
+        setpoints: counts and lateness (s) of the set-points streamed so far; None without any.
     """
 
     points: tuple[TestPoint, ...]
@@ -288,6 +292,11 @@ class PointResults:
     motion_s: float = 0.0
     start_temperature_degC: float | None = None
     waits: list[Wait] = field(default_factory=list)
+    setpoints: dict[str, float] | None = None
+
+    def take_setpoints(self, told: Mapping[str, Any]) -> None:
+        """The station's count of all set-points streamed so far, after a motion."""
+        self.setpoints = {name: told[name] for name in ("steps", "late", "skipped", "p99_s", "worst_s")}
 
     def judged(
         self, point: TestPoint, file: Path | None, verdict: str, reasons: Iterable[str], lost_samples: int,
@@ -361,6 +370,7 @@ class PointResults:
             motion_s=self.motion_s,
             start_temperature_degC=self.start_temperature_degC,
             waits=tuple(self.waits),
+            setpoints=self.setpoints,
         )
 
 

@@ -21,6 +21,7 @@ from typing import Any
 from drivers.catalogue import clocked_format_names
 from rig import __version__
 from rig.bench.model import Bench
+from rig.bench.supply_settings import supply_of
 from rig.campaign.confirmation import EarlierStop, resume_command
 from rig.campaign.kept_files import copy_into, keep_bench
 from rig.campaign.machine_resources import locked
@@ -158,6 +159,7 @@ def accepted(matrix: Matrix, bench: Bench, folder: Path | None = None) -> Plan:
     check_calibrations(bench, utc_now().date())
     if matrix.campaign.require_skew:
         check_clocks(bench)
+    check_source(bench, matrix)
     judged = plan(matrix, bench)
     lines = []
     for item in judged.judged:
@@ -316,6 +318,32 @@ def check_calibrations(bench: Bench, today: date) -> tuple[str, ...]:
             "(it says require_valid_calibration = true); nothing was moved",
         )
     return warnings
+
+
+def check_source(bench: Bench, matrix: Matrix) -> None:
+    """Refuse a matrix that asks for what a supply cannot do.
+
+    Raises:
+        Refused: temperatures that nobody measures (`source-without-temperature`), or currents that it does not drive
+            (`source-without-negative-current`).
+    """
+    described = supply_of(bench.ecu.supply)
+    if described is None:
+        return
+    if matrix.temperature is not None:
+        raise Refused(
+            "source-without-temperature",
+            "the matrix has a [temperature] window, and a supply does not measure the coil's temperature: take the "
+            "window out, or drive the coil by a current controller that measures it; nothing was moved",
+        )
+    negative = any(point.current_A < 0.0 for point in matrix.points())
+    if described.current_A[0] >= 0.0 and (matrix.campaign.demagnetise or negative):
+        raise Refused(
+            "source-without-negative-current",
+            f"the matrix asks for negative currents, and {described.name} drives {described.current_A[0]:g} to "
+            f"{described.current_A[1]:g} A: leave them and [campaign] demagnetise out, or use a bipolar supply; "
+            "nothing was moved",
+        )
 
 
 def check_clocks(bench: Bench) -> None:

@@ -9,15 +9,16 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from rig.bench.model import Bench
 from rig.campaign.results import CampaignOptions, Display
 from rig.campaign.words import say
 from rig.clock import monotonic_ns
-from rig.errors import EXIT_USAGE, Refused, RigError
+from rig.errors import EXIT_USAGE, FileProblem, Refused, RigError
 from rig.matrix.sections import Specimen
 from rig.recording.atomic_write import room_for_truth
 
@@ -30,6 +31,50 @@ EARLIER_RIG_S = 120.0
 DISK_PATIENCE_S = 5.0
 """A simulated rig on a full disk completes its truth file when there is room again: it is not waited for."""
 LOOK_AGAIN_S = 0.1
+STREAMED = "setpoints"
+REACHED = {"position_m": 0.085, "speed_m_s": 0.8, "acceleration_m_s2": 60.0, "force_N": 5e3, "current_A": 3.0}
+"""What the simulated machine reaches."""
+
+
+def wearing(path: Path) -> tuple[str, ...]:
+    """Arguments with which the simulated rig has the devices of a bench file: its controller, ECU and sensor formats.
+
+    Its ports are its own, and so is the bench file that it writes; limits are the file's, where the simulated machine
+    reaches them.
+
+    Raises:
+        FileProblem: the file cannot be used, or describes a device within itself that only a file of its own can
+            hand on.
+    """
+    bench = Bench.load(path)
+    problems = [
+        f"{place}: is described here; write it into a file of its own and name that: then a simulated rig can wear it"
+        for place, given in (
+            ("ecu.roles", bench.ecu.roles), ("ecu.supply", bench.ecu.supply),
+            ("load_cell.format", bench.load_cell.format), ("lvdt.format", bench.lvdt.format),
+        ) if isinstance(given, Mapping)
+    ]
+    if problems:
+        raise FileProblem(str(path), problems, "config-absurd")
+    actuator, ecu, limits = bench.actuator, bench.ecu, bench.limits
+    link = "rtu" if actuator.url.startswith("modbus-rtu") else "tcp"
+    arguments = ["--actuator", STREAMED if actuator.register_map == "demo-streamed" else link]
+    if actuator.register_map.endswith(".toml"):
+        arguments += ["--register-map", actuator.register_map]
+    if isinstance(ecu.roles, str):
+        arguments += ["--dbc", ecu.dbc, "--ecu-roles", ecu.roles]
+    if isinstance(ecu.supply, str):
+        arguments += ["--supply", ecu.supply]
+    arguments += ["--force-format", str(bench.load_cell.format), "--displacement-format", str(bench.lvdt.format)]
+    for name, sensor in (("load_cell", bench.load_cell), ("lvdt", bench.lvdt)):
+        arguments += ["--option", f"{name}.rate_Hz={sensor.rate_Hz}", "--option", f"{name}.baudrate={sensor.baudrate}"]
+    wanted = {
+        "position_m": min(map(abs, limits.position_m)), "speed_m_s": limits.speed_m_s, "force_N": limits.force_N,
+        "acceleration_m_s2": limits.acceleration_m_s2, "current_A": limits.current_A,
+    }
+    for name, value in wanted.items():
+        arguments += ["--option", f"limits.{name}={min(value, REACHED[name])}"]
+    return tuple(arguments)
 
 
 @dataclass

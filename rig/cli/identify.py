@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 @click.option("--series-spring", is_flag=True, help="Add a spring in series: compliant mounts.")
 @click.option("--suspect", is_flag=True, help="Include suspect points; by default only valid points are fitted.")
 @click.option(
-    "--weight", type=click.Choice(["1", "v"]),
-    help="Weight of a residual: 1 or the speed.  [default: the method's own]",
+    "--weight", type=click.Choice(["1", "v", "relative"]),
+    help="Weight of a residual: 1, the speed, or one over its test's peak.  [default: the method's own]",
 )
 @click.option(
     "--loss", type=click.Choice(["squares", "huber"]), default="squares", show_default=True,

@@ -22,6 +22,8 @@ OPERATOR_STOP = "sigint"
 # Command -> module that holds it as `command`, and its line in the help (so that the help loads no module).
 COMMANDS = {
     "demo": ("rig.cli.demo", "Complete example on the simulated rig, in under a minute."),
+    "init": ("rig.cli.init", "A commented bench and matrix file to begin with."),
+    "check": ("rig.cli.check", "Check every device of a bench: reachable, the right one, healthy."),
     "plan": ("rig.cli.plan", "Check every point of a matrix against the limits of a bench."),
     "run": ("rig.cli.run", "Run a matrix, record it, identify the damper."),
     "identify": ("rig.cli.identify", "Fit a damper model to recorded runs."),
@@ -32,7 +34,7 @@ COMMANDS = {
     "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
     "ride": ("rig.cli.ride", "Drive a car with fitted dampers: what differs, and how sure that is."),
-    "schema": ("rig.cli.schema", "JSON schema of the bench or matrix file, for editors."),
+    "schema": ("rig.cli.schema", "JSON schemas of the files a user writes, for editors."),
     "plugins": ("rig.cli.plugins", "List what other packages bring: drivers, models, methods, sections, exports."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
     "explain": ("rig.cli.explain", "What a slug means: a fault, refusal or finding by its name."),

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 @click.argument("matrix", type=click.Path(path_type=Path), required=False)
 @click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
 @click.option("--bench", type=click.Path(path_type=Path), help="Bench file of the rig.")
-@click.option("--simulate", is_flag=True, help="Start a simulated rig and run on it.")
+@click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices of --bench) and run on it.")
 @click.option(
     "--speed", type=click.FloatRange(0.01, 1000.0), help="Simulated seconds per second (with --simulate; default 1)."
 )
@@ -81,6 +81,7 @@ def command(
 
     path = _matrix_path(matrix, resume)
     tests = load_matrix(path) if bench is None else load_files(path, bench)[0]
+    bench, simulator_args = _rig(bench, simulator_args, simulate=simulate)
     identify = tests.identify
     if not no_identify:
         check_analysis(path, tests)
@@ -106,6 +107,17 @@ def command(
         else:
             show_result(result, shown)
     return result.exit_code
+
+
+def _rig(
+    bench: Path | None, simulator_args: tuple[str, ...], *, simulate: bool
+) -> tuple[Path | None, tuple[str, ...]]:
+    """Bench file and arguments of the simulated rig; one with the devices of a bench file writes its own."""
+    if bench is None or not simulate:
+        return bench, simulator_args
+    from rig.campaign.simulated_rig import wearing
+
+    return None, (*wearing(bench), *simulator_args)
 
 
 def _requalified(text: str | None, resume: Path | None) -> str:
@@ -167,8 +179,10 @@ def _check_usage(
     Raises:
         UsageError: with what to write instead.
     """
-    if simulate == (bench is not None) and (resume is None or simulate):
-        raise click.UsageError("give either --bench FILE or --simulate")
+    if bench is None and not simulate and resume is None:
+        raise click.UsageError("give --bench FILE, or --simulate, or both: simulated with that bench's devices")
+    if resume is not None and simulate and bench is not None:
+        raise click.UsageError("a resumed campaign keeps its simulated rig; leave --bench out")
     if resume is not None and seed is not None:
         raise click.UsageError("a resumed campaign keeps its seed; leave --seed out")
     if speed is not None and not math.isfinite(speed):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import click
 
 from rig.cli.options import Command, json_option
@@ -9,15 +12,54 @@ from rig.cli.output import write_json
 from rig.errors import EXIT_DONE
 
 
-@click.command(name="schema", cls=Command, examples=("rig schema matrix > matrix.schema.json",))
-@click.argument("file", type=click.Choice(["bench", "matrix"]))
-@json_option
-def command(file: str, as_json: bool) -> int:
-    """Print the JSON schema of the bench or matrix FILE, for editors that validate while you type."""
-    del as_json  # a schema is JSON anyway
+def _bench() -> dict[str, Any]:
     from rig.bench.model import Bench
+
+    return Bench.model_json_schema(by_alias=True)
+
+
+def _matrix() -> dict[str, Any]:
     from rig.matrix.model import Matrix
 
-    schema = (Bench if file == "bench" else Matrix).model_json_schema(by_alias=True)
-    write_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": f"{file} file"})
+    return Matrix.model_json_schema(by_alias=True)
+
+
+def _register_map() -> dict[str, Any]:
+    from drivers.catalogue import register_map_schema
+
+    return register_map_schema()
+
+
+def _ecu_roles() -> dict[str, Any]:
+    from drivers.catalogue import ecu_roles_schema
+
+    return ecu_roles_schema()
+
+
+def _supply() -> dict[str, Any]:
+    from rig.bench.supply_schema import SUPPLY
+
+    return SUPPLY
+
+
+def _sensor_format() -> dict[str, Any]:
+    from protocols.sensor_format import json_schema
+
+    return json_schema()
+
+
+SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
+    "bench": _bench, "matrix": _matrix, "register-map": _register_map, "ecu-roles": _ecu_roles,
+    "sensor-format": _sensor_format, "supply": _supply,
+}  # fmt: skip
+"""Kind of file -> what makes its schema."""
+
+
+@click.command(name="schema", cls=Command, examples=("rig schema matrix > matrix.schema.json",))
+@click.argument("file", type=click.Choice(list(SCHEMAS)))
+@json_option
+def command(file: str, as_json: bool) -> int:
+    """Print the JSON schema of a kind of FILE, for editors that validate while you type."""
+    del as_json  # a schema is JSON anyway
+    write_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **SCHEMAS[file](), "title": f"{file} file"})
     return EXIT_DONE

@@ -172,7 +172,7 @@ class AlgebraicSeparation:
         self.fixed_names: tuple[str, ...] = model.fixed_names
         self.yield_names: tuple[str, ...] = model.yield_names
         self.shape_names = model.shape_names
-        self.bends = (0,) * len(model.shape_names)
+        self.bends = ((0,),) * len(model.shape_names)
         self.logarithmic = tuple(name == "beta" for name in model.shape_names)
         self.limits = np.array([BETA_LIMITS if name == "beta" else (-np.inf, np.inf) for name in model.shape_names])
 

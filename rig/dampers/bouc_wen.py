@@ -214,7 +214,7 @@ class NormalizedSeparation:
     yield_names: tuple[str, ...] = ("kw", "kw_b")
     powers: tuple[int, ...] = (2,)
     shape_names: tuple[str, ...] = ("rho", "sigma", "n - 1")
-    bends: tuple[int, ...] = (0, 0, 0)
+    bends: tuple[tuple[int, ...], ...] = ((0,), (0,), (0,))
     logarithmic: tuple[bool, ...] = (True, True, True)
 
     def __init__(self, scale: MotionScale) -> None:
@@ -305,7 +305,7 @@ class ThinningSeparation(NormalizedSeparation):
     yield_names: tuple[str, ...] = ("kw", "kw_b", "kw_c", "kw_d", "kt", "kt_b", "kt_c", "kt_d")
     powers: tuple[int, ...] = (4, 4)
     shape_names: tuple[str, ...] = (*NormalizedSeparation.shape_names, "vt")
-    bends: tuple[int, ...] = (0, 0, 0, 1)
+    bends: tuple[tuple[int, ...], ...] = ((0,), (0,), (0,), (1,))
     logarithmic: tuple[bool, ...] = (True, True, True, True)
 
     def __init__(self, scale: MotionScale) -> None:

@@ -11,6 +11,7 @@ from difflib import get_close_matches
 
 from rig.dampers.algebraic import AsymmetricModel, KwokModel, SymmetricModel
 from rig.dampers.bouc_wen import BoucWenModel, NormalizedBoucWenModel, ThinningBoucWenModel
+from rig.dampers.lost_motion import LostMotionModel
 from rig.dampers.model import DamperModel
 from rig.dampers.modified_bouc_wen import ModifiedBoucWenModel
 from rig.dampers.parameter import Hysteresis, ParameterSet
@@ -33,6 +34,7 @@ CATALOGUE: tuple[DamperModel, ...] = (
     ModifiedBoucWenModel(),
     NormalizedBoucWenModel(),
     ThinningBoucWenModel(),
+    LostMotionModel(),
 )
 """Every model in every form; a place here is the model's `kind`, which files of simulated runs hold: append."""
 

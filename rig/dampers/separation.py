@@ -64,7 +64,7 @@ class Separation(Protocol):
         yield_names: linear parameters of the yield shapes, of each by rising powers of the current.
         powers: how many of `yield_names` belong to each yield shape.
         shape_names: the nonlinear parameters.
-        bends: for each of them, which yield shape it bends.
+        bends: for each of them, which yield shapes it bends, next to each other and rising.
         logarithmic: for each of them, whether it is positive and searched by its logarithm.
         limits: lowest and highest value of each shape parameter, shape (s, 2).
         pointwise: whether a sample's regressors need no other sample, so that samples may be left out.
@@ -78,7 +78,7 @@ class Separation(Protocol):
     @property
     def powers(self) -> tuple[int, ...]: ...  # noqa: D102 - described above
     @property
-    def bends(self) -> tuple[int, ...]: ...  # noqa: D102 - described above
+    def bends(self) -> tuple[tuple[int, ...], ...]: ...  # noqa: D102 - described above
     @property
     def shape_names(self) -> tuple[str, ...]: ...  # noqa: D102 - described above
     @property
@@ -94,7 +94,7 @@ class Separation(Protocol):
         """Regressors of `fixed_names`, shape (n, k), from extension (m), velocity, acceleration and current (A)."""
 
     def yielding(self, source: Motion, rows: slice, shape: FloatArray, *, slope: bool) -> list[FloatArray]:
-        """The yield shapes of some rows, each (n,), then with `slope` a derivative for each shape parameter."""
+        """The yield shapes of some rows, each (n,); with `slope`, then the derivatives, by `bends`."""
 
     def held_here(self, held: frozenset[str]) -> frozenset[str]:
         """The names here of the model's parameters that are held at zero."""

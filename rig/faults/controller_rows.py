@@ -95,6 +95,18 @@ ROWS = (
         code=42, detector="program runs on past its end, or no standstill within the stop's deadline",
     ),
     FaultRow(
+        slug="setpoints-late", fault="Streamed set-points late",
+        where="wire", place="modbus", detected_by="lateness of each step",
+        limit_s=0.2, reaction="S2", end=StopKind.FADE_OUT, disk="J", resume="a",
+        code=66, detector="three set-points in a row, or five of a hundred, sent or left out too late",
+    ),
+    FaultRow(
+        slug="setpoints-lost", fault="Streamed set-points not taken",
+        where="wire", place="controller", detected_by="device's set-point, else following error",
+        limit_s=0.15, reaction="SO", end=StopKind.HALT, disk="J", resume="c",
+        code=67, detector="device's own set-point, or the rod, three times in a row too far from what was sent",
+    ),
+    FaultRow(
         slug="register-layout", fault="Word order/scale wrong",
         where="wire", place="controller", detected_by="signature register",
         occasion="connect", reaction="R", end=Ending.REFUSE, disk="N", resume="c",

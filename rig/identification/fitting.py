@@ -17,6 +17,7 @@ import rig.dampers
 from rig.dampers import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.misfit_weights import weighted_by_misfit
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.separable import GivenUp, motion_scale
@@ -30,6 +31,7 @@ from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
 from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore, SeriesSpring
 from rig.identification.uncertainty.scoring import score
+from rig.identification.words import say
 
 if TYPE_CHECKING:
     from rig.identification.points.current_steps import CurrentLag
@@ -133,6 +135,9 @@ def _best_fit(
         IdentificationFailed: no model can be fitted.
     """
     candidates, refused, given_up = _candidates(models, fitted, wanted.method, on_progress)
+    candidates, method, ratio = weighted_by_misfit(candidates, fitted, wanted.method)
+    reweighted = [say("relative-weights", ratio=ratio)] if method.weight != wanted.method.weight else []
+    wanted = replace(wanted, method=method, warnings=(*wanted.warnings, *reweighted))
     if on_progress is not None and len(candidates) > 1:
         on_progress("comparing the models on what they have not seen")
     ranking, best = compare(candidates, fitted, held_out, wanted.method)

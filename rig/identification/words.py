@@ -157,6 +157,10 @@ WARNINGS = {
         "no test has two whole cycles left without its first and last, which are not fitted, so whether the model fits "
         "to the noise is unknown; run more cycles"
     ),
+    "relative-weights": (
+        "what even the best model leaves is {ratio:.1f} times the tests' scatter, so misfit: every test counts alike, "
+        "by its error in % of its peak, and not by newtons; weight 1 counts all samples alike"
+    ),
     "weight-v": "weight v (equation 12) mutes the reversals; compare with weight 1",
     "sharp-reversals": (
         "every test reverses more sharply than its displacement samples resolve (velocity there uncertain by up to "

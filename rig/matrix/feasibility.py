@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from drivers.streamed_actuator import FEWEST_SETPOINTS
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import Limits
@@ -119,6 +120,14 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
     if _beyond(SAMPLES_A_CYCLE * point.frequency_Hz, rate_Hz):
         samples = rate_Hz / point.frequency_Hz
         text = f"{samples:.3g} samples a cycle at {rate_Hz:.4g} Hz; a loop needs {SAMPLES_A_CYCLE}"
+        yield Reason("sampling", text)
+    streamed_s = bench.actuator.setpoints_s
+    if streamed_s is None:
+        return
+    told = 1.0 / (point.frequency_Hz * streamed_s * bench.clock.device_rate)
+    if _beyond(FEWEST_SETPOINTS, told):
+        poll_ms = 1e3 * streamed_s
+        text = f"{told:.3g} set-points a cycle at a poll of {poll_ms:.3g} ms; a motion needs {FEWEST_SETPOINTS}"
         yield Reason("sampling", text)
 
 

@@ -12,12 +12,26 @@ from rig.characteristics import characterise
 from rig.dampers import DamperModel
 from rig.errors import FileProblem, RigError
 from rig.recording.atomic_write import write_text_durably
+from rig.recording.journal.campaign_log import read_lines
 from rig.recording.quality.campaign_delay import pooled_skews
 from rig.recording.run import Run
 from rig.report import fit as fit_part
 from rig.report import loops, standard
 from rig.report.budget import budget
-from rig.report.fragment import NOTHING, block, box, data_list, details, fact, heading, lead, number, page, text
+from rig.report.fragment import (
+    NOTHING,
+    block,
+    box,
+    bullet_list,
+    data_list,
+    details,
+    fact,
+    heading,
+    lead,
+    number,
+    page,
+    text,
+)
 from rig.report.instruments import calibrations, doubts_of, instruments
 from rig.report.loops import PointView, view_of
 from rig.report.plugin_sections import brought_sections
@@ -26,6 +40,8 @@ from rig.text_file import read_json
 
 JsonObject = Mapping[str, Any]
 SHOWN_WARNINGS = 5
+LACKS = "-without-"
+"""In slugs of what a device cannot do."""
 
 
 def write_report(run_dir: Path) -> Path:
@@ -56,7 +72,7 @@ def write_report(run_dir: Path) -> Path:
     parts += [
         standard.standard_tests(characteristics), points_table(views), achieved_table(run.points),
         conditions(run), instruments(run), time_base(run), budget(views, characteristics.loops),
-        calibrations(run), *brought_sections(run, fit), provenance(run, fit),
+        calibrations(run), lacking(run), *brought_sections(run, fit), provenance(run, fit),
     ]
     numbers = json.dumps(characteristics.to_json(), indent=1, allow_nan=False)
     write_text_durably(run.path / "characteristics.json", numbers + "\n")
@@ -196,6 +212,17 @@ def warnings(run: Run, fit: JsonObject | None) -> str:
         if more := remarks[SHOWN_WARNINGS:]:
             boxes.append(details(f"{len(more)} more warnings", "".join(more)))
     return "".join(boxes)
+
+
+def lacking(run: Run) -> str:
+    """What the rig's devices cannot do, as it was said at connect; nothing where they lack nothing."""
+    told = read_lines(run.path) if (run.path / "journal.jsonl").is_file() else []
+    said = {
+        str(line.get("slug")): str(line.get("detail")) for line in told
+        if line.get("event") == "station" and LACKS in str(line.get("slug"))
+    }
+    listed = [f"{slug}: {detail}" for slug, detail in said.items()]
+    return heading("What this rig lacks", "said at connect") + bullet_list(listed) if said else ""
 
 
 def provenance(run: Run, fit: JsonObject | None) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from rig.faults.row import StopKind
 from rig.station.interlocks.finding import Finding
+from rig.station.interlocks.setpoint_interlock import StepCount
 from rig.station.safe_stop import SafeStop, StopInputs, StopPhase
 from rig.station.watchdogs import BlindTime, HostWatch
 
@@ -37,6 +38,11 @@ def trip_event(finding: Finding, kind: StopKind, first: bool, now_ns: int) -> Ev
         "value": None if math.isnan(finding.value) else finding.value,
         "limit": None if math.isnan(finding.limit) else finding.limit,
     }
+
+
+def setpoints_event(counted: StepCount, now_ns: int) -> Event:
+    """The event of a streamed motion that ended: its set-points so far, how many late or left out, lateness (s)."""
+    return {"event": "setpoints", **counted.numbers(), "t_ns": now_ns}
 
 
 def late_event(blind: BlindTime, host: HostWatch) -> Event:
@@ -80,5 +86,7 @@ def unknown_reason(stop: SafeStop, inputs: StopInputs) -> str:
         )
         if value is None
     ]
+    if inputs.current_A is None and not stop.current_falls and stop.standstill:
+        return "the rod stands, but the current source is not heard and may still drive its current: switch it off"
     proof = "hydraulics off cannot be proved" if stop.standstill else "standstill cannot be proved"
     return f"{proof}; no fresh data from: {', '.join(lost) or 'none lost'}"

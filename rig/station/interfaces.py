@@ -17,6 +17,14 @@ class Coil(Protocol):
     def fresh_current_A(self) -> float | None:
         """Measured current (A), None when its status is stale."""
 
+    @property
+    def zero_within_s(self) -> float:
+        """After so long a commanded 0 A must be measured (wall s)."""
+
+    @property
+    def falls_by_itself(self) -> bool:
+        """Without commands it goes to 0 A."""
+
 
 class Motion(Protocol):
     """What the supervisor needs of the actuator's side."""

@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict
 
 from drivers.capabilities import WatchdogKind
+from drivers.current_source import SourceFault, SourceIdentity
 from drivers.roles import ActuatorLimits, Command, FaultBit, State, WatchdogAction
 from rig.bench.settings import StationConfig
 from rig.clock import monotonic_ns
@@ -13,7 +14,9 @@ from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.errors import StationRefused
 from rig.station.safe_stop import STILL_S, ZERO_CURRENT_A
 from rig.station.supervisor import Supervisor
-from rig.station.threads.devices import Devices
+from rig.station.threads.actuator_thread import ActuatorThread
+from rig.station.threads.devices import Device, Devices
+from rig.station.threads.sensor_thread import SensorThread
 
 LEASE_WAIT_S = 3.0
 FIRST_DATA_S = 3.0
@@ -41,6 +44,21 @@ class Preparation:
         Raises:
             StationRefused: another device, or none that sends valid data.
         """
+        devices = self._devices
+        in_order: tuple[Device, ...] = (devices.actuator, devices.coil, *devices.sensors)
+        return {device.name: self.prove(device) for device in in_order}
+
+    def prove(self, device: Device) -> dict[str, object]:
+        """What `prove_devices` proves, of one device: its identity, or the rate of a sensor.
+
+        Raises:
+            StationRefused: another device, or one that sends no valid data.
+        """
+        if isinstance(device, SensorThread):
+            return self._prove_sensor(device)
+        return self._prove_actuator() if isinstance(device, ActuatorThread) else self._prove_ecu()
+
+    def _prove_actuator(self) -> dict[str, object]:
         devices, config = self._devices, self._config
         identity = devices.actuator.identity
         if identity is None or devices.actuator.wait_status(lambda _: True, FIRST_DATA_S) is None:
@@ -50,29 +68,49 @@ class Preparation:
             raise StationRefused(
                 "wrong-identity", f"actuator: serial number {identity.serial_number!r}, the bench expects {expected!r}"
             )
-        ecu = devices.coil.wait_identity(FIRST_DATA_S)
-        if ecu is None:
-            missing = " and ".join(devices.coil.missing)
-            raise StationRefused("no-answer", f"ecu: no {missing} frames within {FIRST_DATA_S:g} s")
+        return asdict(identity)
+
+    def _prove_ecu(self) -> dict[str, object]:
+        devices, config = self._devices, self._config
+        ecu = self._prove_source()
         if devices.coil.identity_problem:
             raise StationRefused("wrong-identity", f"ecu: {devices.coil.identity_problem}")
-        if config.ecu.serial_number not in {None, ecu.serial_number}:
-            expected_number = config.ecu.serial_number
+        if config.ecu.serial_number is not None and (ecu is None or config.ecu.serial_number != ecu.serial_number):
+            expected_number, own = config.ecu.serial_number, "none" if ecu is None else ecu.serial_number
+            raise StationRefused("wrong-identity", f"ecu: serial number {own}, the bench expects {expected_number}")
+        return {} if ecu is None else ecu._asdict()
+
+    @staticmethod
+    def _prove_sensor(sensor: SensorThread) -> dict[str, object]:
+        rate_Hz = sensor.wait_rate(RATE_SAMPLES, FIRST_DATA_S)
+        if rate_Hz is None:
+            slug = "serial-baud" if sensor.garbled else "no-answer"
             raise StationRefused(
-                "wrong-identity", f"ecu: serial number {ecu.serial_number}, the bench expects {expected_number}"
+                slug,
+                f"{sensor.name}: {sensor.samples} valid samples within {FIRST_DATA_S:g} s, expected about "
+                f"{sensor.config.rate_Hz:g} a second; check baud rate and format",
             )
-        answer: dict[str, object] = {"actuator": asdict(identity), "ecu": ecu._asdict()}
-        for sensor in devices.sensors:
-            rate_Hz = sensor.wait_rate(RATE_SAMPLES, FIRST_DATA_S)
-            if rate_Hz is None:
-                slug = "serial-baud" if sensor.garbled else "no-answer"
-                raise StationRefused(
-                    slug,
-                    f"{sensor.name}: {sensor.samples} valid samples within {FIRST_DATA_S:g} s, expected about "
-                    f"{sensor.config.rate_Hz:g} a second; check baud rate and format",
-                )
-            answer[sensor.name] = {"rate_Hz": rate_Hz}
-        return answer
+        return {"rate_Hz": rate_Hz}
+
+    def _prove_source(self) -> SourceIdentity | None:
+        """The coil's current source tells all that it should; its identity, where it has one.
+
+        Raises:
+            StationRefused: something is missing, or its frames cannot be believed: the DBC, its protection.
+        """
+        coil = self._devices.coil
+        first_s = max(FIRST_DATA_S, 2.0 * coil.longest_period_s / self._config.device_rate)
+        identity = coil.wait_identity(first_s)
+        missing = coil.missing
+        slug, words = coil.refusal
+        if slug:
+            raise StationRefused(slug, f"ecu: {words}")
+        if missing:
+            bad = coil.thrown_away
+            failing = ", though frames come: they fail their checks" if bad else ""
+            told = f"ecu: no valid {' and '.join(missing)} frames within {first_s:g} s{failing}"
+            raise StationRefused(bad or "no-answer", told)
+        return identity
 
     def prepare_controller(self) -> ActuatorLimits:
         """Take the lease, clear a trip that a silent host left, write the limits and read them back.
@@ -162,6 +200,14 @@ class Preparation:
         coil = self._devices.coil
         coil.begin()
         if not coil.wait_clear(ACK_TIMEOUT_S):
+            raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
+        if not coil.wait_taken(ACK_TIMEOUT_S):
+            if coil.faults & SourceFault.COMMAND_CHECK:
+                raise StationRefused(
+                    "ecu-command",
+                    f"arm: ECU {coil.describe()}: it throws the commands away; check their protection: profile, E2E "
+                    "data id, counter, and the DBC",
+                )
             raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
         current_A = coil.fresh_current_A
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:

@@ -1,6 +1,8 @@
 """What the application may ask for; each answer comes after the thing asked for is proved, not merely sent.
 
     connect                                          open everything, prove identities, measure rates
+    examine                                          the same, but what is wrong with one device hides no other's;
+                                                     nothing can be armed unless all is well
     arm                                              lease, limits written and read back, 0 A frames, interlocks on
     starve_watchdog                                  prove that the controller trips when it is not fed
     hydraulics   level=off|low|on
@@ -29,9 +31,11 @@ from rig.clock import monotonic_ns
 from rig.faults.row import StopKind
 from rig.station.command_channel import ACK_TIMEOUT_S, CommandChannel
 from rig.station.errors import StationRefused
+from rig.station.examination import NOTHING_STOPS_IT, examine
 from rig.station.interlocks.finding import Finding
 from rig.station.interlocks.link_faults import link_slug
 from rig.station.interlocks.motion_interlock import SPEED_WINDOW_S
+from rig.station.interlocks.setpoint_interlock import unfollowable
 from rig.station.preparation import Preparation
 from rig.station.safe_stop import STILL_S, Movement
 from rig.station.supervisor import Supervisor
@@ -48,6 +52,8 @@ QUIET_NS = 250_000_000
 QUIET_PATIENCE_NS = 2_000_000_000
 """... which is waited for so long."""
 ACTUATOR = "actuator"
+BEFORE = frozenset({"connect", "examine", "status"})
+"""What may be asked for before the devices are connected."""
 
 
 class Requests:
@@ -62,6 +68,7 @@ class Requests:
         self._connected = False
         self._table: dict[str, Callable[[Arguments], Answer]] = {
             "connect": self._connect,
+            "examine": self._examine,
             "arm": self._arm,
             "starve_watchdog": self._starve_watchdog,
             "hydraulics": self._hydraulics,
@@ -95,7 +102,7 @@ class Requests:
         handler = self._table.get(do)
         if handler is None:
             raise StationRefused("bad-request", f"no request {do!r}; known: {', '.join(self._table)}, shutdown")
-        if not self._connected and do not in {"connect", "status"}:
+        if not self._connected and do not in BEFORE:
             raise StationRefused("not-connected", f"{do}: connect first")
         try:
             return handler(arguments)
@@ -112,16 +119,21 @@ class Requests:
 
     # Before motion
 
+    def _examine(self, arguments: Arguments) -> Answer:
+        del arguments
+        if self._connected:
+            raise StationRefused("bad-request", "examine: already connected")
+        answer = examine(self._devices, self._preparation)
+        self._connected = answer.all_well
+        return asdict(answer)
+
     def _connect(self, arguments: Arguments) -> Answer:
         del arguments
         if self._connected:
             raise StationRefused("bad-request", "connect: already connected")
         capabilities = self._devices.actuator.capabilities
         if not capabilities.can_be_stopped:
-            raise StationRefused(
-                "watchdog-absent", "the actuator has no watchdog and its pressure cannot be taken away: nothing would "
-                "stop it when this host fails"
-            )
+            raise StationRefused("watchdog-absent", NOTHING_STOPS_IT)
         self._devices.open()
         try:
             self._devices.start()
@@ -133,6 +145,8 @@ class Requests:
             raise
         for lacking, without in capabilities.lacking():
             self._supervisor.tell(f"actuator-without-{lacking}", without)
+        for lacking, without in self._devices.coil.lacking:
+            self._supervisor.tell(f"ecu-without-{lacking}", without)
         return answer
 
     def _arm(self, arguments: Arguments) -> Answer:
@@ -188,7 +202,8 @@ class Requests:
 
     def _set_current(self, arguments: Arguments) -> Answer:
         limit_A = self._config.limits.current_A
-        current_A = _number(arguments, "current_A", -limit_A, limit_A)
+        lowest_A = self._devices.coil.lowest_A
+        current_A = _number(arguments, "current_A", -limit_A if lowest_A is None else max(-limit_A, lowest_A), limit_A)
         if current_A != 0.0:
             self._require_motion("set_current")
         self._devices.coil.set_current(current_A)
@@ -215,10 +230,22 @@ class Requests:
             table_length=self._write_table(arguments) if waveform is Waveform.TABLE else 0,
         )
         period_s = 1.0 / frequency_Hz
+        self._require_followable(program)
         self._supervisor.movement = Movement(self._config.actuator.fade_out_cycles * period_s, period_s)
         self._devices.actuator.judge.expect_program(program.all_cycles * period_s, program.all_cycles)
         status = self._commands.command(Command.START, program)
         return {"program_id": status.program_id, "state": state_name(status.state)}
+
+    def _require_followable(self, program: Program) -> None:
+        """A motion that is streamed is within the machine's limits, and its cycle has enough set-points.
+
+        Raises:
+            StationRefused: it is not; an actuator with a generator of its own knows by itself.
+        """
+        poll_s = self._config.actuator.poll_s * self._config.device_rate
+        problems = unfollowable(program, self._config.limits, poll_s)
+        if problems and not self._devices.actuator.capabilities.generator:
+            raise StationRefused("matrix-infeasible", f"start: {'; '.join(problems)}")
 
     def _write_table(self, arguments: Arguments) -> int:
         """Load a table waveform; its number of values.

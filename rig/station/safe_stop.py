@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum, auto
+from typing import Protocol
 
 from rig.faults.row import StopKind
 
@@ -102,6 +103,8 @@ class SafeStop:
         standstill: proved.
         current_zero: True proved, False not (yet).
         current_judged: the current's deadline has been judged.
+        current_s: that deadline (s).
+        current_falls: a source that is not heard any more goes to 0 A by itself.
     """
 
     kind: StopKind
@@ -117,6 +120,8 @@ class SafeStop:
     current_zero: bool = False
     current_judged: bool = False
     watchdog_s: float = 0.0
+    current_s: float = CURRENT_LIMIT_S
+    current_falls: bool = True
 
     @property
     def finished(self) -> bool:
@@ -133,6 +138,25 @@ def begin(
         kind, halt, fade_s, device_rate, now_ns, step_ns=now_ns, repeated_ns=now_ns, watchdog_s=watchdog_s
     )
     return stop, (StopAction.ZERO_CURRENT, stop_command(stop))
+
+
+class Source(Protocol):
+    """What a stop has to know of the coil's current source."""
+
+    @property
+    def zero_within_s(self) -> float:
+        """After so long a commanded 0 A must be measured (wall s)."""
+
+    @property
+    def falls_by_itself(self) -> bool:
+        """Without commands it goes to 0 A."""
+
+
+def of_source(stop: SafeStop, source: Source | None) -> SafeStop:
+    """The stop with the time and the fall of this current source."""
+    if source is None:
+        return stop
+    return replace(stop, current_s=source.zero_within_s, current_falls=source.falls_by_itself)
 
 
 def stop_command(stop: SafeStop) -> StopAction:
@@ -152,10 +176,11 @@ def escalate(
     if stop.finished:
         if kind.severity <= stop.kind.severity:
             return stop, ()
-        return begin(
+        again, actions_again = begin(
             kind, now_ns, halt=halt or stop.halt, fade_s=stop.fade_s, device_rate=stop.device_rate,
             watchdog_s=stop.watchdog_s,
         )
+        return replace(again, current_s=stop.current_s, current_falls=stop.current_falls), actions_again
     actions: list[StopAction] = []
     if halt and not stop.halt and not stop.standstill:
         stop = replace(stop, halt=True, step=StopPhase.STOPPING, step_ns=now_ns, clock_start_s=None)
@@ -199,7 +224,7 @@ def _judge_current(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[
     if inputs.current_A is not None and abs(inputs.current_A) < ZERO_CURRENT_A:
         return replace(stop, current_zero=True, current_judged=True), ()
     stop = replace(stop, current_zero=False)
-    allowed_s = CURRENT_LIMIT_S / min(1.0, stop.device_rate)
+    allowed_s = stop.current_s / min(1.0, stop.device_rate)
     if stop.current_judged or _elapsed_s(stop.started_ns, inputs) <= allowed_s:
         return stop, ()
     stop = replace(stop, current_judged=True)
@@ -263,7 +288,12 @@ def _hydraulics(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[Sto
 
 
 def _conclude(stop: SafeStop, inputs: StopInputs) -> tuple[SafeStop, tuple[StopAction, ...]]:
-    """Motion is over: safe once the current is proved, or its deadline has passed and been judged."""
+    """Motion is over: safe once the current is proved, or its deadline has passed and been judged.
+
+    A source that is not heard, and keeps its current then, leaves the rig in a state that nobody knows.
+    """
+    if stop.current_judged and not stop.current_zero and inputs.current_A is None and not stop.current_falls:
+        return replace(stop, step=StopPhase.UNKNOWN, step_ns=inputs.now_ns), ()
     if stop.current_zero or stop.current_judged:
         return replace(stop, step=StopPhase.SAFE, step_ns=inputs.now_ns), ()
     return stop, ()

@@ -221,6 +221,10 @@ class Supervisor:
         """Tell the application something that is no fault but worth knowing; it is journalled and shown."""
         self._emit({"event": "warning", "slug": slug, "detail": detail, "count": 1, "t_ns": monotonic_ns()})
 
+    def pass_on(self, event: dict[str, object]) -> None:
+        """Tell the application something else."""
+        self._emit(event)
+
     def note_sent(self, action: StopAction) -> None:
         """A stop action has been taken by the controller's link; tells the application when."""
         self._emit({"event": "sent", "action": action.name.lower(), "t_ns": monotonic_ns()})
@@ -279,6 +283,7 @@ class Supervisor:
                     kind, self._stop_clock_ns(now_ns), halt=halt, fade_s=self.movement.fade_s,
                     device_rate=self.config.device_rate, watchdog_s=self.config.actuator.watchdog_s,
                 )
+                self.stop = safe_stop.of_source(self.stop, self._coil)
             else:
                 self.stop, actions = safe_stop.escalate(self.stop, kind, self._stop_clock_ns(now_ns), halt=halt)
             if not first and not known:
@@ -386,11 +391,8 @@ class Supervisor:
                 self.changed.notify_all()
 
     def _stop_inputs(self, now_ns: int) -> StopInputs:
-        moving = clock_s = low = off = None
-        if self._motion is not None:
-            moving, clock_s, low, off = self._motion.stop_inputs(now_ns)
+        motion = (None,) * 4 if self._motion is None else self._motion.stop_inputs(now_ns)
         still_s = None if self._travel is None else self._travel.still_s(now_ns)
         current_A = None if self._coil is None else self._coil.fresh_current_A
         taken = self._motion is None or self._motion.stop_taken
-        period_s = self.movement.period_s
-        return StopInputs(self._stop_clock_ns(now_ns), still_s, moving, clock_s, low, off, current_A, period_s, taken)
+        return StopInputs(self._stop_clock_ns(now_ns), still_s, *motion, current_A, self.movement.period_s, taken)

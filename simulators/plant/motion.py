@@ -18,7 +18,9 @@ from rig.dampers.compiled_cache import njit
 from simulators.plant.records import (
     EVENT_FULL_AMPLITUDE,
     EVENT_PULSE,
+    FOLLOW_S,
     MODE_FADE,
+    MODE_FOLLOW,
     MODE_HALT,
     MODE_HOLD,
     MODE_LOCKED,
@@ -169,6 +171,16 @@ def _move_setpoint(p: Record, c: Record, s: Record) -> None:
 move_setpoint = njit(cache=False)(_move_setpoint)
 
 
+def _followed_setpoint(c: Record, s: Record, end_s: float) -> None:
+    """The set-point that was told last, gone on at its speed."""
+    age_s = end_s - c.told_s
+    s.setpoint_m = c.target_m + c.move_speed_m_s * min(age_s, FOLLOW_S)
+    s.setpoint_velocity_m_s = c.move_speed_m_s if age_s < FOLLOW_S else 0.0
+
+
+followed_setpoint = njit(cache=False)(_followed_setpoint)
+
+
 def _pushed(p: Record, s: Record) -> float:
     """How far force and friction push the rod away from its set-point (m)."""
     if p.servo_stiffness_N_m <= 0.0:
@@ -230,6 +242,8 @@ def _move_rod(p: Record, c: Record, s: Record, table: Record, end_s: float, even
         count = program_setpoint(p, c, s, table, end_s, events, count)
     elif c.mode in (MODE_MOVE, MODE_STOP):
         move_setpoint(p, c, s)
+    elif c.mode == MODE_FOLLOW:
+        followed_setpoint(c, s, end_s)
     if c.mode in (MODE_OFF, MODE_HALT, MODE_LOCKED):
         v = open_loop(p, c, s)
     else:

@@ -19,6 +19,9 @@ MODE_HALT = 6
 """The open-loop halt ramp: valve command to zero, the position sensor not used."""
 MODE_LOCKED = 7
 """After a halt: valve closed, rod held by the oil."""
+MODE_FOLLOW = 8
+"""Set-points come one by one; between them the last one goes on at its speed, for `FOLLOW_S` at most."""
+FOLLOW_S = 0.05
 
 SINE = 0
 TRIANGLE = 1
@@ -87,6 +90,7 @@ COMMAND = np.dtype(
         ("target_m", "f8"),
         ("move_speed_m_s", "f8"),
         ("move_acceleration_m_s2", "f8"),
+        ("told_s", "f8"),  # when the set-point that is followed came: `target_m`, going on at `move_speed_m_s`
         ("waveform", "i8"),
         ("amplitude_m", "f8"),
         ("frequency_Hz", "f8"),

@@ -21,7 +21,7 @@ from simulators.bench import Addresses, bench_text
 from simulators.injection import NEEDS_AUXILIARY
 from simulators.options import RigOptions
 from simulators.schedule import BY_ID, ONLY_ON
-from simulators.world.plan import STALLS, Given, Happening, WorldPlan, drawn
+from simulators.world.plan import STALLS, Given, Happening, WorldPlan, drawn, happens_to_supply
 from simulators.world.user_bench import LARGEST_BENCH, UserBench, longest_s
 
 LARGEST_MATRIX = 1 << 20
@@ -167,6 +167,8 @@ def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
         elif needed is not None and needed != link:
             has = "one controller cannot be reached by both" if len(links) > 1 else f"this bench reaches it by {link}"
             problem = f"happens only where the controller is reached by {needed}; {has}"
+        elif given.supply and not happens_to_supply(happening.what):
+            problem = "does not happen where a supply drives the coil: no bus, and its current outlives its host"
         elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
             problem = "needs an auxiliary channel; give a --bench that has one"
         if problem:
@@ -219,7 +221,10 @@ def _drawn_matrices(path: Path, text: str) -> tuple[Given, tuple[str, ...]]:
 def _on_bench(given: Given, text: str, user: UserBench) -> Given:
     """The same on a user's bench."""
     auxiliary = bool(user.auxiliaries)
-    return replace(given, bench=text, actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s)
+    return replace(
+        given, bench=user.portable(text), actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s,
+        supply=bool(user.supply),
+    )
 
 
 LARGEST_DRAWN = """format = 1

@@ -255,6 +255,26 @@ class WirePort:
         self.url = f"socket://127.0.0.1:{self._number}"
         self._end: End | None = None
         self._held = b""
+        self._listens = False
+
+    def listen(self) -> None:
+        """Keep what the host sends from now on; until then it is left where it is."""
+        self._listens = True
+
+    def heard(self) -> list[tuple[int, bytes]]:
+        """What the host has sent since the last call, each part with the time (ns) it came at."""
+        parts: list[tuple[int, bytes]] = []
+        inward = None if self._end is None else self._end.inward
+        while self._listens and inward is not None:
+            came_ns = inward.readable_ns
+            try:
+                data = None if came_ns is None or came_ns > self._kernel.now_ns else inward.read(READ_SIZE)
+            except OSError:
+                data = None
+            if not data or came_ns is None:
+                break
+            parts.append((came_ns, data))
+        return parts
 
     def write(self, data: bytes, frame_size: int) -> None:
         """Send whole frames as far as there is room; drop and count the rest."""

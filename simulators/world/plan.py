@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
 from simulators.injection import BEYOND_LIMITS, INJECTORS, NEEDS_AUXILIARY, PASSING_VARIANTS
-from simulators.schedule import ONLY_ON, drawn_fault, parse_fault
+from simulators.schedule import ONLY_BY_ECU, ONLY_ON, drawn_fault, parse_fault
 from simulators.world.kernel import HELD_UP_SHARE
 
 DISK = {"disk-full": errno.ENOSPC, "dir-readonly": errno.EROFS, "fsync-error": errno.EIO}
@@ -149,6 +149,7 @@ class Given:
         matrix, bench: texts of the files; empty where none is given.
         actuator: "tcp" or "rtu", as the bench says; empty: drawn.
         auxiliary: the bench has an auxiliary channel.
+        supply: a supply drives the coil.
         motion_s: forecast of the campaign (s), over which things happen.
         lasts_s: how long it lasts at most (s).
         tick_s: how often the devices hand over what they have sent, at most (s).
@@ -158,6 +159,7 @@ class Given:
     bench: str = ""
     actuator: str = ""
     auxiliary: bool = False
+    supply: bool = False
     motion_s: float = 0.0
     lasts_s: float = 0.0
     tick_s: float = math.inf
@@ -181,11 +183,18 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     if named and chance.random() < SLOW_FILES_SHARE:
         happenings = (*happenings, _around("finaliser-stalled", chance.uniform(*EARLY_S), chance))
     happenings = _in_order((*happenings, *_beyond_limits(random.Random(f"beyond {seed}"), given.motion_s)))
+    if given.supply:
+        happenings = tuple(happening for happening in happenings if happens_to_supply(happening.what))
     held_up = BUSY_HELD_UP if random.Random(f"busy {seed}").random() < BUSY_SHARE else HELD_UP_SHARE
     return WorldPlan(
         seed, text, happenings, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s, held_up=held_up,
         bench=given.bench, lasts_s=given.lasts_s,
     )  # fmt: skip
+
+
+def happens_to_supply(what: str) -> bool:
+    """It can happen where a supply drives the coil: no bus, and nothing takes its current when its host dies."""
+    return what not in ONLY_BY_ECU and what not in {"station-killed", "power-cut"}
 
 
 def _happenings(chance: random.Random, actuator: str, motion_s: float) -> tuple[Happening, ...]:

@@ -35,9 +35,11 @@ from simulators.world.machine import Machine, Process
 from simulators.world.stands import Installed, Stand
 
 LOADED = (
-    "protocols", "drivers", "rig.bench", "rig.station", "rig.campaign", "rig.recording", "rig.matrix", "rig.signals",
-    "rig.faults", "rig.dampers", "simulators",
+    "protocols", "drivers", "rig.bench", "rig.station", "rig.campaign", "rig.check", "rig.recording", "rig.matrix",
+    "rig.signals", "rig.faults", "rig.dampers", "simulators",
 )
+TESTS = "simulators.testing"
+"""What a user's tests are made with: it needs pytest, and nothing in a world needs it."""
 STILL_M_S = 1e-3
 NO_CURRENT_A = 0.02
 
@@ -48,7 +50,7 @@ def load_everything() -> None:
     for place in LOADED:
         package = importlib.import_module(place)
         for module in pkgutil.walk_packages(package.__path__, f"{place}."):
-            if not module.name.endswith("__main__"):
+            if not module.name.endswith("__main__") and not module.name.startswith(TESTS):
                 importlib.import_module(module.name)
 
 
@@ -116,7 +118,7 @@ class Stage:
         installed.put(rig.campaign.machine_resources, "SHARED_MEMORY", memory)
         installed.put(rig.campaign.machine_resources, "LOCK_FOLDERS", (memory,))
         installed.put(rig.clock, "datetime", SimpleNamespace(now=lambda zone: machine.now().astimezone(zone)))
-        installed.put(simulators.rig, "open_port", lambda _: device_loop.WirePort(kernel, machine.network))
+        installed.put(simulators.rig, "open_port", lambda *_: device_loop.WirePort(kernel, machine.network))
         installed.put(simulators.named_port, "open_port", lambda _: device_loop.Tty(machine, self.root / "dev"))
         named = {"serial_for_url": functools.partial(device_loop.serial_for_url, machine)}
         installed.put(drivers.serial_port, "serial", Stand("serial", named, serial, "SerialTimeoutException"))

@@ -6,7 +6,6 @@ the file is refused by name; where a wire becomes another one, that is told.
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -16,8 +15,12 @@ from typing import Any
 
 from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
+from drivers.devices.source import is_dbc
+from drivers.sensor_formats import FRAME16, described_format, is_file
 from protocols.errors import LocalProtocolError
-from protocols.line_format import PRESETS, LineFormat, from_description
+from protocols.sensor_format import SensorFormat
+from protocols.sensor_presets import TABLES
+from rig.bench import named_files
 from rig.bench.model import Bench
 from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
@@ -25,7 +28,6 @@ from rig.errors import FileProblem
 from rig.matrix.model import Matrix
 from simulators.bench import Addresses
 from simulators.conditioner import group_delay_s
-from simulators.line_writer import LineWriter
 from simulators.options import (
     AUXILIARY,
     CEILINGS,
@@ -37,6 +39,9 @@ from simulators.options import (
     ServoOptions,
 )
 from simulators.rig import LATE_SHARE, SimulatedRig
+from simulators.toml_text import toml_text
+from simulators.worn_ecu import WornEcuFiles
+from simulators.worn_format import writer
 
 DEMO = "demo"
 LINKS = {LinkKind.MODBUS_TCP: "tcp", LinkKind.MODBUS_RTU: "rtu"}
@@ -64,15 +69,18 @@ class UserBench:
         actuator: "tcp" or "rtu".
         stood_in: what of the file a world has otherwise, in words.
         tick_s: how often the devices may hand over at most (s).
+        supply: what drives the coil in place of an ECU; empty: an ECU does.
     """
 
     options: RigOptions
     actuator: str
+    worn_ecu: WornEcuFiles | None
     auxiliaries: tuple[SensorOptions, ...]
     stood_in: tuple[str, ...]
     tick_s: float
     timeout_s: float
     values: Mapping[str, Any]
+    supply: str | Mapping[str, Any] = ""
 
     @classmethod
     def load(cls, path: Path, matrix: Matrix) -> UserBench:
@@ -86,11 +94,12 @@ class UserBench:
         if problems:
             raise FileProblem(str(path), problems)
         link = LINKS[ActuatorAddress.parse(bench.actuator.url).kind]
-        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        quickest_s = min(bench.ecu.stale_after_s, *(sensor.stale_after_s for sensor in _sensors(bench).values()))
+        values = named_files.with_paths(tomllib.loads(path.read_text(encoding="utf-8-sig")), path.absolute().parent)
+        quickest_s = min(bench.ecu.stale_after_s, *map(_patience_s, _sensors(bench).values()))
         return cls(
-            _options(bench, matrix), link, tuple(map(_auxiliary, bench.auxiliary)), tuple(_stood_in(bench)),
-            max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
+            _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
+            tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
+            bench.ecu.supply or "",
         )
 
     def text(self, rig: SimulatedRig, addresses: Addresses) -> str:
@@ -98,28 +107,31 @@ class UserBench:
         rig.modbus.late_s = LATE_SHARE * self.timeout_s
         own = dict(self.values)
         own["actuator"] = {**own["actuator"], "url": addresses.actuator_url}
-        channel = f"socket://127.0.0.1:{addresses.slcan_port}"
-        if own["ecu"]["interface"] != "slcan":
-            own["ecu"] = {**own["ecu"], "interface": "slcan", "bitrate": BITRATE}
-        own["ecu"] = {**own["ecu"], "channel": channel}
+        own["ecu"] = self._current_source(own["ecu"], addresses)
         own["load_cell"] = {**own["load_cell"], "url": addresses.load_cell_url}
         own["lvdt"] = {**own["lvdt"], "url": addresses.lvdt_url}
         further = zip(own.get("auxiliary", ()), addresses.auxiliary_urls, strict=True)
         own["auxiliary"] = [{**sensor, "url": url} for sensor, url in further]
-        return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in own.items())
+        return _file(own)
+
+    @staticmethod
+    def _current_source(own: Mapping[str, Any], addresses: Addresses) -> dict[str, Any]:
+        """The table of the current source with the address of a rig."""
+        if addresses.supply_port:
+            return {**own, "url": f"tcp://127.0.0.1:{addresses.supply_port}"}
+        channel = f"socket://127.0.0.1:{addresses.slcan_port}"
+        if own["interface"] == "slcan":
+            return {**own, "channel": channel}
+        kept = {key: value for key, value in own.items() if key != "interface_options"}
+        return {**kept, "interface": "slcan", "bitrate": BITRATE, "channel": channel}
+
+    def portable(self, text: str) -> str:
+        """The user's file (`text`) as it can be read in any folder: files that it names have whole paths."""
+        return _file(self.values) if any(named_files.named(self.values)) else text
 
 
-def _toml(value: object) -> str:
-    """A value as TOML, on one line."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_toml(key)} = {_toml(inner)}" for key, inner in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return repr(value) if isinstance(value, (int, float)) else str(value)
+def _file(values: Mapping[str, Any]) -> str:
+    return "".join(f"{toml_text(key)} = {toml_text(value)}\n" for key, value in values.items())
 
 
 def _sensors(bench: Bench) -> dict[str, SensorConfig]:
@@ -139,6 +151,8 @@ def _unlike(bench: Bench) -> Iterator[str]:
         ("actuator.register_map", plugins.ACTUATORS, actuator.register_map, "controller"),
         ("ecu.dbc", plugins.CURRENT_SOURCES, ecu.dbc, "current source"),
     ):
+        if is_dbc(name):
+            continue
         if name != DEMO and plugins.simulated_as(group, name) != DEMO:
             yield (
                 f'{key} = "{name}": there is no simulated {device} of that description; allowed in a world: "{DEMO}". '
@@ -160,32 +174,50 @@ def _unlike(bench: Bench) -> Iterator[str]:
             yield f"{place}.format: a simulated sensor cannot write it: {problem}"
 
 
+def _worn_ecu(bench: Bench) -> WornEcuFiles | None:
+    """The user's DBC and roles, if the current source has them."""
+    dbc, roles = bench.ecu.dbc, bench.ecu.roles
+    if not is_dbc(dbc) or roles is None:
+        return None
+    return WornEcuFiles(Path(dbc), Path(roles) if isinstance(roles, str) else roles)
+
+
 def _stood_in(bench: Bench) -> Iterator[str]:
     """What a world has otherwise than the file says, in words."""
     yield "serial lines and networks are sockets of the world; baud rates do not count"
-    if bench.ecu.interface != "slcan":
+    if bench.ecu.url is not None:
+        yield "the supply is reached by TCP; nobody kills the station, nor is there a power cut: its current would stay"
+    elif bench.ecu.interface != "slcan":
         yield f"the CAN bus is reached by slcan at {BITRATE // 1000} kbit/s in place of {bench.ecu.interface}"
     if bench.auxiliary:
         yield "auxiliary channels show the rod's travel, scaled to a part of their range"
 
 
-def _format(sensor: SensorConfig) -> str | LineFormat:
+def _patience_s(sensor: SensorConfig) -> float:
+    """How long a sensor may be quiet (s): until it counts as dead; one that is asked, until it is asked again."""
+    described = _format(sensor)
+    asked = not isinstance(described, str) and bool(described.exchange.request)
+    return 1.0 / sensor.rate_Hz if asked else sensor.stale_after_s
+
+
+def _format(sensor: SensorConfig) -> str | SensorFormat:
     """The format a simulated sensor sends.
 
     Raises:
         LocalProtocolError: none can be written so.
     """
     given = sensor.format
-    if isinstance(given, str) and given not in ("frame16", *PRESETS):
+    if isinstance(given, str) and given not in (FRAME16, *TABLES) and not is_file(given):
         given = _stood_for(given)
-    if given == "frame16":
-        return "frame16"
-    if isinstance(given, str) and given not in PRESETS:
-        known = ", ".join(("frame16", *PRESETS))
-        raise LocalProtocolError(f"{given!r} has a driver of its own; allowed in a world: {known}, or a table")
-    line_format = PRESETS[given] if isinstance(given, str) else from_description(given)
-    LineWriter(line_format, sensor.span / sensor.calibration.sensitivity)
-    return line_format
+    if given == FRAME16:
+        return FRAME16
+    if isinstance(given, str) and not is_file(given) and given not in TABLES:
+        known = ", ".join((FRAME16, *TABLES))
+        raise LocalProtocolError(f"{given!r} has a driver of its own; allowed in a world: {known}, a file or a table")
+    described = described_format(given)
+    slope, offset = sensor.calibration.line(sensor.dimension)
+    writer(described, (offset - sensor.span) / slope, (offset + sensor.span) / slope)
+    return described
 
 
 def _stood_for(name: str) -> str | dict[str, Any]:
@@ -203,16 +235,19 @@ def _sensor(sensor: SensorConfig, usual: SensorOptions, span_m: float = 0.0) -> 
         span_m: the travel (m) that an auxiliary channel shows as half of its range; 0 for a sensor that measures in SI.
     """
     calibration = sensor.calibration
-    per_si = 1.0 / calibration.sensitivity
+    slope, shown_at_zero = calibration.line(sensor.dimension)
+    per_si = 1.0 / slope
     full = sensor.span * per_si
-    offset = calibration.sign * sensor.offset * per_si
+    described = _format(sensor)
+    zero = shown_at_zero * per_si
     bandwidth_Hz, skew_s = _filter(sensor.delay_s, sensor.bandwidth_Hz or usual.bandwidth_Hz)
+    own = described == FRAME16
     return replace(
         usual, unit="N", wire_per_si=0.5 * full / span_m if span_m else per_si, rate_Hz=sensor.rate_Hz,
-        format=_format(sensor), range=full, noise=usual.noise / usual.range * full,
-        resolution=usual.resolution / usual.range * full, offset=offset, reversed=calibration.sign < 0.0,
-        bandwidth_Hz=bandwidth_Hz, skew_s=skew_s, serial_number=calibration.serial_number, baudrate=sensor.baudrate,
-        burst_s=min(usual.burst_s, BURST_SHARE * sensor.stale_after_s),
+        format=described, described="" if own else sensor.format, range=full, noise=usual.noise / usual.range * full,
+        resolution=usual.resolution / usual.range * full, offset=zero if own else 0.0, wire_zero=0.0 if own else zero,
+        reversed=calibration.sign < 0.0, bandwidth_Hz=bandwidth_Hz, skew_s=skew_s, baudrate=sensor.baudrate,
+        serial_number=calibration.serial_number, burst_s=min(usual.burst_s, BURST_SHARE * _patience_s(sensor)),
     )  # fmt: skip
 
 

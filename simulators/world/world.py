@@ -239,6 +239,7 @@ class World:
         run = RunOptions(
             seed=plan.seed, ports="socket", actuator=plan.actuator, faults=faults, drop_unread=True,
             auxiliaries=() if user is None else user.auxiliaries,
+            worn_ecu=None if user is None else user.worn_ecu, supply="" if user is None else user.supply,
         )
         rig = SimulatedRig(options, run)
         truth = WorldTruth(rig.plant, self.kernel)

@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.devices.ecu_lacking import WITHOUT
+from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, SupplyLink, supply_lacks
 from rig.explanations.explanation import explained, texts
 from rig.faults.matrix import MATRIX, REACTIONS
 from rig.recording.quality.instrument_checks import SLUGS, ZERO_RETURN
@@ -23,9 +25,16 @@ ROOT = Path(__file__).resolve().parents[2]
 SLUG = re.compile(r"[A-Za-z][a-z0-9]*(-[a-z0-9]+)*|INTERRUPTED")
 SAID_BY = {
     "Refused", "Stopped", "StationRefused", "because", "StopCause", "Finding", "CampaignFinding", "CheckFinding",
-    "Reason", "suspect", "invalid", "explained", "tell", "warn_of", "_refuse", "_share", "warning", "failure",
+    "Reason", "suspect", "invalid", "explained", "_share", "fails", "NotProved",
 }
 """Calls whose first argument is a slug."""
+FUNCTIONS = {"failed", "warning", "note"}
+"""The same, but methods of these names say something else."""
+
+BARE = SupplyDescription(
+    "bare", SupplyLink(), SupplyCommands(output_on=(Command.of("ON"),)), (0.0, 1.0), tried="unverified"
+)
+"""A supply that can do next to nothing."""
 
 
 def texts_in(node: ast.AST) -> Iterator[str]:
@@ -40,7 +49,7 @@ def is_slug_name(name: str) -> bool:
 
 def slugs_of_call(node: ast.Call) -> Iterator[str]:
     name = getattr(node.func, "id", getattr(node.func, "attr", ""))
-    if name in SAID_BY and node.args:
+    if node.args and (name in SAID_BY or (name in FUNCTIONS and isinstance(node.func, ast.Name))):
         yield from texts_in(node.args[0]) if isinstance(node.args[0], (ast.Constant, ast.IfExp)) else ()
     for keyword in node.keywords:
         if is_slug_name(keyword.arg or ""):
@@ -87,6 +96,8 @@ def known() -> dict[str, str]:
         **dict.fromkeys((*MATRIX, *REACTIONS), "rig/faults"),
         **dict.fromkeys((*SLUGS, ZERO_RETURN, *VERDICT_REMARKS), "rig/recording/quality"),
         **{f"actuator-without-{name}": "drivers/capabilities.py" for name in lacking},
+        **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_lacks(BARE)},
+        **{f"ecu-without-{name}": "drivers/devices/ecu_lacking.py" for name in WITHOUT},
         "hydraulics": "rig/station/requests.py: await_status",
         "amplitude-scatter": "rig/recording/quality/judgement.py", "force-scatter": "the same",
     }

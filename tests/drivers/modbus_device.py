@@ -9,8 +9,8 @@ import threading
 from collections.abc import Callable
 
 from drivers.connection import ActuatorConnection
-from drivers.devices.controller import controller
 from drivers.modbus_actuator import ModbusActuator
+from drivers.register_maps.map_file import controller
 from simulators import controller_firmware as actuator
 
 Answer = Callable[[bytes, bytes], list[bytes]]

@@ -9,6 +9,7 @@ from slcan_device import SlcanDevice
 from drivers.can_current_source import CanCurrentSource
 from drivers.can_library import import_can
 from drivers.can_port import CanPort
+from drivers.connection import CanAddress
 from drivers.current_source import SourceBatch, SourceIdentity
 from drivers.devices.source import current_source
 from drivers.errors import LinkLost, PortClosed
@@ -21,6 +22,10 @@ from simulators.ecu_firmware import CoilStatus, CoilTemperature, EcuIdentity
 DEMO = current_source("demo")
 
 
+def source(interface: str, channel: str, bitrate: int = 500_000) -> CanCurrentSource:
+    return CanCurrentSource(CanPort(CanAddress(interface, channel, bitrate)), DEMO)
+
+
 @pytest.fixture
 def device() -> Iterator[SlcanDevice]:
     with SlcanDevice() as made:
@@ -29,7 +34,7 @@ def device() -> Iterator[SlcanDevice]:
 
 @pytest.fixture
 def ecu(device: SlcanDevice) -> Iterator[CanCurrentSource]:
-    made = CanCurrentSource("slcan", device.channel, DEMO)
+    made = source("slcan", device.channel)
     made.open()
     yield made
     made.close()
@@ -211,12 +216,12 @@ def test_an_identity_of_another_layout_is_told(
 
 def test_an_unknown_bit_rate_is_refused_before_anything_is_opened() -> None:
     with pytest.raises(PortClosed, match="no code for 499999"):
-        CanCurrentSource("slcan", "/nowhere", DEMO, bitrate=499_999).open()
+        source("slcan", "/nowhere", 499_999).open()
 
 
 def test_any_other_interface_goes_through_python_can() -> None:
     can = import_can()
-    ecu = CanCurrentSource("virtual", "damper-rig-test", DEMO)
+    ecu = source("virtual", "damper-rig-test")
     ecu.open()
     with can.Bus(interface="virtual", channel="damper-rig-test") as peer:
         ecu.command(0.75)
@@ -238,8 +243,8 @@ def test_any_other_interface_goes_through_python_can() -> None:
 
 def test_an_interface_that_cannot_be_opened_is_named() -> None:
     with pytest.raises(PortClosed, match="ecu at nosuch:x: cannot open"):
-        CanCurrentSource("nosuch", "x", DEMO).open()
-    port = CanPort("virtual", "y", 500_000)
+        source("nosuch", "x").open()
+    port = CanPort(CanAddress("virtual", "y"))
     with pytest.raises(PortClosed, match="not open"):
         port.send(0x120, bytes(8))
     with pytest.raises(PortClosed, match="not open"):

@@ -10,8 +10,9 @@ SCRIPT = """
 import sys
 import drivers.catalogue, drivers.modbus_actuator, drivers.can_current_source, drivers.serial_sensor, drivers.ring
 from drivers.can_port import CanPort
+from drivers.connection import CanAddress
 import drivers.can_port
-port = CanPort("virtual", "imports", 500000)
+port = CanPort(CanAddress("virtual", "imports"))
 port.open()
 port.close()
 import drivers.slcan_bus

@@ -2,7 +2,6 @@
 
 import struct
 import time
-import tomllib
 from collections.abc import Iterator
 
 import pytest
@@ -10,8 +9,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from modbus_device import ModbusDevice, demo_actuator, framed
 
-from drivers.connection import ActuatorConnection
-from drivers.devices.controller import FOLDER, ControllerDescription
 from drivers.errors import (
     Busy,
     DriverError,
@@ -80,7 +77,7 @@ def test_identity_is_read_and_its_signature_proved(actuator: ModbusActuator) -> 
         (0, [0x0304, 0x0102], r"signature_u32 .*0x03040102\), expected .*0x01020304"),
         (2, [0x5000, 0x449A], "signature_f32 .*expected 1234.5"),
         (4, [9], "layout_version 9, expected 1"),
-        (26, [0xFFFF], "identity block.*not ASCII"),
+        (26, [0xFFFF], "identity: .*not ASCII"),
     ],
 )
 def test_another_device_or_word_order_is_refused(
@@ -176,25 +173,6 @@ def test_a_controller_that_went_away_is_a_lost_link(device: ModbusDevice, actuat
     with pytest.raises(LinkLost, match="command 2: outcome unknown"):
         actuator.send(Command.FADE_STOP)
     assert not actuator.is_open
-
-
-def test_text_that_is_not_text_in_a_status_is_a_wrong_answer(device: ModbusDevice) -> None:
-    data = tomllib.loads((FOLDER / "demo_controller.toml").read_text(encoding="utf-8"))
-    for block in data["block"]:
-        if block["name"] in {"status", "config"}:
-            at = {"status": 140, "config": 216}[block["name"]]
-            block["registers"].append({"address": at, "name": "reserved_note", "type": "string", "length": 1})
-    connection = ActuatorConnection(device.url, timeout_s=TIMEOUT_S)
-    actuator = ModbusActuator(connection, ControllerDescription("mine", data))
-    actuator.open()
-    assert actuator.read_status().state == 0
-    device.put(140, [0xFFFF])
-    device.put(216, [0xFFFF])
-    with pytest.raises(WrongAnswer, match="status block: register 'reserved_note'"):
-        actuator.read_status()
-    with pytest.raises(WrongAnswer, match="config block: register 'reserved_note'"):
-        actuator.read_limits()
-    actuator.close()
 
 
 def test_a_value_the_register_cannot_hold_is_never_sent(device: ModbusDevice, actuator: ModbusActuator) -> None:

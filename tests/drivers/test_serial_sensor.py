@@ -16,6 +16,7 @@ from drivers.sample_stream import SampleScale
 from drivers.serial_port import SerialPort
 from drivers.serial_sensor import SerialSensor
 from protocols.errors import LocalProtocolError
+from protocols.exchange import Exchange
 from protocols.frame_format import encode
 from protocols.line_format import LineFormat
 
@@ -159,7 +160,7 @@ def test_a_format_that_must_be_started_is_started_and_stopped(wire: Wire) -> Non
 
 def test_closing_after_the_cable_was_pulled_is_harmless(wire: Wire) -> None:
     url, _, pull, receive = wire
-    sensor = load_cell(url, line_format=LineFormat("mine", r"(?P<value>\d+)", stop_command=b"STOP"))
+    sensor = load_cell(url, line_format=LineFormat("mine", r"(?P<value>\d+)", exchange=Exchange(stop_command=b"STOP")))
     sensor.open()
     if url.startswith("socket"):
         assert sensor.read_batch(0.0).records == []

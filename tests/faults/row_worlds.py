@@ -192,6 +192,29 @@ def current_stays(campaign: WorldCampaign, ending: Ending) -> None:
     assert ending.verdicts() == {"p001": "valid"}
 
 
+def fades_by_set_points(campaign: WorldCampaign, ending: Ending) -> None:
+    """The device gets no stop command: the amplitude of what is streamed to it, late, goes to 0 over a cycle."""
+    truth = ending.truth
+    assert ending.exit_code == 4, ending.said
+    assert ending.trips() == [("setpoints-late", "S2")]
+    assert ending.answer["rig_state"] == "safe"
+    fault = truth.first("FAULT")
+    sent_ns = next(line["t_ns"] for line in ending.log if line.get("what") == "sent")
+    assert (sent_ns - fault.host_ns) / 1e9 <= within_s("setpoints-late")
+    fade_s = fault.time_s + (sent_ns - fault.host_ns) / 1e9
+    assert not truth.all("FADE_STOP", "HALT")
+    moving = truth.displacement_m[truth.since(fade_s)][: int(0.5e3 * PERIOD_S)]
+    assert np.ptp(moving) > 0.005, "it was faded out, not halted"
+    assert_still(truth, fade_s + PERIOD_S + 0.2)
+    assert_no_current(truth, truth.first("SET_CURRENT", text="0.000", after=fault).time_s)
+    assert_pressure_off(campaign)
+    assert ending.verdicts() == {"p001": "invalid"}
+    told = ending.answer["setpoints"]
+    assert told["late"] >= 3
+    assert told["steps"] >= told["late"] + told["skipped"] // 2
+    assert 0.01 < told["worst_s"] < 0.1
+
+
 def program_runs_on(campaign: WorldCampaign, ending: Ending) -> None:
     """Not over when it should be: stopped by command, and as that is ignored too, by taking the pressure away."""
     truth = ending.truth
@@ -295,6 +318,7 @@ ROW_WORLDS: dict[str, RowWorld] = {
     "register-layout": RowWorld(faulty("register-layout"), also=nothing_was_written),
     "stop-ignored": RowWorld(faulty(f"stop-ignored@{FAULT_S}"), judge=program_runs_on),
     "host-silent": RowWorld(around=silent),
+    "setpoints-late": RowWorld(faulty(f"setpoints-late@{FAULT_S}"), judge=fades_by_set_points),
     "current-stuck": RowWorld(faulty(f"current-stuck@{FAULT_S}"), judge=current_stays),
     # Three polls, each behind two waits for what the devices hand over in a world.
     "rtu-crc": RowWorld(faulty(f"rtu-crc@{FAULT_S}"), allowed_s=0.19),

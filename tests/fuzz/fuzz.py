@@ -29,7 +29,12 @@ from damage import chunks, damaged
 
 from drivers.roles import ActuatorLimits, WatchdogAction
 from protocols import frame_format, line_format, modbus, slcan
+from protocols.binary_decoder import BinaryDecoder
+from protocols.binary_format import BinaryFormat
 from protocols.errors import RemoteProtocolError
+from protocols.format_keys import FormatProblems
+from protocols.sensor_format import from_description, preset
+from protocols.sensor_presets import TABLES
 from rig.bench.model import Bench
 from rig.errors import FileProblem
 from rig.matrix.model import load_matrix
@@ -42,6 +47,8 @@ from rig.recording.recorded_point import RecordedPoint
 from rig.recording.run import Run
 from simulators import ecu_firmware as ecu
 from simulators.controller_firmware import CONFIG, decode_limits, decode_status, encode_limits
+from simulators.frame_writer import FrameWriter
+from simulators.line_writer import LineWriter
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 INPUTS = 20_000
@@ -69,9 +76,11 @@ def fuzz_frame16(source: random.Random) -> None:
 
 def fuzz_lines(source: random.Random) -> None:
     """Readings of every shipped line format: the number's digits stand in the bytes, in this order."""
-    shipped = line_format.PRESETS[source.choice(sorted(line_format.PRESETS))]
-    lines = [shipped.encode(round(source.uniform(0, 9), 1)) for _ in range(4)]
-    data = damaged(b"".join(lines), source)
+    names = [name for name in TABLES if isinstance(preset(name), line_format.LineFormat)]
+    shipped = preset(source.choice(names))
+    assert isinstance(shipped, line_format.LineFormat)
+    numbers = np.array([round(source.uniform(0, 9), 1) for _ in range(4)])
+    data = damaged(LineWriter(shipped, -9.0, 9.0)(numbers, np.zeros(4, np.uint8)).tobytes(), source)
     decoder = line_format.LineDecoder(shipped)
     for _, _, value, _, _ in [each for part in chunks(data, source) for each in decoder.feed(part)]:
         if math.isfinite(value):
@@ -79,6 +88,42 @@ def fuzz_lines(source: random.Random) -> None:
             assert digits in re.sub(rb"[^0-9]", b"", data), (value, data)
         else:
             assert math.isnan(value)
+
+
+def fuzz_frames(source: random.Random) -> None:
+    """Described frames, drawn and damaged: what passes a CRC was sent; what passes nothing but marks is finite."""
+    size = source.choice((1, 2, 3, 4))
+    sum_kind = source.choice(("crc16-modbus", "crc32", "crc16-x25", "none"))
+    stuffing = source.choice(("none", "dle", "slip", "escape"))
+    marks = {
+        "none": {"sync": [0xA5, 0x5A]}, "dle": {"sync": [0x10, 2], "end": [0x10, 3]}, "slip": {"end": [0xC0]},
+        "escape": {"sync": [2], "end": [3]},
+    }[stuffing]  # fmt: skip
+    sync = len(marks.get("sync", []))
+    made = from_description({
+        **marks, "stuffing": stuffing, "checksum": sum_kind,
+        "length": sync + size + {"crc32": 4, "none": 0}.get(sum_kind, 2) + len(marks.get("end", [])),
+        "fields": {"value": {"at": sync, "type": f"i{8 * size}", "order": source.choice(("little", "big"))}},
+    })  # fmt: skip
+    assert isinstance(made, BinaryFormat)
+    numbers = [float(source.randrange(-(1 << 8 * size - 1), 1 << 8 * size - 1)) for _ in range(5)]
+    writer, plain = FrameWriter(made, 0.0, 1.0), np.zeros(5, np.int64)
+    data = damaged(writer.joined(writer(np.array(numbers), plain.astype(np.uint8), plain, plain)), source)
+    decoder = BinaryDecoder(made)
+    for _, _, value, _, _ in [each for part in chunks(data, source) for each in decoder.feed(part)]:
+        assert math.isfinite(value)
+        assert sum_kind == "none" or value in numbers, (value, numbers)
+
+
+def fuzz_formats(source: random.Random) -> None:
+    """A description with anything in it is a format, or every reason why it is none."""
+    anything = [0, -1, 1.5, "", "x", "\\", "(?P<value>", [1], [3, 1], {}, {"value": 3}, True, "é", None, [None]]
+    table = dict(source.choice([TABLES[name] for name in TABLES]))
+    for _ in range(source.randrange(1, 4)):
+        known = sorted({*table, "sync", "fields", "packed", "columns", "separator", "request", "bits", "kind"})
+        table[source.choice(known)] = source.choice(anything)
+    with contextlib.suppress(FormatProblems):
+        from_description(table)
 
 
 def fuzz_slcan(source: random.Random) -> None:
@@ -316,7 +361,8 @@ def _absurd(data: bytes, source: random.Random) -> bytes:
 
 
 TARGETS: dict[str, Callable[[random.Random], None]] = {
-    "frame16": fuzz_frame16, "lines": fuzz_lines, "slcan": fuzz_slcan, "ecu": fuzz_ecu, "modbus": fuzz_modbus,
+    "frame16": fuzz_frame16, "lines": fuzz_lines, "frames": fuzz_frames, "formats": fuzz_formats,
+    "slcan": fuzz_slcan, "ecu": fuzz_ecu, "modbus": fuzz_modbus,
     "bench": fuzz_bench, "matrix": fuzz_matrix, "csv": fuzz_csv, "hdf5": fuzz_hdf5,
     "hdf5-structure": fuzz_hdf5_structure, "journal": fuzz_journal,
 }  # fmt: skip

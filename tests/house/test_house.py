@@ -62,6 +62,9 @@ CATALOGUES = {
 ONE_IMPORTER = {
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
     "rig.cli.run": "a command; the demo runs it",
+    "drivers.stamp_clock": "a clock without a bus, beside the port's I/O",
+    "simulators.ecu_protection": "the peer of protocols.e2e: what both compute is compared",
+    "simulators.testing.rehearsal": "a process of its own; loaded when a fixture is used",
     "simulators.frames": "compiled: what is in the cache stays valid as long as its own file does",
     "rig.study.figures": "loads matplotlib, and only where figures are drawn",
 }

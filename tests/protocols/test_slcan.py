@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.errors import LocalProtocolError
-from protocols.slcan import SlcanDecoder, encode_frame
+from protocols.slcan import SlcanDecoder, encode_fd_frame, encode_frame
 
 STREAM = b"\rz\rt12082713DC0500000000\rT1ABCDEF02A1B2\r\x07t12200001\rr1218\rR000001214\rV1013\rt123011234\r"
 FRAMES = [
@@ -43,7 +43,7 @@ def test_a_malformed_line_is_counted_and_gives_no_frame(line: bytes) -> None:
 
 def test_a_line_without_end_is_given_up() -> None:
     decoder = SlcanDecoder()
-    assert decoder.feed(b"t" * 100) == []
+    assert decoder.feed(b"t" * 200) == []
     assert decoder.malformed == 1
     assert decoder.feed(b"\rt1230\r") == [(0x123, b"", False, False, 0)]
 
@@ -78,3 +78,18 @@ def test_any_bytes_never_crash_and_give_only_possible_frames(noise: bytes) -> No
 def test_what_no_frame_can_carry_is_our_own_error(identifier: int, data: bytes) -> None:
     with pytest.raises(LocalProtocolError, match="no classic frame"):
         encode_frame(identifier, data)
+
+
+def test_can_fd_frames_have_lengths_by_code_and_their_own_letters() -> None:
+    data = bytes(range(12))
+    assert encode_fd_frame(0x123, data) == b"d1239000102030405060708090A0B\r"
+    assert encode_fd_frame(0x18FF2100, bytes(64), extended=True, switched=True) == b"B18FF2100F" + b"00" * 64 + b"\r"
+    lines = b"d1239000102030405060708090A0B\rb7FF0\rD000000012ABCD\r"
+    assert SlcanDecoder().feed(lines) == [
+        (0x123, data, False, False, 12), (0x7FF, b"", False, False, 0), (1, b"\xab\xcd", True, False, 2),
+    ]  # fmt: skip
+    wrong = SlcanDecoder()
+    assert wrong.feed(b"t1239000102030405060708090A0B\rd1239000102\r") == []
+    assert wrong.malformed == 2
+    with pytest.raises(LocalProtocolError, match="13 bytes is no CAN FD frame"):
+        encode_fd_frame(1, bytes(13))

@@ -5,13 +5,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from protocols.register_map import Value
 from simulators import controller_firmware as wire
 from simulators.actuator import Actuator
 from simulators.clock import DeviceClock
 from simulators.controller_firmware import Command, Result
 from simulators.options import RigOptions, with_option
 from simulators.plant.plant import MAXIMUM_STEPS, Plant
+from simulators.register_blocks import Value
 from simulators.registers import RegisterBank
 
 OWNER = 7

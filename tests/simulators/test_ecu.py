@@ -8,8 +8,9 @@ import pytest
 
 from simulators import ecu_firmware as wire
 from simulators.clock import DeviceClock
-from simulators.ecu import Ecu, Frame
+from simulators.ecu import Ecu
 from simulators.ecu_firmware import EcuFault, EcuState
+from simulators.ecu_wire import Frame
 from simulators.options import CoilOptions, RigOptions
 from simulators.plant.plant import Plant
 

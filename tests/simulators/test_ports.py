@@ -11,6 +11,7 @@ import tty
 from collections.abc import Iterator
 
 import pytest
+import serial
 
 from simulators.pace import Backpressure, Pace
 from simulators.serial_port import CAPACITY, PtyPort, SocketPort, open_port
@@ -34,6 +35,19 @@ def pty() -> Iterator[PtyPort]:
     port = PtyPort()
     yield port
     port.close()
+
+
+@pytest.mark.parametrize(("chosen", "right"), [(9600, True), (115200, False), (38400, False)])
+def test_a_host_at_another_baud_rate_than_the_device_gets_other_bytes(chosen: int, right: bool) -> None:
+    port = PtyPort(9600)
+    try:
+        with serial.Serial(port.url, 19200, timeout=2.0) as host:
+            port.write(b"", FRAME)
+            host.baudrate = chosen
+            port.write(b"+0012.3\r\n", 9)
+            assert (host.read(9) == b"+0012.3\r\n") is right
+    finally:
+        port.close()
 
 
 def test_a_pty_holds_4_KiB_then_drops_whole_frames_and_counts_them(pty: PtyPort) -> None:

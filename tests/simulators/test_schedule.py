@@ -17,10 +17,11 @@ from simulators.options import RigOptions
 from simulators.rig import RunOptions, SimulatedRig
 from simulators.schedule import MOST_DRAWN, ONLY_ON, ScheduledFault, drawn_faults, parse_fault
 from simulators.sensor import SensorFaults
-from simulators.slcan_bus import standard_line
+from simulators.slcan_bus import frame_line
 
 TCP = frozenset({"tcp", "pty"})
 RTU_BY_ID = frozenset({"rtu", "by-id"})
+STREAMED = frozenset({"setpoints", "tcp", "pty"})
 
 
 @pytest.mark.parametrize("seed", range(50))
@@ -35,7 +36,9 @@ def test_a_seed_draws_the_same_few_faults_each_time_and_they_can_be_written(seed
         assert math.isinf(fault.lasts_s) or (fault.slug in PASSING and 0.0 < fault.lasts_s <= 2.0)
 
 
-@pytest.mark.parametrize(("kinds", "foreign"), [(TCP, {"rtu", "by-id"}), (RTU_BY_ID, {"tcp"})])
+@pytest.mark.parametrize(("kinds", "foreign"), [
+    (TCP, {"rtu", "by-id", "setpoints"}), (RTU_BY_ID, {"tcp", "setpoints"}), (STREAMED, {"rtu", "by-id"}),
+])
 def test_every_fault_of_the_rig_is_drawn_sooner_or_later_and_none_of_another_kind(
     kinds: frozenset[str], foreign: set[str]
 ) -> None:
@@ -63,7 +66,7 @@ def test_what_is_taken_away_leaves_a_rig_as_it_was() -> None:
             assert rig.modbus.faults == LinkFaults()
             assert rig.actuator.faults == ActuatorFaults()
             assert [channel.sensor.faults for channel in rig.channels] == [SensorFaults()] * 2
-            assert (rig.bus.encode, rig.bus.silent, rig.every_tick) == (standard_line, False, [])
+            assert (rig.bus.encode, rig.bus.silent, rig.every_tick) == (frame_line, False, [])
             assert not rig.bank.writes_lost
             assert (rig.plant.constants == constants).all()
         finally:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from protocols import frame_format
-from protocols.line_format import LineDecoder, preset
+from protocols.line_format import LineDecoder
+from protocols.sensor_format import preset
 from simulators.clock import DeviceClock
 from simulators.conditioner import group_delay_s
 from simulators.frames import encode_frames, encode_lines

@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from simulators.slcan_bus import SlcanBus, standard_line, well_formed
+from simulators.slcan_bus import SlcanBus, frame_line, well_formed
 
 Heard = list[tuple[int, bytes]]
 
@@ -118,5 +118,5 @@ def test_malformed_lines_are_told_from_frames(line: bytes, fits: bool) -> None:
     assert well_formed(line) is fits
 
 
-def test_a_standard_line_by_hand() -> None:
-    assert standard_line(0x121, b"\x0a\xff") == b"t12120AFF\r"
+def test_a_frame_line_by_hand() -> None:
+    assert frame_line(0x121, b"\x0a\xff") == b"t12120AFF\r"

@@ -234,6 +234,8 @@ class Runner:
             return [ev.Safe()]
         if name == "unknown":
             return [ev.Unknown(str(message.get("reason", "")))]
+        if name == "setpoints":
+            self._campaign.results.take_setpoints(message)
         if name == "late":
             late_ms, count = 1e3 * float(message["late_s"]), message.get("count")
             text = say("station-late", late_ms=late_ms, count=count)

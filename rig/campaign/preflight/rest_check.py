@@ -125,12 +125,7 @@ def exchanged(seen: AtRest, limits: RestLimits) -> AtRest:
 
 
 def judge_rest(seen: AtRest, limits: RestLimits) -> StopCause | None:
-    """The first thing that does not look like a tared rig at rest; None when all is well.
-
-    Args:
-        seen: the samples of the rest window.
-        limits: the bench's limits.
-    """
+    """The first thing that does not look like a tared rig at rest, by the samples of a rest window; None: nothing."""
     for name, samples, fewest in (
         ("load cell", seen.force_N, FEWEST_SAMPLES),
         ("LVDT", seen.displacement_m, FEWEST_SAMPLES),
@@ -143,16 +138,17 @@ def judge_rest(seen: AtRest, limits: RestLimits) -> StopCause | None:
         if flagged:
             return because("not-tared", "flagged-samples", name=name, count=flagged)
     cause = _first(seen, limits)
-    if cause is None:
-        return None
-    for what, explains in (
-        ("plugs", _first(exchanged(seen, limits), limits) is None),
-        ("force-sign", _mirrored(seen.force_N, seen.controller_force_N, limits.zero_N)),
-        ("lvdt-sign", _mirrored(seen.displacement_m, seen.position_m, limits.disagreement_m)),
-    ):
-        if explains:
-            return cause.explained("sensors-swapped", what)
-    return cause
+    what = "" if cause is None else explanation(seen, limits)
+    return cause.explained("sensors-swapped", what) if cause is not None and what else cause
+
+
+def explanation(seen: AtRest, limits: RestLimits) -> str:
+    """What explains all that is wrong, a key of `rig.campaign.words.EXCHANGED`; empty where nothing does."""
+    if _first(exchanged(seen, limits), limits) is None:
+        return "plugs"
+    if _mirrored(seen.force_N, seen.controller_force_N, limits.zero_N):
+        return "force-sign"
+    return "lvdt-sign" if _mirrored(seen.displacement_m, seen.position_m, limits.disagreement_m) else ""
 
 
 def _mirrored(shown: FloatArray, expected: FloatArray, allowed: float) -> bool:
@@ -165,22 +161,24 @@ def _mirrored(shown: FloatArray, expected: FloatArray, allowed: float) -> bool:
 
 
 def _first(seen: AtRest, limits: RestLimits) -> StopCause | None:
-    force_N, displacement_m, position_m = seen.force_N, seen.displacement_m, seen.position_m
+    return next((cause for _, cause in causes_at_rest(seen, limits)), None)
+
+
+def causes_at_rest(seen: AtRest, limits: RestLimits) -> list[tuple[str, StopCause]]:
+    """All that does not look like a tared rig at rest, each with the device it is said of."""
+    noise_N, noise_m = float(np.std(seen.force_N)), float(np.std(seen.displacement_m))
+    force_N, place_m = float(np.mean(seen.force_N)), float(np.mean(seen.displacement_m))
+    apart_m = place_m - float(np.mean(seen.position_m))
     causes = (
-        _over("load cell at rest", abs(float(np.mean(force_N))), REST_FORCE_SHARE * limits.force_N, "N"),
-        _force_zero(seen, limits),
-        _over("load cell's noise at rest", float(np.std(force_N)), REST_FORCE_NOISE_SHARE * limits.force_N, "N"),
-        _over("LVDT's noise at rest", 1e3 * float(np.std(displacement_m)), 1e3 * REST_DISPLACEMENT_NOISE_M, "mm"),
-        _over(
-            "LVDT against controller position",
-            1e3 * abs(float(np.mean(displacement_m) - np.mean(position_m))),
-            1e3 * limits.disagreement_m,
-            "mm",
-        ),
-        _outside(float(np.mean(displacement_m)), limits),
-        _current_zero(seen, limits),
+        ("load_cell", _over("load cell at rest", abs(force_N), REST_FORCE_SHARE * limits.force_N, "N")),
+        ("load_cell", _force_zero(seen, limits)),
+        ("load_cell", _over("load cell's noise at rest", noise_N, REST_FORCE_NOISE_SHARE * limits.force_N, "N")),
+        ("lvdt", _over("LVDT's noise at rest", 1e3 * noise_m, 1e3 * REST_DISPLACEMENT_NOISE_M, "mm")),
+        ("lvdt", _over("LVDT against controller position", 1e3 * abs(apart_m), 1e3 * limits.disagreement_m, "mm")),
+        ("lvdt", _outside(place_m, limits)),
+        ("ecu", _current_zero(seen, limits)),
     )
-    return next((cause for cause in causes if cause is not None), None)
+    return [(device, cause) for device, cause in causes if cause is not None]
 
 
 def _force_zero(seen: AtRest, limits: RestLimits) -> StopCause | None:

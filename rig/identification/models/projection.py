@@ -7,6 +7,7 @@ Only sums over samples are kept, so any number of samples is streamed in pieces.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -18,7 +19,7 @@ from rig.dampers.separation import Separation
 from rig.identification.models.inner_least_squares import Inner, Reduction
 from rig.identification.models.measurement import Measurement
 
-Weight = Literal["v", "1"]
+Weight = Literal["v", "1", "relative"]
 
 PIECE = 32768
 ALL = slice(None)
@@ -30,7 +31,8 @@ class Weighting:
     """Which samples count, and how much.
 
     Attributes:
-        weight: "v" weighs each sample by its speed (equation 12), "1" does not.
+        weight: "v" weighs each sample by its speed (equation 12), "1" does not; "relative" weighs each test so that its
+            part of the objective is the square of its relative error (% of peak), however many samples it has.
         guard_s: time (s) around u = 0 whose samples do not count: the sensor's filter and the clocks do not let one say
             on which side of the tanh models' jump they lie.
         reversal_guard_s: time (s) around v = 0 whose samples do not count, for models that jump there.
@@ -45,7 +47,10 @@ class Weighting:
     def of(self, test: Measurement, index: int, rows: slice = ALL) -> FloatArray:
         """Weight of each sample of measurement number `index`, or of some of its rows, shape (n,), not negative."""
         speed = np.abs(test.v_m_s[rows])
-        weights = speed.copy() if self.weight == "v" else np.ones_like(speed)
+        if self.weight == "relative":
+            weights = np.full_like(speed, 100.0 / (max(test.peak_force_N, 1e-300) * math.sqrt(test.u_m.size)))
+        else:
+            weights = speed.copy() if self.weight == "v" else np.ones_like(speed)
         if self.guard_s > 0.0:
             weights[np.abs(test.u_m[rows]) < self.guard_s * speed] = 0.0
         if self.reversal_guard_s > 0.0:
@@ -114,7 +119,7 @@ class Projection:
             self.samples += int(np.count_nonzero(piece.weight))
         names = (*form.fixed_names, *form.yield_names)
         self._reduction = Reduction(normal, right, power, np.array([name not in without for name in names]))
-        self._bends = [slice(sum(form.powers[:k]), sum(form.powers[: k + 1])) for k in form.bends]
+        self._bends = [slice(sum(form.powers[: bent[0]]), sum(form.powers[: bent[-1] + 1])) for bent in form.bends]
 
     def pieces(self) -> Iterator[Piece]:
         """All weighted samples, piece by piece."""
@@ -137,7 +142,7 @@ class Projection:
     def solve(self, shape: FloatArray, *, slope: bool = True) -> Inner:
         """Linear values, objective and, with `slope`, its projected slope at this shape, in one pass."""
         self.evaluations += 1
-        size = sum(self.form.powers) + (sum(self.form.powers[k] for k in self.form.bends) if slope else 0)
+        size = sum(self._counts(slope=slope))
         cross = np.zeros((size, len(self.form.fixed_names)))
         right, own = np.zeros(size), np.zeros((size, size))
         for piece in self.pieces():
@@ -149,12 +154,16 @@ class Projection:
 
     def _block(self, piece: Piece, shape: FloatArray, *, slope: bool) -> FloatArray:
         """Columns of the yield shapes, then of their slopes, each times the powers of the current."""
-        powers = self.form.powers
-        counts = (*powers, *(powers[k] for k in self.form.bends)) if slope else powers
+        columns = self.form.yielding(piece.source, piece.rows, shape, slope=slope)
         parts = []
-        for column, count in zip(self.form.yielding(piece.source, piece.rows, shape, slope=slope), counts, strict=True):
+        for column, count in zip(columns, self._counts(slope=slope), strict=True):
             part = column * piece.weight
             for _ in range(count):
                 parts.append(part)
                 part = part * piece.current_A
         return np.column_stack(parts)
+
+    def _counts(self, *, slope: bool) -> tuple[int, ...]:
+        """How many powers of the current each column of `Separation.yielding` has."""
+        powers = self.form.powers
+        return (*powers, *(powers[k] for bent in self.form.bends for k in bent)) if slope else powers

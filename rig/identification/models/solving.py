@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.problem import FixedParameters, Problem
-from rig.identification.models.projection import Weighting
+from rig.identification.models.projection import Weight, Weighting
 from rig.identification.models.separable import Solution, motion_scale, solve_loop, solve_separable
 from rig.identification.models.undetermined import Undetermined
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:  # it loads logging and threads, which a fit does not need
 SEPARABLE = "separable"
 SQUARES = "squares"
 LOSSES = (SQUARES, "huber")
+WEIGHTS = (None, "1", "v", "relative")
 THREE_STEPS = "zhu_three_step"
 GUARD_S = 1e-3
 ROBUST_ROUNDS = 8
@@ -43,7 +44,8 @@ class Method:
 
     Attributes:
         name: "separable", one of the papers' algorithms, or "zhu_three_step".
-        weight: "1", "v", or None for the method's own (the papers' algorithms: v; the others: 1).
+        weight: "1", "v", "relative" (separable fits only; see `Weighting`), or None for the method's own (the papers'
+            algorithms: v; the others: 1).
         loss: "squares", or "huber" (separable fits of models without internal states only).
         budget: evaluations of equation (12) for the papers' algorithms.
         population: candidates a generation.
@@ -67,16 +69,21 @@ class Method:
     chunks: int | None = None
 
     def __post_init__(self) -> None:
-        for setting, value, known in (("weight", self.weight, (None, "1", "v")), ("loss", self.loss, LOSSES)):
+        for setting, value, known in (("weight", self.weight, WEIGHTS), ("loss", self.loss, LOSSES)):
             if value not in known:
                 raise IdentificationFailed(f"method: {setting} = {value!r}; known: {', '.join(map(repr, known))}")
+        if self.weight == "relative" and self.name != SEPARABLE:
+            raise IdentificationFailed(
+                f"method: {self.name} minimises equation (12), which has weights '1' and 'v'; 'relative' goes with "
+                f"{SEPARABLE!r}"
+            )
 
     def weighting(self, model: DamperModel) -> Weighting:
         """Which samples count for a model, and how much; those at its jumps do not."""
-        weight = self.weight or ("1" if self.name in {SEPARABLE, THREE_STEPS} else "v")
+        weight = cast("Weight", self.weight or ("1" if self.name in {SEPARABLE, THREE_STEPS} else "v"))
         guard_s = GUARD_S if self.name == SEPARABLE else 0.0
         return Weighting(
-            "v" if weight == "v" else "1",
+            weight,
             guard_s if model.jumps_at == "mid-stroke" else 0.0,
             guard_s if model.jumps_at == "reversal" else 0.0,
         )
@@ -184,7 +191,7 @@ def _search(
     """
     from rig.optimisers import minimise
 
-    problem = Problem(measurements, model, method.weighting(model).weight)
+    problem = Problem(measurements, model, "1" if method.weight == "1" else "v")
     held = dict.fromkeys(findings.held, 0.0) | {name: model.parameter(name).start for name in findings.fixed}
     objective = FixedParameters(problem, held)
     result = minimise(

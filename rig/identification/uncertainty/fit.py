@@ -209,7 +209,7 @@ class Fit:
         model: name in `rig.dampers.MODELS`.
         hysteresis: form of the tanh argument.
         method: how it was fitted.
-        weight: "1" or "v" (equation 12).
+        weight: "1" or "v" (equation 12), or "relative" (each test by its relative error).
         parameters: name to estimate, in the model's order.
         error: on the tests it was fitted to.
         holdout: on the tests it has not seen; None without any.

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from drivers.current_source import SourceCounters, SourceFault, SourceStatus, SourceTemperature
+from drivers.current_source import SourceCounters, SourceFault, SourceStatus, SourceTemperature, SourceTiming
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
-SETTLED_STATUSES = 15
-"""Status frames (10 ms each on the ECU's clock) that a new set-point is given before it is compared."""
+SETTLED_S = 0.150
+"""Time (of the ECU's clock, counted in its status frames) that a new set-point is given before it is compared."""
+FEWEST_STATUSES = 3
 ZERO_A = 0.05
 TRACKING_A = 0.05
 TRACKING_SHARE = 0.05
@@ -20,9 +21,8 @@ BUS_WINDOW_NS = 50_000_000
 CONSEQUENCE_NS = 50_000_000
 CONSEQUENCES = SourceFault.UNDERVOLTAGE | SourceFault.COMMAND_TIMEOUT
 """What the ECU reports when the fault is elsewhere."""
-STATUS_MS = 10
-UNTOLD_STATUSES = 50
-"""Status frames (`STATUS_MS` each on the ECU's clock) without a temperature: five of the temperature's periods."""
+UNTOLD_PERIODS = 5
+"""So many of the temperature's periods without one, counted in status frames."""
 
 _ECU_SLUGS = (
     (SourceFault.OPEN | SourceFault.SHORT, "coil-open-short"),
@@ -37,10 +37,18 @@ class CurrentInterlock:
 
     Args (construction):
         patience_ns: wall time which a command and its effect may take on the wires.
+        timing: how often the source tells its current.
+        settling_s: the time that a new set-point is given (s of its clock).
     """
 
-    def __init__(self, patience_ns: int) -> None:
+    def __init__(
+        self,
+        patience_ns: int,
+        timing: SourceTiming = SourceTiming(),  # noqa: B008 - immutable
+        settling_s: float = SETTLED_S,
+    ) -> None:
         self._patience_ns = patience_ns
+        self._settled = max(FEWEST_STATUSES, round(settling_s / timing.status_s))
         self._set_point = (math.nan, 0)
         self._since_ns = 0
         self._statuses = 0
@@ -58,7 +66,7 @@ class CurrentInterlock:
         if self._set_point != (commanded_A, set_points):
             self._set_point, self._since_ns, self._statuses, self._off = (commanded_A, set_points), t_ns, 0, 0
         self._statuses += 1
-        if self._statuses <= SETTLED_STATUSES or t_ns - self._since_ns < self._patience_ns:
+        if self._statuses <= self._settled or t_ns - self._since_ns < self._patience_ns:
             return []
         allowed_A = ZERO_A if commanded_A == 0.0 else TRACKING_A + TRACKING_SHARE * abs(commanded_A)
         error_A = abs(status.current_A - commanded_A)
@@ -148,11 +156,20 @@ class EcuInterlock:
         current_limit_A: measured current beyond which the rig stops (A).
         coil_temperature_limit_degC: likewise of the coil (degC).
         controller_polls: how often the controller was asked so far; its word on a shared cause comes first.
+        timing: how often the source tells what.
     """
 
     def __init__(
-        self, current_limit_A: float, coil_temperature_limit_degC: float, controller_polls: Callable[[], int]
+        self,
+        current_limit_A: float,
+        coil_temperature_limit_degC: float,
+        controller_polls: Callable[[], int],
+        timing: SourceTiming = SourceTiming(),  # noqa: B008 - immutable
     ) -> None:
+        self._timing = timing
+        self._untold_allowed = max(
+            FEWEST_STATUSES, round(UNTOLD_PERIODS * timing.temperature_s / timing.status_s)
+        )
         self.current_limit_A = current_limit_A
         self.coil_temperature_limit_degC = coil_temperature_limit_degC
         self._controller_polls = controller_polls
@@ -206,8 +223,9 @@ class EcuInterlock:
 
     def judge_temperature_age(self, t_ns: int) -> list[Finding]:
         """Temperatures that stay away, by the statuses that came meanwhile; call it once a read's frames are judged."""
-        if self._untold <= UNTOLD_STATUSES:
+        if not self._timing.temperature_s or self._untold <= self._untold_allowed:
             return []
-        age_ms, allowed_ms = STATUS_MS * self._untold, STATUS_MS * UNTOLD_STATUSES
+        status_ms = 1e3 * self._timing.status_s
+        age_ms, allowed_ms = round(status_ms * self._untold), round(status_ms * self._untold_allowed)
         detail = f"ecu: no coil temperature for {age_ms} ms of its clock, allowed {allowed_ms} ms"
         return [Finding("ecu-silent", detail, t_ns, age_ms / 1e3, allowed_ms / 1e3)]

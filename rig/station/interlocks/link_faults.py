@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivers.connection import LinkKind
 from drivers.errors import Busy, DriverError, LinkLost, NoAnswer, PortClosed, RequestRefused, WrongAnswer
-from drivers.roles import CountingLink
+from drivers.roles import ActuatorStatus, CountingLink
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 
 BUSY_POLLS = 4
@@ -86,3 +86,23 @@ class LinkFaults:
             return []
         slug = "rtu-stale" if self._kind is LinkKind.MODBUS_RTU else "modbus-wrong-tid"
         return [Finding(slug, f"{count} answers to other requests were thrown away", t_ns, warns=True)]
+
+
+class EchoWatch:
+    """Compares the watchdog's counter with its echo in the status that was read after it was written."""
+
+    def __init__(self) -> None:
+        self._missing = 0
+
+    def judge(self, counter: int, status: ActuatorStatus) -> list[Finding]:
+        """The echo must be there; not once, for a slow device, but in a row it is a fault.
+
+        Args:
+            counter: as it was written.
+            status: as it was read after that.
+        """
+        self._missing = self._missing + 1 if status.watchdog_echo != counter else 0
+        if self._missing < CONSECUTIVE:
+            return []
+        detail = f"wrote watchdog counter {counter}, the controller still has {status.watchdog_echo}"
+        return [Finding("modbus-write-lost", detail, status.received_ns, status.watchdog_echo, counter)]

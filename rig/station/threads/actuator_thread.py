@@ -25,12 +25,13 @@ from rig.station.interfaces import Travel
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.interlocks.finding import CONSECUTIVE, Finding
 from rig.station.interlocks.line_interlock import ClockWatch
-from rig.station.interlocks.link_faults import LinkFaults, link_slug
+from rig.station.interlocks.link_faults import EchoWatch, LinkFaults, link_slug
 from rig.station.interlocks.motion_interlock import Reference
 from rig.station.log import say_error
 from rig.station.safe_stop import STILL_S, StopAction
 from rig.station.supervisor import Supervisor
 from rig.station.threads.device_thread import DeviceThread
+from rig.station.threads.setpoint_stream import SetpointStream
 from rig.station.threads.status_records import StatusRecords
 
 T = TypeVar("T")
@@ -92,7 +93,8 @@ class ActuatorThread(DeviceThread):
         self._hurry = False
         self._jobs: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._counter = 0
-        self._unechoed = 0
+        self._echo = EchoWatch()
+        self._stream = SetpointStream(driver, config, supervisor)
         self._stale_ns = int(config.stale_after_s * 1e9)
         self._last_ns = monotonic_ns()
         self._linked = True
@@ -240,10 +242,12 @@ class ActuatorThread(DeviceThread):
 
     def work(self) -> None:
         """Poll until the end."""
-        self._last_ns = next_ns = monotonic_ns()
-        period_ns = int(self.config.poll_s * 1e9)
+        steps = self._stream.steps
+        self._last_ns = monotonic_ns()
+        steps.begin(self._last_ns)
         while not self._ending.is_set():
-            self._wait(next_ns)
+            due_ns = steps.next_ns
+            self._wait(due_ns)
             try:
                 self._serve()
             except DriverError as error:
@@ -254,8 +258,8 @@ class ActuatorThread(DeviceThread):
                     self.failure = detail
                     say_error()
                 self._supervisor.report([Finding("task-dies", detail, monotonic_ns())])
-            now_ns = monotonic_ns()
-            next_ns = max(next_ns + period_ns, now_ns) if now_ns >= next_ns else next_ns
+            if steps.next_ns == due_ns:
+                steps.take(monotonic_ns())
 
     def _wait(self, until_ns: int) -> None:
         with self._wake:
@@ -311,7 +315,8 @@ class ActuatorThread(DeviceThread):
 
     def _poll(self) -> None:
         now_ns = monotonic_ns()
-        fed = self.capabilities.watchdog is not WatchdogKind.NONE
+        self._stream.sending(now_ns)
+        fed = self.capabilities.watchdog is not WatchdogKind.NONE and self._stream.may_feed
         if fed and self._supervisor.may_feed(now_ns) and now_ns >= self._feed_ns:
             # A write that is refused is tried again, but not at every poll: the status can still be read.
             self._feed_ns = now_ns + FEED_AGAIN_NS
@@ -319,7 +324,7 @@ class ActuatorThread(DeviceThread):
             status = self._driver.exchange(self._counter)
             self._feed_ns = 0
             if self.capabilities.echo:
-                self._follow_echo(status)
+                self._supervisor.report(self._echo.judge(self._counter, status))
         else:
             status = self._driver.read_status()
         self.polls += 1
@@ -335,16 +340,9 @@ class ActuatorThread(DeviceThread):
         findings = self.judge.judge(status, lvdt_m, self._travel.speed_m_s, self._driver.sent)
         if findings:
             self._supervisor.report(findings)
+        self._stream.answered(status)
         with self.status_changed:
             self.status_changed.notify_all()
-
-    def _follow_echo(self, status: ActuatorStatus) -> None:
-        """The counter was written before the status was read, so its echo must be there."""
-        self._unechoed = self._unechoed + 1 if status.watchdog_echo != self._counter else 0
-        if self._unechoed >= CONSECUTIVE:
-            detail = f"wrote watchdog counter {self._counter}, the controller still has {status.watchdog_echo}"
-            finding = Finding("modbus-write-lost", detail, status.received_ns, status.watchdog_echo, self._counter)
-            self._supervisor.report([finding])
 
     def _follow_stop(self, status: ActuatorStatus) -> None:
         """A stop command that was written must also be acknowledged; else it is sent again.

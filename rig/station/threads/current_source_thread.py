@@ -9,7 +9,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from drivers.current_source import CurrentSource, SourceBatch, SourceFault, SourceIdentity, SourceState
+from drivers.current_source import (
+    UNKNOWN_STATE,
+    CurrentSource,
+    SourceBatch,
+    SourceFault,
+    SourceIdentity,
+    SourceState,
+)
 from drivers.errors import DriverError
 from drivers.ring import Record
 from protocols.quality import Quality
@@ -19,11 +26,16 @@ from rig.station.errors import StationRefused
 from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterlock, EcuInterlock, thrown_away
 from rig.station.interlocks.finding import Finding
 from rig.station.log import say
+from rig.station.safe_stop import CURRENT_LIMIT_S, ZERO_CURRENT_A
 from rig.station.supervisor import Supervisor
 from rig.station.threads.device_thread import ReadingThread
 from rig.station.watchdogs import Listener
 
 STALE_FOR_SURE_S = 0.0002
+SLOW_STATUS_S = 0.050
+"""A source that tells its current less often is a slow one."""
+PROVING_COMMANDS = 6
+"""So many commands tell whether the source takes them; it may forgive a few that are damaged."""
 
 
 class CurrentSourceThread(ReadingThread):
@@ -48,11 +60,13 @@ class CurrentSourceThread(ReadingThread):
         self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
         self._zero_error: DriverError | None = None
         self._bus_judge = BusInterlock(config.bitrate)
-        self._current_judge = CurrentInterlock(self._stale_ns)
+        self._settle_s = driver.traits.settling_s / min(1.0, supervisor.config.device_rate)
+        self._current_judge = CurrentInterlock(self._stale_ns, driver.timing, driver.traits.settling_s)
         self._set_points = 0
         self._bus_errors = 0
         self._errors_before = 0
         self._repeats = 0
+        self._stamps_told = False
         self._zeroed = True
         self._zeroed_ns = 0
         self._command_lock = threading.Lock()
@@ -98,13 +112,31 @@ class CurrentSourceThread(ReadingThread):
             self._zeroed = False
 
     def wait_clear(self, timeout_s: float) -> bool:
-        """Wait until the ECU reports no fault, then stop asking it to clear them; False after `timeout_s`."""
+        """Wait until the ECU reports no fault, then stop asking it to clear them; False after `timeout_s`.
+
+        A slow source is given its own time on top, and that in which its current falls.
+        """
+        timeout_s += self._stale_ns * 1e-9 + self._settle_s
         begun_ns = monotonic_ns()
         with self._progress:
             clear = self._progress.wait_for(lambda: self._last_ns > begun_ns and self._is_clear(), timeout_s)
+            if clear:
+                self._progress.wait_for(self._is_zero, self._settle_s)
         with self._command_lock:
             self._command(0.0, enable=False)
         return clear
+
+    def wait_taken(self, timeout_s: float) -> bool:
+        """Whether it reports no fault once it has had several commands; False too when it says nothing more."""
+        enough_ns = monotonic_ns() + int(1e9 * PROVING_COMMANDS * self.config.command_period_s)
+        with self._progress:
+            return self._progress.wait_for(lambda: self._last_ns > enough_ns, timeout_s) and self._is_clear()
+
+    @property
+    def faults(self) -> int:
+        """Its faults as it last told them."""
+        status = self._driver.status
+        return 0 if status is None else status.faults
 
     def set_current(self, current_A: float) -> None:
         """Ask for a current (A), at once and from now on.
@@ -158,23 +190,65 @@ class CurrentSourceThread(ReadingThread):
         return self._driver.identity_problem
 
     def wait_identity(self, timeout_s: float) -> SourceIdentity | None:
-        """The ECU's identity once it, a status and a temperature have come; None after `timeout_s` wall seconds."""
+        """The ECU's identity once all that it tells has come; None after `timeout_s` (wall s), or if it has none."""
         with self._progress:
             self._progress.wait_for(lambda: not self.missing, timeout_s)
         return None if self.missing else self._driver.identity
 
     @property
     def missing(self) -> list[str]:
-        """Kinds of frames that the ECU has not sent yet."""
-        driver = self._driver
-        heard = {"identity": driver.identity, "status": driver.status, "temperature": driver.temperature}
-        return [name for name, frame in heard.items() if frame is None]
+        """Kinds of frames that the ECU should have sent and has not yet."""
+        driver, timing = self._driver, self._driver.timing
+        heard = {
+            "identity": driver.identity is not None or not timing.identity_s,
+            "status": driver.status is not None,
+            "temperature": driver.temperature is not None or not timing.temperature_s,
+        }
+        return [name for name, came in heard.items() if not came]
+
+    @property
+    def zero_within_s(self) -> float:
+        """After so long a commanded 0 A must be measured (wall s)."""
+        slow_s = self._settle_s + 2.0 * self._stale_ns * 1e-9
+        return max(CURRENT_LIMIT_S, slow_s) if self._driver.timing.status_s > SLOW_STATUS_S else CURRENT_LIMIT_S
+
+    @property
+    def lowest_A(self) -> float | None:
+        """The most negative current it drives (A); None: as negative as positive."""
+        return self._driver.traits.lowest_A
+
+    @property
+    def falls_by_itself(self) -> bool:
+        """Without commands it goes to 0 A."""
+        return self._driver.traits.own_timeout
+
+    @property
+    def longest_period_s(self) -> float:
+        """Of what it tells (s of its clock)."""
+        return max(self._driver.timing)
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Slug and words of why its frames cannot be believed; two empty texts while nothing speaks against them."""
+        return self._driver.refusal
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What it cannot do or does not tell: a name, and what is left without it."""
+        return self._driver.lacking
+
+    @property
+    def thrown_away(self) -> str:
+        """Slug for status frames that come but fail their checks; empty where none do."""
+        return thrown_away(self._driver.counters)
 
     def describe(self) -> str:
         """State and faults in words."""
         status = self._driver.status
         if status is None:
             return "sends no status"
+        if status.state == UNKNOWN_STATE:
+            return f"in a state that it does not tell, faults {SourceFault(status.faults)!r}"
         state = SourceState(status.state).name if status.state in set(SourceState) else str(status.state)
         return f"in state {state}, faults {SourceFault(status.faults)!r}"
 
@@ -231,6 +305,7 @@ class CurrentSourceThread(ReadingThread):
             if not late:
                 # What waited may be from before the set-point.
                 findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
+        self._tell_stamps()
         if batch.statuses:
             # Errors that came with the last status frame may be the beginning of what silences the bus.
             self._bus_errors, self._errors_before = self._errors_before, self._driver.bus_errors
@@ -246,12 +321,27 @@ class CurrentSourceThread(ReadingThread):
         silence = self._supervisor.host.missed(self.name, self._silence(), self._last_ns, self._stale_ns, now_ns)
         return findings if silence is None else [*findings, silence]
 
+    def _tell_stamps(self) -> None:
+        """Say once that frames are timed by the interface, and how well."""
+        uncertainty_ns = self._driver.counters.stamps_ns
+        if uncertainty_ns and not self._stamps_told:
+            self._stamps_told = True
+            self._supervisor.tell(
+                "ecu-time-stamps",
+                f"its frames are timed by the CAN interface's stamps, known on this host's clock to "
+                f"{uncertainty_ns / 1e3:.0f} us beside the shortest time that reading takes",
+            )
+
     def _silence(self) -> str:
         """Why no fresh status comes: the bus has errors, the ECU sends bad or old ones, or it says nothing."""
         if self._driver.bus_errors > self._bus_errors:
             return "can-busoff"
         late = self._driver.counters.duplicates > self._repeats
         return thrown_away(self._driver.counters) or ("ecu-late" if late else "ecu-silent")
+
+    def _is_zero(self) -> bool:
+        status = self._driver.status
+        return status is not None and abs(status.current_A) < ZERO_CURRENT_A
 
     def _is_clear(self) -> bool:
         status = self._driver.status

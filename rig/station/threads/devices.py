@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import dataclasses
+from collections.abc import Callable, Container, Iterator
 
-from drivers.catalogue import SensorConnection, make_actuator, make_current_source, make_sensor
-from drivers.connection import ActuatorConnection
+from drivers.catalogue import (
+    SensorConnection,
+    SupplyConnection,
+    make_actuator,
+    make_current_source,
+    make_sensor,
+    make_supply,
+)
+from drivers.connection import ActuatorConnection, CanAddress, MotionTerms
+from drivers.current_source import CurrentSource
 from drivers.errors import DriverError, NoAnswer, WrongAnswer, WrongIdentity, WrongLayout
 from drivers.ring import Channel, Record
+from drivers.roles import Sensor
 from drivers.sample_stream import SampleScale
 from protocols.errors import ProtocolError
 from rig.bench.sensor_settings import SensorConfig
-from rig.bench.settings import StationConfig
+from rig.bench.settings import EcuConfig, StationConfig
+from rig.bench.supply_settings import supply_of
 from rig.station.errors import StationRefused
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.interlocks.channel_interlock import ChannelInterlock, ChannelLimits
@@ -23,6 +34,7 @@ from rig.station.threads.current_source_thread import CurrentSourceThread
 from rig.station.threads.sensor_thread import SensorRole, SensorThread
 
 Append = Callable[[list[Record]], None]
+Device = SensorThread | CurrentSourceThread | ActuatorThread
 
 
 class Devices:
@@ -35,6 +47,7 @@ class Devices:
         self.config = config
         self.owner_id = owner_id
         self._supervisor = supervisor
+        self._connections: dict[str, SensorConnection] = {}
         limits, margins = config.limits, config.margins
         speed_limit_m_s = limits.speed_m_s * (1.0 + margins.speed)
         self.load_cell = self._sensor(config.load_cell, append, SensorRole(
@@ -56,11 +69,13 @@ class Devices:
             for index, given in enumerate(config.auxiliary)
         )
         given_ecu, given_actuator = config.ecu, config.actuator
+        source = _current_source(given_ecu)
         self.coil = CurrentSourceThread(
             given_ecu,
-            make_current_source(given_ecu.dbc, given_ecu.interface, given_ecu.channel, given_ecu.bitrate),
+            source,
             EcuInterlock(
-                limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls
+                limits.current_A + margins.current_A, limits.coil_temperature_degC, lambda: self.actuator.polls,
+                source.timing,
             ),
             supervisor,
             append,
@@ -68,6 +83,7 @@ class Devices:
         driver = make_actuator(given_actuator.register_map, ActuatorConnection(
             given_actuator.url, given_actuator.device_id, given_actuator.timeout_s, owner_id,
             given_actuator.baudrate, given_actuator.parity,
+            MotionTerms(given_actuator.fade_out_cycles, given_actuator.halt_deceleration_m_s2, config.device_rate),
         ))
         interlock = ActuatorInterlock(
             owner_id,
@@ -83,18 +99,22 @@ class Devices:
         return self.actuator.clock.ppm
 
     def _sensor(self, given: SensorConfig, append: Append, role: SensorRole) -> SensorThread:
-        driver = make_sensor(SensorConnection(
+        connection = self._connections[given.label] = SensorConnection(
             given.url, given.baudrate, given.label, role.channel, given.format,
-            scale_of(given, self.config.device_rate),
-        ))
-        return SensorThread(given, driver, role, self._supervisor, append)
+            scale_of(given, self.config.device_rate), given.line,
+        )
+        return SensorThread(given, make_sensor(connection), role, self._supervisor, append)
 
     @property
     def sensors(self) -> tuple[SensorThread, ...]:
         """Load cell, LVDT and the auxiliary channels."""
         return (self.load_cell, self.lvdt, *self.auxiliary)
 
-    def __iter__(self) -> Iterator[SensorThread | CurrentSourceThread | ActuatorThread]:
+    def at_another_rate(self, sensor: SensorThread, baudrate: int) -> Sensor:
+        """A further driver of a sensor's port, which its own has closed, at another baud rate; nothing is opened."""
+        return make_sensor(dataclasses.replace(self._connections[sensor.name], baudrate=baudrate))
+
+    def __iter__(self) -> Iterator[Device]:
         return iter((*self.sensors, self.coil, self.actuator))
 
     def open(self) -> None:
@@ -103,22 +123,27 @@ class Devices:
         Raises:
             StationRefused: one line for each device that cannot be reached; all ports are closed again.
         """
-        problems = []
+        problems = list(self.open_each().values())
+        if problems:
+            self.close()
+            raise StationRefused(slug_of(problems[0]), "\n".join(str(error) for error in problems))
+
+    def open_each(self) -> dict[str, DriverError | ProtocolError]:
+        """Open every port that can be opened; why the others cannot, by the device's name."""
+        problems: dict[str, DriverError | ProtocolError] = {}
         for device in self:
             try:
                 device.open()
             except (DriverError, ProtocolError) as error:
-                problems.append(error)
-        if problems:
-            self.close()
-            slug = next((slug_of(error) for error in problems), "unreachable")
-            raise StationRefused(slug, "\n".join(str(error) for error in problems))
+                problems[device.name] = error
+        return problems
 
-    def start(self) -> None:
-        """Start every thread; the supervisor watches them from now on."""
-        for device in self:
+    def start(self, but: Container[str] = ()) -> None:
+        """Start every thread but those of the devices of these names; the supervisor watches the others from now on."""
+        started = tuple(device for device in self if device.name not in but)
+        for device in started:
             device.start()
-        self._supervisor.attach(self.coil, self.actuator, self.lvdt, tuple(self))
+        self._supervisor.attach(self.coil, self.actuator, self.lvdt, started)
 
     def revive(self) -> None:
         """Open lost ports again, as part of a reset.
@@ -161,6 +186,19 @@ def slug_of(error: Exception) -> str:
     if isinstance(error, (WrongAnswer, ProtocolError)):
         return "register-layout"
     return "unreachable"
+
+
+def _current_source(given: EcuConfig) -> CurrentSource:
+    """The driver of the coil's current source: of a supply where its address is stated, else on CAN."""
+    described = supply_of(given.supply)
+    if given.url is None or described is None:
+        return make_current_source(given.dbc, given.roles, CanAddress(
+            given.interface or "", given.channel or "", given.bitrate, given.interface_options
+        ))
+    return make_supply(SupplyConnection(
+        given.url, described, given.poll_s, given.timeout_s, given.voltage_limit_V, given.baudrate,
+        given.identity or "",
+    ))
 
 
 def _interlock(

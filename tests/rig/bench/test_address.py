@@ -28,7 +28,8 @@ def test_the_schemes_are_those_of_pyserial() -> None:
 
 
 def test_checking_an_interface_loads_no_CAN_driver() -> None:
-    script = "import sys; from rig.bench import address; address.can_interface('pcan'); sys.exit('can' in sys.modules)"
+    look = "address.can_interface('socketcan'); sys.exit('can' in sys.modules)"
+    script = f"import sys; from rig.bench import address; {look}"
     assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
 
 
@@ -74,3 +75,12 @@ def test_files_are_recognised_by_tables_that_only_they_have() -> None:
     for kind, tables in TABLES.items():
         assert tables <= keys[kind]
         assert not any(tables & others for other, others in keys.items() if other != kind)
+
+
+def test_an_interface_whose_package_is_not_installed_is_refused_when_the_file_is_read(
+    monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "can.interfaces.canalystii", raising=False)
+    monkeypatch.setitem(sys.modules, "canalystii", None)
+    with pytest.raises(ValueError, match=r"needs for it is not installed here: .*canalystii"):
+        address.can_interface("canalystii")

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from protocols.line_format import from_description
+from protocols.line_format import LineFormat
+from protocols.sensor_format import from_description
 from rig.bench.model import Bench
 from rig.campaign.execution.point_recording import sensor_contexts
 from rig.errors import EXIT_USAGE, FileProblem
@@ -92,7 +93,7 @@ def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
         ("sensitivity = 0.001", "sensitivity = inf", "lvdt.calibration.sensitivity = inf"),
         ('offset = "0 mm"', 'offset = "0 N"', 'lvdt.calibration.offset = "0 N": 0 N is a force'),
         ("due = 2030-01-01", 'due = "2030-01-01"', "must be a date such as 2030-01-01"),
-        ('format = "frame16"', 'format = "frame17"', "unknown format; known: frame16, signed-decimal"),
+        ('format = "frame16"', 'format = "frame17"', "unknown format; did you mean frame16? known: frame16"),
         ('stale_after = "20 ms"', 'stale_after = "6 ms"', "less than two samples; allowed: at least 8 ms"),
         ('watchdog = "500 ms"', 'watchdog = "60 ms"', "less than two polls or time-outs; allowed: at least 80 ms"),
         ('stale_after = "30 ms"', 'stale_after = "15 ms"', "less than two status frames; allowed: at least 20 ms"),
@@ -154,6 +155,7 @@ def test_a_line_format_may_be_described_in_the_bench_file(tmp_path: Path) -> Non
     described = Bench.load(path).load_cell.format
     assert isinstance(described, dict)
     line = from_description(described)
+    assert isinstance(line, LineFormat)
     assert line.terminator == b"\r"
     assert line.decode(b"+1.25kN")[0] == 1.25
 
@@ -162,9 +164,9 @@ def test_a_line_format_may_be_described_in_the_bench_file(tmp_path: Path) -> Non
     ("new", "expected"),
     [
         (LINE.replace("<value>", "<force>"), "pattern needs a group (?P<value>...)"),
-        (LINE.replace("terminator", "terminal"), "unknown key 'terminal'; known are name, pattern"),
-        (LINE.replace('"kN"', "3"), "unit = 3, expected text"),
-        (LINE.replace("kN)", "kN"), "line format 'custom': pattern"),
+        (LINE.replace("terminator", "terminal"), "unknown key 'terminal'; did you mean terminator"),
+        (LINE.replace('"kN"', "3"), "load_cell.format.unit = 3: expected text"),
+        (LINE.replace("kN)", "kN"), "unterminated subpattern"),
     ],
 )
 def test_a_line_format_that_contradicts_itself_is_refused(problems: Edit, new: str, expected: str) -> None:

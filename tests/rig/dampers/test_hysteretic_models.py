@@ -46,6 +46,20 @@ def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], 
             ),
             [0.0],
         )
+    if name == "lost_motion":
+        shape = {"gamma": p["rho"] / 2.0, "beta": p["rho"] / 2.0, "A": p["rho"], "n": 2.0}
+        ky, kg, kt = (
+            p[key] + p[f"{key}_b"] * CURRENT + p[f"{key}_c"] * CURRENT**2 + p.get(f"{key}_d", 0.0) * CURRENT**3
+            for key in ("ky", "kg", "kt")
+        )
+
+        def engaging(u: float, v: float, s: list[float]) -> float:
+            h = s[0] * abs(s[0]) ** 3
+            yielding = (ky + (p["ku"] + p["ku_b"] * CURRENT) * u) * h
+            viscous = (p["kv"] + p["kv_b"] * CURRENT) * v + kg * (1.0 - abs(h)) * v
+            return p["f0"] + p["kx"] * u + viscous + yielding + kt * np.log(v / p["vt"] + np.hypot(v / p["vt"], 1.0))
+
+        return (lambda u, v, s: [bouc_wen_rate(shape, s[0], v)], engaging, [0.0])
     if name == "modified_bouc_wen":
         alpha, c0, c1 = (p[f"{key}a"] + p[f"{key}b"] * CURRENT for key in ("alpha_", "c0", "c1"))
 
@@ -78,6 +92,7 @@ def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], 
         ("demo-bouc-wen", {"n": 0.9, "gamma": 1e3, "beta": 1e3}),
         ("demo-normalized-bouc-wen", {}),
         ("demo-normalized-bouc-wen", {"n": 0.9}),
+        ("demo-lost-motion", {}),
         ("demo-modified-bouc-wen", {}),
         ("demo-modified-bouc-wen", {"gamma": 1e3, "beta": -1e3}),
         ("demo-modified-bouc-wen", {"n": 0.9, "gamma": 1e3, "beta": 1e3}),
@@ -103,8 +118,12 @@ def test_series_agrees_with_an_independent_integrator(name: str, changed: dict[s
 
 
 @pytest.mark.parametrize(
-    "name", ["demo-bouc-wen", "demo-normalized-bouc-wen", "demo-modified-bouc-wen", "demo-viscoelastic-plastic"]
-)
+    "name",
+    [
+        "demo-bouc-wen", "demo-normalized-bouc-wen", "demo-modified-bouc-wen", "demo-viscoelastic-plastic",
+        "demo-lost-motion",
+    ],
+)  # fmt: skip
 def test_plant_steps_follow_the_series(name: str) -> None:
     chosen = parameter_set(name)
     damper = model(chosen.model)

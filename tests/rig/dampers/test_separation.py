@@ -87,12 +87,13 @@ def test_slopes_of_a_split_model_are_its_differences(name: str, sine: Sine) -> N
     shape = some_shape(form)
     count = len(form.powers)
     slopes = form.yielding(sine, slice(None), shape, slope=True)[count:]
-    assert len(slopes) == len(form.shape_names)
-    for k, slope in enumerate(slopes):
+    bent = [(k, place) for k, places in enumerate(form.bends) for place in places]
+    assert len(form.bends) == len(form.shape_names)
+    for (k, place), slope in zip(bent, slopes, strict=True):
         step = np.zeros(shape.size)
         step[k] = 1e-5 * shape[k]
         above, below = (
-            form.yielding(sine, slice(None), shape + sign * step, slope=False)[form.bends[k]] for sign in (1.0, -1.0)
+            form.yielding(sine, slice(None), shape + sign * step, slope=False)[place] for sign in (1.0, -1.0)
         )
         difference = (above - below) / (2.0 * step[k])
         assert np.max(np.abs(slope - difference)) < 2e-2 * np.max(np.abs(difference))
@@ -108,6 +109,8 @@ def test_limits_and_held_parameters_have_the_models_own_names() -> None:
     assert loop.held_here(frozenset({"c0_b", "alpha_b"})) == {"kv_b", "kw_b"}
     assert loop.at_limit({"n - 1": 15.0, "rho": 1.0}) == {"n": LOWEST_EXPONENT + 15.0, "rho": 1.0}
     assert form_of("normalized_bouc_wen").at_limit({"sigma": 50.0}) == {"sigma": 50.0}
+    assert form_of("lost_motion").at_limit({"vt": 1e-3}) == {"vt": 1e-3}
+    assert form_of("lost_motion").held_here(frozenset({"kg_c"})) == {"kg_c"}
     tanh = form_of("asymmetric")
     assert (tanh.held_here(frozenset({"m"})), tanh.at_limit({"beta": 1e-3})) == ({"m"}, {"beta": 1e-3})
     without_spring = form_of("bouc_wen").values(np.zeros(6), some_shape(loop))
@@ -260,7 +263,9 @@ def test_a_kernel_without_states_has_none_that_move() -> None:
 
 
 def test_kinds_are_places_in_the_catalogue_and_terms_name_parameters() -> None:
-    assert [KINDS[name, "kwok"] for name in ("asymmetric", "symmetric", "kwok", "thinning_bouc_wen")] == [0, 2, 4, 10]
+    assert [KINDS[name, "kwok"] for name in ("asymmetric", "kwok", "thinning_bouc_wen", "lost_motion")] == [
+        0, 4, 10, 11,
+    ]  # fmt: skip
     assert KINDS["asymmetric", "printed"] == 1
     assert model("asymmetric").of_term("stiffness") == ("Ka", "Kb")
     assert form_of("normalized_bouc_wen").held_here(frozenset({"kw_b"})) == {"kw_b"}

@@ -66,6 +66,7 @@ def recorded(force: Force, noise_N: float, seed: int) -> tuple[list[Measurement]
         ("demo-normalized-bouc-wen", 20.0),
         ("demo-modified-bouc-wen", 2.0),
         ("demo-thinning-bouc-wen", 5.0),
+        ("demo-lost-motion", 5.0),
     ],
 )
 def test_the_plants_own_model_is_picked_and_covers_its_truth(set_name: str, noise_N: float) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rig.dampers import model, parameter_set
+from rig.dampers import MODELS, model, parameter_set
 from rig.identification import Measurement, identify
 from rig.identification.models.model_slope import modelled_force
 
@@ -43,15 +43,19 @@ def recorded(set_name: str, seed: int = 3) -> list[Measurement]:
 
 
 @pytest.mark.parametrize(
-    "set_name", ["demo-modified-bouc-wen", "demo-viscoelastic-plastic", "demo-thinning-bouc-wen", "demo-bouc-wen"]
-)
+    "set_name",
+    [
+        "demo-modified-bouc-wen", "demo-viscoelastic-plastic", "demo-thinning-bouc-wen", "demo-bouc-wen",
+        "demo-lost-motion",
+    ],
+)  # fmt: skip
 def test_a_model_with_states_is_found_to_the_noise_with_its_truth_inside_the_intervals(set_name: str) -> None:
     chosen = parameter_set(set_name)
     fit = identify(recorded(set_name), model=chosen.model)
     assert fit.adequate
     assert fit.error.rmse_N == pytest.approx(NOISE_N, rel=0.06)
     known = {name: fit.parameters[name] for name in fit.identifiable}
-    assert {"n", "c0"} & set(known)
+    assert {"n", "c0", "rho"} & set(known)
     for name, each in known.items():
         assert each.simultaneous_low <= chosen.values[name] <= each.simultaneous_high, name  # type: ignore[operator]  # identifiable
 
@@ -74,7 +78,7 @@ def test_all_models_compared_recommend_the_plant_with_a_roll_off_at_small_speeds
     )
     assert fit.model == "modified_bouc_wen"
     assert fit.adequate
-    assert told[0] == "fitting asymmetric (1 of 9)"
+    assert told[0] == f"fitting asymmetric (1 of {len(MODELS)})"
     errors = {score.model: score.holdout_nrmse_percent_of_peak for score in fit.selection}
     assert errors["bingham"] > 2.0 * errors["modified_bouc_wen"]  # type: ignore[operator]  # tests were held out
 

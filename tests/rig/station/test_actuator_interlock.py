@@ -7,7 +7,7 @@ import math
 import pytest
 
 from drivers.current_source import SourceFault, SourceState, SourceStatus, SourceTemperature
-from drivers.devices.controller import controller
+from drivers.register_maps.map_file import controller
 from drivers.roles import ActuatorStatus, FaultBit, Input, State
 from rig.station.interlocks.actuator_interlock import ActuatorInterlock
 from rig.station.interlocks.current_interlock import EcuInterlock

@@ -10,7 +10,7 @@ import pytest
 from modbus_device import ModbusDevice, demo_actuator, framed
 from station_bench import Told, config_for
 
-from drivers.devices.controller import controller as described
+from drivers.register_maps.map_file import controller as described
 from drivers.roles import Command, Input, State
 from rig.bench.settings import ActuatorConfig
 from rig.clock import monotonic_ns
@@ -33,6 +33,8 @@ class Coil:
     """A coil that is always at 0 A."""
 
     fresh_current_A = 0.0
+    zero_within_s = 0.25
+    falls_by_itself = True
 
     def zero_now(self) -> None:
         """Nothing to do."""

@@ -3,7 +3,10 @@
 import pytest
 
 from drivers.current_source import SourceCounters, SourceStatus
-from rig.station.interlocks.current_interlock import SETTLED_STATUSES, BusInterlock, CurrentInterlock
+from rig.station.interlocks.current_interlock import BusInterlock, CurrentInterlock
+
+SETTLED = 15
+"""Status frames of 10 ms: 0.15 s."""
 
 MS = 1_000_000
 
@@ -22,13 +25,13 @@ def found(judge: CurrentInterlock, current_A: float, commanded_A: float, count: 
 
 def test_a_current_off_its_setpoint_is_told_once_the_coil_has_had_its_time() -> None:
     judge = CurrentInterlock(30 * MS)
-    assert found(judge, 0.7, 1.0, 100) == [f"current-tracking@{SETTLED_STATUSES + 2}"]
+    assert found(judge, 0.7, 1.0, 100) == [f"current-tracking@{SETTLED + 2}"]
 
 
 def test_a_new_setpoint_begins_the_time_anew() -> None:
     judge = CurrentInterlock(30 * MS)
     assert found(judge, 0.0, 0.0, 30) == []
-    assert found(judge, 0.0, 1.0, SETTLED_STATUSES, 30) == []
+    assert found(judge, 0.0, 1.0, SETTLED, 30) == []
     assert found(judge, 1.0, 1.0, 50, 60) == []
 
 
@@ -45,7 +48,7 @@ def test_the_tolerance_is_50_mA_and_5_percent(current_A: float, tells: bool) -> 
 def test_a_current_that_stays_after_zero_is_stuck() -> None:
     judge = CurrentInterlock(30 * MS)
     found(judge, 1.0, 1.0, 30)
-    assert found(judge, 1.0, 0.0, 30, 30) == [f"current-stuck@{30 + SETTLED_STATUSES + 2}"]
+    assert found(judge, 1.0, 0.0, 30, 30) == [f"current-stuck@{30 + SETTLED + 2}"]
 
 
 def test_a_setpoint_that_came_and_went_between_two_statuses_begins_the_time_anew() -> None:

@@ -248,3 +248,15 @@ def test_a_proved_standstill_is_broken_when_nobody_who_can_see_it_says_it_rests(
 def test_a_fade_out_longer_than_any_stop_may_take_becomes_a_halt() -> None:
     assert not begin(fade_s=safe_stop.LONGEST_FADE_S).halt
     assert begin(fade_s=safe_stop.LONGEST_FADE_S + 0.1).halt
+
+
+def test_a_source_that_is_not_heard_and_keeps_its_current_leaves_the_state_unknown() -> None:
+    silent = StopInputs(0, 1.0, False, 1.0, False, False, None)
+    for falls, ends in ((True, StopPhase.SAFE), (False, StopPhase.UNKNOWN)):
+        stop = replace(begin(fade_s=0.0), current_s=0.6, current_falls=falls)
+        stop, _ = safe_stop.advance(stop, replace(silent, now_ns=int(0.55e9)))
+        assert not stop.finished, "a slow source has its own time"
+        stop, _ = safe_stop.advance(stop, replace(silent, now_ns=int(0.65e9)))
+        assert stop.step is ends
+        again, _ = safe_stop.escalate(stop, StopKind.PRESSURE_OFF, int(0.7e9))
+        assert (again.current_s, again.current_falls) == (0.6, falls)

@@ -10,6 +10,8 @@ import pytest
 from station_bench import Told, config_for
 
 from drivers.can_current_source import CanCurrentSource
+from drivers.can_port import CanPort
+from drivers.connection import CanAddress
 from drivers.current_source import SourceBatch, SourceCounters
 from drivers.devices.source import current_source
 from drivers.ring import Channel, Record
@@ -67,6 +69,8 @@ class Coil:
     """A coil whose 0 A does what a test wants."""
 
     fresh_current_A = None
+    zero_within_s = 0.25
+    falls_by_itself = True
 
     def __init__(self, zero: Callable[[], None]) -> None:
         self.zero_now = zero
@@ -140,7 +144,7 @@ def test_whatever_fails_of_a_stop_its_motion_is_stopped_and_its_current_asked_to
 @pytest.mark.usefixtures("full_standard_error")
 def test_a_bus_that_takes_no_frame_beside_a_full_disk_costs_no_fade_out(supervisor: Supervisor, told: Told) -> None:
     rod = Rod()
-    nowhere = CanCurrentSource("slcan", "socket://127.0.0.1:1", current_source("demo"))
+    nowhere = CanCurrentSource(CanPort(CanAddress("slcan", "socket://127.0.0.1:1")), current_source("demo"))
     coil = CurrentSourceThread(
         supervisor.config.ecu, nowhere, EcuInterlock(3.0, 120.0, lambda: 0), supervisor, lambda records: None
     )
@@ -163,7 +167,7 @@ def test_a_bus_that_takes_no_frame_beside_a_full_disk_costs_no_fade_out(supervis
 def test_no_good_status_is_named_by_what_comes_in_its_place(
     supervisor: Supervisor, counted: SourceCounters, slug: str
 ) -> None:
-    source = CanCurrentSource("slcan", "socket://127.0.0.1:1", current_source("demo"))
+    source = CanCurrentSource(CanPort(CanAddress("slcan", "socket://127.0.0.1:1")), current_source("demo"))
     coil = CurrentSourceThread(
         supervisor.config.ecu, source, EcuInterlock(3.0, 120.0, lambda: 0), supervisor, lambda records: None
     )

@@ -162,3 +162,42 @@ def test_the_largest_matrix_that_is_drawn_is_the_one_that_is_tried(tmp_path: Pat
             assert point.amplitude_m <= largest[0].amplitude_m
             assert point.frequency_Hz <= largest[0].frequency_Hz
             assert point.current_A <= largest[0].current_A
+
+
+POLLED = """
+pattern = '#{address},(?P<value>[+-]\\d{2}\\.\\d{4}) kN'
+request = "?{address}\\r"
+address = "07"
+terminator = "\\r"
+answer_timeout_ms = 20
+"""
+PACKED = """
+packed = ["00vvvvvv", "01vvvvvv", "10nnvvvv"]
+order = "little"
+fields = { value = { valid = [100, 65000] }, sequence = {} }
+"""
+
+
+def test_a_campaign_runs_on_a_polled_load_cell_and_a_packed_stream_described_by_files(tmp_path: Path) -> None:
+    """Formats as a stranger writes them; recorded is what the rod really did, when it did it."""
+    (tmp_path / "cell.toml").write_text(POLLED, encoding="utf-8")
+    (tmp_path / "laser.toml").write_text(PACKED, encoding="utf-8")
+    bench = own({
+        'format = "frame16"\nrate = "250 Hz"\nrange = "10': 'format = "cell.toml"\nrate = "200 Hz"\nrange = "10',
+        "sensitivity = 1.0 ": "sensitivity = 1000.0 ",
+        'stale_after = "20 ms"\ndelay = "0.2 ms"': 'stale_after = "60 ms"',
+        'format = "frame16"\nrate = "250 Hz"\nrange = "100': 'format = "laser.toml"\nrate = "500 Hz"\nrange = "100',
+        'sensitivity = 0.001                # m per unit on the wire: the sensor sends millimetres\noffset = "0 mm"':
+        'points = [[500, "-105 mm"], [64500, "105 mm"]]',
+    })  # fmt: skip
+    asked = asked_for(files(tmp_path, bench, MATRIX.replace("mid_stroke", "# mid_stroke")), (), None)
+    (tmp_path / "world").mkdir()
+    world, ended = live(replace(asked.plan(3), happenings=()), tmp_path / "world")
+    assert ended.failed == ()
+    assert world.folder is not None
+    (path,) = world.folder.glob("points/*.h5")
+    point, truth = RecordedPoint.open(path), world.sessions[0].truth.arrays
+    assert np.ptp(point.displacement_m) == pytest.approx(2 * 6e-3, rel=0.02)
+    assert 1.0 / np.median(np.diff(point.force_samples.time_s)) == pytest.approx(200.0, rel=0.02)
+    for end in (np.nanmin, np.nanmax):
+        assert end(point.force_samples.force_N) == pytest.approx(end(truth[:, 4]), abs=45.0)

@@ -13,7 +13,6 @@ from __future__ import annotations
 import contextlib
 import math
 import socket
-import sys
 import time
 from collections import deque
 
@@ -21,9 +20,8 @@ from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.connection import ActuatorAddress, ActuatorConnection, LinkKind
 from drivers.errors import LinkLost, NoAnswer, PortClosed
 from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Input, Move, Program, State
-from drivers.setpoint_generator import SetpointGenerator
+from drivers.setpoint_generator import Setpoint
 
-LATE_S = 0.03
 PRESSURES = {Command.HYDRAULICS_OFF: 0, Command.HYDRAULICS_LOW: 1, Command.HYDRAULICS_ON: 2}
 INPUTS = (Input(0), Input.HYDRAULICS_LOW, Input.HYDRAULICS_ON)
 
@@ -43,11 +41,7 @@ class PlainActuator:
         self._timeout_s = connection.timeout_s
         self._socket: socket.socket | None = None
         self._rest = b""
-        self._generator = SetpointGenerator(0.0)
-        self._pressure = 0
         self._sequence = 0
-        self._program_id = 0
-        self._last_s = 0.0
         self.sent: deque[tuple[int, int]] = deque(maxlen=64)
 
     @property
@@ -72,23 +66,21 @@ class PlainActuator:
         return ActuatorIdentity(vendor="Plain", serial_number="PLAIN-1")
 
     def read_status(self) -> ActuatorStatus:
-        now_s = time.monotonic()
-        setpoint = self._generator.at(now_s)
-        moves = self._pressure == 2
-        if self._generator.state is State.RUNNING and now_s - self._last_s > LATE_S:
-            sys.stderr.write(f"late set-point: {1e3 * (now_s - self._last_s):.0f} ms after the one before\n")
-        self._last_s = now_s
-        line = f"S {setpoint.position_m:.9f} {setpoint.velocity_m_s:.9f}" if moves else "?"
+        return self._status("?")
+
+    def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
+        return self._status(f"S {setpoint.position_m:.9f} {setpoint.velocity_m_s:.9f}")
+
+    def knows(self, command: Command) -> bool:
+        return command in PRESSURES
+
+    def _status(self, line: str) -> ActuatorStatus:
         clock_us, position_m, velocity_m_s, force_N, pressure = self._ask(line)
-        if not moves:
-            self._generator.rest(position_m)
-        state = (State.OFF, State.LOW, self._generator.state)[int(pressure)]
-        running = state in {State.RUNNING, State.FADING}
+        state = (State.OFF, State.LOW, State.HOLD)[int(pressure)]
         return ActuatorStatus(
             time.monotonic_ns(), int(clock_us // 10_000) & 0xFFFF, int(state), 0, int(clock_us) & 0xFFFFFFFF,
-            position_m, velocity_m_s, setpoint.position_m, self._generator.cycles_done, 0,
-            int(self._generator.phase), 0, 0, 0, 0, 0, 0, int(Input.E_STOP_CLOSED | INPUTS[int(pressure)]),
-            math.nan, math.nan, self._program_id if running else 0, setpoint.position_m - position_m, force_N,
+            position_m, velocity_m_s, math.nan, 0, 0, 0, 0, 0, 0, 0, 0, 0,
+            int(Input.E_STOP_CLOSED | INPUTS[int(pressure)]), math.nan, math.nan, 0, math.nan, force_N,
         )
 
     def exchange(self, watchdog_counter: int) -> ActuatorStatus:
@@ -104,21 +96,9 @@ class PlainActuator:
         raise AssertionError("it plays no table")
 
     def send(self, command: Command, order: Move | Program | None = None) -> int:
-        now_s = time.monotonic()
-        if command in PRESSURES:
-            self._ask(f"P {PRESSURES[command]}")
-            self._pressure = PRESSURES[command]
-        elif isinstance(order, Move):
-            self._generator.move(order, now_s)
-        elif isinstance(order, Program):
-            self._generator.start(order, now_s)
-            self._program_id = self._sequence + 1
-        elif command is Command.FADE_STOP:
-            self._generator.fade(now_s)
-        elif command is Command.HALT:
-            self._generator.halt(now_s)
-        else:
+        if command not in PRESSURES:
             raise AssertionError(f"{command.name} is none of its commands")
+        self._ask(f"P {PRESSURES[command]}")
         self._sequence += 1
         self.sent.append((self._sequence, int(command)))
         return self._sequence

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from drivers.connection import ActuatorConnection
-from drivers.devices.controller import controller
 from drivers.modbus_actuator import ModbusActuator
+from drivers.register_maps.map_file import controller
 from rig.station.client import StationClient, StationRefused
 from simulators.controller_firmware import Command
 

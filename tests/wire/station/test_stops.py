@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from drivers.connection import ActuatorConnection
-from drivers.devices.controller import controller
 from drivers.modbus_actuator import ModbusActuator
+from drivers.register_maps.map_file import controller
 from rig.station.client import StationLost, StationRefused
 from simulators.controller_firmware import FaultBit
 

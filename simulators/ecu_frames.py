@@ -1,13 +1,13 @@
-"""CAN frames of a coil's current source, laid out by data: four messages, two of them protected.
+"""CAN frames of the demo current ECU, seen from inside: four messages, two of them protected.
 
     command      host -> source, cyclic      counter, enable, clear faults, set-point
     status       source -> host, cyclic      counter, state, current, faults, duty cycle, device time
     temperature  source -> host, slower      coil, source, supply, boot count
     identity     source -> host, slower      serial number, firmware, layout
 
-Which identifier a message has and where its signals lie is said by `Message` and `Signal`, taken from a DBC file; what
-a signal means, by the field of the message it is given to. Protection is AUTOSAR E2E profile 1, mode BOTH: CRC-8 in
-byte 0, a counter 0..14 in the low nibble of byte 1.
+Which identifier a message has and where its signals lie is said by `Message` and `Signal`; what a signal means, by the
+field of the message it is given to. Protection is AUTOSAR E2E profile 1, mode BOTH: CRC-8 in byte 0, a counter 0..14 in
+the low nibble of byte 1. No code is shared with the host's driver.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A Modbus register map as data: what is where, and how its words become values.
+"""A simulated controller's registers as data: what is where, and how its words become values.
 
 A map is a set of `Block`s, each one contiguous run of 16-bit registers read or written in one request, each made of
 `Register`s. Values of more than one register follow the map's word order:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.errors import LocalProtocolError, RemoteProtocolError
-from protocols.register_map import Block, Register, RegisterMap
+from simulators.register_blocks import Block, Register, RegisterMap
 
 REGISTERS = (
     Register(10, "whole", "u32"),

@@ -1,0 +1,137 @@
+"""A DBC file as plain data: its messages and signals with the lines where they stand. Read by cantools.
+
+The library is asked not to judge: what it would refuse (signals that overlap, that do not fit) matters only in the
+messages that are used, and is said there, with all that is wrong beside.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from drivers.can_library import import_can
+from protocols.can_signals import Condition, Signal
+from protocols.errors import LocalProtocolError
+
+DBC_ENCODING = "cp1252"
+"""What most tools write a DBC in."""
+
+_MESSAGE = re.compile(r"^\s*BO_\s+(\d+)\s+(\w+)\s*:")
+_SIGNAL = re.compile(r"^\s*SG_\s+(\w+)\s")
+
+
+@dataclass(frozen=True)
+class DbcSignal:
+    """A signal of a message.
+
+    Attributes:
+        signal: where it lies, and what a step of it is worth.
+        line: in the file (from 1); 0 where it was not named.
+        names: names of its numbers (VAL_).
+        start_number: what is sent while nobody says otherwise (GenSigStartValue), as on the wire.
+        minimum, maximum: the range that the file states, in the signal's unit; None where it states none.
+        pages: the multiplexers that must have one of these numbers for it to be in a frame.
+        is_multiplexer: its number says which page a frame is.
+    """
+
+    signal: Signal
+    line: int = 0
+    names: Mapping[int, str] = field(default_factory=dict)
+    start_number: float = 0
+    minimum: float | None = None
+    maximum: float | None = None
+    pages: tuple[Condition, ...] = ()
+    is_multiplexer: bool = False
+
+
+@dataclass(frozen=True)
+class DbcMessage:
+    """A message; `period_s` is its cycle time (GenMsgCycleTime), 0 where the file states none."""
+
+    name: str
+    identifier: int
+    extended: bool
+    fd: bool
+    size: int
+    signals: Mapping[str, DbcSignal]
+    period_s: float
+    line: int
+
+
+def parse_dbc(text: str) -> dict[str, DbcMessage]:
+    """The messages of a DBC file, by name.
+
+    Raises:
+        LocalProtocolError: it is no DBC file, or has no message.
+    """
+    # python-can first: it must not load its MF4 reader, and cantools would have it do so.
+    import_can()
+    from cantools.database.can import Database
+
+    database = Database(strict=False)
+    try:
+        database.add_dbc_string(text)
+    except Exception as error:  # the library raises its parser's errors, its own, and plain ones of many kinds
+        raise LocalProtocolError(f"not a DBC file that can be read: {error}") from error
+    if not database.messages:
+        raise LocalProtocolError("there is no message (BO_) in this file")
+    lines = _lines(text)
+    return {message.name: _message(message, lines) for message in database.messages}
+
+
+def _lines(text: str) -> dict[tuple[str, ...], int]:
+    """The line of every message, and of every signal below its message."""
+    named: dict[tuple[str, ...], int] = {}
+    message = ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if (match := _MESSAGE.match(line)) is not None:
+            message = match[2]
+            named.setdefault((message,), number)
+        elif (match := _SIGNAL.match(line)) is not None:
+            named.setdefault((message, match[1]), number)
+    return named
+
+
+def _message(given: Any, lines: Mapping[tuple[str, ...], int]) -> DbcMessage:  # noqa: ANN401 - cantools has no types
+    plain = {item.name: _signal(item) for item in given.signals}
+    signals = {
+        item.name: DbcSignal(
+            plain[item.name], lines.get((given.name, item.name), 0),
+            {int(number): str(name) for number, name in (item.choices or {}).items()},
+            _number(item.raw_initial), item.minimum, item.maximum, _pages(item, given, plain),
+            bool(item.is_multiplexer),
+        )
+        for item in given.signals
+    }
+    return DbcMessage(
+        given.name, given.frame_id, bool(given.is_extended_frame), bool(given.is_fd) or given.length > 8, given.length,
+        signals, (given.cycle_time or 0) / 1e3, lines.get((given.name,), 0),
+    )
+
+
+def _signal(given: Any) -> Signal:  # noqa: ANN401 - cantools has no types
+    return Signal(
+        given.name, given.start, given.length, given.byte_order == "big_endian", bool(given.is_signed),
+        bool(given.is_float), float(given.scale), float(given.offset), (given.unit or "").strip(),
+    )
+
+
+def _number(given: object) -> float:
+    return given if isinstance(given, int | float) else 0
+
+
+def _pages(given: Any, message: Any, signals: Mapping[str, Signal]) -> tuple[Condition, ...]:  # noqa: ANN401 - cantools has no types
+    """Its multiplexer's condition, and that one's own, and so on."""
+    by_name = {item.name: item for item in message.signals}
+    first = [item.name for item in message.signals if item.is_multiplexer and not item.multiplexer_ids]
+    conditions: list[Condition] = []
+    while given.multiplexer_ids and len(conditions) < len(by_name):
+        # An m-number without a line of its own belongs to the message's one free multiplexer.
+        above = given.multiplexer_signal or (first[0] if len(first) == 1 else "")
+        if above not in by_name:
+            break
+        conditions.append((signals[above], frozenset(given.multiplexer_ids)))
+        given = by_name[above]
+    return tuple(conditions)

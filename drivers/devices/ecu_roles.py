@@ -1,0 +1,353 @@
+"""A roles file: which signals of a DBC are the set-point, the measured current, the faults; and how it is protected.
+
+`describe` makes of both what the driver needs (`EcuDescription`), or says everything that is wrong with them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from drivers.current_source import SourceFault, SourceState, SourceTiming
+from drivers.devices.dbc_file import DbcMessage
+from drivers.devices.ecu_description import (
+    BOOTS,
+    CLEAR,
+    CLOCK,
+    COIL,
+    COMMAND,
+    CURRENT,
+    ECU,
+    ENABLE,
+    EXTENDED,
+    FAULTS,
+    FIRMWARE,
+    LAYOUT,
+    SERIAL,
+    STATE,
+    SUPPLY,
+    EcuDescription,
+    FaultSignal,
+    HeardMessage,
+)
+from drivers.devices.ecu_lacking import lacking
+from drivers.devices.role_protection import read_protection
+from drivers.devices.role_reading import Found, Place, Reading, RoleProblems
+from drivers.devices.sent_frames import sent_frames
+from protocols.can_signals import FrameReader, Placed, Signal
+from protocols.e2e import Protection
+from protocols.slcan import FD_LENGTHS
+
+SENT_ROLES = (COMMAND, ENABLE, CLEAR)
+MEASURED = {CURRENT: "current", COIL: "temperature", ECU: "temperature", SUPPLY: "voltage", CLOCK: "time"}
+PLAIN = (SERIAL, FIRMWARE, LAYOUT, BOOTS)
+STATES = {str(item.name).lower(): item for item in SourceState}
+FAULT_NAMES = {str(item.name).lower().replace("_", "-"): item for item in SourceFault}
+ROLE_KEYS: Mapping[str, tuple[str, ...]] = {
+    COMMAND: ("signal", "unit", "full_scale"), ENABLE: ("signal", "on", "off"), CLEAR: ("signal", "on", "off"),
+    CURRENT: ("signal", "unit", "full_scale"), STATE: ("signal", *STATES), FAULTS: ("signal", *FAULT_NAMES),
+    COIL: ("signal", "unit"), ECU: ("signal", "unit"), SUPPLY: ("signal", "unit"), CLOCK: ("signal", "unit"),
+    SERIAL: ("signal",), FIRMWARE: ("signal",), LAYOUT: ("signal", "value"), BOOTS: ("signal",),
+}
+"""Every role, and the keys of its table; a text stands for `signal` alone."""
+TABLES = ("constants", "protection", "periods")
+PLAIN_KEYS = ("sending", "command_timeout")
+SENDING = ("cyclic", "on-change")
+ZERO_A = 0.02
+"""So far from 0 A the nearest step of the set-point may be."""
+STATUS_S = 0.010
+OTHER_S = 0.100
+
+
+def describe(name: str, messages: Mapping[str, DbcMessage], roles: Mapping[str, Any]) -> EcuDescription:
+    """What the driver needs of a DBC and the roles of its signals.
+
+    Args:
+        name: of the current source, for messages to people.
+        messages: of the DBC, by name.
+        roles: contents of the roles file.
+
+    Raises:
+        RoleProblems: they cannot be used; every reason.
+    """
+    return _Roles(Reading(messages), roles).description(name)
+
+
+class _Roles:
+    """One reading of a roles file."""
+
+    def __init__(self, reading: Reading, roles: Mapping[str, Any]) -> None:
+        self._reading = reading
+        self._roles = roles
+        reading.only(roles, (*ROLE_KEYS, *TABLES, *PLAIN_KEYS), ())
+        self._tables = {role: self._table(role) for role in ROLE_KEYS if role in roles}
+        self._found = {role: named for role in self._tables if (named := self._find(role)) is not None}
+        self._fault_signals: list[tuple[str, Found, frozenset[int], SourceFault]] = []
+
+    def description(self, name: str) -> EcuDescription:
+        """The description.
+
+        Raises:
+            RoleProblems: with everything that is wrong.
+        """
+        reading, named = self._reading, self._found
+        for role in (COMMAND, CURRENT):
+            if role not in self._roles:
+                reading.wrong((role,), 'is missing; write "Message.signal" with the names of the DBC')
+        on_off = {role: self._on_off(role) for role in (ENABLE, CLEAR) if role in named}
+        states, fault_bits = self._states(), self._faults()
+        low_A, high_A = self._range()
+        protections, periods = self._protections(), self._periods()
+        sent = sent_frames(reading, {role: named[role] for role in SENT_ROLES if role in named}, on_off,
+                           self._roles.get("constants"), protections)  # fmt: skip
+        heard = self._heard(protections, periods)
+        self._check_messages(protections, periods, {frame.name for frame in sent})
+        timeout = self._roles.get("command_timeout")
+        timeout_s = None if timeout is None else reading.seconds(timeout, ("command_timeout",))
+        cyclic = reading.choice(self._roles.get("sending", SENDING[0]), SENDING, ("sending",)) == SENDING[0]
+        if not cyclic and timeout_s is not None:
+            reading.wrong(("sending",), "with a command_timeout it goes to 0 A between two changes; send cyclic")
+        layout = self._layout()
+        if reading.problems:
+            raise RoleProblems(reading.problems)
+        clock = named.get(CLOCK)
+        made = EcuDescription(
+            name, sent, heard, _key(named[CURRENT].message), on_off, self._timing(heard), low_A, high_A,
+            states, fault_bits,
+            tuple(FaultSignal(field, numbers, fault) for field, _, numbers, fault in self._fault_signals),
+            0.0 if clock is None else clock.signal.scale, 0 if clock is None else 1 << clock.signal.length,
+            layout, cyclic, timeout_s, signals=self._signals(), pages=self._pages(),
+        )
+        return replace(made, lacking=lacking(made))
+
+    def _table(self, role: str) -> Mapping[str, Any]:
+        given = self._roles[role]
+        if isinstance(given, str):
+            return {"signal": given}
+        table = self._reading.table(given, (role,))
+        self._reading.only(table, ROLE_KEYS[role], (role,))
+        return table
+
+    def _find(self, role: str) -> Found | None:
+        table, place = self._tables[role], (role,)
+        if "signal" not in table:
+            if role != FAULTS and isinstance(self._roles[role], str | Mapping):
+                self._reading.wrong(place, 'signal is missing; write signal = "Message.signal"')
+            return None
+        named = self._reading.find(table["signal"], (role, "signal") if "signal" in self._as_table(role) else place)
+        if named is None:
+            return None
+        if role in MEASURED or role == COMMAND:
+            named = self._reading.in_unit(named, MEASURED.get(role, "current"), table, place)
+        elif named.signal.is_float:
+            self._reading.wrong(place, f"{named.signal.name} is a float; must be a whole number on the wire")
+            return None
+        if named is not None and role == CLOCK and (named.signal.is_float or named.signal.scale < 0.0):
+            self._reading.wrong(place, f"{named.signal.name} must be a whole number that counts up")
+            return None
+        return named
+
+    def _as_table(self, role: str) -> Mapping[str, Any]:
+        given = self._roles[role]
+        return given if isinstance(given, Mapping) else {}
+
+    def _on_off(self, role: str) -> tuple[int, int]:
+        table, named = self._tables[role], self._found[role]
+        numbers = [
+            self._reading.number(table.get(key, default), named, (role, key) if key in table else (role,))
+            for key, default in (("on", 1), ("off", 0))
+        ]
+        if numbers[0] is not None and numbers[0] == numbers[1]:
+            self._reading.wrong((role,), f"on and off are both {numbers[0]}")
+        return numbers[0] or 0, numbers[1] or 0
+
+    def _states(self) -> dict[int, SourceState]:
+        """The neutral state of each code that has one; without any entry, those whose names in the DBC say so."""
+        named, table = self._found.get(STATE), self._tables.get(STATE, {})
+        if named is None:
+            return {}
+        if not table.keys() & STATES.keys():
+            words = {number: name.casefold() for number, name in named.given.names.items()}
+            return {number: STATES[word] for number, word in words.items() if word in STATES}
+        codes: dict[int, SourceState] = {}
+        for word, meaning in STATES.items():
+            for number in self._reading.numbers(table[word], named, (STATE, word)) if word in table else ():
+                if number in codes:
+                    self._reading.wrong((STATE, word), f"{number} is {str(codes[number].name).lower()} already")
+                codes[number] = meaning
+        return codes
+
+    def _faults(self) -> dict[int, SourceFault]:
+        """The neutral fault of each bit that has one; those with signals or codes of their own are kept aside."""
+        table, word = self._tables.get(FAULTS, {}), self._found.get(FAULTS)
+        bits: dict[int, SourceFault] = {}
+        for name, meaning in FAULT_NAMES.items():
+            if name not in table:
+                continue
+            place, given = (FAULTS, name), table[name]
+            if isinstance(given, int) and not isinstance(given, bool):
+                self._fault_bit(given, word, meaning, bits, place)
+            elif isinstance(given, str) and "." not in given and word is not None:
+                numbers = self._reading.numbers(given, word, place)
+                self._fault_signals.append((FAULTS, word, numbers, meaning))
+            else:
+                self._fault_signal(given, meaning, place)
+        return bits
+
+    def _fault_bit(
+        self, bit: int, word: Found | None, meaning: SourceFault, bits: dict[int, SourceFault], place: Place
+    ) -> None:
+        if word is None:
+            self._reading.wrong(place, 'is a bit of no signal; write faults.signal = "Message.signal" too, '
+                                'or "Message.signal" of its own here')  # fmt: skip
+        elif not 0 <= bit < word.signal.length:
+            self._reading.wrong(place, f"{word.signal.name} has the bits 0 to {word.signal.length - 1}")
+        elif 1 << bit in bits:
+            self._reading.wrong(place, f"bit {bit} means {str(bits[1 << bit].name).lower().replace('_', '-')} already")
+        else:
+            bits[1 << bit] = meaning
+
+    def _fault_signal(self, given: object, meaning: SourceFault, place: Place) -> None:
+        """A fault with a signal of its own: "Message.signal", or {signal = ..., value = ...}."""
+        table = given if isinstance(given, Mapping) else {"signal": given}
+        self._reading.only(table, ("signal", "value"), place)
+        named = self._reading.find(table.get("signal"), place)
+        if named is None:
+            return
+        if named.signal.is_float:
+            self._reading.wrong(place, f"{named.signal.name} is a float; must be a whole number on the wire")
+            return
+        numbers = self._reading.numbers(table["value"], named, place) if "value" in table else frozenset[int]()
+        self._fault_signals.append((f"{FAULTS}.{place[-1]}", named, numbers, meaning))
+
+    def _range(self) -> tuple[float, float]:
+        """What the set-point holds (A); a problem where 0 A is not among it."""
+        named = self._found.get(COMMAND)
+        if named is None:
+            return -math.inf, math.inf
+        signal, given = named.signal, named.given
+        low_A, high_A = sorted(number * signal.scale + signal.offset for number in (signal.low, signal.high))
+        if given.minimum is not None and given.maximum is not None and given.minimum < given.maximum:
+            low_A, high_A = max(low_A, given.minimum), min(high_A, given.maximum)
+        steps = 0.0 if signal.is_float else abs(round(-signal.offset / signal.scale) * signal.scale + signal.offset)
+        if not low_A - ZERO_A <= 0.0 <= high_A + ZERO_A or steps > ZERO_A:
+            self._reading.wrong(
+                (COMMAND,),
+                f"{signal.name} (line {given.line} of the DBC) holds {low_A:g} A to {high_A:g} A in steps of "
+                f"{abs(signal.scale):g} A: it cannot give 0 A, and nothing would take the coil's current away; "
+                "name a set-point that can",
+            )
+        return low_A, high_A
+
+    def _protections(self) -> dict[str, Protection]:
+        given = self._reading.table(self._roles.get("protection"), ("protection",))
+        made: dict[str, Protection] = {}
+        for name, table in given.items():
+            message = self._reading.messages.get(name)
+            if message is None:
+                self._reading.only([name], tuple(self._reading.messages), ("protection",))
+                continue
+            made[name] = read_protection(self._reading, message, self._reading.table(table, ("protection", name)))
+        return made
+
+    def _periods(self) -> dict[str, float]:
+        given = self._reading.table(self._roles.get("periods"), ("periods",))
+        self._reading.only(given, tuple(self._reading.messages), ("periods",))
+        return {
+            name: period_s for name, text in given.items()
+            if name in self._reading.messages and (period_s := self._reading.seconds(text, ("periods", name)))
+        }  # fmt: skip
+
+    def _heard(self, protections: Mapping[str, Protection], periods: Mapping[str, float]) -> dict[int, HeardMessage]:
+        """The messages that are read, each with what is wanted of it."""
+        wanted: dict[str, dict[str, Placed]] = {}
+        for role, named in self._found.items():
+            if role not in SENT_ROLES:
+                plain = role not in MEASURED or role == CLOCK
+                wanted.setdefault(named.message.name, {})[role] = named.placed(plain=plain)
+        for field, named, _, _ in self._fault_signals:
+            wanted.setdefault(named.message.name, {})[field] = named.placed(plain=True)
+        heard: dict[int, HeardMessage] = {}
+        for name, fields in wanted.items():
+            message = self._reading.messages[name]
+            protection = protections.get(name, Protection())
+            self._overlaps(message, fields, protection)
+            heard[_key(message)] = HeardMessage(
+                name, message.size, FrameReader(message.size, fields), protection,
+                periods.get(name, message.period_s), frozenset(fields), _page_count(message), message.fd,
+            )
+        return heard
+
+    def _overlaps(self, message: DbcMessage, fields: Mapping[str, Placed], protection: Protection) -> None:
+        for what, bits in protection.places(message.size).items():
+            for field, placed in fields.items():
+                if bits & placed.signal.bits(message.size):
+                    self._reading.wrong(
+                        tuple(field.split(".")),
+                        f"{placed.signal.name} and {what} of [protection.{message.name}] take the same bits; check "
+                        "offset, crc and counter",
+                    )
+
+    def _check_messages(
+        self, protections: Mapping[str, Protection], periods: Mapping[str, float], sent: set[str]
+    ) -> None:
+        """Every message is sent or heard, not both; no two have one identifier; nothing is said of others."""
+        used = {named.message.name for role, named in self._found.items() if role not in SENT_ROLES}
+        used |= {named.message.name for _, named, _, _ in self._fault_signals}
+        for name in sorted(used & sent):
+            self._reading.wrong((COMMAND,), f"message {name!r} is sent and heard; a message has one sender")
+        for table, names in (("protection", protections), ("periods", periods)):
+            for name in names:
+                if name not in used | sent:
+                    self._reading.wrong((table, name), f"no role is in message {name!r}; take this out")
+        owners: dict[int, str] = {}
+        for name in sorted(used | sent):
+            message = self._reading.messages[name]
+            if message.size not in FD_LENGTHS:
+                said = f"{name} has {message.size} bytes; a CAN FD frame has 0 to 8, 12, 16, 20, 24, 32, 48 or 64"
+                self._reading.wrong((), said, message.line)
+            if (owner := owners.setdefault(_key(message), name)) != name:
+                said = f"{owner} and {name} have one identifier, 0x{message.identifier:X}"
+                self._reading.wrong((), said, message.line)
+
+    def _timing(self, heard: Mapping[int, HeardMessage]) -> SourceTiming:
+        """Periods as stated; where nobody states one, what is usual."""
+        of = {role: message.period_s * message.pages for message in heard.values() for role in message.roles}
+        return SourceTiming(
+            of[CURRENT] or STATUS_S,
+            (of[COIL] or OTHER_S) if COIL in of else 0.0,
+            max((of[role] or 10 * OTHER_S for role in (SERIAL, FIRMWARE, LAYOUT) if role in of), default=0.0),
+        )
+
+    def _signals(self) -> dict[str, tuple[str, Signal]]:
+        told = {field: named for field, named, _, _ in self._fault_signals}
+        return {role: (named.message.name, named.signal) for role, named in (self._found | told).items()}
+
+    def _pages(self) -> dict[str, list[dict[str, int]]]:
+        """The pages of heard messages on which a role is; one that another contains is none of its own."""
+        pages: dict[str, list[dict[str, int]]] = {}
+        told = [named for role, named in self._found.items() if role not in SENT_ROLES]
+        for named in (*told, *(named for _, named, _, _ in self._fault_signals)):
+            page = {multiplexer.name: min(numbers) for multiplexer, numbers in named.given.pages}
+            if page and page not in pages.setdefault(named.message.name, []):
+                pages[named.message.name].append(page)
+        return {name: [one for one in all_ if not any(one.items() < other.items() for other in all_)]
+                for name, all_ in pages.items()}  # fmt: skip
+
+    def _layout(self) -> int | None:
+        table, named = self._tables.get(LAYOUT), self._found.get(LAYOUT)
+        if table is None or named is None or "value" not in table:
+            return None
+        return self._reading.number(table["value"], named, (LAYOUT, "value"))
+
+
+def _page_count(message: DbcMessage) -> int:
+    """How many frames it takes until every page has been shown, if they come in turn."""
+    numbers = {(given.pages[0][0].name, min(given.pages[0][1])) for given in message.signals.values() if given.pages}
+    return max(1, len(numbers))
+
+
+def _key(message: DbcMessage) -> int:
+    return message.identifier | (EXTENDED if message.extended else 0)

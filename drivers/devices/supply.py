@@ -1,0 +1,174 @@
+"""A programmable supply as data: which commands it knows, how its lines look, what it can give.
+
+A preset and a user's file have the same form; `supply_file` reads both.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from drivers.current_source import SourceIdentity
+from protocols.scpi import Command
+
+UNVERIFIED = "unverified"
+"""Written from its maker's manual, and tried against nothing but that manual's examples."""
+
+Commands = tuple[Command, ...]
+
+TERMINATORS = ("\n", "\r", "\r\n")
+PARITIES = ("N", "E", "O")
+
+
+@dataclass(frozen=True)
+class SupplyLink:
+    """How lines go over the wire; what belongs to a serial line counts for nothing on a network.
+
+    Attributes:
+        terminator: what ends a command.
+        echo: every command comes back before its answer.
+        acknowledge: what every command that is no query is answered with, as a pattern; empty: with nothing.
+        gap_s: least time between two commands (s).
+    """
+
+    terminator: str = "\n"
+    echo: bool = False
+    acknowledge: str = ""
+    gap_s: float = 0.0
+    baudrate: int = 9600
+    bytesize: int = 8
+    parity: str = "N"
+    stopbits: float = 1
+
+
+@dataclass(frozen=True)
+class SupplyCommands:
+    """What is sent for what; an empty tuple: the supply has no such command."""
+
+    connect: Commands = ()
+    identify: Commands = ()
+    remote: Commands = ()
+    local: Commands = ()
+    prepare: Commands = ()
+    clear: Commands = ()
+    set_current: Commands = ()
+    set_voltage_limit: Commands = ()
+    output_on: Commands = ()
+    output_off: Commands = ()
+    measure_current: Commands = ()
+    measure_voltage: Commands = ()
+    read_output: Commands = ()
+    error_queue: Commands = ()
+    read_faults: Commands = ()
+
+
+@dataclass(frozen=True)
+class SupplyWatchdog:
+    """The supply's own time-out: it switches its output off when it hears nothing for `time_s` (s).
+
+    `start` sets it up, `stop` ends it, `feed` keeps it quiet; without a `feed` every command does.
+    """
+
+    time_s: float
+    start: Commands
+    stop: Commands = ()
+    feed: Commands = ()
+
+
+@dataclass(frozen=True)
+class SupplyDescription:
+    """One kind of supply.
+
+    Attributes:
+        name: of the preset, or of the user's file.
+        maker, model, tried: for people; `tried` is empty or `unverified`.
+        link, commands, watchdog: how it is spoken to; None: it has no time-out of its own.
+        current_A, voltage_V: lowest and highest set-point; of the voltage None where it cannot be set.
+        settling_s: time after which the current is that of a new set-point, the coil in it.
+        identity: what its identity must look like, as a pattern; empty: any.
+        no_error: what an empty error queue answers, as a pattern.
+        current, voltage: where the number stands in an answer; None: it is the answer.
+        on: answers that say that the output is on.
+        faults: bits of the answer to `read_faults`, and what each means (of `SourceFault`).
+    """
+
+    name: str
+    link: SupplyLink
+    commands: SupplyCommands
+    current_A: tuple[float, float]
+    voltage_V: tuple[float, float] | None = None
+    watchdog: SupplyWatchdog | None = None
+    maker: str = ""
+    model: str = ""
+    tried: str = ""
+    settling_s: float = 0.3
+    identity: str = ""
+    no_error: str = r"^\s*[+-]?0+\b"
+    current: re.Pattern[str] | None = None
+    voltage: re.Pattern[str] | None = None
+    on: tuple[str, ...] = ("1", "ON")
+    faults: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def drives_zero(self) -> bool:
+        """0 A is a set-point; else the output is switched off for it."""
+        return self.current_A[0] <= 0.0 <= self.current_A[1]
+
+
+@dataclass(frozen=True)
+class SupplyConnection:
+    """How to reach a supply.
+
+    Attributes:
+        url: a serial port, `socket://host:port` or `tcp://host:port`.
+        description: its language.
+        poll_s: period of the questions for the current (s).
+        timeout_s: longest wait for an answer (s).
+        voltage_limit_V: of the output (V); None where it cannot be set.
+        baudrate: Bd of a serial line; None: as described.
+        identity: text that its identity must hold; empty: any.
+    """
+
+    url: str
+    description: SupplyDescription
+    poll_s: float = 0.1
+    timeout_s: float = 0.5
+    voltage_limit_V: float | None = None
+    baudrate: int | None = None
+    identity: str = ""
+
+
+def identity_of(answer: str) -> SourceIdentity:
+    """Serial number and firmware of an answer to `*IDN?`: maker, model, serial number, firmware (IEEE 488.2)."""
+    parts = [part.strip() for part in answer.split(",")]
+    serial_number, firmware = (*parts[2:4], "", "")[:2] if len(parts) > 2 else (answer, "")
+    return SourceIdentity(serial_number, firmware, 0)
+
+
+def supply_lacks(described: SupplyDescription) -> tuple[tuple[str, str], ...]:
+    """What a supply cannot do, and what is left without it: a name, and words for people."""
+    without = {
+        "timeout": (
+            described.watchdog is not None,
+            "the supply has no time-out of its own: if this host or the link dies, it keeps its current until somebody "
+            "switches it off; the motion still ends by the actuator's own watchdog",
+        ),
+        "coil-temperature": (
+            False, "the coil's temperature is not measured: its limit is not watched, temperature windows are refused"
+        ),
+        "voltage-limit": (
+            described.voltage_V is not None,
+            "its voltage limit cannot be set from here: set it by hand; an open coil shows only by its current",
+        ),
+        "error-queue": (bool(described.commands.error_queue), "a command that it does not take is not told by it"),
+        "faults": (bool(described.faults), "its own protection (heat, supply) shows only by its output or its current"),
+        "output-state": (
+            bool(described.commands.read_output or not described.commands.output_on),
+            "an output that it switches off by itself shows only by its current",
+        ),
+        "trial": (
+            not described.tried,
+            f"its description is {described.tried}: written from the maker's manual, tried on no supply",
+        ),
+    }
+    return tuple((name, text) for name, (has, text) in without.items() if not has)

@@ -1,0 +1,105 @@
+"""Registers and coils by plan: requests of reads and writes over one link, together where the device can."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drivers.errors import NoAnswer, WrongAnswer
+from drivers.modbus_link import READ_RETRIES, ModbusLink
+from drivers.register_maps.access_plan import Read, Rules, Written, reads
+from drivers.register_maps.condition import Values
+from drivers.register_maps.quantity import HOLDING, Quantity, Value
+from protocols.errors import RemoteProtocolError
+
+READ_FUNCTIONS = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
+WRITE_REGISTERS = 16
+
+
+class RegisterAccess:
+    """Reads and writes over a link.
+
+    Args:
+        link: the connection.
+        rules: what may be read together.
+        together: function 23 may be used.
+    """
+
+    def __init__(self, link: ModbusLink, rules: Rules, *, together: bool) -> None:
+        self._link = link
+        self._rules = rules
+        self._together = together
+
+    def read(
+        self, wanted: Sequence[Read], name: str, requests: Sequence[Written] = (), *, once: bool = False
+    ) -> dict[str, Value]:
+        """Write, then read, in one trip where the device can.
+
+        Args:
+            wanted: what is read.
+            name: of it, for messages.
+            requests: what is written before.
+            once: what is written is out of date when it would be written again; else that is harmless.
+
+        Returns:
+            The values (SI) by name.
+
+        Raises:
+            WrongAnswer: the words do not make up what is read.
+            DriverError: the controller cannot be reached.
+        """
+        values: dict[str, Value] = {}
+        single = len(requests) == 1 and requests[0].function == WRITE_REGISTERS
+        together = self._together and single and bool(wanted) and wanted[0].space == HOLDING
+        if not together:
+            for request in requests:
+                (self.write if once else self._write_again)(request)
+        try:
+            for place, read in enumerate(wanted):
+                one = requests[0] if together and place == 0 else None
+                values |= read.decode(self.words(read, one, retries=0 if once else READ_RETRIES))
+        except RemoteProtocolError as error:
+            raise WrongAnswer("actuator", self._link.url, f"{name}: {error}") from error
+        return values
+
+    def words(self, read: Read, request: Written | None = None, *, retries: int = READ_RETRIES) -> list[int]:
+        """The words of one read, with a write in the same trip where one is given.
+
+        Raises:
+            DriverError: the controller cannot be reached.
+        """
+        if request is not None:
+            return self._link.exchange(
+                read.address, read.count, request.address, request.words, retries=retries
+            )
+        return self._link.read(read.address, read.count, READ_FUNCTIONS[read.space])
+
+    def show(self, quantities: frozenset[Quantity]) -> Values:
+        """What the device shows now of these (SI).
+
+        Raises:
+            DriverError: it cannot be read.
+        """
+        return self.read(reads(quantities, self._rules), "wait")
+
+    def write(self, request: Written) -> None:
+        """One write, once.
+
+        Raises:
+            DriverError: the controller cannot be reached, or refuses.
+        """
+        self._link.write(request.address, request.words, request.function)
+
+    def _write_again(self, request: Written) -> None:
+        """A write that is harmless to repeat: once more after silence.
+
+        Raises:
+            NoAnswer: no answer, and the connection was given up.
+            WrongAnswer: not an answer to this write, and the connection was given up.
+            DriverError: the second one fails, too.
+        """
+        try:
+            self.write(request)
+        except (NoAnswer, WrongAnswer):
+            if not self._link.is_open:
+                raise
+            self.write(request)

@@ -1,0 +1,140 @@
+"""Which requests read or write a set of quantities: as few as the device allows, each of registers that may be read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.register_maps.quantity import BITS, COIL, HOLDING, Quantity, Value
+from protocols.errors import RemoteProtocolError
+
+MOST_READ = {True: 2000, False: 125}
+"""Coils, registers of one request."""
+MOST_WRITTEN = 123
+COILS_A_REGISTER = 16
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What a device allows.
+
+    Attributes:
+        largest_gap: so many registers that nobody asked for may be read with others.
+        largest_read: registers of one request.
+        unreadable: first and last address of holding and of input registers that must not be read.
+    """
+
+    largest_gap: int = 8
+    largest_read: int = 125
+    unreadable: tuple[tuple[int, int], ...] = ()
+
+    def may_bridge(self, first: int, last: int) -> bool:
+        """Whether the registers first..last, which nobody asked for, may be read."""
+        forbidden = any(low <= last and first <= high for low, high in self.unreadable)
+        return last < first or (last - first < self.largest_gap and not forbidden)
+
+
+@dataclass(frozen=True)
+class Read:
+    """One request: a run of registers or coils, and the quantities in it."""
+
+    space: str
+    address: int
+    count: int
+    quantities: tuple[Quantity, ...]
+
+    def decode(self, words: Sequence[int]) -> dict[str, Value]:
+        """The values (SI) of an answer.
+
+        Raises:
+            RemoteProtocolError: the answer has another length, or holds what the quantities cannot mean.
+        """
+        if len(words) != self.count:
+            raise RemoteProtocolError(f"{self.space} {self.address}: expected {self.count} registers, got {len(words)}")
+        return {
+            quantity.name: quantity.decode(words[quantity.address - self.address : quantity.end - self.address])
+            for quantity in self.quantities
+        }
+
+
+def reads(quantities: Iterable[Quantity], rules: Rules) -> tuple[Read, ...]:
+    """The requests that read these quantities."""
+    planned: list[Read] = []
+    ordered = sorted(set(quantities), key=lambda quantity: (quantity.space, quantity.address, quantity.end))
+    for quantity in ordered:
+        last = planned[-1] if planned else None
+        if last is not None and last.space == quantity.space and _fits(last, quantity, rules):
+            count = max(last.count, quantity.end - last.address)
+            planned[-1] = Read(last.space, last.address, count, (*last.quantities, quantity))
+        else:
+            planned.append(Read(quantity.space, quantity.address, quantity.end - quantity.address, (quantity,)))
+    return tuple(planned)
+
+
+def _fits(last: Read, quantity: Quantity, rules: Rules) -> bool:
+    bits = quantity.space in BITS
+    most = MOST_READ[True] if bits else rules.largest_read
+    gap_ends = quantity.address - 1
+    return quantity.end - last.address <= most and rules.may_bridge(last.address + last.count, gap_ends)
+
+
+@dataclass(frozen=True)
+class Written:
+    """One request that writes: function code, first address, words or coils."""
+
+    function: int
+    address: int
+    words: tuple[int, ...]
+
+
+def writes(values: Mapping[Quantity, Value], span: tuple[int, int] | None = None) -> tuple[Written, ...]:
+    """The requests that write these values (SI).
+
+    Neighbours travel together, where they may be written by function 16 or 15. Otherwise the order is that of
+    `values`; a run of neighbours comes where its last one stands.
+
+    Args:
+        values: quantity -> value.
+        span: first and last holding register that travel in one request; those nobody names are written as 0.
+
+    Raises:
+        LocalProtocolError: a value does not fit.
+    """
+    words = {quantity: quantity.encode(value) for quantity, value in values.items()}
+    if span is not None:
+        return (_spanned(words, span),)
+    order = {quantity: place for place, quantity in enumerate(words)}
+    runs: list[list[Quantity]] = []
+    for quantity in sorted(words, key=lambda quantity: (quantity.space, quantity.address)):
+        before = runs[-1][-1] if runs else None
+        together = before is not None and before.space == quantity.space and before.end == quantity.address
+        if together and before is not None and before.write_function == quantity.write_function in {15, 16}:
+            runs[-1].append(quantity)
+        else:
+            runs.append([quantity])
+    runs.sort(key=lambda run: max(order[quantity] for quantity in run))
+    return tuple(request for run in runs for request in _requests(run, words))
+
+
+def _requests(run: list[Quantity], words: Mapping[Quantity, Sequence[int]]) -> Iterable[Written]:
+    function, address = run[0].write_function, run[0].address
+    together = [word for quantity in run for word in words[quantity]]
+    if function in {5, 6}:
+        return [Written(function, address + place, (word,)) for place, word in enumerate(together)]
+    return [
+        Written(function, address + place, tuple(together[place : place + MOST_WRITTEN]))
+        for place in range(0, len(together), MOST_WRITTEN)
+    ]
+
+
+def _spanned(words: Mapping[Quantity, Sequence[int]], span: tuple[int, int]) -> Written:
+    content = [0] * (span[1] - span[0] + 1)
+    for quantity, own in words.items():
+        at = quantity.address - span[0]
+        content[at : at + len(own)] = own
+    return Written(16, span[0], tuple(content))
+
+
+def spaces(quantities: Iterable[Quantity]) -> set[str]:
+    """The spaces that are used."""
+    return {quantity.space for quantity in quantities} | {HOLDING, COIL}

@@ -1,0 +1,106 @@
+"""Indirect data: registers that show what others hold, so that the status is one contiguous read.
+
+The host writes a list of addresses once; behind it the device shows the registers at those addresses one after the
+other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from drivers.register_maps.access_plan import Written
+from drivers.register_maps.entries import Table, nearest
+from drivers.register_maps.quantity import BITS, HOLDING, LAST_ADDRESS, SPACES, Quantity
+
+KEYS = ("pointers", "data", "quantities", "function", "pointer_registers", "pointer_offset")
+MOST = 123
+
+
+@dataclass(frozen=True)
+class Indirect:
+    """The list of addresses and where their contents are.
+
+    Attributes:
+        space: of the contents.
+        pointers: first holding register of the list.
+        data: first register of the contents.
+        quantities: whose registers are listed, in order.
+        pointer_registers: registers that one entry of the list takes: 1, or 2 with the high word first.
+        pointer_offset: added to an address for its entry.
+    """
+
+    space: str
+    pointers: int
+    data: int
+    quantities: tuple[Quantity, ...]
+    pointer_registers: int = 1
+    pointer_offset: int = 0
+
+    @property
+    def addresses(self) -> tuple[int, ...]:
+        """The entries: an address for each register of each quantity."""
+        return tuple(
+            address + self.pointer_offset for one in self.quantities for address in range(one.address, one.end)
+        )
+
+    @property
+    def requests(self) -> tuple[Written, ...]:
+        """The writes that lay the list down."""
+        words: list[int] = []
+        for entry in self.addresses:
+            words += [entry] if self.pointer_registers == 1 else [entry >> 16, entry & 0xFFFF]
+        return tuple(
+            Written(16, self.pointers + place, tuple(words[place : place + MOST]))
+            for place in range(0, len(words), MOST)
+        )
+
+    def shown(self) -> Mapping[str, Quantity]:
+        """Where the quantities are read, by name."""
+        result: dict[str, Quantity] = {}
+        at = self.data
+        for one in self.quantities:
+            result[one.name] = replace(one, space=self.space, address=at, written=False)
+            at += one.end - one.address
+        return result
+
+
+def read_indirect(table: Table, quantities: Mapping[str, Quantity], first: Mapping[str, int]) -> Indirect | None:
+    """The table [indirect]; None where there is none.
+
+    Args:
+        table: to read.
+        quantities: of the file.
+        first: what the file calls the first register of each space.
+    """
+    table.only(KEYS)
+    if not table.given:
+        return None
+    space = table.text("function", HOLDING, SPACES)
+    start = first[HOLDING]
+    pointers = table.whole("pointers", None, start, start + LAST_ADDRESS)
+    data = table.whole("data", None, first[space], first[space] + LAST_ADDRESS)
+    names = table.given.get("quantities")
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        table.add("quantities", 'must be a list of quantities, such as ["state", "position"]')
+        return None
+    listed: list[Quantity] = []
+    for name in names:
+        quantity = quantities.get(name)
+        if quantity is None:
+            table.add("quantities", f"{name!r} is not among [quantities]; {nearest(name, quantities)}")
+        elif quantity.space in BITS:
+            table.add("quantities", f"{name!r} is no register")
+        else:
+            listed.append(quantity)
+    width = table.whole("pointer_registers", 1, 1, 2) or 1
+    offset = table.whole("pointer_offset", 0, -LAST_ADDRESS, 0xFFFFFF) or 0
+    if pointers is None or data is None or space in BITS:
+        return None
+    result = Indirect(space, pointers - start, data - first[space], tuple(listed), width, offset)
+    count = len(result.addresses)
+    if result.pointers + count * width > LAST_ADDRESS + 1 or result.data + count > LAST_ADDRESS + 1:
+        table.add(None, f"its {count} registers reach beyond the last one, 65535")
+    if width == 1 and not all(0 <= entry <= LAST_ADDRESS for entry in result.addresses):
+        table.add("pointer_offset", "an entry is no 16 bit number")
+    return result

@@ -1,0 +1,144 @@
+"""What a register map must have so that a rig can be driven by it, and what it can do, by what it has."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.register_maps.controller_map import PRESSURES, Recipes, Words
+from drivers.register_maps.entries import Source
+from drivers.register_maps.quantity import Quantity, Value
+from drivers.register_maps.recipe import Recipe, Wait, Write
+from drivers.roles import Command, FaultBit, Input, Result, State, Waveform
+
+Quantities = Mapping[str, Quantity]
+
+MOVING = frozenset({State.MOVING, State.RUNNING})
+
+
+def capabilities(quantities: Quantities, words: Words, recipes: Recipes, watchdog: WatchdogKind) -> Capabilities:
+    """What a controller with these registers and recipes can do."""
+    commands = recipes.commands
+    return Capabilities(
+        watchdog=watchdog,
+        hydraulics=Command.HYDRAULICS_ON in commands and Command.HYDRAULICS_OFF in commands,
+        lease="owner" in quantities and {Command.ACQUIRE, Command.RELEASE} <= commands.keys(),
+        acknowledge=is_numbered(quantities, commands) or shakes_hands(commands),
+        echo=watchdog is WatchdogKind.COUNTER and "watchdog_echo" in quantities,
+        limits_read_back={"position_min", "position_max"} <= quantities.keys(),
+        settings_hash=bool({"boot_count", "config_hash"} & quantities.keys()),
+        phase="phase" in quantities and {1, 2, 3} <= words.phases.codes.keys(),
+        cycle_pulse={"pulse_count", "pulse_clock", "clock"} <= quantities.keys(),
+        generator=Command.START in commands,
+        table=bool(recipes.table) and int(Waveform.TABLE) in words.waveforms.codes,
+        streamed_setpoints=bool(recipes.setpoint) and Command.START not in commands,
+        e_stop_input=bool(words.inputs.members & Input.E_STOP_CLOSED),
+        force_input="force" in quantities,
+    )
+
+
+def is_numbered(quantities: Quantities, commands: Mapping[Command, Recipe]) -> bool:
+    """The status repeats the number of the last command, which every command writes."""
+    shown = {"acked_sequence", "acked_command", "result"} <= quantities.keys()
+    return shown and bool(commands) and all(_asks_for(recipe, "$sequence") for recipe in commands.values())
+
+
+def shakes_hands(commands: Mapping[Command, Recipe]) -> bool:
+    """Every motion waits for the device's answer after it has been written."""
+    motions = [commands[command] for command in (Command.MOVE_TO, Command.START) if command in commands]
+    return bool(motions) and all(isinstance(recipe[-1], Wait) for recipe in motions if recipe)
+
+
+def _asks_for(recipe: Recipe, name: str) -> bool:
+    return any(isinstance(step, Write) and name in step.values.values() for step in recipe)
+
+
+def check(source: Source, quantities: Quantities, words: Words, recipes: Recipes, watchdog: WatchdogKind) -> None:
+    """Hold what a map says against what every rig needs; keeps every problem."""
+    commands = recipes.commands
+    if "position" not in quantities:
+        source.add(("quantities",), 'position is missing; write position = {address = ..., type = ..., unit = "mm"}')
+    _motions(source, words, recipes)
+    if not {Command.FADE_STOP, Command.HALT} & commands.keys() and Command.START in commands:
+        source.add(("commands",), "fade-stop or halt is missing: nothing could stop a motion")
+    if watchdog is not WatchdogKind.NONE and not words.faults.members & FaultBit.WATCHDOG:
+        source.add(
+            ("faults",), "watchdog is missing: by what does the device show that its watchdog has tripped? That is "
+            'proved before anything moves; without that write [watchdog] kind = "none"'
+        )
+    if (watchdog is not WatchdogKind.NONE or words.faults.members) and Command.RESET not in commands:
+        source.add(("commands",), "reset is missing: a trip that the device latches could not be cleared")
+    _pressure(source, words, commands)
+    _numbers(source, quantities, words)
+
+
+def _motions(source: Source, words: Words, recipes: Recipes) -> None:
+    commands = recipes.commands
+    generator = Command.START in commands
+    if not generator and not recipes.setpoint:
+        source.add(
+            ("commands",), "start is missing, and there is no [setpoint]: either the device's function generator is "
+            "started, or set-points are streamed"
+        )
+    if generator and Command.MOVE_TO not in commands:
+        source.add(("commands",), "move-to is missing: the rod is brought to a program's centre before it starts")
+    if generator and not MOVING & words.states.known:
+        source.add(("state",), "running (or moving) is missing: by what does the device show that a program runs?")
+    if recipes.setpoint and generator:
+        source.add(("setpoint",), "a device with a generator needs no set-points; take out [setpoint] or start")
+    if generator:
+        _program(source, commands[Command.START])
+    if Command.MOVE_TO in commands and not _asks_for(commands[Command.MOVE_TO], "$target"):
+        source.add(("commands", "move-to"), "its target is missing: write $target")
+
+
+def _program(source: Source, start: Recipe) -> None:
+    place = ("commands", "start")
+    low_and_high = _asks_for(start, "$low") and _asks_for(start, "$high")
+    if not (_asks_for(start, "$amplitude") or _asks_for(start, "$peak_to_peak") or low_and_high):
+        source.add(place, "its amplitude is missing: write $amplitude, $peak_to_peak, or $low and $high")
+    if not (_asks_for(start, "$frequency") or _asks_for(start, "$period")):
+        source.add(place, "its frequency is missing: write $frequency or $period")
+
+
+def _pressure(source: Source, words: Words, commands: Mapping[Command, Recipe]) -> None:
+    on, off = Command.HYDRAULICS_ON in commands, Command.HYDRAULICS_OFF in commands
+    if on is not off:
+        missing = "hydraulics-off" if on else "hydraulics-on"
+        source.add(("commands",), f"{missing} is missing: pressure (or power) is given and taken away, or neither")
+    seen = State.OFF in words.states.known or bool(words.inputs.members & PRESSURES)
+    if on and off and not seen:
+        source.add(
+            ("state",), "off is missing: by what does the device show that its pressure (or power) is gone? Or write "
+            "[inputs] hydraulics-on"
+        )
+    if Command.HYDRAULICS_LOW in commands and not (
+        State.LOW in words.states.known or words.inputs.members & Input.HYDRAULICS_LOW
+    ):
+        source.add(("state",), "low is missing: by what does the device show low pressure? Or take out hydraulics-low")
+
+
+def _numbers(source: Source, quantities: Quantities, words: Words) -> None:
+    """Codes that a quantity needs to mean something."""
+    for name, codes, table in (
+        ("phase", words.phases, "phase"), ("result", words.results, "results"),
+        ("acked_command", words.commands, "command_codes"), ("watchdog_action", words.watchdog_actions,
+        "watchdog_actions"),
+    ):
+        if name in quantities and not codes.codes:
+            source.add(("quantities", name), f"what do its codes mean? [{table}] is missing; or take {name} out")
+    if "result" in quantities and words.results.codes and int(Result.DONE) not in words.results.codes:
+        source.add(("results",), "done is missing: by which code does the device say that it has taken a command?")
+
+
+def check_identity(source: Source, expected: Mapping[str, Value], quantities: Quantities) -> None:
+    """Hold the values that prove the device against the quantities that show them."""
+    for name, value in expected.items():
+        quantity = quantities[name]
+        place = ("identity", name)
+        if (quantity.type == "string") is not isinstance(value, str):
+            source.add(place, f"{value!r} must be a {'text' if quantity.type == 'string' else 'number'}")
+        elif not quantity.read:
+            source.add(place, "it cannot be read")
+        elif not isinstance(value, str) and quantity.bit is None and not quantity.holds(value):
+            source.add(place, f"{value!r} is nothing that {quantity.type} with scale {quantity.scale:g} ever shows")

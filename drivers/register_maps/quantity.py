@@ -1,0 +1,164 @@
+"""One value in a device's registers or coils: where it lies, and how its words become a number and back.
+
+    number in its unit = raw x scale + offset        SI = number in its unit x the unit's factor
+
+A value of more registers has its high word first (`word_order` "big") or last; within a register the high byte comes
+first (`byte_order` "big", as Modbus has it) or last. A text holds two characters a register, padded with zeros or
+blanks.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from protocols.errors import LocalProtocolError, RemoteProtocolError
+
+Value = int | float | str
+
+HOLDING, INPUT, COIL, DISCRETE = "holding", "input", "coil", "discrete"
+SPACES = (HOLDING, INPUT, COIL, DISCRETE)
+BITS = frozenset({COIL, DISCRETE})
+READ_ONLY = frozenset({INPUT, DISCRETE})
+
+TYPES: Mapping[str, tuple[str, int]] = {
+    "u16": ("H", 1), "i16": ("h", 1), "u32": ("I", 2), "i32": ("i", 2), "f32": ("f", 2),
+    "u64": ("Q", 4), "i64": ("q", 4), "f64": ("d", 4), "string": ("s", 0), "bit": ("?", 1),
+}  # fmt: skip
+"""Type -> (struct letter, registers); a string has the length that is stated."""
+FLOATS = frozenset({"f32", "f64"})
+LAST_ADDRESS = 0xFFFF
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A value by name.
+
+    Attributes:
+        space: "holding", "input", "coil" or "discrete".
+        address: first register or coil as it goes over the wire, 0..65535.
+        length: registers of one value; 1 for a coil.
+        values: how many of it follow each other; more than 1 only for the samples of a table.
+        scale, offset: from the raw number to the number in its unit.
+        factor: from its unit to SI.
+        measures: what its unit measures, "length", "speed" ...; empty without a unit.
+        bit: which bit of the register it is, where it is only one; None: the whole register.
+        read, written: the host may.
+        write_function: 5, 6, 15 or 16.
+    """
+
+    name: str
+    space: str
+    address: int
+    type: str
+    length: int = 1
+    values: int = 1
+    scale: float = 1.0
+    offset: float = 0.0
+    factor: float = 1.0
+    measures: str = ""
+    word_order: str = "big"
+    byte_order: str = "big"
+    bit: int | None = None
+    read: bool = True
+    written: bool = True
+    write_function: int = 16
+
+    @property
+    def end(self) -> int:
+        """First address behind it."""
+        return self.address + self.length * self.values
+
+    @property
+    def whole(self) -> bool:
+        """It is a whole number or a bit, neither scaled nor in a unit: it stays one."""
+        return self.type not in FLOATS and (self.scale, self.offset, self.factor) == (1.0, 0.0, 1.0)
+
+    @property
+    def step(self) -> float:
+        """The smallest difference that it can show (SI); 0 for a float."""
+        return 0.0 if self.type in FLOATS else abs(self.scale * self.factor)
+
+    @property
+    def elements(self) -> tuple[Quantity, ...]:
+        """Each of its values as a quantity of its own."""
+        return tuple(
+            replace(self, name=f"{self.name}_{place}", address=self.address + place * self.length, values=1)
+            for place in range(self.values)
+        )
+
+    def decode(self, words: Sequence[int]) -> Value:
+        """The value (SI) of the words or coils that were read, `length` of them.
+
+        Raises:
+            RemoteProtocolError: a word is not 16 bit, or a text is not ASCII.
+        """
+        if self.bit is not None:
+            return words[0] >> self.bit & 1
+        if self.type == "bit":
+            return int(bool(words[0]))
+        ordered = words if self.word_order == "big" or self.type == "string" else words[::-1]
+        try:
+            raw = struct.pack(f"{'>' if self.byte_order == 'big' else '<'}{len(ordered)}H", *ordered)
+        except struct.error as error:
+            raise RemoteProtocolError(f"{self.name!r}: a word is not 0..65535: {error}") from error
+        if self.type == "string":
+            try:
+                return raw.split(b"\0", 1)[0].decode("ascii").rstrip()
+            except UnicodeDecodeError as error:
+                raise RemoteProtocolError(f"{self.name!r}: {raw!r} is not ASCII text") from error
+        number: int | float = struct.unpack(">" + TYPES[self.type][0], raw)[0]
+        return number if self.whole else self._si(number)
+
+    def _si(self, raw: float) -> float:
+        shown = raw if self.scale == 1.0 else raw * self.scale
+        shown = shown + self.offset if self.offset else shown
+        return shown if self.factor == 1.0 else shown * self.factor
+
+    def encode(self, value: Value) -> list[int]:
+        """The words, or the coil, that hold a value (SI).
+
+        Raises:
+            LocalProtocolError: it does not fit.
+        """
+        if isinstance(value, str):
+            raise self._unfit(value, "text where a number belongs")
+        if not math.isfinite(value):
+            raise self._unfit(value, "not a finite number")
+        if self.type == "bit":
+            if value not in {0, 1}:
+                raise self._unfit(value, "a coil is 0 or 1")
+            return [int(value)]
+        number = (value / self.factor - self.offset) / self.scale
+        letter = TYPES[self.type][0]
+        try:
+            if self.type in FLOATS:
+                raw = struct.pack(">" + letter, number)
+            elif self.whole and number != int(number):
+                raise self._unfit(value, "not a whole number")
+            else:
+                raw = struct.pack(">" + letter, int(value) if self.whole else round(number))
+        except (struct.error, OverflowError) as error:
+            raise self._unfit(value, str(error)) from error
+        words = list(struct.unpack(f"{'>' if self.byte_order == 'big' else '<'}{len(raw) // 2}H", raw))
+        return words if self.word_order == "big" else words[::-1]
+
+    def holds(self, value: Value) -> bool:
+        """Whether a value fits."""
+        try:
+            self.encode(value)
+        except LocalProtocolError:
+            return False
+        return True
+
+    def _unfit(self, value: Value, why: str) -> LocalProtocolError:
+        return LocalProtocolError(f"{self.name!r} ({self.type} at {self.address}) cannot hold {value!r}: {why}")
+
+
+def same(shown: Value, wanted: Value, step: float = 0.0) -> bool:
+    """Whether a register shows a value, as well as it can."""
+    if isinstance(shown, str) or isinstance(wanted, str):
+        return str(shown) == str(wanted)
+    return abs(shown - wanted) <= max(0.5000001 * step, 1e-6 * abs(wanted))

@@ -1,0 +1,167 @@
+"""Conditions and the tables of codes and bits of a register map: [state], [faults], [inputs], [phase] ..."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from enum import IntEnum, IntFlag
+from typing import Any, TypeVar
+
+from drivers.register_maps.condition import COMPARISONS, Condition, Test
+from drivers.register_maps.entries import Table, nearest
+from drivers.register_maps.meanings import Bits, Codes, StateRule, States, word
+from drivers.register_maps.quantity import Quantity, Value
+from drivers.roles import State
+
+Quantities = Mapping[str, Quantity]
+Meaning = TypeVar("Meaning", bound=IntEnum)
+
+LARGEST_CODE = (1 << 32) - 1
+CONDITION_KEYS = ("quantity", "bit", *COMPARISONS)
+
+
+def read_condition(table: Table, key: str, quantities: Quantities, names: Collection[str] = ()) -> Condition:
+    """A condition: a table, or a list of tables that hold together.
+
+    Args:
+        table: holds it.
+        key: its name there.
+        quantities: of the file.
+        names: what a recipe may ask for, without the "$".
+    """
+    given = table.given.get(key)
+    tests: list[Any] = given if isinstance(given, list) else [given]
+    if not tests or not all(isinstance(test, Mapping) for test in tests):
+        table.add(key, 'must be a condition such as {quantity = "ready", equals = 1}, or a list of those that all hold')
+        return Condition()
+    read = (_test(Table(table.source, (*table.place, key), test), quantities, names) for test in tests)
+    return Condition(tuple(test for test in read if test is not None))
+
+
+def _test(table: Table, quantities: Quantities, names: Collection[str]) -> Test | None:
+    table.only(CONDITION_KEYS)
+    name = table.text("quantity")
+    quantity = quantities.get(name)
+    if quantity is None:
+        if name or "quantity" not in table:
+            table.add(None, f"quantity {name!r} is not among [quantities]; {nearest(name, quantities)}")
+        return None
+    if not quantity.read:
+        table.add(None, f"{name!r} cannot be read: its access is \"w\"")
+    if quantity.type == "string":
+        table.add(None, f"{name!r} is a text; conditions look at numbers")
+    bit = table.whole("bit", None, 0, 16 * quantity.length - 1) if "bit" in table else None
+    if bit is not None and not quantity.whole:
+        table.add("bit", f"{name!r} is no whole number without scale: it has no bits")
+    given = [comparison for comparison in COMPARISONS if comparison in table]
+    if len(given) > 1:
+        table.add(None, f"one comparison at a time: {', '.join(given)}; several conditions stand in a list")
+    if not given:
+        return Test(quantity, "not_equals", (0,), bit)
+    wanted = table.given[given[0]]
+    listed = wanted if given[0] == "one_of" and isinstance(wanted, list) and wanted else [wanted]
+    values = [number_of(table, given[0], one, quantity if bit is None else None, names) for one in listed]
+    return Test(quantity, given[0], tuple(values), bit)
+
+
+def number_of(table: Table, key: str, given: object, quantity: Quantity | None, names: Collection[str]) -> Value:
+    """A number in a quantity's unit as SI, true and false as 1 and 0, or "$" and one of `names`."""
+    if isinstance(given, str) and given.startswith("$"):
+        if given[1:] not in names:
+            table.add(key, f"{given} is nothing that is known here; {nearest(given, [f'${name}' for name in names])}")
+            return 0
+        return given
+    if isinstance(given, bool):
+        return int(given)
+    if not isinstance(given, int | float) or given != given or abs(given) > 1e300:
+        table.add(key, f'{given!r:.40} must be a number, true, false or a name such as "$target"')
+        return 0
+    return given if quantity is None or quantity.factor == 1.0 else given * quantity.factor
+
+
+def read_codes(table: Table, meaning: type[Meaning]) -> Codes:
+    """A table word = code, or word = [codes]."""
+    members = {word(member): member for member in meaning}
+    table.only(members)
+    result: dict[IntEnum, tuple[int, ...]] = {}
+    owners: dict[int, str] = {}
+    for name in table:
+        codes = _codes(table, name, owners)
+        if name in members and codes:
+            result[members[name]] = codes
+    return Codes(meaning, result)
+
+
+def _codes(table: Table, name: str, owners: dict[int, str]) -> tuple[int, ...]:
+    given = table.given[name]
+    codes = given if isinstance(given, list) else [given]
+    if not codes or any(type(code) is not int or not 0 <= code <= LARGEST_CODE for code in codes):
+        table.add(name, f"{given!r:.40} must be a code (a whole number from 0), or a list of codes")
+        return ()
+    for code in codes:
+        if owners.setdefault(code, name) != name:
+            table.add(name, f"{owners[code]} and {name} are both {code}; a code has one meaning")
+    return tuple(codes)
+
+
+def read_states(table: Table, quantities: Quantities) -> States:
+    """The table [state]: codes of the quantity `state`, or conditions."""
+    members = {word(member): member for member in State}
+    table.only(members)
+    rules: list[StateRule] = []
+    owners: dict[int, str] = {}
+    codes: dict[IntEnum, tuple[int, ...]] = {}
+    for name in table:
+        member, given = members.get(name, State.HOLD), table.given[name]
+        if given is True:
+            rules.append(StateRule(member, condition=Condition()))
+        elif _is_condition(given):
+            rules.append(StateRule(member, condition=read_condition(table, name, quantities)))
+        else:
+            own = _codes(table, name, owners)
+            codes[member] = own
+            rules.append(StateRule(member, own))
+            if "state" not in quantities:
+                table.add(name, "a code of `state`, which [quantities] lacks; add it, or write a condition")
+    if "hold" not in table:
+        table.add(None, "hold is missing: by which code or condition does it show that it holds its position?")
+    return States(tuple(rules), Codes(State, codes))
+
+
+def _is_condition(given: Any) -> bool:  # noqa: ANN401 - any TOML value
+    return isinstance(given, Mapping) or (isinstance(given, list) and any(isinstance(one, Mapping) for one in given))
+
+
+def read_bits(table: Table, meaning: type[IntFlag], quantity: Quantity | None, named: str, all_of: Quantities) -> Bits:
+    """A table word = bit of one register, word = [bits], or word = condition.
+
+    Args:
+        table: to read.
+        meaning: the rig's words.
+        quantity: the register whose bits are meant; None: the file has none.
+        named: that register's name.
+        all_of: the file's quantities, for conditions.
+    """
+    members = {word(member): member for member in meaning}
+    table.only(members)
+    places: dict[int, int] = {}
+    conditions: list[tuple[int, Condition]] = []
+    for name in table:
+        given = table.given[name]
+        member = int(members.get(name, 0))
+        if _is_condition(given):
+            conditions.append((member, read_condition(table, name, all_of)))
+            continue
+        most = 15 if quantity is None else 16 * quantity.length - 1
+        bits = given if isinstance(given, list) else [given]
+        if not bits or any(type(bit) is not int or not 0 <= bit <= most for bit in bits):
+            table.add(name, f"{given!r:.40} must be a bit of {named} (a whole number of 0 to {most}) or a condition")
+            continue
+        if quantity is None:
+            table.add(name, f"a bit of the quantity `{named}`, which [quantities] lacks; add it, or write a condition")
+        for bit in bits:
+            if bit in places:
+                other = next(other for other, one in members.items() if int(one) == places[bit])
+                table.add(name, f"{other} and {name} are both bit {bit}; a bit has one meaning")
+            places[bit] = member
+    taken = sum(int(member) for member in meaning)
+    return Bits(quantity if places or quantity is not None else None, places, tuple(conditions), taken)

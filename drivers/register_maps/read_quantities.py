@@ -1,0 +1,204 @@
+"""The tables [modbus] and [quantities] of a register map: where everything lies, and how it is coded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from drivers.register_maps.access_plan import Rules
+from drivers.register_maps.entries import Table, nearest
+from drivers.register_maps.quantity import (
+    BITS,
+    COIL,
+    FLOATS,
+    HOLDING,
+    LAST_ADDRESS,
+    READ_ONLY,
+    SPACES,
+    TYPES,
+    Quantity,
+)
+from protocols.wire_units import UNITS, unit_of
+
+ORDERS = ("big", "little")
+ACCESS = ("r", "w", "rw")
+MODBUS_KEYS = (
+    "word_order", "byte_order", "function", "first_address", "write_function", "coil_function", "largest_gap",
+    "largest_read", "unreadable", "read_while_writing",
+)  # fmt: skip
+QUANTITY_KEYS = (
+    "address", "function", "type", "scale", "offset", "unit", "word_order", "byte_order", "access", "write_function",
+    "length", "bit", "count", "description",
+)  # fmt: skip
+
+ROLES: Mapping[str, str] = {
+    "state": "", "position": "length", "velocity": "speed", "setpoint": "length", "servo_error": "length",
+    "force": "force", "fault_bits": "", "inputs": "", "heartbeat": "", "clock": "time", "cycles_done": "",
+    "phase": "", "pulse_count": "", "pulse_clock": "time", "acked_sequence": "", "acked_command": "", "result": "",
+    "owner": "", "watchdog_echo": "", "supply_pressure": "pressure", "accumulator_pressure": "pressure",
+    "program_id": "",
+}  # fmt: skip
+"""Quantities of the status that mean something here by their name, and what they measure."""
+LIMITS: Mapping[str, str] = {
+    "position_min": "length", "position_max": "length", "speed_max": "speed", "acceleration_max": "acceleration",
+    "force_max": "force", "fade_out_cycles": "number", "halt_deceleration": "acceleration", "watchdog_time": "time",
+    "watchdog_action": "",
+}  # fmt: skip
+IDENTITY = ("boot_count", "config_hash", "vendor", "model", "serial_number", "firmware")
+_WHOLE = frozenset(name for name, measures in ROLES.items() if not measures) | {"watchdog_action"}
+
+
+@dataclass(frozen=True)
+class Modbus:
+    """What holds for all quantities that do not say otherwise.
+
+    Attributes:
+        first_address: what the file calls the first register or coil of each space.
+        read_while_writing: function 23 may be used.
+    """
+
+    word_order: str
+    byte_order: str
+    space: str
+    first_address: Mapping[str, int]
+    write_function: int
+    coil_function: int
+    rules: Rules
+    read_while_writing: bool
+
+
+def read_modbus(table: Table) -> Modbus:
+    """The table [modbus]."""
+    table.only(MODBUS_KEYS)
+    first = table.given.get("first_address", 0)
+    if isinstance(first, Mapping):
+        below = table.table("first_address")
+        below.only(SPACES)
+        starts = {space: below.whole(space, 0, 0, 499_999) or 0 for space in SPACES}
+    else:
+        start = table.whole("first_address", 0, 0, 499_999) or 0
+        starts = dict.fromkeys(SPACES, start)
+    holding = starts[HOLDING]
+    unreadable = tuple((low - holding, high - holding) for low, high in table.pairs("unreadable"))
+    return Modbus(
+        table.text("word_order", "big", ORDERS), table.text("byte_order", "big", ORDERS),
+        table.text("function", HOLDING, SPACES), starts,
+        _function(table, "write_function", 16, (6, 16)), _function(table, "coil_function", 5, (5, 15)),
+        Rules(table.whole("largest_gap", 8, 0, 124) or 0, table.whole("largest_read", 125, 1, 125) or 125, unreadable),
+        table.truth("read_while_writing", default=False),
+    )  # fmt: skip
+
+
+def _function(table: Table, key: str, default: int, among: tuple[int, ...]) -> int:
+    value = table.given.get(key, default)
+    if value not in among or isinstance(value, bool):
+        table.add(key, f"{value!r:.40} is not {' or '.join(map(str, among))}")
+        return default
+    return int(value)
+
+
+def read_quantities(table: Table, modbus: Modbus) -> dict[str, Quantity]:
+    """The table [quantities]; those that are wrong are left out, and their problems kept."""
+    result: dict[str, Quantity] = {}
+    for name in table:
+        entry = table.table(name)
+        entry.only(QUANTITY_KEYS)
+        quantity = _quantity(name, entry, modbus)
+        if quantity is not None:
+            _check(quantity, entry)
+            result[name] = quantity
+    _overlaps(table, result)
+    return result
+
+
+def _quantity(name: str, entry: Table, modbus: Modbus) -> Quantity | None:
+    space = entry.text("function", modbus.space, SPACES)
+    bits = space in BITS
+    first = modbus.first_address[space]
+    address = entry.whole("address", None, first, first + LAST_ADDRESS)
+    bit = entry.whole("bit", None, 0, 15) if "bit" in entry else None
+    kind = entry.text("type", "bit" if bits else "u16", tuple(TYPES))
+    if address is None or (bits and kind != "bit"):
+        if bits and kind != "bit":
+            entry.add("type", f"{kind!r}: a {space} holds one bit; leave type out")
+        return None
+    if kind == "bit" and not bits:
+        if bit is None:
+            entry.add("type", "'bit' lies in a coil or a discrete input; of a register say which: bit = 0 to 15")
+            return None
+        kind = "u16"
+    access = entry.text("access", "r" if space in READ_ONLY or bit is not None else "rw", ACCESS)
+    function = modbus.coil_function if space == COIL else modbus.write_function
+    if "write_function" in entry:
+        function = _function(entry, "write_function", function, (5, 15) if space == COIL else (6, 16))
+    length = (entry.whole("length", None, 1, 120) or 1) if kind == "string" else max(1, TYPES[kind][1])
+    if "length" in entry and kind != "string":
+        entry.add("length", "only a string has one; a table of values says count")
+    return Quantity(
+        name, space, address - first, kind, length, entry.whole("count", 1, 1, 120) or 1, _scale(entry),
+        entry.number("offset", 0.0), _factor(entry), measures(entry),
+        entry.text("word_order", modbus.word_order, ORDERS), entry.text("byte_order", modbus.byte_order, ORDERS),
+        bit, "r" in access, "w" in access, function,
+    )  # fmt: skip
+
+
+def _scale(entry: Table) -> float:
+    scale = entry.number("scale", 1.0)
+    if scale == 0.0:
+        entry.add("scale", "0 makes every value 0; write what one count is worth, such as 0.001")
+        return 1.0
+    return scale
+
+
+def _factor(entry: Table) -> float:
+    name = entry.text("unit", "")
+    unit = unit_of(name)
+    if unit is None:
+        entry.add("unit", f"{name!r:.20} is not known; {nearest(name, [one for one in UNITS if one])}")
+    return 1.0 if unit is None else unit[1]
+
+
+def measures(entry: Table) -> str:
+    """What an entry's unit measures; empty where it has none."""
+    unit = unit_of(str(entry.given.get("unit", "")))
+    return "" if unit is None else unit[0]
+
+
+def _check(quantity: Quantity, entry: Table) -> None:
+    """A quantity by itself: it ends within the registers, may be accessed as it says, and measures what its name is."""
+    if quantity.end > LAST_ADDRESS + 1:
+        entry.add("address", f"its {quantity.end - quantity.address} registers reach beyond the last one, 65535")
+    if quantity.written and quantity.space in READ_ONLY:
+        entry.add("access", f"nothing can be written to {quantity.space} registers; write access = \"r\"")
+    if quantity.written and quantity.bit is not None:
+        entry.add("access", "one bit of a register cannot be written by itself; describe the whole register for that")
+    if quantity.type == "string" and (quantity.scale, quantity.offset, quantity.factor) != (1.0, 0.0, 1.0):
+        entry.add("type", "a string has neither scale nor offset nor unit")
+    name = quantity.name
+    wanted = ROLES.get(name) or LIMITS.get(name) or ""
+    given = measures(entry)
+    if wanted and given and given != wanted:
+        known = [unit for unit, (measured, _) in UNITS.items() if measured == wanted]
+        entry.add("unit", f"{name} is a {wanted}; its unit is one of {', '.join(known)}")
+    if name in _WHOLE and (quantity.type in FLOATS or quantity.type == "string" or not quantity.whole):
+        entry.add("type", f"{name} is a code, a count or bits: a whole number without scale, offset and unit")
+    if name in ROLES and not quantity.read:
+        entry.add("access", f"{name} is part of the status: it must be readable")
+    if quantity.values > 1 and (name in ROLES or name in LIMITS or name in IDENTITY):
+        entry.add("count", f"{name} is one value")
+
+
+def _overlaps(table: Table, result: Mapping[str, Quantity]) -> None:
+    """No register means two things, but for its bits, and one thing read and another written."""
+    taken: dict[tuple[str, int], Quantity] = {}
+    for quantity in sorted(result.values(), key=lambda one: (one.space, one.address)):
+        for address in range(quantity.address, quantity.end):
+            other = taken.setdefault((quantity.space, address), quantity)
+            bits = quantity.bit is not None or other.bit is not None
+            both = (quantity.read and other.read) or (quantity.written and other.written)
+            if other is not quantity and both and not bits:
+                table.add(
+                    quantity.name, f"overlaps {other.name!r}: both use {quantity.space} {address} (as on the wire); "
+                    f"{other.name!r} lies at {other.address} to {other.end - 1}"
+                )
+                break

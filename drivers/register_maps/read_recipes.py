@@ -1,0 +1,219 @@
+"""The tables [commands], [recipes], [setpoint], [watchdog] and [table] of a register map."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from drivers.capabilities import WatchdogKind
+from drivers.register_maps.entries import Table, nearest
+from drivers.register_maps.meanings import word
+from drivers.register_maps.quantity import HOLDING, Quantity, Value
+from drivers.register_maps.read_meanings import number_of, read_condition
+from drivers.register_maps.recipe import (
+    MOVE,
+    PROGRAM,
+    SETPOINT,
+    TABLE,
+    WATCHDOG,
+    Pause,
+    Recipe,
+    Step,
+    Wait,
+    Write,
+    names_for,
+)
+from drivers.roles import Command
+
+Quantities = Mapping[str, Quantity]
+
+STEPS = ("write", "wait", "pause", "recipe")
+STEP_KEYS = (*STEPS, "within", "span", "description")
+COMMANDS = {word(command): command for command in Command if command is not Command.NONE}
+LONGEST_SPAN = 123
+MEASURES = {
+    "target": "length", "position": "length", "amplitude": "length", "peak_to_peak": "length", "centre": "length",
+    "low": "length", "high": "length", "speed": "speed", "peak_speed": "speed", "velocity": "speed",
+    "frequency": "frequency", "period": "time", "duration": "time", "table_interval": "time", "values": "length",
+}  # fmt: skip
+"""What a recipe's names measure, where the quantity's unit must measure the same."""
+KINDS = ("counter", "keep-alive", "setpoints", "none")
+
+
+class Recipes:
+    """Reads recipes; a recipe that runs others by name is made of their steps."""
+
+    def __init__(self, named: Table, quantities: Quantities) -> None:
+        self._named = named
+        self._quantities = quantities
+        self._used: set[str] = set()
+
+    def read(self, table: Table, key: str, names: Collection[str], under: tuple[str, ...] = ()) -> Recipe:
+        """The steps of an entry.
+
+        Args:
+            table: holds it.
+            key: its name there.
+            names: what it may ask for, without the "$".
+            under: the named recipes that led here.
+        """
+        given = table.given.get(key)
+        steps = given if isinstance(given, list) else [given]
+        if not all(isinstance(step, Mapping) for step in steps):
+            table.add(key, 'must be a step such as {write = {command = 3}}, or a list of steps')
+            return ()
+        result: list[Step] = []
+        for place, step in enumerate(steps):
+            where = (*table.place, key, place) if isinstance(given, list) else (*table.place, key)
+            result += self._step(Table(table.source, where, step), names, under)
+        return tuple(result)
+
+    def _step(self, step: Table, names: Collection[str], under: tuple[str, ...]) -> Recipe:
+        step.only(STEP_KEYS)
+        given = [key for key in STEPS if key in step]
+        if len(given) != 1:
+            step.add(None, f"a step is one of {', '.join(STEPS)}; this one has {' and '.join(given) or 'none'}")
+            return ()
+        if "within" in step and given[0] != "wait":
+            step.add("within", "belongs to a wait")
+        if given[0] == "pause":
+            return (Pause(step.time_s("pause", 0.05)),)
+        if given[0] == "wait":
+            if "within" not in step:
+                step.add(None, 'a wait needs an end: write within = "1 s" beside it')
+            lasts_s = step.time_s("within", 1.0)
+            return (Wait(read_condition(step, "wait", self._quantities, names), lasts_s),)
+        if given[0] == "recipe":
+            return self._call(step, names, under)
+        return (Write(read_values(step, "write", self._quantities, names), self._span(step)),)
+
+    def _call(self, step: Table, names: Collection[str], under: tuple[str, ...]) -> Recipe:
+        name = step.text("recipe")
+        if name not in self._named:
+            step.add(None, f"recipe {name!r} is not among [recipes]; {nearest(name, list(self._named))}")
+            return ()
+        if name in under:
+            step.add(None, f"a recipe that runs itself: {' -> '.join((*under, name))}; it would never end")
+            return ()
+        self._used.add(name)
+        return self.read(self._named, name, names, (*under, name))
+
+    def check_unused(self) -> None:
+        """Judge the named recipes that no command uses, too."""
+        for name in self._named:
+            if name not in self._used:
+                self.read(self._named, name, (*MOVE, *PROGRAM, *names_for(Command.HALT)), (name,))
+
+    def _span(self, step: Table) -> tuple[int, int] | None:
+        if "span" not in step:
+            return None
+        given = step.given["span"]
+        inside = [self._quantities[name] for name in step.table("write") if name in self._quantities]
+        if not isinstance(given, list) or len(given) != 2 or any(name not in self._quantities for name in given):
+            step.add("span", "must be two quantities, [first, last]: all registers from one to the other are written")
+            return None
+        first, last = (self._quantities[name] for name in given)
+        span = (first.address, last.end - 1)
+        fits = all(span[0] <= one.address and one.end - 1 <= span[1] for one in inside)
+        holding = all(one.space == HOLDING and one.write_function == 16 for one in (first, last, *inside))
+        if not (holding and fits and 0 < span[1] - span[0] + 1 <= LONGEST_SPAN):
+            step.add(
+                "span", f"must be at most {LONGEST_SPAN} holding registers, written by function 16, with all that this "
+                "step writes inside"
+            )
+            return None
+        return span
+
+
+def read_values(step: Table, key: str, quantities: Quantities, names: Collection[str]) -> dict[Quantity, Value]:
+    """What a step writes: quantity -> number (SI) or name with its "$"."""
+    written = step.table(key)
+    if not written.given:
+        step.add(key, "must be a table of quantities and their values, such as {command = 3, target = \"$target\"}")
+    result: dict[Quantity, Value] = {}
+    for name in written:
+        quantity = quantities.get(name)
+        if quantity is None:
+            written.add(name, f"is not among [quantities]; {nearest(name, quantities)}")
+            continue
+        if not quantity.written:
+            written.add(name, f"cannot be written: its access is \"r\" ({quantity.space})")
+        value = number_of(written, name, written.given[name], quantity, names)
+        if isinstance(value, str):
+            _check_name(written, name, value[1:], quantity)
+        elif quantity.type == "string" or not quantity.holds(value):
+            written.add(name, f"{written.given[name]!r} does not fit {quantity.type} with scale {quantity.scale:g}")
+        result[quantity] = value
+    return result
+
+
+def _check_name(written: Table, key: str, name: str, quantity: Quantity) -> None:
+    wanted = MEASURES.get(name, "")
+    if wanted and quantity.measures and quantity.measures != wanted:
+        written.add(key, f"${name} is a {wanted}; {quantity.name} is a {quantity.measures} by its unit")
+    if quantity.values > 1 and name != "values":
+        written.add(key, f"{quantity.name} has {quantity.values} values; only a [table] writes such")
+
+
+def read_commands(table: Table, recipes: Recipes) -> dict[Command, Recipe]:
+    """The table [commands]."""
+    table.only(COMMANDS)
+    result: dict[Command, Recipe] = {}
+    for key in table:
+        if key in COMMANDS:
+            result[COMMANDS[key]] = recipes.read(table, key, names_for(COMMANDS[key]))
+    for key in table:
+        if key in COMMANDS and not any(isinstance(step, Write) for step in result[COMMANDS[key]]):
+            table.add(key, "writes nothing: the device would not know of it")
+    return result
+
+
+def read_setpoint(table: Table, recipes: Recipes) -> Recipe:
+    """The table [setpoint]; empty where there is none."""
+    table.only(("write", "span"))
+    if not table.given:
+        return ()
+    steps = recipes.read(Table(table.source, (), {"setpoint": table.given}), "setpoint", SETPOINT)
+    if not any("$position" in step.values.values() for step in steps if isinstance(step, Write)):
+        table.add(None, 'the set-point\'s position is missing: write = {setpoint = "$position"}')
+    return steps
+
+
+def read_watchdog(table: Table, recipes: Recipes, streams: bool) -> tuple[WatchdogKind, Recipe, float]:
+    """The table [watchdog]: its kind, what feeds it, after how long it trips (s; 0: as is told by `watchdog_time`).
+
+    Args:
+        table: to read.
+        recipes: reads steps.
+        streams: set-points are sent one by one.
+    """
+    table.only(("kind", "write", "span", "time"))
+    kind = table.text("kind", "none", KINDS)
+    time_s = table.time_s("time", 0.0) if "time" in table else 0.0
+    steps: Recipe = ()
+    if "write" in table:
+        given = {key: table.given[key] for key in ("write", "span") if key in table}
+        steps = recipes.read(Table(table.source, (), {"watchdog": given}), "watchdog", WATCHDOG)
+    if kind in {"counter", "keep-alive"} and not steps:
+        table.add(None, f'kind = "{kind}" needs write: what feeds it, such as write = {{alive = "$counter"}}')
+    if kind in {"setpoints", "none"} and steps:
+        table.add("write", f'kind = "{kind}" is fed by nothing of its own; take write out')
+    if kind == "setpoints" and not streams:
+        table.add("kind", "set-points are not sent to this device: [setpoint] is missing")
+    kinds = {"counter": WatchdogKind.COUNTER, "none": WatchdogKind.NONE}
+    return kinds.get(kind, WatchdogKind.TIMEOUT), steps, time_s
+
+
+def read_table(table: Table, recipes: Recipes) -> tuple[Recipe, int]:
+    """The table [table]: how a table waveform is loaded, and how many values one write takes; () and 0 without."""
+    table.only(("write", "span"))
+    if not table.given:
+        return (), 0
+    steps = recipes.read(Table(table.source, (), {"table": table.given}), "table", TABLE)
+    held = [
+        quantity for step in steps if isinstance(step, Write) for quantity, value in step.values.items()
+        if value == "$values"
+    ]
+    if len(held) != 1:
+        table.add(None, 'needs one quantity of several values (count = ...) for "$values"')
+        return (), 0
+    return steps, held[0].values

@@ -1,0 +1,376 @@
+"""The coil's current by a programmable supply: lines of text over a serial line or a network, its commands as data.
+
+One thread reads; it asks for the measured current at every poll, and for one of the other things that the supply can
+tell in turn. A set-point goes out at once, whichever thread asks for it: nothing waits for an answer under way.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import time
+from collections import deque
+from collections.abc import Iterator
+
+from drivers.current_source import (
+    SourceBatch,
+    SourceCounters,
+    SourceFault,
+    SourceIdentity,
+    SourceState,
+    SourceStatus,
+    SourceTemperature,
+    SourceTiming,
+    SourceTraits,
+)
+from drivers.devices.supply import SupplyConnection, identity_of, supply_lacks
+from drivers.errors import DriverError
+from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from drivers.serial_port import SerialPort
+from drivers.supply_dialogue import Job, SupplyDialogue, Wanted
+from protocols.errors import LocalProtocolError, RemoteProtocolError
+from protocols.quality import Quality
+from protocols.scpi import Command, number_in
+
+DEVICE = "ecu"
+TOLD_EVERY = 10
+"""Polls between two records of a state that does not change."""
+OPEN_IN_A_ROW = 3
+COMPLIANCE_SHARE = 0.97
+SHORT_OF_SHARE, SHORT_OF_A = 0.05, 0.05
+_RECORDS_KEPT = 4096
+_CLOSING_S = 0.5
+
+
+class ScpiSupply:
+    """Drives one supply; a `drivers.current_source.CurrentSource`.
+
+    `read_batch` belongs to one owner thread; `command` and `send_now` may be called from any thread. Before `start`
+    nothing is set: the supply is asked who it is and what flows.
+
+    Args:
+        connection: how to reach it.
+    """
+
+    def __init__(self, connection: SupplyConnection) -> None:
+        described = self._described = connection.description
+        self.counters = SourceCounters()
+        self.status: SourceStatus | None = None
+        self.temperature: SourceTemperature | None = None
+        self.identity: SourceIdentity | None = None
+        self.send_error: DriverError | None = None
+        self.bus_errors = 0
+        self._connection = connection
+        link = described.link
+        self._port = SerialPort(
+            connection.url.replace("tcp://", "socket://", 1),
+            link.baudrate if connection.baudrate is None else connection.baudrate,
+            device=DEVICE, bytesize=link.bytesize, parity=link.parity, stopbits=link.stopbits,
+        )
+        self._dialogue = SupplyDialogue(
+            self._port, link, connection.timeout_s, described.commands.identify, self._numbers
+        )
+        self._wanted = (0.0, False)
+        self._changed_ns = 0
+        self._output_on = self._started = self._again = False
+        self._told = ""
+        self._due_ns = self._polls = self._sequence = self._late = 0
+        self._faults = 0
+        self._open = 0
+        self._volts = 0.0
+        self._reported: tuple[int, int] | None = None
+        self._records: deque[Record] = deque(maxlen=_RECORDS_KEPT)
+
+    @property
+    def timing(self) -> SourceTiming:
+        """The current at every poll, its identity once, temperatures never."""
+        return SourceTiming(self._connection.poll_s, 0.0, self._connection.poll_s)
+
+    @property
+    def traits(self) -> SourceTraits:
+        """What else the rig has to know of it."""
+        described = self._described
+        return SourceTraits(
+            own_timeout=described.watchdog is not None, settling_s=described.settling_s,
+            lowest_A=min(0.0, described.current_A[0]),
+        )
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What it cannot do, and what is left without it."""
+        return supply_lacks(self._described)
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Nothing speaks against what is heard."""
+        return "", ""
+
+    @property
+    def identity_problem(self) -> str:
+        """Why the supply is not the one expected; empty while it is, or has not said who it is."""
+        pattern, text = self._described.identity, self._connection.identity
+        if not self._told:
+            return ""
+        if pattern and not re.search(pattern, self._told):
+            return f"it says it is {self._told!r:.100}, which does not look like {pattern!r}"
+        return f"it says it is {self._told!r:.100}, expected {text!r} in it" if text not in self._told else ""
+
+    @property
+    def commanded_A(self) -> float:
+        """Set-point, A; 0 while the output is to be off."""
+        current_A, enable = self._wanted
+        return current_A if enable else 0.0
+
+    @property
+    def malformed(self) -> int:
+        """Answers that are none."""
+        return self.counters.malformed + self._dialogue.malformed
+
+    def open(self) -> None:
+        """Open the port; the first questions go out with the first `read_batch`.
+
+        Raises:
+            PortClosed: it cannot be opened.
+        """
+        if not self._port.is_open:
+            self._port.open()
+            self._dialogue.forget()
+            self._told, self._due_ns = "", 0
+
+    def close(self) -> None:
+        """0 A and output off if anything was ever set, local mode, port closed; twice is harmless."""
+        if not self._port.is_open:
+            return
+        # A port that is gone takes no farewell.
+        with contextlib.suppress(DriverError):
+            if self._started:
+                self.command(0.0, enable=False)
+                self.send_now()
+                self._dialogue.jobs.extend(Job(command) for command in self._watchdog("stop"))
+            commands = self._described.commands
+            self._dialogue.jobs.extend(Job(command) for command in commands.local)
+            self._dialogue.jobs.extend(Job(command, Wanted.IDENTITY) for command in commands.identify)
+            self._await_silence()
+        self._started = False
+        self._port.close()
+
+    def start(self, period_s: float) -> None:
+        """Set 0 A, output off, clear its errors, set its voltage limit and time-out; polls go on as before.
+
+        Raises:
+            PortClosed: the port is gone.
+            LinkLost: it does not take the commands.
+        """
+        del period_s
+        self._started = True
+        self.send_now()
+        commands = self._described.commands
+        limit = commands.set_voltage_limit if self._connection.voltage_limit_V is not None else ()
+        self._dialogue.jobs.extend(Job(command) for command in (*commands.clear, *limit, *self._watchdog("start")))
+
+    def command(self, current_A: float, *, enable: bool = True, clear_faults: bool = False) -> None:
+        """Set what is asked for next; `clear_faults` forgets what was found, too.
+
+        Raises:
+            LocalProtocolError: the set-point is beyond what the supply gives; the old one stays.
+        """
+        low_A, high_A = self._described.current_A
+        if current_A != 0.0 and not low_A <= current_A <= high_A:
+            raise LocalProtocolError(f"{current_A:g} A is beyond the supply's range of {low_A:g} to {high_A:g} A")
+        if self._wanted != (current_A, enable):
+            self._changed_ns = time.monotonic_ns()
+        self._wanted = (current_A, enable)
+        if clear_faults:
+            self._faults = self._open = 0
+            self._dialogue.refused = False
+
+    def send_now(self) -> None:
+        """Send the set-point at once, beside whatever is under way.
+
+        Raises:
+            PortClosed: the port is gone.
+            LinkLost: it does not take the commands.
+        """
+        self._dialogue.send_now(self._set_point)
+        self.counters.sent += 1
+        # A supply that needs a pause between commands may have lost this; the reading thread repeats it with one.
+        self._again = self._described.link.gap_s > 0.0
+        self._records.append(self._command_record(time.monotonic_ns()))
+
+    def read_batch(self, timeout_s: float) -> SourceBatch:
+        """Ask what is due and take what has arrived, until the current was told or the time is over.
+
+        Raises:
+            PortClosed: the port is not open, or gone.
+            LinkLost: it does not take a question.
+        """
+        bad_before = self.counters.bad_checks
+        deadline_ns = time.monotonic_ns() + int(timeout_s * 1e9)
+        batch = SourceBatch([], [], [], 0, 0, 0)
+        while True:
+            now_ns = time.monotonic_ns()
+            next_ns = self._go_on(now_ns)
+            data, arrival_ns = self._port.read_available(max(0.0, (min(deadline_ns, next_ns) - now_ns) * 1e-9))
+            for wanted, answer in self._dialogue.feed(data):
+                self._take(wanted, answer, arrival_ns, batch)
+            if batch.statuses or arrival_ns >= deadline_ns:
+                break
+        while self._records:
+            batch.records.append(self._records.popleft())
+        batch.records.sort(key=lambda record: record[0])
+        return batch._replace(bad=self.counters.bad_checks - bad_before, arrival_ns=arrival_ns)
+
+    # Sending
+
+    def _numbers(self) -> tuple[float, float, float]:
+        watchdog = self._described.watchdog
+        limit_V = self._connection.voltage_limit_V
+        return self.commanded_A, 0.0 if limit_V is None else limit_V, 0.0 if watchdog is None else watchdog.time_s
+
+    def _set_point(self) -> list[Command]:
+        """The commands of the set-point as it stands; 0 A: the current first, then the output off."""
+        commands, described = self._described.commands, self._described
+        if self.commanded_A != 0.0:
+            switch = () if self._output_on else commands.output_on
+            self._output_on = bool(commands.output_on)
+            return [*commands.set_current, *switch]
+        self._output_on = False
+        return [*(commands.set_current if described.drives_zero else ()), *commands.output_off]
+
+    def _watchdog(self, what: str) -> tuple[Command, ...]:
+        watchdog = self._described.watchdog
+        commands: tuple[Command, ...] = () if watchdog is None else getattr(watchdog, what)
+        return commands
+
+    def _go_on(self, now_ns: int) -> int:
+        """Send what is due; when to look again (ns)."""
+        dialogue = self._dialogue
+        if dialogue.late != self._late:
+            self._late = dialogue.late
+            # What was to be set is not known to have arrived.
+            self._again = self._started
+        if self._again and self._told:
+            self._again, self._output_on = False, False
+            dialogue.jobs.extendleft(reversed([Job(c, None, dialogue.set_point) for c in self._set_point()]))
+        if not dialogue.jobs and now_ns >= self._due_ns:
+            dialogue.jobs.extend(self._poll(now_ns))
+        return dialogue.go_on(now_ns) or self._due_ns
+
+    def _poll(self, now_ns: int) -> Iterator[Job]:
+        """What is asked now: who it is, until it has said so; then the current, and one of the other things."""
+        period_ns = int(self._connection.poll_s * 1e9)
+        # A poll that comes late is not made up for by a burst.
+        self._due_ns = self._due_ns + period_ns if self._due_ns + period_ns > now_ns else now_ns + period_ns
+        commands = self._described.commands
+        if not self._told:
+            yield from (Job(command) for command in commands.connect)
+        if not self._told and commands.identify:
+            yield from (Job(command, Wanted.IDENTITY) for command in commands.identify)
+            return
+        if not self._told:
+            yield from self._know(self._described.name)
+        self._polls += 1
+        yield from (Job(command, Wanted.CURRENT) for command in commands.measure_current)
+        yield from (Job(command) for command in self._watchdog("feed"))
+        others = [
+            *(Job(command, Wanted.VOLTAGE) for command in commands.measure_voltage),
+            *(Job(command, Wanted.FAULTS) for command in commands.read_faults),
+            *(Job(command, Wanted.OUTPUT) for command in commands.read_output),
+            *(Job(command, Wanted.ERROR) for command in commands.error_queue if self._started),
+        ]
+        if others:
+            yield others[self._polls % len(others)]
+
+    def _know(self, answer: str) -> Iterator[Job]:
+        """It has said who it is; what makes it listen."""
+        first, self._told = not self._told, answer
+        self.identity = identity_of(answer)
+        self._dialogue.know(answer)
+        commands = self._described.commands
+        yield from (Job(command) for command in (*commands.remote, *commands.prepare) if first)
+
+    # What comes back
+
+    def _take(self, wanted: Wanted, answer: str, arrival_ns: int, batch: SourceBatch) -> None:
+        """One answer of the supply."""
+        if wanted is Wanted.NOTHING:
+            self.counters.other_frames += 1
+        elif wanted is Wanted.IDENTITY:
+            self._dialogue.jobs.extend(self._know(answer))
+        elif wanted is Wanted.ERROR:
+            if not re.search(self._described.no_error, answer):
+                self._faults |= SourceFault.COMMAND_CHECK
+        elif wanted is Wanted.OUTPUT:
+            self._take_output(on=answer in self._described.on)
+        else:
+            self._take_number(wanted, answer, arrival_ns, batch)
+
+    def _take_number(self, wanted: Wanted, answer: str, arrival_ns: int, batch: SourceBatch) -> None:
+        described = self._described
+        try:
+            if wanted is Wanted.VOLTAGE:
+                self._volts = number_in(answer, described.voltage)
+                self._record(batch, arrival_ns, Channel.ECU_SUPPLY, self._volts)
+            elif wanted is Wanted.CURRENT:
+                self._take_current(number_in(answer, described.current), arrival_ns, batch)
+            elif wanted is Wanted.FAULTS:
+                word = int(number_in(answer))
+                self._faults |= sum(meaning for bit, meaning in described.faults if word & bit)
+            else:
+                raise RemoteProtocolError(f"{answer!r:.60}: not the command that was sent")
+        except RemoteProtocolError:
+            self.counters.bad_checks += 1
+            self.counters.bad_in_a_row += 1
+
+    def _take_current(self, current_A: float, arrival_ns: int, batch: SourceBatch) -> None:
+        self.counters.bad_in_a_row = 0
+        self.counters.statuses += 1
+        self._sequence += 1
+        self._judge_compliance(current_A, arrival_ns)
+        if self._dialogue.refused:
+            self._faults |= SourceFault.COMMAND_CHECK
+        state = SourceState.OFF if self.commanded_A == 0.0 else SourceState.ENABLED
+        status = SourceStatus(SourceState.FAULT if self._faults else state, current_A, self._faults)
+        self.status = status
+        batch.statuses.append(status)
+        self._record(batch, arrival_ns, Channel.COIL_CURRENT, current_A)
+        batch.records.append(self._command_record(arrival_ns))
+        if self._reported != (status.state, status.faults) or self._polls % TOLD_EVERY == 1:
+            self._reported = (status.state, status.faults)
+            self._record(batch, arrival_ns, Channel.ECU_STATE, status.state)
+            self._record(batch, arrival_ns, Channel.ECU_FAULTS, status.faults)
+
+    def _settled(self, now_ns: int) -> bool:
+        return now_ns - self._changed_ns > int(self._described.settling_s * 1e9)
+
+    def _judge_compliance(self, current_A: float, now_ns: int) -> None:
+        """Too little current at the highest voltage allowed: the coil's circuit is open, or the limit too low."""
+        wanted_A, limit_V = abs(self.commanded_A), self._connection.voltage_limit_V
+        short_of = abs(current_A) < wanted_A * (1.0 - SHORT_OF_SHARE) - SHORT_OF_A
+        at_limit = limit_V is not None and abs(self._volts) >= COMPLIANCE_SHARE * limit_V
+        self._open = self._open + 1 if short_of and at_limit and self._settled(now_ns) else 0
+        if self._open >= OPEN_IN_A_ROW:
+            self._faults |= SourceFault.OPEN
+
+    def _take_output(self, *, on: bool) -> None:
+        """An output that is off although it was switched on: it protected itself, restarted, or somebody did it."""
+        if self._output_on and not on and not self._faults and self._settled(time.monotonic_ns()):
+            self._faults |= SourceFault.RESTARTED
+
+    def _record(self, batch: SourceBatch, arrival_ns: int, channel: Channel, value: float) -> None:
+        batch.records.append((
+            arrival_ns, NO_DEVICE_TIME, float(value), self._sequence & 0xFFFFFFFF, int(channel), int(Quality.GOOD),
+        ))
+
+    def _command_record(self, now_ns: int) -> Record:
+        return now_ns, NO_DEVICE_TIME, self.commanded_A, self.counters.sent, int(Channel.COMMANDED_CURRENT), 0
+
+    def _await_silence(self) -> None:
+        """Go on until everything is sent and answered, so that closing cuts nothing off."""
+        deadline_ns = time.monotonic_ns() + int(_CLOSING_S * 1e9)
+        dialogue = self._dialogue
+        while (dialogue.jobs or dialogue.waits) and time.monotonic_ns() < deadline_ns:
+            dialogue.go_on(time.monotonic_ns())
+            data, _ = self._port.read_available(0.005 if dialogue.jobs else 0.05)
+            for _ in dialogue.feed(data):
+                pass

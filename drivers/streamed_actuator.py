@@ -1,0 +1,280 @@
+"""An actuator without a function generator: the host makes its motion and streams it, a set-point with every poll.
+
+`StreamedActuator` stands between the station and the device's driver, a `SetpointFollower`, and is the whole role
+`drivers.roles.Actuator`: moves, programs, fades and halts are made by a `SetpointGenerator`; everything else goes to
+the device. What it shows is the device's own status with the motion that is streamed: state, phase, cycles, program.
+
+The device holds by itself until the first motion, from then on it follows, standing still too. It follows no more once
+its pressure is lowered, it has tripped, or it was halted by a command of its own; the next motion begins where the rod
+is.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from dataclasses import replace
+from typing import Protocol, runtime_checkable
+
+from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.connection import LinkKind, MotionTerms
+from drivers.errors import RequestRefused
+from drivers.roles import (
+    Actuator,
+    ActuatorIdentity,
+    ActuatorLimits,
+    ActuatorStatus,
+    Command,
+    Move,
+    Program,
+    Result,
+    State,
+)
+from drivers.setpoint_generator import Setpoint, SetpointGenerator
+from protocols.errors import LocalProtocolError
+
+SENT_KEPT = 64
+FEWEST_SETPOINTS = 20
+"""In a cycle: with fewer its shape is no longer the one that was asked for."""
+GENERATED = frozenset({Command.MOVE_TO, Command.START, Command.FADE_STOP, Command.HALT})
+"""Commands that are set-points here; a halt only where the device has none of its own."""
+HOLDING = frozenset({State.HOLD, State.MOVING, State.RUNNING})
+"""States of a device that goes where it is told."""
+IN_MOTION = frozenset({State.MOVING, State.RUNNING, State.FADING, State.HALTING})
+
+
+@runtime_checkable
+class SetpointFollower(Actuator, Protocol):
+    """The driver of a device that goes where it is told, set-point by set-point."""
+
+    def knows(self, command: Command) -> bool:
+        """Whether the device has this command itself."""
+
+    def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
+        """Send a set-point, once, and read the status; in one trip where the device allows it.
+
+        Args:
+            setpoint: where to be now (m) and how fast to go on (m/s).
+            watchdog_counter: a changed number feeds the watchdog; None: it is not fed by this.
+        """
+
+
+class StreamedActuator:
+    """A set-point follower as an actuator that moves, runs programs, fades and halts; one owner thread.
+
+    Args:
+        device: the device's driver; it streams set-points and has no generator.
+        terms: how fades and halts end, and the rate of the device's time.
+
+    Attributes:
+        sent: sequence and command of the last commands, oldest first; those that became set-points too.
+        last: the set-point sent last; None while the device holds by itself.
+        taken_m: the set-point that the device itself showed in answer to it (m); NaN where it shows none.
+    """
+
+    def __init__(self, device: SetpointFollower, terms: MotionTerms) -> None:
+        self.sent: deque[tuple[int, int]] = deque(maxlen=SENT_KEPT)
+        self.last: Setpoint | None = None
+        self.taken_m = math.nan
+        self._device = device
+        self._rate = terms.device_rate
+        self._source = SetpointGenerator(
+            0.0, halt_deceleration_m_s2=terms.halt_deceleration_m_s2, fade_out_cycles=terms.fade_out_cycles
+        )
+        self._following = False
+        self._refused = False
+        self._made: tuple[int, int] | None = None
+        self._count = 0
+        self._program_id = 0
+        self._stands_m = math.nan
+        self._state: int = State.OFF
+        self._silence_stops = device.capabilities.watchdog is WatchdogKind.TIMEOUT
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What the device can do; the phase of a program is known here."""
+        return replace(self._device.capabilities, phase=True)
+
+    @property
+    def link_kind(self) -> LinkKind:
+        """What the connection is made of."""
+        return self._device.link_kind
+
+    @property
+    def is_open(self) -> bool:
+        """The connection stands, as far as is known."""
+        return self._device.is_open
+
+    @property
+    def stale(self) -> int:
+        """Answers to other requests that were thrown away."""
+        return self._device.stale
+
+    @property
+    def busy(self) -> int:
+        """"Busy" answers that were asked again."""
+        return self._device.busy
+
+    @property
+    def halts_itself(self) -> bool:
+        """The device halts by a command of its own, whatever becomes of the stream."""
+        return self._device.knows(Command.HALT)
+
+    @property
+    def in_motion(self) -> bool:
+        """The set-points that are being streamed move."""
+        return self._following and self._source.state in IN_MOTION
+
+    def open(self) -> None:
+        """Open the connection."""
+        self._device.open()
+
+    def close(self) -> None:
+        """Close the connection; the device holds, or its watchdog stops it."""
+        self._device.close()
+
+    def read_identity(self) -> ActuatorIdentity:
+        """Who the device is."""
+        return self._device.read_identity()
+
+    def read_limits(self) -> ActuatorLimits:
+        """The limits that the device holds."""
+        return self._device.read_limits()
+
+    def write_limits(self, limits: ActuatorLimits) -> None:
+        """Write the device's limits and watchdog."""
+        self._device.write_limits(limits)
+
+    def write_table(self, values_m: list[float]) -> None:
+        """Table waveforms are not made here.
+
+        Raises:
+            LocalProtocolError: always.
+        """
+        raise LocalProtocolError(f"a table of {len(values_m)} values cannot be streamed here")
+
+    def read_status(self) -> ActuatorStatus:
+        """The status, and the next set-point while the device follows; the watchdog is not fed.
+
+        Nothing is sent to a device whose watchdog any write feeds, nor after one that it refused.
+        """
+        if not self._following or self._silence_stops or self._refused:
+            return self._shown(self._device.read_status())
+        return self._follow(None)
+
+    def exchange(self, watchdog_counter: int) -> ActuatorStatus:
+        """Feed the watchdog and read the status, with the next set-point while the device follows."""
+        if not self._following:
+            return self._shown(self._device.exchange(watchdog_counter))
+        return self._follow(watchdog_counter)
+
+    def send(self, command: Command, order: Move | Program | None = None) -> int:
+        """Begin, fade or halt a motion of set-points, or send the device's own command.
+
+        Returns:
+            The command's sequence number.
+
+        Raises:
+            LocalProtocolError: the device does not hold, something moves already, or the order makes no sense.
+            DriverError: the device cannot be reached or refuses.
+        """
+        if command not in GENERATED or (command is Command.HALT and self._device.knows(command)):
+            return self._pass_on(command, order)
+        now_s = self._now_s()
+        if isinstance(order, Move):
+            self._engage()
+            self._source.move(order, now_s)
+        elif isinstance(order, Program):
+            self._engage()
+            self._source.start(order, now_s)
+            self._program_id = self._count + 1
+        elif command is Command.FADE_STOP:
+            self._source.fade(now_s)
+        elif command is Command.HALT:
+            self._source.halt(now_s)
+        else:
+            raise LocalProtocolError(f"{command.name} needs an order")
+        self._count = self._count % 0xFFFF + 1
+        self._made = (self._count, int(command))
+        self.sent.append(self._made)
+        return self._count
+
+    def _pass_on(self, command: Command, order: Move | Program | None) -> int:
+        """Have the device itself carry out a command; it follows no set-points after one that moves or resets it."""
+        sequence = self._device.send(command, order)
+        if command not in {Command.ACQUIRE, Command.RELEASE}:
+            self._release()
+        self._made = None
+        self.sent.append((sequence, int(command)))
+        return sequence
+
+    def _engage(self) -> None:
+        """Follow from where the rod is held.
+
+        Raises:
+            LocalProtocolError: it is not held there.
+        """
+        if self._state not in HOLDING or not math.isfinite(self._stands_m):
+            raise LocalProtocolError(f"set-points while the device does not hold (state {self._state})")
+        if not self._following:
+            self._source.rest(self._stands_m)
+            self._following = True
+
+    def _release(self) -> None:
+        """The device is on its own: what it was to do is over."""
+        self._following = self._refused = False
+        self.last, self.taken_m = None, math.nan
+        self._source.rest(self._stands_m if math.isfinite(self._stands_m) else 0.0)
+
+    def _follow(self, watchdog_counter: int | None) -> ActuatorStatus:
+        """One step of the stream.
+
+        Raises:
+            RequestRefused: the device does not take it; the next one is sent when its watchdog is fed again.
+            DriverError: it cannot be reached.
+        """
+        setpoint = self._source.at(self._now_s())
+        self.last, self.taken_m = setpoint, math.nan
+        try:
+            status = self._device.follow(setpoint, watchdog_counter)
+        except RequestRefused:
+            self._refused = True
+            raise
+        self._refused = False
+        self.taken_m = status.setpoint_m
+        return self._shown(status)
+
+    def _shown(self, status: ActuatorStatus) -> ActuatorStatus:
+        """The device's status with the motion that is streamed to it."""
+        self._state = status.state
+        held_m = status.position_m if math.isnan(status.setpoint_m) else status.setpoint_m
+        if math.isfinite(held_m):
+            self._stands_m = held_m
+        if status.state not in HOLDING and self._following:
+            self._release()
+        changed: dict[str, float] = {}
+        if self._made is not None:
+            changed = {"acked_sequence": self._made[0], "acked_command": self._made[1], "result": Result.DONE}
+        if not self._following:
+            return status._replace(**changed) if changed else status  # type: ignore[arg-type]  # by field name
+        source, last = self._source, self.last
+        running = source.state in {State.RUNNING, State.FADING}
+        changed |= {
+            "state": source.state, "phase": source.phase, "cycles_done": source.cycles_done,
+            "program_id": self._program_id if running else 0,
+        }
+        if math.isnan(status.setpoint_m) and last is not None:
+            changed |= {"setpoint_m": last.position_m, "servo_error_m": last.position_m - status.position_m}
+        return status._replace(**changed)  # type: ignore[arg-type]  # by field name
+
+    def _now_s(self) -> float:
+        return time.monotonic_ns() * 1e-9 * self._rate
+
+
+def as_actuator(driver: Actuator, terms: MotionTerms) -> Actuator:
+    """A driver as the station uses it: one that only follows set-points becomes a whole actuator."""
+    can = driver.capabilities
+    if can.streamed_setpoints and not can.generator and isinstance(driver, SetpointFollower):
+        return StreamedActuator(driver, terms)
+    return driver

@@ -1,0 +1,312 @@
+"""What is wrong with a sensor format beyond the shape of its entries.
+
+Entries that contradict each other, formats that can never match, frames whose beginning nobody can tell.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from protocols.binary_format import LETTERS, LONGEST_FRAME, BinaryFormat, Field
+from protocols.checksums import CHECKSUMS
+from protocols.format_keys import Place, Problem, Table
+from protocols.line_example import HOLES, checksum_digits, fitting, parts, widths
+from protocols.line_format import LineFormat
+
+_MARK = "{address}"
+TRIED = (0.0, 1.0, -1.0)
+"""Numbers of which one at least must fit into a line."""
+
+
+def pattern_of(values: Mapping[str, Any], table: Table, problems: list[Problem]) -> str | None:
+    """The pattern of a line format, as it is stated or made from its columns; None where there is none.
+
+    Args:
+        values: entries that can be used.
+        table: all entries.
+        problems: what is wrong is added.
+    """
+    address = re.escape(str(values.get("address", "")))
+    if "columns" in table:
+        if "pattern" in table:
+            problems.append((("columns",), "a pattern is given too; keep one of the two"))
+        return _of_columns(values, problems) if "columns" in values else None
+    if "separator" in table:
+        problems.append((("separator",), "needs columns, such as columns = { value = 2, unit = 3 }"))
+    if "pattern" not in table:
+        problems.append(((), "key 'pattern' is missing (or columns; a binary format needs fields or packed)"))
+    if "pattern" not in values:
+        return None
+    pattern = str(values["pattern"]).replace(_MARK, address)
+    try:
+        groups = re.compile(pattern, re.ASCII).groupindex
+    except re.error as error:
+        problems.append((("pattern",), f"pattern {pattern!r}: {error}"))
+        return None
+    if "value" not in groups:
+        problems.append((("pattern",), "pattern needs a group (?P<value>...)"))
+        return None
+    return pattern
+
+
+def _of_columns(values: Mapping[str, Any], problems: list[Problem]) -> str | None:
+    columns, separator = values["columns"], values.get("separator")
+    for name, place in columns.items():
+        if name not in HOLES:
+            problems.append((("columns", name), f"unknown column; known are {', '.join(HOLES)}"))
+        elif isinstance(place, int) is (separator is None):
+            wanted = "the number of the column, for there is a separator"
+            wanted = "[first, last] character" if separator is None else wanted
+            problems.append((("columns", name), f"must be {wanted}"))
+    if "value" not in columns:
+        problems.append((("columns",), "needs the column of the value"))
+    if separator is not None and len(separator) != 1:
+        problems.append((("separator",), "must be one character"))
+    if problems:
+        return None
+    return _fixed(columns, values, problems) if separator is None else _separated(columns, separator, problems)
+
+
+def _fixed(columns: Mapping[str, tuple[int, int]], values: Mapping[str, Any], problems: list[Problem]) -> str:
+    pattern, at = "", 1
+    for name, (first, last) in sorted(columns.items(), key=lambda item: item[1]):
+        if first < at:
+            problems.append((("columns", name), "overlaps the column before it"))
+        pattern += f"[ -~]{{{first - at}}}" if first > at else ""
+        pattern += f"(?P<{name}>[ -~]{{{last - first + 1}}})"
+        at = last + 1
+    rest = values.get("length", at - 1) - at + 1
+    if rest < 0:
+        problems.append((("length",), f"is shorter than the columns, which end at character {at - 1}"))
+    return pattern + (f"[ -~]{{{rest}}}" if rest > 0 else "")
+
+
+def _separated(columns: Mapping[str, int], separator: str, problems: list[Problem]) -> str:
+    cell, between = f"[^{re.escape(separator)}]*", re.escape(separator)
+    by_number = {number: name for name, number in columns.items()}
+    if len(by_number) < len(columns):
+        problems.append((("columns",), "two of them are the same column"))
+    cells = [f"(?P<{by_number[at]}>{cell})" if at in by_number else cell for at in range(1, max(by_number) + 1)]
+    return between.join(cells) + f"(?:{between}{cell})*"
+
+
+def line_problems(made: LineFormat, values: Mapping[str, Any]) -> list[Problem]:
+    """Everything about a line format that contradicts itself, or can never match.
+
+    Args:
+        made: the format.
+        values: its entries as they were given.
+    """
+    problems = [*_exchange_problems(values), *_group_problems(made, values)]
+    if not made.terminator:
+        problems.append((("terminator",), "terminator must not be empty"))
+    if made.scale == 0.0:
+        problems.append((("scale",), "must not be 0: every number would mean the same"))
+    shortest, longest = widths(made.pattern)
+    if shortest > made.maximum_length:
+        key = "length" if "length" in values else "maximum_length"
+        problems.append(((key,), f"can never match: the pattern's shortest line has {shortest} characters"))
+    if "length" in values and longest < values["length"]:
+        problems.append((("length",), f"can never match: the pattern's longest line has {longest} characters"))
+    if made.checksum_over is not None and made.checksum_over[1] > longest:
+        problems.append((("checksum_over",), f"can never match: the longest line has {longest} characters"))
+    if not problems:
+        problems += _unmatched(made)
+    return problems
+
+
+def _group_problems(made: LineFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
+    groups = made.groups
+    column = "columns" if "columns" in values else "pattern"
+    for group, key, given in (
+        ("checksum", "checksum", made.checksum != "none"), ("sign", "sign", made.sign == "separate"),
+        ("status", "status", bool(made.status)),
+    ):  # fmt: skip
+        if given and group not in groups:
+            needed = f"pattern needs a group (?P<{group}>...)" if column == "pattern" else f"needs a column {group}"
+            yield (key,), needed
+        elif group in groups and not given:
+            what = {"checksum": "a checksum, such as checksum = \"xor-hex\"", "sign": 'sign = "separate"',
+                    "status": 'status, such as status = { ST = "ok", OL = "overload" }'}[group]  # fmt: skip
+            yield (column,), f"has a group {group}, which needs {what}"
+    if made.units and "unit" not in groups:
+        yield ("units",), f"{column} needs a group (?P<unit>...)"
+    if made.checksum_over is not None and (made.checksum_from or made.checksum_to):
+        yield ("checksum_over",), "checksum_from or checksum_to is given too; keep one of the two ways"
+    if made.checksum == "none":
+        for key in ("checksum_from", "checksum_to", "checksum_over"):
+            if key in values:
+                yield (key,), 'checksum is none; state it, such as checksum = "xor-hex"'
+    if made.sign == "separate" and not made.negative_tokens:
+        yield ("negative_tokens",), "must not be empty"
+
+
+def _unmatched(made: LineFormat) -> Iterator[Problem]:
+    """Reasons why no line of numbers can match."""
+    if made.template:
+        try:
+            made.template.format(value=0.0, unit=made.unit, checksum="0" * checksum_digits(made))
+        except (KeyError, IndexError, ValueError, AttributeError) as error:
+            known = "it may have {value}, {unit} and {checksum}"
+            yield ("template",), f"template {made.template!r}: {error!r}; {known}"
+            return
+    fixed = "".join(part for part in parts(made.pattern) if not part.startswith("\0"))
+    if not any(fitting(made, [number]) for number in TRIED):
+        written = "".join(part if not part.startswith("\0") else f"<{part[1:].partition(':')[0]}>" for part in
+                          parts(made.pattern))  # fmt: skip
+        with_unit = f" with the unit {made.unit!r}" if "unit" in made.groups else ""
+        digits = f" and a checksum of {checksum_digits(made)} digits" if made.checksum != "none" else ""
+        told = f"no {made.number} number{with_unit}{digits} fits into a line like {written!r}"
+        yield ("pattern",), f"can never match: {told}"
+    elif made.terminator.decode("latin-1") in fixed:
+        yield ("pattern",), "can never match: the pattern has the terminator in it, which ends the line before"
+
+
+def _exchange_problems(values: Mapping[str, Any]) -> Iterator[Problem]:
+    marked = [key for key in ("request", "start_command", "stop_command") if b"{address}" in values.get(key, b"")]
+    if "request" in values and not values["request"]:
+        yield ("request",), "must not be empty; leave it out for a device that sends by itself"
+    if marked and "address" not in values:
+        yield (marked[0],), 'has {address}, which needs address = "..."'
+    if "address" in values and not marked and _MARK not in str(values.get("pattern", "")):
+        yield ("address",), "is used nowhere: write {address} into request"
+    if "answer_timeout_ms" in values and "request" not in values:
+        yield ("answer_timeout_ms",), "belongs to a request, which there is none of"
+
+
+def frame_problems(made: BinaryFormat, values: Mapping[str, Any]) -> list[Problem]:
+    """Everything about a binary format that contradicts itself, or by which no frame could be told.
+
+    Args:
+        made: the format.
+        values: its entries as they were given.
+    """
+    problems = list(_exchange_problems(values))
+    if "value" not in made.fields:
+        problems.append((("fields",), "needs a field value, such as [fields.value] with at and type"))
+    problems += _packed_problems(made, values) if made.packed else _framing_problems(made, values)
+    for name, item in made.fields.items():
+        problems += ((("fields", name, *place), text) for place, text in _field_problems(name, item, made))
+    return problems
+
+
+def _framing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
+    if "length" not in values:
+        yield (), "key 'length' is missing: bytes of a whole frame"
+        return
+    if not made.sync and made.checksum == "none" and made.stuffing != "slip":
+        yield (), "where a frame begins cannot be told: it needs sync bytes or a checksum"
+    yield from _stuffing_problems(made, values)
+    taken = [-1] * made.length
+    size = 0 if made.checksum == "none" else CHECKSUMS[made.checksum].size
+    first, last = made.checksum_over
+    if size and not 0 <= made.checksum_at <= made.length - size:
+        yield ("checksum_at",), f"lies outside the frame of {made.length} bytes"
+    elif size and not 0 <= first <= last < made.length:
+        yield ("checksum_over",), f"lies outside the frame of {made.length} bytes"
+    elif size and first <= made.checksum_at + size - 1 and made.checksum_at <= last:
+        yield ("checksum_over",), "can never match: it covers the checksum itself"
+    kept = [("sync", 0, len(made.sync)), ("end", made.length - len(made.end), made.length)]
+    kept += [("checksum", made.checksum_at, made.checksum_at + size)] if size else []
+    if len(made.sync) + len(made.end) + size >= made.length:
+        yield ("length",), "leaves no room for a value beside sync, checksum and end"
+        return
+    owners: dict[int, str] = {byte: name for name, begin, stop in kept for byte in range(begin, stop)}
+    for name, item in made.fields.items():
+        place: Place = ("fields", name)
+        if not item.type or "at" not in values["fields"][name]:
+            yield place, "needs at (its first byte, counted from 0) and type"
+            continue
+        if item.at + item.size > len(taken):
+            yield (*place, "at"), f"reaches beyond the frame of {made.length} bytes"
+            continue
+        for byte in range(item.at, item.at + item.size):
+            if byte in owners and (item.bits is None or owners[byte] in {"sync", "end", "checksum"}):
+                yield (*place, "at"), f"byte {byte} belongs to {owners[byte]} already"
+                break
+            owners.setdefault(byte, name)
+
+
+def _stuffing_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
+    if made.stuffing == "escape" and not (len(made.sync) == len(made.end) == 1):
+        yield ("stuffing",), "escape needs a sync of one byte and an end of one byte"
+    elif made.stuffing == "dle" and not (
+        len(made.sync) == len(made.end) == 2 and made.sync[0] == made.end[0] == 0x10 and made.sync[1] != made.end[1]
+    ):
+        yield ("stuffing",), "dle needs a sync [0x10, ...] and an end [0x10, ...] of two different bytes each"
+    elif made.stuffing == "slip" and (made.end != b"\xc0" or made.sync not in {b"", b"\xc0"}):
+        yield ("stuffing",), "slip needs end = [0xC0], and the same or no sync"
+    if made.stuffing == "escape" and made.escape in {*made.sync, *made.end}:
+        yield ("escape",), "is the sync or the end itself"
+    for key in ("escape", "escape_xor"):
+        if key in values and made.stuffing != "escape":
+            yield (key,), 'belongs to stuffing = "escape"'
+    if made.length > LONGEST_FRAME:
+        yield ("length",), f"must be 1..{LONGEST_FRAME}"
+
+
+def _packed_problems(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
+    for key in ("sync", "end", "checksum", "checksum_at", "checksum_over", "stuffing", "length"):
+        if key in values:
+            yield (key,), "does not go with packed, whose fixed bits tell where a frame begins"
+    for number, byte in enumerate(made.packed):
+        if len(byte) != 8 or set(byte) - set("01x") - set(LETTERS):
+            yield ("packed", number), f"{byte!r}: expected eight of 0, 1, x, {', '.join(LETTERS)}"
+            return
+    marks, count = made.marks, len(made.packed)
+    for shift in range(1, count):
+        pairs = [(marks[at], marks[(at + shift) % count]) for at in range(count)]
+        if not any((one[1] ^ other[1]) & one[0] & other[0] for one, other in pairs):
+            told = f"moved by {shift} bytes its fixed bits are the same"
+            yield ("packed",), f"where a frame begins cannot be told: {told}"
+            return
+    if count == 1:
+        yield ("packed",), "needs two bytes or more"
+    yield from _packed_fields(made, values)
+
+
+def _packed_fields(made: BinaryFormat, values: Mapping[str, Any]) -> Iterator[Problem]:
+    for letter, name in LETTERS.items():
+        there = any(letter in byte for byte in made.packed)
+        if there and name not in made.fields:
+            yield ("fields",), f"packed has bits {letter}, which need a field {name}"
+        elif not there and name in made.fields:
+            yield ("fields", name), f"packed has no bits {letter} for it"
+    for name, table in values.get("fields", {}).items():
+        for key in sorted({"at", "type", "bits"} & set(table)):
+            yield ("fields", name, key), "does not go with packed; its bits stand there"
+
+
+def _field_problems(name: str, item: Field, made: BinaryFormat) -> Iterator[Problem]:
+    counts = name in {"sequence", "time"}
+    if item.type.startswith("f"):
+        if counts or name == "status":
+            yield ("type",), "must be a whole number (u or i)"
+        if item.bits is not None:
+            yield ("bits",), "belong to whole numbers"
+    elif item.type and item.bits is not None and item.bits[1] >= 8 * item.size:
+        yield ("bits",), f"reach beyond the {8 * item.size} bits of {item.type}"
+    if item.scale == 0.0 or (counts and item.scale < 0.0):
+        yield ("scale",), "must not be 0" if name == "value" else "must be more than 0"
+    if name == "status" and not item.judges:
+        yield (), "says nothing: state overload_bits, fault_bits, overload_values or fault_values, or leave it out"
+    if not item.type.startswith("f") and (item.type or made.packed) and not (made.packed and name not in made.fields):
+        yield from _never(name, item, made)
+
+
+def _never(name: str, item: Field, made: BinaryFormat) -> Iterator[Problem]:
+    """Numbers that the field cannot hold."""
+    if item.bits is not None and item.bits[1] >= 8 * item.size:
+        return
+    count = made.modulus(name)
+    low, high = (-(count // 2), count // 2 - 1) if item.signed else (0, count - 1)
+    for key, listed in (("overload_values", item.overload_values), ("fault_values", item.fault_values)):
+        if beyond := [number for number in listed if not low <= number <= high]:
+            yield (key,), f"{beyond[0]} can never occur: the field holds {low} to {high}"
+    if item.valid is not None and (item.valid[1] < low or item.valid[0] > high):
+        yield ("valid",), f"can never match: the field holds {low} to {high}"
+    for key, mask in (("overload_bits", item.overload_bits), ("fault_bits", item.fault_bits)):
+        if mask >= count:
+            yield (key,), f"beyond the field's bits, {count - 1:#x}"

@@ -1,0 +1,36 @@
+"""Units that devices use in their registers, and their factor to SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+INCH_M = 0.0254
+POUND_FORCE_N = 4.4482216152605
+
+UNITS: Mapping[str, tuple[str, float]] = {
+    "m": ("length", 1.0), "mm": ("length", 1e-3), "cm": ("length", 1e-2), "um": ("length", 1e-6),
+    "in": ("length", INCH_M), "mil": ("length", 1e-3 * INCH_M),
+    "m/s": ("speed", 1.0), "mm/s": ("speed", 1e-3), "cm/s": ("speed", 1e-2), "um/s": ("speed", 1e-6),
+    "mm/min": ("speed", 1e-3 / 60.0), "m/min": ("speed", 1.0 / 60.0), "in/s": ("speed", INCH_M),
+    "in/min": ("speed", INCH_M / 60.0),
+    "m/s^2": ("acceleration", 1.0), "mm/s^2": ("acceleration", 1e-3), "in/s^2": ("acceleration", INCH_M),
+    "g": ("acceleration", 9.80665),
+    "N": ("force", 1.0), "kN": ("force", 1e3), "mN": ("force", 1e-3), "daN": ("force", 10.0), "MN": ("force", 1e6),
+    "lbf": ("force", POUND_FORCE_N), "kip": ("force", 1e3 * POUND_FORCE_N), "kgf": ("force", 9.80665),
+    "Pa": ("pressure", 1.0), "kPa": ("pressure", 1e3), "MPa": ("pressure", 1e6), "bar": ("pressure", 1e5),
+    "mbar": ("pressure", 100.0), "psi": ("pressure", POUND_FORCE_N / INCH_M**2),
+    "Hz": ("frequency", 1.0), "kHz": ("frequency", 1e3), "mHz": ("frequency", 1e-3), "rpm": ("frequency", 1.0 / 60.0),
+    "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6), "min": ("time", 60.0),
+    "1": ("number", 1.0), "%": ("number", 1e-2), "cycles": ("number", 1.0), "": ("", 1.0),
+}  # fmt: skip
+"""Unit -> what it measures, and SI for one of it."""
+
+ALIASES: Mapping[str, str] = {
+    "µm": "um", "μm": "um", "µs": "us", "μs": "us", "m/s2": "m/s^2", "m/s²": "m/s^2", "mm/s2": "mm/s^2",
+    "mm/s²": "mm/s^2", "inch": "in", "ips": "in/s", "lb": "lbf", "-": "1",
+}  # fmt: skip
+
+
+def unit_of(name: str) -> tuple[str, float] | None:
+    """What a unit measures and its factor to SI; None for one that is not known."""
+    return UNITS.get(ALIASES.get(name, name))

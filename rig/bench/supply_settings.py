@@ -1,0 +1,93 @@
+"""What a bench file must say of a supply that drives the coil, and what its description must fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Protocol
+
+from drivers.catalogue import SupplyDescription, supply, supply_problems
+from protocols.errors import LocalProtocolError
+from rig.bench.quantity import Problem
+
+
+class SupplyEntries(Protocol):
+    """The entries of `[ecu]` that belong to a supply."""
+
+    @property
+    def url(self) -> str | None:
+        """Its address."""
+
+    @property
+    def supply(self) -> str | dict[str, Any] | None:
+        """Its language: a preset, the path of a file, a table."""
+
+    @property
+    def voltage_limit_V(self) -> float | None:
+        """The highest voltage allowed (V)."""
+
+    @property
+    def poll_s(self) -> float:
+        """How often it is asked (s)."""
+
+    @property
+    def timeout_s(self) -> float:
+        """Longest wait for an answer (s)."""
+
+    @property
+    def stale_after_s(self) -> float:
+        """Age at which its last value is stale (s)."""
+
+
+_CAN_ONLY = ("interface", "channel", "roles", "serial_number")
+
+
+def supply_of(given: str | Mapping[str, Any] | None) -> SupplyDescription | None:
+    """The description of a bench's supply; None where it has none, or one with problems."""
+    try:
+        return None if given is None else supply(given)
+    except LocalProtocolError:
+        return None
+
+
+def supply_problems_of(config: SupplyEntries) -> Iterator[Problem]:
+    """What is wrong with an `[ecu]` that is a supply: its description, and what must be stated beside it."""
+    if config.url is None:
+        yield ("url",), 'missing; write for example url = "tcp://192.168.0.20:5025" or url = "/dev/ttyUSB2"'
+    if config.supply is None:
+        yield ("supply",), 'missing; write supply = "generic-scpi", another preset, or a file of your own'
+    for name in _CAN_ONLY:
+        if getattr(config, name) is not None:
+            instead = "; write identity" if name == "serial_number" else ""
+            yield (name,), f"belongs to a current controller on CAN; this one is a supply{instead}"
+    for place, text in () if config.supply is None else supply_problems(config.supply):
+        yield ("supply", *place), text
+    described = supply_of(config.supply)
+    if described is not None:
+        yield from _voltage(config, described)
+    yield from _times(config)
+
+
+def _voltage(config: SupplyEntries, described: SupplyDescription) -> Iterator[Problem]:
+    limit_V = config.voltage_limit_V
+    if not described.commands.set_voltage_limit:
+        if limit_V is not None:
+            yield ("voltage_limit",), "this supply has no command for it (set_voltage_limit): take it out, set by hand"
+        return
+    if limit_V is None:
+        yield ("voltage_limit",), (
+            'missing; write the highest voltage that the coil may get, above resistance x highest current: "12 V"'
+        )
+    elif described.voltage_V is not None and not described.voltage_V[0] <= limit_V <= described.voltage_V[1]:
+        low_V, high_V = described.voltage_V
+        yield ("voltage_limit",), f"is beyond what the supply takes; allowed: {low_V:g} V to {high_V:g} V"
+
+
+def _times(config: SupplyEntries) -> Iterator[Problem]:
+    """A current that is told every `poll` is not stale after one missing answer; a late answer is waited for."""
+    shortest_s = 2.0 * config.poll_s
+    if config.stale_after_s < shortest_s:
+        yield ("stale_after",), (
+            f"is less than two polls of the supply; allowed: at least {1e3 * shortest_s:g} ms (30 ms is meant for CAN)"
+        )
+    if config.timeout_s > config.stale_after_s >= shortest_s:
+        yield ("timeout",), "is longer than stale_after: the rig would have stopped before an answer counts as lost"

@@ -1,0 +1,161 @@
+"""`rig check`: every device of a bench looked at, and what is wrong with it said with cause and fix."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rig.cli.options import Command, json_option
+from rig.cli.output import console, write_json
+from rig.errors import EXIT_DONE, EXIT_REFUSED
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rig.check.finding import CheckReport, DeviceReport
+
+STYLES = {"ok": "green", "warning": "yellow", "failed": "bold red"}
+MARKS = {"note": "  ", "warning": "! ", "failed": "X "}
+
+
+@click.command(
+    name="check",
+    cls=Command,
+    examples=(
+        "rig check my-bench.toml",
+        "rig check my-bench.toml --prove        (moves the rod by 2 mm)",
+        "rig check my-bench.toml --simulate     (a simulated rig with its devices)",
+        "rig check --simulate -- --fault register-layout",
+    ),
+)
+@click.argument("bench", type=click.Path(path_type=Path), required=False)
+@click.argument("simulator_args", nargs=-1, type=click.UNPROCESSED, metavar="[-- SIMULATOR ARGS]")
+@click.option(
+    "--prove", is_flag=True,
+    help="Starve the watchdog and move the rod by 2 mm at 10 mm/s and 0 A: only on a rig that may move.",
+)
+@click.option("--simulate", is_flag=True, help="Start a simulated rig (with the devices of BENCH) and check it.")
+@json_option
+def command(bench: Path | None, simulator_args: tuple[str, ...], prove: bool, simulate: bool, as_json: bool) -> int:
+    """Check every device of BENCH: reachable, the right one, laid out as its file says, rates, noise, zero, watchdog.
+
+    Nothing moves and no current flows without --prove. The watchdog is starved where there is no pressure, or with
+    --prove. Exit 0 where a campaign may begin, warnings included; exit 3 where something failed.
+    """
+    if bench is not None and str(bench).startswith("-"):
+        bench, simulator_args = None, (str(bench), *simulator_args)
+    _check_usage(bench, simulator_args, simulate=simulate)
+    from rig.bench.model import Bench
+    from rig.check.check import check_bench
+
+    shown = console(as_json=as_json)
+    with tempfile.TemporaryDirectory(prefix="rig-check-") as name:
+        folder = Path(name)
+        given = _bench_file(bench, folder, simulator_args, simulate=simulate)
+        with given as path, shown.status("reading the bench file") as line:
+            report = check_bench(Bench.load(path), folder, line.update, prove=prove)
+    if as_json:
+        write_json(report.to_json())
+    else:
+        show(report, shown)
+    return EXIT_DONE if report.passed else EXIT_REFUSED
+
+
+def _check_usage(bench: Path | None, simulator_args: tuple[str, ...], *, simulate: bool) -> None:
+    """Refuse contradictions.
+
+    Raises:
+        UsageError: with what to write instead.
+    """
+    if bench is None and not simulate:
+        raise click.UsageError("which bench? rig check BENCH, or rig check --simulate")
+    if simulator_args and not simulate:
+        raise click.UsageError("arguments after -- belong to the simulated rig; with BENCH give them to `rig simulate`")
+
+
+@contextmanager
+def _bench_file(
+    bench: Path | None, folder: Path, simulator_args: tuple[str, ...], *, simulate: bool
+) -> Iterator[Path]:
+    """The bench file to check; with `simulate` that of a simulated rig, which runs while the block does."""
+    if bench is not None and not simulate:
+        yield bench
+        return
+    from rig.campaign.results import CampaignOptions
+    from rig.campaign.simulated_rig import SimulatedRig, wearing
+    from rig.matrix.sections import Specimen
+
+    simulator_args = (*(wearing(bench) if bench is not None else ()), *simulator_args)
+    options = CampaignOptions(folder, folder, simulate=True, simulator_args=simulator_args)
+    specimen = Specimen.model_validate({"serial_number": "CHECK", "stroke": "170 mm"})
+    ignore: Callable[[float], None] = lambda _: None  # noqa: E731 - nobody is told of the wait
+    simulated = SimulatedRig.start(folder, options, specimen, ignore)
+    try:
+        yield simulated.bench_path
+    finally:
+        simulated.stop()
+
+
+def show(report: CheckReport, shown: Console) -> None:
+    """A table of the devices, then every finding with what to do about it."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("device", "verdict", "rate", "latency", "jitter", "noise", "resolution", "at rest"):
+        table.add_column(heading, justify="left" if heading in {"device", "verdict"} else "right")
+    for device in report.devices:
+        style = STYLES[device.verdict]
+        table.add_row(device.name, f"[{style}]{device.verdict}[/]", *_numbers(device))
+    shown.print(table)
+    _histograms(report, shown)
+    for device in report.devices:
+        for finding in sorted(device.findings, key=lambda finding: -finding.severity):
+            severity = finding.severity.name.lower()
+            style = STYLES.get(severity, "dim")
+            text = f"{MARKS[severity]}{device.name}: {finding.slug}: {finding.text}"
+            shown.print(text, style=style, soft_wrap=True, markup=False)
+            shown.print(f"    -> {finding.fix}", soft_wrap=True, markup=False)
+    watchdog_ms = next((d.numbers["watchdog_ms"] for d in report.devices if "watchdog_ms" in d.numbers), None)
+    if isinstance(watchdog_ms, float):
+        shown.print(f"watchdog proved: it tripped after {watchdog_ms:.0f} ms", soft_wrap=True)
+    if report.passed:
+        told = "checked and moved" if report.proved else "checked; nothing was moved"
+        shown.print(f"{report.bench}: {told}", style="green", soft_wrap=True, markup=False)
+    else:
+        shown.print(f"{report.bench}: `rig run` would refuse this rig", style="bold red", soft_wrap=True, markup=False)
+
+
+def _histograms(report: CheckReport, shown: Console) -> None:
+    """Of each device how many per cent of its answers or arrivals lie in each bin of lateness."""
+    from rich.table import Table
+
+    histograms = {device.name: device.numbers.get("latency_histogram") for device in report.devices}
+    known = {name: bins for name, bins in histograms.items() if isinstance(bins, list)}
+    if not known:
+        return
+    table = Table(box=None, pad_edge=False, header_style="bold", title="latency, % of values", title_justify="left")
+    table.add_column("up to (ms)")
+    for edge, _ in next(iter(known.values())):
+        table.add_column("more" if edge is None else f"{edge:g}", justify="right")
+    for name, bins in known.items():
+        total = sum(count for _, count in bins) or 1
+        table.add_row(name, *(f"{100 * count / total:.0f}" if count else "." for _, count in bins))
+    shown.print(table)
+
+
+def _numbers(device: DeviceReport) -> tuple[str, ...]:
+    """The table's numbers of one device; empty where there are none."""
+    numbers, unit = device.numbers, str(device.numbers.get("unit", ""))
+
+    def cell(value: object, unit: str, digits: int = 3) -> str:
+        return f"{value:.{digits}g} {unit}" if isinstance(value, float) and value == value else ""
+
+    return (
+        cell(device.rate_Hz, "Hz", 4), cell(device.latency_ms, "ms"), cell(numbers.get("jitter_ms"), "ms"),
+        cell(numbers.get("noise"), unit), cell(numbers.get("resolution"), unit), cell(numbers.get("at_rest"), unit),
+    )

@@ -1,0 +1,177 @@
+"""`rig init`: a commented bench and matrix file to begin with, and the schemas by which editors complete them."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+import click
+
+from rig.cli.options import Command, json_option
+from rig.cli.output import say, write_json
+from rig.errors import EXIT_DONE, FileProblem
+
+BENCH, MATRIX = "bench.toml", "matrix.toml"
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+@dataclass(frozen=True)
+class Question:
+    """One question: key of the templates, what is asked, the answer where nobody answers, and its dimension if any."""
+
+    key: str
+    text: str
+    default: str
+    dimension: str = ""
+
+
+QUESTIONS = (
+    Question("name", "Name of the rig", "my rig"),
+    Question("actuator", "Controller: a preset, or the path of a register map", "demo"),
+    Question("actuator_url", "Its address", "modbus-tcp://192.168.0.10:502"),
+    Question("ecu", "Current ECU: a preset", "demo"),
+    Question("interface", "CAN interface (python-can)", "socketcan"),
+    Question("channel", "CAN channel", "can0"),
+    Question("force", "Load cell: format", "frame16"),
+    Question("force_url", "Its port", "/dev/serial/by-id/usb-load-cell"),
+    Question("force_range", "Its full scale", "10 kN", "force"),
+    Question("displacement", "Displacement sensor: format", "frame16"),
+    Question("displacement_url", "Its port", "/dev/serial/by-id/usb-lvdt"),
+    Question("displacement_range", "Its full scale", "100 mm", "length"),
+    Question("travel", "Largest position to either side of the middle", "60 mm", "length"),
+    Question("speed", "Largest speed", "0.5 m/s", "speed"),
+    Question("acceleration", "Largest acceleration", "20 m/s^2", "acceleration"),
+    Question("force_limit", "Largest force", "5 kN", "force"),
+    Question("current", "Largest coil current", "2 A", "current"),
+    Question("specimen", "Serial number of the damper", "MR-001"),
+    Question("stroke", "Its whole stroke", "170 mm", "length"),
+    Question("amplitude", "Amplitude of the first tests", "20 mm", "length"),
+)
+
+
+@click.command(
+    name="init", cls=Command,
+    examples=("rig init my-lab", "rig init my-lab --yes --actuator demo --force laumas-fast"),
+)
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path(), metavar="[DIR]")
+@click.option("--actuator", metavar="NAME", help="Kind of controller: a preset, or the path of a register map.")
+@click.option("--ecu", metavar="NAME", help="Kind of current source: a preset.")
+@click.option("--force", metavar="FORMAT", help="What the load cell sends.")
+@click.option("--displacement", metavar="FORMAT", help="What the displacement sensor sends.")
+@click.option("--yes", is_flag=True, help="Ask nothing; what is not given is taken from the defaults.")
+@json_option
+def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
+    """Write bench.toml, matrix.toml and their JSON schemas into DIR; nothing that is there is overwritten.
+
+    Without --yes it asks on a terminal. Both files load as they are: `rig plan` and `rig run --simulate` take them.
+    """
+    answers = {question.key: given.get(question.key) or "" for question in QUESTIONS}
+    _check_names(answers)
+    asks = not (yes or as_json) and sys.stdin.isatty()
+    for question in QUESTIONS:
+        if not answers[question.key]:
+            answers[question.key] = _asked(question) if asks else question.default
+    written = write_files(folder, answers)
+    if as_json:
+        write_json({"folder": folder.resolve(), "files": [path.name for path in written]})
+        return EXIT_DONE
+    for path in written:
+        say(f"written: {path}")
+    bench, matrix = folder / BENCH, folder / MATRIX
+    say(f"next: look at what is marked \"yours\" in {bench}, then\n  rig check {bench}\n"
+        f"  rig plan {matrix} --bench {bench}\n  rig run {matrix} --bench {bench} --simulate --speed 20")
+    return EXIT_DONE
+
+
+def _asked(question: Question) -> str:
+    """Ask until the answer can be used."""
+    from rig.units import UnitProblem, parse
+
+    while True:
+        answer = str(click.prompt(question.text, default=question.default, err=True)).strip().replace('"', "")
+        if not question.dimension:
+            try:
+                _check_names({question.key: answer})
+            except click.UsageError as error:
+                click.echo(error.format_message(), err=True)
+                continue
+            return answer
+        try:
+            parse(answer, question.dimension)
+        except UnitProblem as problem:
+            click.echo(str(problem), err=True)
+            continue
+        return answer
+
+
+def _check_names(answers: Mapping[str, str]) -> None:
+    """Hold names of devices against those that there are; a path is held against the disk later.
+
+    Raises:
+        UsageError: there is no such device; the known ones are listed.
+    """
+    from drivers.catalogue import actuator_names, known_current_source_names, sensor_format_names
+
+    known = {
+        "actuator": actuator_names(), "ecu": known_current_source_names(), "force": sensor_format_names(),
+        "displacement": sensor_format_names(),
+    }
+    for key, names in known.items():
+        answer = answers.get(key, "")
+        if answer and answer not in names and not answer.endswith((".toml", ".dbc")):
+            raise click.UsageError(f"--{key}: {answer!r} is not known; known: {', '.join(names)}, or a file")
+
+
+def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
+    """Write the files and hold them against what reads them; where they cannot be read, none is left.
+
+    Args:
+        folder: made where it is missing.
+        answers: by key of `QUESTIONS`; the path of a file is made relative to the folder.
+
+    Raises:
+        FileProblem: one of them is there already, or a named file cannot be used.
+        OSError: they cannot be written.
+    """
+    from rig.bench.model import Bench
+    from rig.matrix.model import Matrix, load_files
+
+    filled = {key: _from(folder, answer) for key, answer in answers.items()}
+    texts = {name: _filled(name, filled) for name in (BENCH, MATRIX)}
+    for name, model in (("bench.schema.json", Bench), ("matrix.schema.json", Matrix)):
+        schema = {"$schema": DIALECT, **model.model_json_schema(by_alias=True)}
+        texts[name] = json.dumps(schema, indent=1) + "\n"
+    there = [name for name in texts if (folder / name).exists()]
+    if there:
+        raise FileProblem(str(folder), [f"{name} is there already; give another folder" for name in there])
+    paths: list[Path] = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+            paths.append(folder / name)
+        Bench.load(folder / BENCH)
+        load_files(folder / MATRIX, folder / BENCH)
+    except (FileProblem, OSError):
+        for path in paths:
+            path.unlink()
+        raise
+    return paths
+
+
+def _from(folder: Path, answer: str) -> str:
+    """An answer; the path of a file as the folder's files name it."""
+    is_file = answer.endswith((".toml", ".dbc")) and Path(answer).is_file()
+    return Path(os.path.relpath(answer, folder)).as_posix() if is_file else answer
+
+
+def _filled(name: str, answers: Mapping[str, str]) -> str:
+    """A template with the answers in it."""
+    template = (files("rig.cli") / "templates" / name).read_text(encoding="utf-8")
+    return Template(template).substitute(answers)

@@ -1,0 +1,39 @@
+"""What the options name, and which files of this folder are about it."""
+
+from __future__ import annotations
+
+import pytest
+
+from rig.conformance.peer import ACTUATOR, CURRENT_SOURCE, SENSOR, kind_of, known_drivers
+
+FILES = {ACTUATOR: "test_actuator.py", CURRENT_SOURCE: "test_current_source.py", SENSOR: "test_sensor.py"}
+
+
+def wanted_files(config: pytest.Config) -> set[str]:
+    """The files to collect.
+
+    Raises:
+        UsageError: nothing was named, or it is not known.
+    """
+    driver, model, method = (config.getoption(name, None) for name in ("rig_driver", "rig_model", "rig_method"))
+    wanted = set()
+    if driver is not None:
+        kind = kind_of(driver)
+        if kind is None:
+            raise pytest.UsageError(f"--driver {driver}: no driver of that name; known: {', '.join(known_drivers())}")
+        wanted.add(FILES[kind])
+    if model is not None:
+        from rig.dampers import MODELS
+
+        if model not in MODELS:
+            raise pytest.UsageError(f"--model {model}: no model of that name; known: {', '.join(MODELS)}")
+        wanted.add("test_model.py")
+    if method is not None:
+        from rig.optimisers import METHODS
+
+        if method not in METHODS:
+            raise pytest.UsageError(f"--method {method}: no method of that name; known: {', '.join(METHODS)}")
+        wanted.add("test_method.py")
+    if not wanted:
+        raise pytest.UsageError("rig.conformance: name what to try: --driver NAME, --model NAME or --method NAME")
+    return wanted

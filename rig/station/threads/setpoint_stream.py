@@ -1,0 +1,94 @@
+"""When the actuator's thread polls, and what it makes of each poll where the poll carries a set-point.
+
+Steps lie on a grid that does not drift: one that is sent late moves none of those after it, and one that is overtaken
+by the next is left out.
+"""
+
+from __future__ import annotations
+
+from drivers.roles import Actuator, ActuatorStatus
+from drivers.streamed_actuator import StreamedActuator
+from rig.bench.settings import ActuatorConfig
+from rig.station.events import setpoints_event
+from rig.station.interlocks.finding import Finding
+from rig.station.interlocks.setpoint_interlock import SetpointInterlock
+from rig.station.supervisor import Supervisor
+
+
+class PollSteps:
+    """The instants at which the thread polls.
+
+    Args (construction):
+        period_ns: from one to the next.
+        on_grid: a step that was missed is left out, and the next one is due when it always was; else polls that took
+            too long follow each other at once.
+
+    Attributes:
+        next_ns: when the next one is due.
+    """
+
+    def __init__(self, period_ns: int, *, on_grid: bool) -> None:
+        self.next_ns = 0
+        self._period_ns = period_ns
+        self._on_grid = on_grid
+
+    def begin(self, now_ns: int) -> None:
+        """The first is due now."""
+        self.next_ns = now_ns
+
+    def take(self, now_ns: int) -> int | None:
+        """A poll is made: so much (ns) after it was due; None where none was due yet."""
+        late_ns = now_ns - self.next_ns
+        if late_ns < 0:
+            return None
+        if self._on_grid:
+            self.next_ns += self._period_ns * (1 + late_ns // self._period_ns)
+        else:
+            self.next_ns = max(self.next_ns + self._period_ns, now_ns)
+        return late_ns
+
+
+class SetpointStream:
+    """An actuator's set-points, counted and judged, on its thread; of one with a generator of its own: nothing.
+
+    Args (construction):
+        driver: the actuator.
+        config: its settings.
+        supervisor: is told what was found, and the counts after every motion.
+    """
+
+    def __init__(self, driver: Actuator, config: ActuatorConfig, supervisor: Supervisor) -> None:
+        self._driver = driver if isinstance(driver, StreamedActuator) else None
+        self._supervisor = supervisor
+        self._moved = False
+        self.steps = PollSteps(int(config.poll_s * 1e9), on_grid=self._driver is not None)
+        rate = supervisor.config.device_rate
+        self._interlock = SetpointInterlock(config.poll_s, config.late_setpoint_s, rate)
+
+    @property
+    def may_feed(self) -> bool:
+        """The watchdog may be fed: not while set-points are lost and nothing but the watchdog stops the device."""
+        return self._driver is None or not self._interlock.lost or self._driver.halts_itself
+
+    def sending(self, now_ns: int) -> None:
+        """A poll begins."""
+        late_ns, driver = self.steps.take(now_ns), self._driver
+        if driver is None:
+            return
+        if driver.last is None or (driver.in_motion and not self._moved):
+            self._interlock.restart()
+        elif driver.in_motion and late_ns is not None:
+            self._supervisor.report(self._interlock.sent(late_ns * 1e-9, now_ns))
+
+    def answered(self, status: ActuatorStatus) -> None:
+        """A poll's answer came."""
+        driver = self._driver
+        if driver is None:
+            return
+        findings: list[Finding] = []
+        if driver.last is not None and driver.in_motion:
+            findings = self._interlock.answered(driver.last, driver.taken_m, status.position_m, status.received_ns)
+        self._supervisor.report(findings)
+        if self._moved and not driver.in_motion:
+            self._supervisor.pass_on(setpoints_event(self._interlock.counted, status.received_ns))
+        self._moved = driver.in_motion

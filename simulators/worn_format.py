@@ -1,0 +1,120 @@
+"""A simulated sensor that wears a described format: what its numbers on the wire are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from drivers.sensor_formats import FRAME16, described_format, is_file, table_of
+from protocols.errors import LocalProtocolError
+from protocols.format_keys import FormatProblems
+from protocols.line_format import LineFormat
+from protocols.sensor_format import SensorFormat
+from protocols.sensor_presets import TABLES
+from rig import units
+from rig.errors import FileProblem
+from simulators import frame_writer, line_writer
+from simulators.frame_writer import FrameWriter
+from simulators.line_writer import LineWriter
+from simulators.options import SI_UNITS, SensorOptions
+
+BRIDGE = "mV/V"
+RATED_mV_V = 2.0
+"""What a strain gauge bridge gives at its range."""
+FINEST = 1e6
+"""Where the format does not say its unit, its numbers make no more than so many steps of the range."""
+ASKED_RATE_Hz = 100.0
+BURST_SHARE = 0.3
+"""A line holds back for so much of the time until the next request, at most."""
+OWN = ("signed-decimal", "ascii")
+"""The project's own line, by its name and by the name it also has on the command line."""
+
+
+def span_of(described: SensorFormat) -> tuple[float, float]:
+    """The smallest and the largest value, in the format's unit, that it can carry."""
+    if isinstance(described, LineFormat):
+        return line_writer.span_of(described)
+    return frame_writer.span_of(described)
+
+
+def writer(described: SensorFormat, low: float, high: float) -> LineWriter | FrameWriter:
+    """What writes readings between two values in a format.
+
+    Raises:
+        LocalProtocolError: the format cannot hold them.
+    """
+    kind = LineWriter if isinstance(described, LineFormat) else FrameWriter
+    return kind(described, low, high)  # type: ignore[arg-type]  # each its own kind of format
+
+
+def sending(options: SensorOptions, given: str, whose: str, least_si: float) -> SensorOptions:
+    """A simulated sensor that sends a format.
+
+    Its numbers are in the format's unit where that is known, else in steps that fit; a format that counts from 0 has
+    its zero in the middle.
+
+    Args:
+        options: the sensor as it is.
+        given: `frame16`, a preset's name or a file's.
+        whose: the option that names the format, for messages.
+        least_si: the range (SI) that it must have at least.
+
+    Raises:
+        FileProblem: the format cannot be read, or not carry that range.
+    """
+    if given == FRAME16:
+        return options
+    if given in OWN:
+        return replace(options, format=OWN[0])
+    given = str(Path(given).absolute()) if is_file(given) else given
+    try:
+        described = described_format(given)
+        table = table_of(given)
+    except FormatProblems as error:
+        raise FileProblem(f"{whose} {given}", [_told(place, text) for place, text in error.problems]) from error
+    except LocalProtocolError as error:
+        raise FileProblem(whose, [str(error)]) from error
+    low, high = span_of(described)
+    zero = 0.0 if low < 0.0 else 0.5 * (low + high)
+    half = min(high - zero, zero - low)
+    stated = "unit" in table or "unit" in TABLES.get(str(table.get("base")), {})
+    per_si = _per_si(described, stated=stated, half=half, options=options)
+    range_si = min(options.range / options.wire_per_si, half / per_si) if per_si else 0.0
+    if range_si < least_si:
+        raise FileProblem(
+            f"{whose} {given}",
+            [f"cannot carry what the simulated rig measures: {low:g} to {high:g} {described.unit}, which is "
+             f"{range_si:g} {SI_UNITS[options.unit]} about zero; needed: {least_si:g}"],
+        )  # fmt: skip
+    ratio = per_si / options.wire_per_si
+    rate_Hz, burst_s = options.rate_Hz, options.burst_s
+    if described.exchange.request:
+        rate_Hz = min(rate_Hz, described.nominal_rate_Hz or ASKED_RATE_Hz)
+        burst_s = min(burst_s, BURST_SHARE / rate_Hz)
+    return replace(
+        options, format=described, described=given, wire_per_si=per_si, wire_zero=zero, range=range_si * per_si,
+        rate_Hz=rate_Hz, burst_s=burst_s, noise=options.noise * ratio, resolution=options.resolution * ratio,
+        offset=options.offset * ratio, drift_per_s=options.drift_per_s * ratio, hum=options.hum * ratio,
+        crosstalk_per_A=options.crosstalk_per_A * ratio, clip=options.clip * ratio,
+    )  # fmt: skip
+
+
+def _told(place: tuple[str | int, ...], text: str) -> str:
+    return f"{'.'.join(map(str, place))}: {text}" if place else text
+
+
+def _per_si(described: SensorFormat, *, stated: bool, half: float, options: SensorOptions) -> float:
+    """Numbers on the wire for one SI unit."""
+    range_si = options.range / options.wire_per_si
+    unit = units.ALIASES.get(described.unit, described.unit)
+    if stated and unit == BRIDGE:
+        return RATED_mV_V / range_si
+    known = units.UNITS.get(unit)
+    own = units.UNITS[SI_UNITS[options.unit]]
+    if stated and known is not None and known.dimension == own.dimension and known.scale * half >= 0.5 * range_si:
+        return 1.0 / known.scale
+    if half <= 0.0:
+        return 0.0
+    largest = min(half, FINEST) if half > 1.0 else half
+    return float(10.0 ** math.floor(math.log10(largest / range_si)))

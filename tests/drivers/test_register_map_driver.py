@@ -1,0 +1,261 @@
+"""The driver by a user's register map, against a device of registers and coils written here by hand."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.connection import ActuatorConnection, MotionTerms
+from drivers.errors import WrongLayout
+from drivers.modbus_actuator import ModbusActuator
+from drivers.register_maps.entries import Source
+from drivers.register_maps.map_file import read_map
+from drivers.roles import Command, Move, Program, Result, State, Waveform
+from drivers.streamed_actuator import as_actuator
+from protocols.errors import LocalProtocolError
+
+HANDSHAKE = """
+[quantities]
+signature = {address = 900, type = "u32", word_order = "little"}
+state = {address = 0, function = "input"}
+position = {address = 1, function = "input", type = "i16", scale = 0.01, unit = "mm"}
+ready = {address = 0, function = "discrete"}
+accepted = {address = 1, function = "discrete"}
+pump = {address = 10, function = "coil", write_function = 15}
+request = {address = 11, function = "coil"}
+code = {address = 100, write_function = 6}
+target = {address = 101, type = "i16", scale = 0.01, unit = "mm"}
+amplitude = {address = 103, scale = 0.01, unit = "mm"}
+frequency = {address = 104, scale = 0.01, unit = "Hz"}
+cycles = {address = 105}
+[identity]
+signature = 0x01020304
+[state]
+off = {quantity = "ready", equals = 0}
+hold = 1
+moving = 2
+[commands]
+hydraulics-on = [{write = {pump = true}}, {wait = {quantity = "ready"}, within = "2 s"}]
+hydraulics-off = {write = {pump = false}}
+move-to = [{write = {target = "$target"}}, {recipe = "go-1"}]
+start = [{write = {amplitude = "$amplitude", frequency = "$frequency", cycles = "$all_cycles"}}, {recipe = "go-2"}]
+halt = {write = {code = 9, request = 1}}
+[recipes]
+go-1 = [{write = {code = 1, request = 1}}, {recipe = "answer"}]
+go-2 = [{write = {code = 2, request = 1}}, {recipe = "answer"}]
+answer = [
+    {wait = {quantity = "accepted"}, within = "100 ms"},
+    {write = {request = 0}},
+    {wait = {quantity = "accepted", equals = 0}, within = "100 ms"},
+]
+"""
+STREAMED = """
+[quantities]
+position = {address = 0, type = "f32", unit = "mm"}
+clock = {address = 2, unit = "ms"}
+setpoint_position = {address = 20, type = "f32", unit = "mm"}
+enable = {address = 30}
+[state]
+off = {quantity = "enable", equals = 0}
+hold = true
+[commands]
+hydraulics-on = {write = {enable = 1}}
+hydraulics-off = {write = {enable = 0}}
+[setpoint]
+write = {setpoint_position = "$position"}
+"""
+
+
+class Device:
+    """Registers and coils on Modbus TCP; keeps every request's bytes."""
+
+    def __init__(self) -> None:
+        self.words = {"holding": [0] * 1000, "input": [0] * 1000, "coil": [0] * 100, "discrete": [0] * 100}
+        self.requests: list[bytes] = []
+        self.acts: Callable[[bytes], None] = lambda pdu: None
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.url = f"modbus-tcp://127.0.0.1:{self._server.getsockname()[1]}"
+        self.driven: list[ModbusActuator] = []
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def writes(self) -> list[str]:
+        return [pdu.hex() for pdu in self.requests if pdu[0] not in {1, 2, 3, 4}]
+
+    def close(self) -> None:
+        for actuator in self.driven:
+            actuator.close()
+        self._thread.join(5)
+        self._server.close()
+
+    def _serve(self) -> None:
+        connection, _ = self._server.accept()
+        data = b""
+        with connection:
+            while chunk := connection.recv(4096):
+                data += chunk
+                while len(data) >= 6 and len(data) >= 6 + int.from_bytes(data[4:6], "big"):
+                    size = 6 + int.from_bytes(data[4:6], "big")
+                    frame, data = data[:size], data[size:]
+                    pdu = frame[7:]
+                    self.requests.append(pdu)
+                    answer = self._answer(pdu)
+                    self.acts(pdu)
+                    connection.sendall(frame[:4] + struct.pack(">HB", len(answer) + 1, frame[6]) + answer)
+
+    def _answer(self, pdu: bytes) -> bytes:
+        function, address, count = struct.unpack(">BHH", pdu[:5])
+        if function in {3, 4}:
+            words = self.words["holding" if function == 3 else "input"][address : address + count]
+            return struct.pack(f">BB{count}H", function, 2 * count, *words)
+        if function in {1, 2}:
+            bits = self.words["coil" if function == 1 else "discrete"][address : address + count]
+            packed = sum(bit << place for place, bit in enumerate(bits)).to_bytes((count + 7) // 8, "little")
+            return bytes([function, len(packed)]) + packed
+        if function == 16:
+            self.words["holding"][address : address + count] = struct.unpack(f">{count}H", pdu[6:])
+        elif function == 6:
+            self.words["holding"][address] = count
+        elif function == 5:
+            self.words["coil"][address] = int(count == 0xFF00)
+        elif function == 15:
+            self.words["coil"][address : address + count] = [pdu[6] >> place & 1 for place in range(count)]
+        return pdu[:5]
+
+
+@pytest.fixture
+def device() -> Iterator[Device]:
+    made = Device()
+    yield made
+    made.close()
+
+
+def driven(device: Device, text: str) -> ModbusActuator:
+    actuator = ModbusActuator(ActuatorConnection(device.url, timeout_s=1.0), read_map(Source(Path("m.toml"), text)))
+    device.driven.append(actuator)
+    actuator.open()
+    return actuator
+
+
+def test_a_handshake_is_gone_on_with_at_the_polls_and_then_acknowledged(device: Device) -> None:
+    device.words["discrete"][0] = 1
+    device.words["input"][:2] = [1, 500]
+    actuator = driven(device, HANDSHAKE)
+    assert actuator.capabilities.acknowledge
+    sequence = actuator.send(Command.MOVE_TO, Move(-0.0123, 0.1))
+    # -12.3 mm in steps of 0.01 mm = -1230 = 0xFB32; code 1 by function 6, the request's coil by function 5
+    assert device.writes() == ["10006500010" + "2fb32", "0600640001", "05000bff00"]
+    assert actuator.read_status().result == Result.BUSY
+    device.words["discrete"][1] = 1
+    assert actuator.read_status().result == Result.BUSY, "the request is still to be taken back"
+    assert device.writes()[-1] == "05000b0000"
+    device.words["discrete"][1] = 0
+    status = actuator.read_status()
+    assert (status.acknowledges(Command.MOVE_TO, sequence), status.result) == (True, Result.DONE)
+    assert (status.state, status.position_m) == (State.HOLD, pytest.approx(0.005))
+
+
+def test_a_handshake_that_is_not_answered_in_time_is_a_refusal(device: Device) -> None:
+    device.words["discrete"][0] = 1
+    actuator = driven(device, HANDSHAKE)
+    actuator.send(Command.MOVE_TO, Move(0.01, 0.1))
+    begin_s = time.monotonic()
+    while (result := actuator.read_status().result) == Result.BUSY:
+        assert time.monotonic() - begin_s < 5.0
+    assert result == Result.REFUSED_STATE
+    assert time.monotonic() - begin_s > 0.09
+
+
+def test_a_stop_goes_before_a_command_that_still_waits_and_counts_when_it_is_written(device: Device) -> None:
+    device.words["discrete"][0] = 1
+    actuator = driven(device, HANDSHAKE)
+    actuator.send(Command.START, Program(Waveform.SINE, 0.02, 1.5, cycles=10.0))
+    sequence = actuator.send(Command.FADE_STOP)
+    assert device.writes()[-2:] == ["0600640009", "05000bff00"], "it stops in one way only"
+    status = actuator.read_status()
+    assert (status.acknowledges(Command.FADE_STOP, sequence), status.result) == (True, Result.DONE)
+    before = len(device.writes())
+    device.words["discrete"][1] = 1
+    actuator.read_status()
+    assert len(device.writes()) == before, "the start is not gone on with"
+
+
+def test_what_moves_is_what_was_asked_for_and_cycles_are_counted_by_time(device: Device) -> None:
+    device.words["discrete"][:2] = [1, 1]
+    actuator = driven(device, HANDSHAKE)
+    actuator.send(Command.START, Program(Waveform.SINE, 0.02, 100.0, cycles=3.0))
+    device.words["input"][0] = 2
+    assert actuator.read_status().state == State.RUNNING
+    device.words["input"][0] = 1
+    ended = actuator.read_status()
+    assert (ended.state, ended.cycles_done, ended.program_id) == (State.HOLD, 3, 0)
+    actuator.send(Command.HALT)
+    device.words["input"][0] = 2
+    assert actuator.read_status().state == State.HALTING
+
+
+def test_a_device_with_one_pressure_shows_low_while_it_is_off_and_loses_pressure_when_low_is_asked_for(
+    device: Device,
+) -> None:
+    device.words["input"][0] = 1
+    actuator = driven(device, HANDSHAKE)
+    assert actuator.read_status().state == State.OFF
+    actuator.send(Command.HYDRAULICS_LOW)
+    assert (actuator.read_status().state, device.writes()) == (State.LOW, [])
+    actuator.send(Command.HYDRAULICS_ON)
+    assert device.writes() == ["0f000a0001" + "0101"]
+    device.words["discrete"][0] = 1
+    assert actuator.read_status().state == State.HOLD
+    actuator.send(Command.HYDRAULICS_LOW)
+    assert device.writes()[-1] == "0f000a0001" + "0100"
+
+
+def test_swapped_words_are_refused_with_the_order_that_would_be_right(device: Device) -> None:
+    device.words["holding"][900:902] = [0x0102, 0x0304]
+    actuator = driven(device, HANDSHAKE)
+    with pytest.raises(WrongLayout, match=r'0x03040102\), expected .*with word_order = "big" the same words'):
+        actuator.read_identity()
+    device.words["holding"][900:902] = [0x0304, 0x0102]
+    actuator.read_identity()
+
+
+def test_set_points_are_laid_where_the_rod_is_before_it_can_move_and_then_streamed(device: Device) -> None:
+    # 12.5 mm as f32: 0x41480000
+    device.words["holding"][0:3] = [0x4148, 0, 65_500]
+    device.words["holding"][20:22] = [0x4248, 0]
+    driver = driven(device, STREAMED)
+    actuator = as_actuator(driver, MotionTerms())
+    before = actuator.read_status()
+    actuator.send(Command.HYDRAULICS_LOW)
+    assert device.writes() == [], "there is no low pressure"
+    actuator.send(Command.HYDRAULICS_ON)
+    assert device.writes() == ["100014000204" + "41480000", "10001e000102" + "0001"]
+    assert actuator.read_status().state == State.HOLD
+    actuator.send(Command.MOVE_TO, Move(0.0225, 0.5))
+    device.words["holding"][2] = 300
+    status = actuator.exchange(1)
+    assert status.state == State.MOVING
+    assert (status.clock_us - before.clock_us) == 336_000, "a clock of 16 bits went round"
+    while actuator.exchange(2).state == State.MOVING:
+        pass
+    # 22.5 mm: 0x41B40000
+    assert device.writes()[-1] == "100014000204" + "41b40000"
+    with pytest.raises(LocalProtocolError, match="reset is nothing this controller knows"):
+        actuator.send(Command.RESET)
+
+
+def test_indirect_registers_are_laid_down_at_connect_and_read_in_one_piece(device: Device) -> None:
+    text = STREAMED.replace("[setpoint]", "[indirect]\npointers = 700\ndata = 800\nquantities = [\"position\", "
+                            "\"clock\", \"enable\"]\n[setpoint]")  # fmt: skip
+    device.words["holding"][800:804] = [0x4148, 0, 7, 1]
+    actuator = driven(device, text)
+    assert device.requests == [bytes.fromhex("1002bc000408" + "0000" + "0001" + "0002" + "001e")]
+    status = actuator.read_status()
+    assert device.requests[1:] == [bytes.fromhex("0303200004")]
+    assert (status.position_m, status.state) == (pytest.approx(0.0125), State.HOLD)

@@ -1,0 +1,224 @@
+"""An actuator without a generator, on bytes by hand: what is streamed to it, when, and when nothing is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from modbus_device import ModbusDevice
+
+from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.catalogue import make_actuator
+from drivers.connection import ActuatorConnection, LinkKind, MotionTerms
+from drivers.errors import NoAnswer, RequestRefused
+from drivers.roles import ActuatorIdentity, ActuatorLimits, ActuatorStatus, Command, Move, Program, State, Waveform
+from drivers.setpoint_generator import Setpoint
+from drivers.streamed_actuator import StreamedActuator, as_actuator
+from protocols.errors import LocalProtocolError
+
+POSITION, STATE = 106, 101
+HOLD, LOW, TRIPPED = 2, 1, 7
+AT_12_5_MM = [0x3C4C, 0xCCCD]
+"""0.0125 = 1.6 x 2^-7: exponent 0x78, mantissa 0x4CCCCD."""
+
+
+@pytest.fixture
+def device() -> Iterator[ModbusDevice]:
+    made = ModbusDevice()
+    made.put(STATE, [HOLD])
+    made.put(POSITION, AT_12_5_MM)
+    made.put(110, AT_12_5_MM)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def driver(device: ModbusDevice) -> Iterator[StreamedActuator]:
+    made = make_actuator("demo-streamed", ActuatorConnection(device.url, owner_id=5))
+    assert isinstance(made, StreamedActuator)
+    made.open()
+    made.read_status()
+    yield made
+    made.close()
+
+
+def written(device: ModbusDevice, address: int) -> list[list[int]]:
+    return [words for _, at, words in device.requests if at == address]
+
+
+def test_nothing_is_streamed_before_the_first_motion_and_then_with_every_poll(
+    device: ModbusDevice, driver: StreamedActuator
+) -> None:
+    driver.exchange(1)
+    assert written(device, 360) == []
+    driver.send(Command.MOVE_TO, Move(0.0135, 0.1))
+    status = driver.exchange(0x1234)
+    function, address, words = device.requests[-1]
+    assert (function, address) == (23, 360), "one request writes the set-point, feeds and reads the status"
+    assert words[4] == 0x1234
+    assert words[0] == 0x3C4C, "it begins where the rod is held"
+    assert status.state == State.MOVING
+    assert written(device, 300) == [], "no command went to the device"
+
+
+def test_a_move_ends_holding_its_target_which_goes_on_being_streamed(
+    device: ModbusDevice, driver: StreamedActuator
+) -> None:
+    sequence = driver.send(Command.MOVE_TO, Move(0.0125 + 1e-4, 0.1))
+    status = driver.exchange(1)
+    assert status.acknowledges(Command.MOVE_TO, sequence)
+    assert (sequence, Command.MOVE_TO) in driver.sent
+    time.sleep(0.03)
+    assert driver.exchange(2).state == State.HOLD
+    # 0.0126 = 1.6128 x 2^-7: mantissa 0x4E703B.
+    assert written(device, 360)[-1] == [0x3C4E, 0x703B, 0, 0, 2]
+    assert not driver.in_motion
+
+
+def test_a_set_point_that_was_not_answered_is_never_written_again(
+    device: ModbusDevice, driver: StreamedActuator
+) -> None:
+    driver.send(Command.START, Program(Waveform.SINE, 0.01, 1.0, 0.0125, cycles=3.0))
+    driver.exchange(1)
+    device.faults = [lambda request, right: []]
+    with pytest.raises(NoAnswer):
+        driver.exchange(2)
+    assert len(written(device, 360)) == 2
+    driver.exchange(3)
+    assert len({tuple(words) for words in written(device, 360)}) == 3, "the next one is of its own time"
+
+
+def test_a_program_shows_state_phase_and_number_and_fades_by_set_points(
+    device: ModbusDevice, driver: StreamedActuator
+) -> None:
+    number = driver.send(Command.START, Program(Waveform.SINE, 0.01, 20.0, 0.0125, cycles=100.0))
+    status = driver.exchange(1)
+    assert (status.state, status.program_id) == (State.RUNNING, number)
+    driver.send(Command.FADE_STOP)
+    assert driver.exchange(2).state == State.FADING
+    time.sleep(0.07)
+    assert driver.exchange(3).state == State.HOLD
+    assert written(device, 300) == []
+    assert written(device, 360)[-1][:2] == AT_12_5_MM
+
+
+def test_a_halt_goes_to_the_device_which_is_streamed_nothing_after_it(
+    device: ModbusDevice, driver: StreamedActuator
+) -> None:
+    driver.send(Command.START, Program(Waveform.SINE, 0.01, 1.0, 0.0125, cycles=3.0))
+    driver.exchange(1)
+    driver.send(Command.HALT)
+    assert device.executed == [9]
+    streamed = len(written(device, 360))
+    driver.exchange(2)
+    assert len(written(device, 360)) == streamed
+    assert written(device, 350) == [[2]], "its watchdog is fed by itself"
+    assert driver.last is None
+
+
+@pytest.mark.parametrize("state", [LOW, TRIPPED, 0])
+def test_a_device_that_does_not_hold_is_streamed_nothing(
+    device: ModbusDevice, driver: StreamedActuator, state: int
+) -> None:
+    driver.send(Command.MOVE_TO, Move(0.0, 0.1))
+    driver.exchange(1)
+    device.put(STATE, [state])
+    driver.exchange(2)
+    streamed = len(written(device, 360))
+    assert driver.exchange(3).state == state
+    assert len(written(device, 360)) == streamed
+    with pytest.raises(LocalProtocolError, match="does not hold"):
+        driver.send(Command.MOVE_TO, Move(0.0, 0.1))
+
+
+def test_a_device_that_refuses_a_set_point_can_still_be_asked_for_its_status(
+    device: ModbusDevice, driver: StreamedActuator
+) -> None:
+    driver.send(Command.START, Program(Waveform.SINE, 0.01, 1.0, 0.0125, cycles=3.0))
+    device.faults = [lambda request, right: [request[:4] + b"\x00\x03" + request[6:7] + b"\x97\x04"]]
+    with pytest.raises(RequestRefused):
+        driver.exchange(1)
+    assert driver.read_status().state == State.RUNNING
+    assert device.requests[-1][0] == 3
+    driver.exchange(2)
+    assert device.requests[-1][:2] == (23, 360)
+
+
+class Fed(Exception):
+    """A set-point was sent."""
+
+
+class Bare:
+    """A follower with a keep-alive watchdog, which every write feeds, and no command of its own."""
+
+    capabilities = Capabilities(WatchdogKind.TIMEOUT, hydraulics=False, streamed_setpoints=True)
+    link_kind = LinkKind.TCP
+    is_open, stale, busy = True, 0, 0
+    sent: tuple[tuple[int, int], ...] = ()
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def read_identity(self) -> ActuatorIdentity:
+        return ActuatorIdentity()
+
+    def read_status(self) -> ActuatorStatus:
+        nan = float("nan")
+        return ActuatorStatus(
+            time.monotonic_ns(), 0, State.HOLD, 0, 0, 0.001, 0.0, nan, *[0] * 9, 1, nan, nan, 0, nan, nan
+        )
+
+    def exchange(self, watchdog_counter: int) -> ActuatorStatus:
+        return self.read_status()
+
+    def follow(self, setpoint: Setpoint, watchdog_counter: int | None) -> ActuatorStatus:
+        if watchdog_counter is None:
+            raise Fed
+        return self.read_status()
+
+    def knows(self, command: Command) -> bool:
+        return False
+
+    def write_limits(self, limits: ActuatorLimits) -> None: ...
+
+    def read_limits(self) -> ActuatorLimits:
+        raise NotImplementedError
+
+    def write_table(self, values_m: list[float]) -> None: ...
+
+    def send(self, command: Command, order: Move | Program | None = None) -> int:
+        raise AssertionError(f"{command.name} was sent to a device that does not know it")
+
+
+def test_a_device_whose_watchdog_every_write_feeds_is_left_to_it_when_it_is_not_to_be_fed() -> None:
+    driver = as_actuator(Bare(), MotionTerms())
+    assert isinstance(driver, StreamedActuator)
+    driver.read_status()
+    driver.send(Command.START, Program(Waveform.SINE, 0.01, 1.0, 0.001, cycles=3.0))
+    driver.exchange(1)
+    driver.read_status()  # sends nothing: `Fed` is not raised
+    assert driver.in_motion
+
+
+def test_a_halt_without_a_command_of_its_own_is_a_ramp_of_set_points_within_its_deceleration() -> None:
+    driver = as_actuator(Bare(), MotionTerms(halt_deceleration_m_s2=2.0))
+    assert isinstance(driver, StreamedActuator)
+    driver.read_status()
+    driver.send(Command.START, Program(Waveform.TRIANGLE, 0.02, 2.0, 0.001, cycles=30.0))
+    driver.exchange(1)
+    driver.send(Command.HALT)
+    assert driver.exchange(2).state == State.HALTING
+    time.sleep(0.16 / 2.0 + 0.02)
+    status = driver.exchange(3)
+    assert status.state == State.HOLD
+    # From 0.16 m/s at 2 m/s^2 it is at rest after 6.4 mm.
+    assert driver.last is not None
+    assert driver.last.position_m - 0.001 == pytest.approx(0.0064, abs=1.5e-3)
+    assert driver.last.velocity_m_s == 0.0
+
+
+def test_an_actuator_with_a_generator_stays_as_it_is() -> None:
+    driver = make_actuator("demo", ActuatorConnection("modbus-tcp://127.0.0.1:1"))
+    assert not isinstance(driver, StreamedActuator)

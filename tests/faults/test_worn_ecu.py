@@ -1,0 +1,93 @@
+"""The rows of the ECU and its bus on a rig whose ECU is a user's, by DBC and roles file; and a wrong data id."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from end_states import assert_never_moved
+from row_worlds import world_of
+from test_every_row import assert_stopped_in_time
+
+from rig.faults.matrix import MATRIX
+
+if TYPE_CHECKING:
+    from conftest import Run, Start
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+DBC, ROLES = EXAMPLES / "coil-driver.dbc", EXAMPLES / "coil-driver-roles.toml"
+WORN = ("--dbc", str(DBC), "--ecu-roles", str(ROLES))
+FD_DBC = """VERSION ""
+BU_: Host Amp
+BO_ 768 AmpOrder: 12 Host
+ SG_ Share : 24|16@1- (0.01,0) [-100|100] "%" Amp
+ SG_ Go : 40|1@1+ (1,0) [0|1] "" Amp
+BO_ 769 AmpState: 24 Amp
+ SG_ Amperes : 32|32@1- (1,0) [0|0] "A" Host
+ SG_ Broken : 64|1@1+ (1,0) [0|1] "" Host
+ SG_ Celsius : 79|32@0- (1,0) [0|0] "degC" Host
+SIG_VALTYPE_ 769 Amperes : 1;
+SIG_VALTYPE_ 769 Celsius : 1;
+"""
+FD_ROLES = """command = {signal = "AmpOrder.Share", full_scale = "4 A"}
+enable = "AmpOrder.Go"
+measured_current = "AmpState.Amperes"
+coil_temperature = "AmpState.Celsius"
+command_timeout = "100 ms"
+faults = {open = "AmpState.Broken"}
+periods = {AmpState = "10 ms"}
+protection = {AmpOrder = {profile = "e2e-5", data_id = 7}, AmpState = {profile = "e2e-5", data_id = 0xFEDC}}
+"""
+ROWS = ("ecu-silent", "ecu-late", "ecu-crc", "ecu-restart", "ecu-overtemp", "coil-open-short", "current-stuck",
+        "can-busoff", "can-malformed", "can-babble", "can-foreign")  # fmt: skip
+
+
+@pytest.mark.apart
+@pytest.mark.parametrize("slug", ROWS)
+def test_a_row_of_the_ecu_ends_the_same_with_a_users_files(slug: str, begin_world: Start) -> None:
+    here = world_of(slug)
+    campaign = begin_world(replace(here.setting, simulator=(*here.setting.simulator, *WORN)))
+    assert here.around is None
+    assert MATRIX[slug].stop is not None
+    ending = campaign.finish(None)
+    if here.judge is not None:
+        here.judge(campaign, ending)
+    else:
+        assert_stopped_in_time(campaign, ending, slug, here)
+
+
+@pytest.mark.parametrize("slug", ["", "ecu-silent", "ecu-crc", "coil-open-short"])
+def test_can_fd_with_floats_profile_5_and_a_share_of_full_scale(slug: str, run: Run, tmp_path: Path) -> None:
+    dbc, roles = tmp_path / "amp.dbc", tmp_path / "amp.toml"
+    dbc.write_text(FD_DBC, encoding="utf-8")
+    roles.write_text(FD_ROLES, encoding="utf-8")
+    files = ("--dbc", str(dbc), "--ecu-roles", str(roles))
+    ending = run(*([f"{slug}@6.3"] if slug else []), simulator=files)
+    assert ending.exit_code == (4 if slug else 0), ending.said
+    assert slug in {"", ending.answer.get("stopped_by")}
+    lacking = {line["slug"] for line in ending.log if str(line.get("slug", "")).startswith("ecu-without")}
+    assert lacking == {f"ecu-without-{name}" for name in ("supply", "state", "restart", "clock", "identity", "layout")}
+
+
+def test_a_wrong_data_id_is_named_and_nothing_moves(run: Run, tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong-roles.toml"
+    wrong.write_text(ROLES.read_text(encoding="utf-8").replace("0x2A2", "0x2A3"), encoding="utf-8")
+    ending = run(simulator=WORN, bench_edit=(str(ROLES), str(wrong)))
+    assert ending.exit_code == 3, ending.said
+    assert ending.answer["stopped_by"] == "e2e-data-id"
+    assert "DriverStatus" in ending.said
+    assert "another E2E data id" in ending.said
+    assert_never_moved(ending.truth, 1e-6)
+
+
+def test_a_wrong_data_id_of_the_commands_is_refused_as_the_ecu_throws_them_away(run: Run, tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong-roles.toml"
+    wrong.write_text(ROLES.read_text(encoding="utf-8").replace("0x2A1", "0x2A3"), encoding="utf-8")
+    ending = run(simulator=WORN, bench_edit=(str(ROLES), str(wrong)))
+    assert ending.exit_code == 3, ending.said
+    assert ending.answer["stopped_by"] == "ecu-command"
+    assert "COMMAND_CHECK" in ending.said
+    assert "E2E data id" in ending.said
+    assert_never_moved(ending.truth, 1e-6)

@@ -1,0 +1,80 @@
+"""A bench file whose current source is a DBC and a roles file, beside it or inside it."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from rig.bench.model import Bench
+from rig.campaign.kept_files import keep_bench
+from rig.errors import FileProblem
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+BENCH = (EXAMPLES / "demo-bench.toml").read_text(encoding="utf-8")
+ROLES = (EXAMPLES / "coil-driver-roles.toml").read_text(encoding="utf-8")
+BY_FILE = 'dbc = "coil-driver.dbc"\nroles = "coil-driver-roles.toml"'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("coil-driver.dbc", "coil-driver-roles.toml"):
+        shutil.copy(EXAMPLES / name, tmp_path)
+    return tmp_path
+
+
+def bench(folder: Path, ecu: str = BY_FILE, extra: str = "") -> Path:
+    lines = [line for line in BENCH.splitlines() if not line.startswith("dbc")]
+    at = lines.index("[ecu]") + 1
+    path = folder / "bench.toml"
+    path.write_text("\n".join([*lines[:at], ecu, *lines[at:]]) + "\n" + extra, encoding="utf-8")
+    return path
+
+
+def test_files_beside_the_bench_count_by_their_content_and_are_kept_with_it(folder: Path, tmp_path: Path) -> None:
+    path = bench(folder)
+    loaded = Bench.load(path)
+    digest = loaded.digest
+    assert loaded.ecu.dbc == str(folder / "coil-driver.dbc")
+    kept = tmp_path / "campaign"
+    kept.mkdir()
+    keep_bench(path, kept, "bench.toml")
+    assert Bench.load(kept / "bench.toml").digest == digest
+    (folder / "coil-driver-roles.toml").write_text(ROLES.replace("= 100", "= 101"), encoding="utf-8")
+    assert Bench.load(path).digest != digest
+
+
+def test_roles_may_stand_in_the_bench_file_itself(folder: Path) -> None:
+    inline = ROLES.replace("\n[", "\n[ecu.roles.")
+    path = bench(folder, 'dbc = "coil-driver.dbc"', "[ecu.roles]\n" + inline)
+    assert isinstance(Bench.load(path).ecu.roles, dict)
+    path.write_text(path.read_text().replace('"DriverStatus.Actual"', '"DriverStatus.Actuu"'), encoding="utf-8")
+    line = next(n for n, text in enumerate(path.read_text().splitlines(), 1) if "Actuu" in text)
+    with pytest.raises(FileProblem, match=f"line {line}: ecu.roles.measured_current = .*nearest: Actual"):
+        Bench.load(path)
+
+
+@pytest.mark.parametrize(
+    ("ecu", "said"),
+    [
+        ('dbc = "coil-driver.dbc"', 'a DBC file needs roles.*write roles = "ecu-roles.toml"'),
+        ('dbc = "demo"\nroles = "coil-driver-roles.toml"', 'the signals of a DBC file mean; "demo" has its own'),
+        ('dbc = "none.dbc"\nroles = "coil-driver-roles.toml"', "none.dbc: there is no such file"),
+        ('dbc = "coil-driver.dbc"\nroles = "none.toml"', "none.toml: there is no such file"),
+        (f'{BY_FILE}\ninterface_options = {{channel = "x"}}', r"is an entry of \[ecu\] itself"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_by_line(folder: Path, ecu: str, said: str) -> None:
+    with pytest.raises(FileProblem, match=rf"line \d+: ecu\..*{said}"):
+        Bench.load(bench(folder, ecu))
+
+
+def test_a_limit_beyond_the_set_point_and_a_patience_below_two_statuses_are_refused(folder: Path) -> None:
+    dbc = folder / "coil-driver.dbc"
+    dbc.write_text(dbc.read_text().replace("[-5000|5000]", "[-2000|2000]"), encoding="utf-8")
+    with pytest.raises(FileProblem, match=r"limits\.current = .*beyond the set-point of the current source"):
+        Bench.load(bench(folder))
+    slow = 'periods = {DriverStatus = "20 ms"}\n' + ROLES
+    (folder / "coil-driver-roles.toml").write_text(slow, encoding="utf-8")
+    dbc.write_text((EXAMPLES / "coil-driver.dbc").read_text(), encoding="utf-8")
+    with pytest.raises(FileProblem, match=r"ecu\.stale_after = .*less than two periods of the measured current"):
+        Bench.load(bench(folder))

@@ -1,0 +1,151 @@
+"""Sensors described by files, and their calibration: what a bench file may say, and what it is told otherwise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from drivers.sensor_formats import described_format
+from protocols.binary_format import BinaryFormat
+from rig.bench.model import Bench
+from rig.bench.settings_json import from_json
+from rig.campaign.kept_files import keep_bench
+from rig.campaign.machine_resources import station_config
+from rig.errors import FileProblem
+from rig.matrix.model import load_matrix
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+MATRIX = load_matrix(EXAMPLES / "quick.toml")
+TEXT = (EXAMPLES / "demo-bench.toml").read_text(encoding="utf-8")
+FORMAT = """
+sync = [0xAA, 0x55]
+length = 10
+checksum = "crc16-modbus"
+[fields.value]
+at = 2
+type = "i32"
+"""
+
+
+def bench(folder: Path, *edits: tuple[str, str], described: str = FORMAT) -> Path:
+    text = TEXT
+    for old, new in edits:
+        assert old in text
+        text = text.replace(old, new, 1)
+    folder.mkdir(exist_ok=True)
+    (folder / "cell.toml").write_text(described, encoding="utf-8")
+    path = folder / "bench.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+BY_FILE = ('format = "frame16"', 'format = "cell.toml"\nparity = "E"')
+CALIBRATION = 'sensitivity = 1.0                  # N per unit on the wire\noffset = "0 N"'
+
+
+def refused(path: Path) -> list[str]:
+    with pytest.raises(FileProblem) as told:
+        Bench.load(path)
+    return told.value.problems
+
+
+def test_a_format_s_file_is_looked_for_beside_the_bench_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = bench(tmp_path / "lab", BY_FILE)
+    monkeypatch.chdir(tmp_path)
+    loaded = Bench.load(path)
+    assert isinstance(described_format(loaded.load_cell.format), BinaryFormat)
+    assert loaded.load_cell.line.parity == "E"
+    config = station_config(loaded, MATRIX, tmp_path / "ring")
+    assert from_json(config.to_json()) == config
+
+
+def test_the_bench_is_another_one_when_its_format_s_content_changes(tmp_path: Path) -> None:
+    digests = {
+        Bench.load(bench(tmp_path / name, BY_FILE, described=text)).digest
+        for name, text in (("a", FORMAT), ("b", FORMAT), ("c", FORMAT + "scale = 2.0\n"))
+    }
+    assert len(digests) == 2
+
+
+def test_a_kept_bench_file_finds_its_format_again(tmp_path: Path) -> None:
+    path = bench(tmp_path / "lab", BY_FILE)
+    kept = tmp_path / "campaign"
+    kept.mkdir()
+    keep_bench(path, kept, "bench.toml")
+    path.with_name("cell.toml").unlink()
+    assert Bench.load(kept / "bench.toml").load_cell.format == str(kept / "cell.toml")
+
+
+def test_every_problem_of_a_format_s_file_is_told_with_its_line(tmp_path: Path) -> None:
+    wrong = FORMAT.replace("crc16-modbus", "crc16-modbis").replace('"i32"', '"i33"').replace("length", "length_")
+    problems = refused(bench(tmp_path, BY_FILE, described=wrong))
+    assert len(problems) == 3
+    assert all('load_cell.format = "cell.toml"' in problem for problem in problems)
+    assert "cell.toml line 3: length_: unknown key 'length_'; did you mean length?" in problems[0]
+    assert "cell.toml line 4: checksum: must be one of none, xor" in problems[1]
+    assert "cell.toml line 7: fields.value.type: must be one of" in problems[2]
+
+
+@pytest.mark.parametrize(
+    ("described", "says"), [("a = [", "cell.toml: not valid TOML"), ("x" * 70_000, "larger than a format ever is")]
+)
+def test_a_file_that_is_no_format_is_refused(tmp_path: Path, described: str, says: str) -> None:
+    assert says in refused(bench(tmp_path, BY_FILE, described=described))[0]
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    (problem,) = refused(bench(tmp_path, ('format = "frame16"', 'format = "other.toml"')))
+    assert "other.toml: cannot be read: No such file" in problem
+
+
+@pytest.mark.parametrize(
+    ("calibration", "sensitivity", "offset"),
+    [
+        # 10 kN over 1.9 mV/V; 0.1 mV/V is 0 N.
+        ('points = [["0.1 mV/V", "0 N"], ["2 mV/V", "10 kN"]]', 10e3 / 1.9, 0.1 * 10e3 / 1.9),
+        ('points = [[100, "-5 N"], [300, "15 N"]]', 0.1, 15.0),
+        ('rated_output = "2 mV/V"\ncapacity = "10 kN"', 5e3, 0.0),
+        ('rated_output = "2 mV/V"\ncapacity = "10 kN"\nzero = "0.01 mV/V"\npolarity = "reversed"', -5e3, -50.0),
+    ],
+)
+def test_a_calibration_by_points_or_rated_output(
+    tmp_path: Path, calibration: str, sensitivity: float, offset: float
+) -> None:
+    cell = Bench.load(bench(tmp_path, (CALIBRATION, calibration))).load_cell
+    assert (cell.sensitivity, cell.offset) == (pytest.approx(sensitivity), pytest.approx(offset))
+    config = station_config(Bench.load(tmp_path / "bench.toml"), MATRIX, tmp_path / "ring")
+    assert from_json(config.to_json()).load_cell.sensitivity == cell.sensitivity
+
+
+@pytest.mark.parametrize(
+    ("calibration", "says"),
+    [
+        ('points = [[100, "0 N"], [2, "10 kN"]]', 'polarity = "reversed"'),
+        ('points = [[1, "0 N"], [1, "10 kN"]]', "it has no slope"),
+        ('points = [[1, "0 mm"], [2, "10 kN"]]', "0 mm is a length"),
+        ('points = [["much", "0 N"], [2, "10 kN"]]', "'much' is not a value on the wire"),
+        ('points = [[1, "0 N"], [2, "10 kN"]]\nsensitivity = 2.0', "points is given too"),
+        ('rated_output = "2 mV/V"', "needs capacity beside it"),
+        ('rated_output = 0\ncapacity = "10 kN"', "it has no slope"),
+    ],
+)
+def test_a_calibration_that_contradicts_itself_is_refused(tmp_path: Path, calibration: str, says: str) -> None:
+    problems = refused(bench(tmp_path, (CALIBRATION, calibration)))
+    assert says in problems[0], problems
+    assert "load_cell.calibration" in problems[0]
+
+
+def test_a_unit_in_the_format_that_the_sensitivity_does_not_know_of_is_refused(tmp_path: Path) -> None:
+    (problem,) = refused(bench(tmp_path, BY_FILE, described='unit = "kN"\n' + FORMAT))
+    assert "load_cell.calibration.sensitivity" in problem
+    assert "kN" in problem
+    assert "1000" in problem
+    right = (CALIBRATION, "sensitivity = 1000.0")
+    assert Bench.load(bench(tmp_path, BY_FILE, right, described='unit = "kN"\n' + FORMAT)).load_cell.sensitivity == 1e3
+
+
+def test_points_in_another_unit_than_the_format_s_are_refused(tmp_path: Path) -> None:
+    points = (CALIBRATION, 'points = [["0 mV/V", "0 N"], ["2 mV/V", "10 kN"]]')
+    (problem,) = refused(bench(tmp_path, BY_FILE, points, described='unit = "kN"\n' + FORMAT))
+    assert "the format's unit is kN" in problem

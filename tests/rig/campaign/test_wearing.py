@@ -1,0 +1,60 @@
+"""A simulated rig that is asked to have the devices of a bench file: what it is told."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from rig.campaign.simulated_rig import wearing
+from rig.errors import FileProblem
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+
+
+def bench(folder: Path, *changes: tuple[str, str]) -> Path:
+    text = (EXAMPLES / "demo-bench.toml").read_text(encoding="utf-8")
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after, 1)
+    (folder / "bench.toml").write_text(text, encoding="utf-8")
+    return folder / "bench.toml"
+
+
+def after(option: str, arguments: tuple[str, ...]) -> list[str]:
+    return [value for name, value in itertools.pairwise(arguments) if name == option]
+
+
+def test_devices_rates_and_limits_are_those_of_the_file(tmp_path: Path) -> None:
+    for name in ("coil-driver.dbc", "coil-driver-roles.toml"):
+        (tmp_path / name).write_bytes((EXAMPLES / name).read_bytes())
+    path = bench(
+        tmp_path, ('dbc = "demo"', 'dbc = "coil-driver.dbc"\nroles = "coil-driver-roles.toml"'),
+        ('format = "frame16"', 'format = "laumas-fast"'), ('rate = "250 Hz"', 'rate = "300 Hz"'),
+        ("modbus-tcp://192.168.0.10:502", "modbus-rtu:/dev/ttyUSB0"), ('speed = "0.8 m/s"', 'speed = "0.3 m/s"'),
+        ('force = "5 kN"', 'force = "8 kN"'),
+    )
+    arguments = wearing(path)
+    assert after("--actuator", arguments) == ["rtu"]
+    assert after("--dbc", arguments) == [str(tmp_path / "coil-driver.dbc")]
+    assert after("--ecu-roles", arguments) == [str(tmp_path / "coil-driver-roles.toml")]
+    assert (after("--force-format", arguments), after("--displacement-format", arguments)) == (
+        ["laumas-fast"], ["frame16"])
+    options = set(after("--option", arguments))
+    assert {"load_cell.rate_Hz=300.0", "lvdt.rate_Hz=250.0", "load_cell.baudrate=921600"} <= options
+    assert {"limits.speed_m_s=0.3", "limits.force_N=5000.0"} <= options, "not beyond what the simulated machine reaches"
+
+
+def test_what_is_described_inside_of_the_bench_file_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    path = bench(tmp_path, ('format = "frame16"', "format = {pattern = '(?P<value>[+-]\\d{5})'}"))
+    with pytest.raises(FileProblem, match=r"load_cell\.format: is described here; write it into a file of its own"):
+        wearing(path)
+
+
+def test_a_supply_of_the_bench_is_worn_too(tmp_path: Path) -> None:
+    text = (EXAMPLES / "demo-bench.toml").read_text(encoding="utf-8")
+    ecu = '[ecu]\nurl = "/dev/ttyUSB2"\nsupply = "rs-hmp"\nvoltage_limit = "9 V"\nstale_after = "1 s"\n\n'
+    path = tmp_path / "bench.toml"
+    path.write_text(text[: text.index("[ecu]")] + ecu + text[text.index("[load_cell]") :], encoding="utf-8")
+    assert after("--supply", wearing(path)) == ["rs-hmp"]

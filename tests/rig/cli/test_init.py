@@ -1,0 +1,72 @@
+"""`rig init`: files that load as they are, asked for or not, and nothing that is there is overwritten."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+from rig.bench.model import Bench
+from rig.matrix.model import load_files
+from rig.matrix.plan import plan
+
+ROOT = Path(__file__).parents[3]
+COMMAND = [sys.executable, "-m", "rig.cli.main", "init"]
+
+
+def init(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, cwd=ROOT, timeout=60, check=False)
+
+
+def test_the_files_load_and_every_point_of_them_is_feasible(tmp_path: Path) -> None:
+    folder = tmp_path / "lab"
+    answer = json.loads(init(str(folder), "--force", "laumas-fast", "--yes", "--json").stdout)
+    names = ["bench.toml", "matrix.toml", "bench.schema.json", "matrix.schema.json"]
+    assert answer == {"folder": str(folder), "files": names}
+    matrix, bench = load_files(folder / "matrix.toml", folder / "bench.toml")
+    assert (bench.load_cell.format, bench.lvdt.format, bench.actuator.register_map) == (
+        "laumas-fast", "frame16", "demo")
+    judged = plan(matrix, bench)
+    assert judged.feasible
+    assert len(judged.points) == 6
+
+
+def test_editors_find_the_schema_and_every_key_in_it(tmp_path: Path) -> None:
+    init(str(tmp_path), "--yes")
+    for kind in ("bench", "matrix"):
+        text = (tmp_path / f"{kind}.toml").read_text(encoding="utf-8")
+        assert text.startswith(f"#:schema ./{kind}.schema.json\n")
+        schema = json.loads((tmp_path / f"{kind}.schema.json").read_text(encoding="utf-8"))
+        assert tomllib.loads(text).keys() <= schema["properties"].keys()
+    assert re.search(r'^# serial_number = ', (tmp_path / "bench.toml").read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_nothing_is_overwritten_and_a_device_that_there_is_not_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "matrix.toml").write_text("mine", encoding="utf-8")
+    refused = init(str(tmp_path), "--yes")
+    assert refused.returncode == 2
+    assert "matrix.toml is there already" in refused.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["matrix.toml"]
+    unknown = init(str(tmp_path / "new"), "--yes", "--force", "laumas")
+    assert unknown.returncode == 2
+    assert "laumas-fast" in unknown.stderr
+    assert not (tmp_path / "new").exists()
+
+
+def test_on_a_terminal_it_asks_and_an_answer_without_a_unit_is_asked_for_again(tmp_path: Path) -> None:
+    ours, theirs = os.openpty()
+    answers = ["blue rig", "", "modbus-tcp://10.0.0.7:502", "", "", "", "", "", "25", "25 kN"]
+    os.write(ours, "".join(f"{answer}\n" for answer in [*answers, *[""] * 11]).encode())
+    command = [*COMMAND, str(tmp_path / "lab")]
+    done = subprocess.run(command, stdin=theirs, capture_output=True, text=True, timeout=60, check=False, cwd=ROOT)
+    os.close(ours)
+    os.close(theirs)
+    assert done.returncode == 0, done.stderr
+    assert "25 has no unit" in done.stderr
+    bench = Bench.load(tmp_path / "lab" / "bench.toml")
+    assert (bench.name, bench.actuator.url, bench.load_cell.range_N) == (
+        "blue rig", "modbus-tcp://10.0.0.7:502", 25e3)
