@@ -29,8 +29,10 @@ LAW_NAMES = ("passive", "skyhook", "groundhook", "hybrid", "inverse")
     ),
 )
 @click.argument("fits", nargs=-1, required=True)
-@click.option("--car", default="compact-suv", show_default=True, help="Car file, or the name of a car that is shipped.")
-@click.option("--road", default="paper-sweep", show_default=True, help="Road file, or the name of a road that is shipped.")
+@click.option("--car", default="compact-suv", show_default=True,
+              help="Car file, or the name of a car that is shipped.")  # fmt: skip
+@click.option("--road", default="paper-sweep", show_default=True,
+              help="Road file, or the name of a road that is shipped.")  # fmt: skip
 @click.option("--law", "laws", type=click.Choice(LAW_NAMES), multiple=True, default=("passive",), show_default=True,
               help="Law of the coils' current (repeatable).")  # fmt: skip
 @click.option("--current", type=QuantityOption("current"), default="0 A", show_default=True,

@@ -1,4 +1,4 @@
-"""The report of a ride study: force over velocity, responses, and tables like the c-FOA paper's Figures 12-13, Table 5."""
+"""The report of a ride study: plots and tables like the c-FOA paper's Figures 12 and 13 and Table 5."""
 
 from __future__ import annotations
 
@@ -58,7 +58,8 @@ def _facts(study: RideStudy) -> str:
         ]  # fmt: skip
         if known:
             value, motion, pair = max(known)
-            facts.append(fact(f"{number(value, 3)} dB", f"largest difference in {band}: {motion}, {text(' / '.join(pair))}"))
+            between = text(" / ".join(pair))
+            facts.append(fact(f"{number(value, 3)} dB", f"largest difference in {band}: {motion}, {between}"))
     return block("facts", "".join(facts))
 
 
@@ -130,20 +131,25 @@ def _differences(study: RideStudy) -> str:
                     cells.append("not excited" if found is None else _with_interval(found))
                 rows.append(("", [*cells, f"up to {PRINTED_dB[band]:g}"] if paper else cells))
     head = ["motion", "band", "between", *study.driven, *(["printed in the paper"] if paper else [])]
-    return heading("Largest differences, dB", "95 % interval from the fits' uncertainty in brackets.") + table(head, rows)
+    return heading("Largest differences, dB", "95 % interval from the fits' uncertainty in brackets.") + table(
+        head, rows
+    )
 
 
-def _with_interval(found: tuple[float, tuple[float, float] | None]) -> str:
-    value, interval = found
-    return number(value, 3) if interval is None else f"{number(value, 3)} ({number(interval[0], 3)} to {number(interval[1], 3)})"
+def _with_interval(known: tuple[float, tuple[float, float] | None]) -> str:
+    value, interval = known
+    within = "" if interval is None else f" ({number(interval[0], 3)} to {number(interval[1], 3)})"
+    return number(value, 3) + within
 
 
 def _numbers(study: RideStudy) -> str:
     names = {
-        **{f"weighted_rms {motion}": f"{motion} weighted RMS, {'m/s^2' if motion == 'heave' else 'rad/s^2'}" for motion in study.own.body},
-        "tyre_load_variation": "tyre load variation", "travel_m": "largest travel, m", "damper_power_W": "damper power, W",
-        "damper_heat_J": "damper heat, J",
-    }
+        f"weighted_rms {motion}": f"{motion} weighted RMS, {'m/s^2' if motion == 'heave' else 'rad/s^2'}"
+        for motion in study.own.body
+    } | {
+        "tyre_load_variation": "tyre load variation", "travel_m": "largest travel, m",
+        "damper_power_W": "damper power, W", "damper_heat_J": "damper heat, J",
+    }  # fmt: skip
     rows = [
         ("", [text(title), *(_with_interval(study.number(variant.name, name)) for variant in study.variants)])
         for name, title in names.items()

@@ -58,15 +58,15 @@ def as_json(study: RideStudy) -> dict[str, Any]:
 
 def _band(study: RideStudy, phase: str, motion: str, band: str) -> dict[str, Any]:
     """The largest difference of any two variants, and each pair's."""
-    pairs = []
+    pairs: list[dict[str, Any]] = []
     for pair in study.pairs():
-        found = study.difference(phase, motion, band, pair)
+        apart = study.difference(phase, motion, band, pair)
         pairs.append({
-            "between": list(pair), "difference_dB": None if found is None else found[0],
-            "interval_dB": None if found is None or found[1] is None else list(found[1]),
+            "between": list(pair), "difference_dB": None if apart is None else apart[0],
+            "interval_dB": None if apart is None or apart[1] is None else list(apart[1]),
         })
     known = [entry for entry in pairs if entry["difference_dB"] is not None]
-    largest = max(known, key=lambda entry: entry["difference_dB"], default=None)
+    largest = max(known, key=lambda entry: float(entry["difference_dB"]), default=None)
     empty = {"between": None, "difference_dB": None, "interval_dB": None}
     return {**(largest or empty), "pairs": pairs}
 

@@ -98,7 +98,9 @@ class Car(Section):
     def _given(self, place: tuple[str, ...]) -> bool:
         if place == ("rear",):
             return self.rear is not None
-        table = {"body": self.body, "front": self.front, "rear": self.rear}[place[0]]
+        table: Section | None = {"body": self.body, "front": self.front, "rear": self.rear}[place[0]]
+        if table is None:
+            return False
         return any(
             getattr(table, name) is not None
             for name, field in type(table).model_fields.items() if field.alias == place[1]
@@ -111,8 +113,11 @@ class Car(Section):
         ]  # fmt: skip
 
     def _beside(self) -> list[Problem]:
+        def needs(entry: str) -> str:
+            return "full" if entry in {"track", "roll_inertia"} else "half"
+
         return [
-            (place, f"a {self.kind} car has none; leave it out, or say kind = \"{'full' if place[-1] in {'track', 'roll_inertia'} else 'half'}\"")
+            (place, f"a {self.kind} car has none; leave it out, or say kind = \"{needs(place[-1])}\"")
             for place, wanted in self._wanted().items() if not wanted and self._given(place)
         ]  # fmt: skip
 
@@ -123,7 +128,8 @@ class Car(Section):
         width_m = max(axle.track_m or 0.0 for axle in axles) / 2.0 + 0.5
         problems: list[Problem] = []
         for place, inertia, reach_m in (
-            ("pitch_inertia", self.body.pitch_inertia_kg_m2, length_m), ("roll_inertia", self.body.roll_inertia_kg_m2, width_m),
+            ("pitch_inertia", self.body.pitch_inertia_kg_m2, length_m),
+            ("roll_inertia", self.body.roll_inertia_kg_m2, width_m),
         ):
             most = self.body.mass_kg * reach_m**2
             if inertia is not None and inertia > most:

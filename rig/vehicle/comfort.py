@@ -10,9 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.dampers.arrays import FloatArray
+from rig.dampers.arrays import ComplexArray, FloatArray
 
 BUTTERWORTH = 1.0 / math.sqrt(2.0)
 
@@ -31,11 +30,11 @@ class Weighting:
     f6: float = math.inf
     Q6: float = 1.0
 
-    def gain(self, frequency_Hz: FloatArray) -> NDArray[np.complex128]:
+    def gain(self, frequency_Hz: FloatArray) -> ComplexArray:
         """Complex gain at these frequencies, of the same shape; 0 at 0 Hz."""
         moving = frequency_Hz > 0.0
-        p = 2j * np.pi * frequency_Hz[moving]
-        total = 1.0 / (1.0 + _second_order(self.f1, BUTTERWORTH, p, below=True))
+        p: ComplexArray = 2j * np.pi * frequency_Hz[moving]
+        total: ComplexArray = 1.0 / (1.0 + _second_order(self.f1, BUTTERWORTH, p, below=True))
         total = total / (1.0 + _second_order(self.f2, BUTTERWORTH, p))
         w3, w4 = 2.0 * math.pi * self.f3, 2.0 * math.pi * self.f4
         total = total * (1.0 + p / w3) / (1.0 + p / (self.Q4 * w4) + (p / w4) ** 2)
@@ -48,12 +47,12 @@ class Weighting:
 
 
 def _second_order(
-    corner_Hz: float, quality: float, p: NDArray[np.complex128], *, below: bool = False
-) -> NDArray[np.complex128]:
+    corner_Hz: float, quality: float, p: ComplexArray, *, below: bool = False
+) -> ComplexArray:
     """The first and second power of a second-order polynomial in p / w, or in w / p."""
     w = 2.0 * math.pi * corner_Hz
     ratio = w / p if below else p / w
-    terms: NDArray[np.complex128] = ratio / quality + ratio**2
+    terms: ComplexArray = ratio / quality + ratio**2
     return terms
 
 
@@ -76,6 +75,7 @@ def weighted_rms(acceleration: FloatArray, step_s: float, name: str) -> float:
     """
     if len(acceleration) < 2:
         raise ValueError(f"{len(acceleration)} samples of acceleration; at least two are needed")
-    spectrum = np.fft.rfft(acceleration) * WEIGHTINGS[name].gain(np.fft.rfftfreq(len(acceleration), step_s))
-    weighted = np.fft.irfft(spectrum, len(acceleration))
+    frequency_Hz: FloatArray = np.fft.rfftfreq(len(acceleration), step_s)
+    spectrum: ComplexArray = np.fft.rfft(acceleration)
+    weighted = np.fft.irfft(spectrum * WEIGHTINGS[name].gain(frequency_Hz), len(acceleration))
     return float(np.sqrt(np.mean(weighted**2)))

@@ -74,11 +74,11 @@ def wanted_current(
         at_zero_N: the damper's force at this motion without current; inverse law only.
         at_most_N: the same with the most current.
     """
-    kind, most = law[0], law[1]
+    kind, most = law[0], float(law[1])
     apart = body_m_s - wheel_m_s
     blend = law[3] * body_m_s - (1.0 - law[3]) * wheel_m_s
     if kind == 0.0:
-        return law[2]
+        return float(law[2])
     if kind == 1.0:
         return most if body_m_s * apart > 0.0 else 0.0
     if kind == 2.0:
@@ -88,5 +88,6 @@ def wanted_current(
     reach = at_most_N - at_zero_N
     if reach == 0.0:
         return 0.0
-    wanted_N = law[4] * blend / ratio
-    return min(1.0, max(0.0, (wanted_N - at_zero_N) / reach)) * most
+    wanted_N = float(law[4]) * blend / ratio
+    share = min(1.0, max(0.0, (wanted_N - at_zero_N) / reach))
+    return share * most

@@ -111,6 +111,7 @@ def _draws(
         values = dict(damper.values)
         for name, off in zip(names, change, strict=True):
             parameter = damper.model.parameter(name)
-            values[name] = float(np.clip(values[name] + off, min(parameter.low, values[name]), max(parameter.high, values[name])))
+            low, high = min(parameter.low, values[name]), max(parameter.high, values[name])
+            values[name] = float(np.clip(values[name] + off, low, high))
         made.append(CornerDamper(damper.model, values))
     return tuple(made)

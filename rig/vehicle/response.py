@@ -31,8 +31,8 @@ class Response:
     Attributes:
         frequency_Hz: (f,).
         level_dB: of each motion's acceleration for the height under the front left wheel, dB of 1 (m/s^2)/m or
-            (rad/s^2)/m, (f,), NaN where it does not follow the road; None for a motion that was not excited. (On opposite
-            sides of a symmetric car the dampers' asymmetry alone lifts the body, at twice the road's frequency.)
+            (rad/s^2)/m, (f,), NaN where it does not follow the road; None for a motion that was not excited. (On
+            opposite sides of a symmetric car the dampers' asymmetry alone lifts the body, at twice the frequency.)
     """
 
     frequency_Hz: FloatArray

@@ -47,11 +47,11 @@ class Road:
     of_wheel: Callable[[FloatArray, int], FloatArray] | None = None
 
     def under(self, car: Car, step_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Time (k,), height (k, c) and its rate (k, c) under each wheel, every `step_s`, until the rear axle is over."""
+        """Time (k,), height and its rate (k, c) under each wheel, every `step_s`, until the rear axle is over."""
         lag_s = [
             (car.lever_m[0] - lever) / self.speed_m_s if self.speed_m_s > 0.0 else 0.0 for lever in car.lever_m
         ]
-        time_s = np.arange(round((self.duration_s + max(lag_s)) / step_s) + 1) * step_s
+        time_s: FloatArray = np.arange(round((self.duration_s + max(lag_s)) / step_s) + 1) * step_s
         if self.of_wheel is not None:
             columns = [self.of_wheel(time_s, wheel) for wheel in range(len(lag_s))]
         else:
@@ -60,7 +60,8 @@ class Road:
                 for late, side in zip(lag_s, car.sides, strict=True)
             ]
         height_m = np.stack(columns, axis=1)
-        return time_s, height_m, np.gradient(height_m, step_s, axis=0)
+        rate_m_s: FloatArray = np.gradient(height_m, step_s, axis=0)
+        return time_s, height_m, rate_m_s
 
     def with_phase(self, phase_deg: float) -> Road:
         """The same sweep with another phase of the right side behind the left one.
@@ -133,7 +134,7 @@ class RandomRoad:
         spacing_m = 0.25 / HIGHEST_1_M / 2.0
         count = 2 * math.ceil(self.length_m / spacing_m / 2.0)
         spacing_m = self.length_m / count
-        n = np.fft.rfftfreq(count, spacing_m)
+        n: FloatArray = np.fft.rfftfreq(count, spacing_m)
         kept = (n >= LOWEST_1_M) & (n <= HIGHEST_1_M)
         density = np.zeros_like(n)
         density[kept] = self.roughness_m3 * (n[kept] / REFERENCE_1_M) ** -2
@@ -144,7 +145,8 @@ class RandomRoad:
         common = self._shared(n)
         left = np.fft.irfft(amplitude * one, count)
         right = np.fft.irfft(amplitude * (common * one + np.sqrt(1.0 - common**2) * other), count)
-        return np.arange(count) * spacing_m, left, right
+        distance_m: FloatArray = np.arange(count) * spacing_m
+        return distance_m, left, right
 
     def _shared(self, n: FloatArray) -> FloatArray:
         """Coherent share of the right track's amplitude at each spatial frequency."""
@@ -211,9 +213,7 @@ def obstacle_road(obstacle: Obstacle, duration_s: float, speed_m_s: float, name:
     return Road(name, duration_s, speed_m_s, lambda time_s, side: obstacle.at(time_s * speed_m_s, side))
 
 
-def recorded_road(
-    distance_or_time: FloatArray, columns: FloatArray, speed_m_s: float, name: str
-) -> Road:
+def recorded_road(distance_or_time: FloatArray, columns: FloatArray, speed_m_s: float, name: str) -> Road:
     """A recorded profile (distance m, left, right) or a drive file (time s, a column a wheel; speed 0).
 
     Args:
@@ -228,7 +228,8 @@ def recorded_road(
 
     def column(time_s: FloatArray, index: int) -> FloatArray:
         at = distance_or_time[0] + np.clip(time_s, 0.0, duration_s) * rate
-        return np.interp(at, distance_or_time, ground[:, min(index, ground.shape[1] - 1)])
+        height: FloatArray = np.interp(at, distance_or_time, ground[:, min(index, ground.shape[1] - 1)])
+        return height
 
     def of_side(time_s: FloatArray, side: float) -> FloatArray:
         return column(time_s, 0 if side > 0.0 else 1)

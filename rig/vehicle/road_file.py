@@ -75,7 +75,9 @@ class ObstacleTable(Section):
 class RecordedTable(Section):
     """`[profile]` (distance, heights) and `[drive]` (time, heights): a CSV file with one line of names."""
 
-    file: str = Field(min_length=1, description="beside the road file; columns: distance_m or time_s, then heights in m")
+    file: str = Field(
+        min_length=1, description="beside the road file; columns: distance_m or time_s, then heights in m"
+    )
 
 
 class RoadFile(Section):

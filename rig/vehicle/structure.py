@@ -8,8 +8,9 @@ car z, theta, phi, zu front left, front right, rear left, rear right. Body heave
     zc_i = z + a_i theta + b_i phi        height of the body over wheel i
     e_i  = r_i (zc_i - zu_i) = w_i . q    extension of damper i (m); its force T_i (N) resists extension
 
-as in the full car of the c-FOA paper, section 4.2. The inertia of a damper's rod, m e'', is part of M: r^2 m between body
-and wheel. What it would pull at rest (gas preload) is carried by the springs: q = 0 is the height at which it stands.
+as in the full car of the c-FOA paper, section 4.2. The inertia of a damper's rod, m e'', is part of M: r^2 m between
+body and wheel. What it would pull at rest (gas preload) is carried by the springs: q = 0 is the height at which the car
+stands.
 """
 
 from __future__ import annotations
@@ -111,7 +112,7 @@ def structure(car: Car) -> Structure:
     if body > 1:
         heights[:, 1] = car.lever_m
     if body > 2:
-        heights[:, 2] = [side * 0.5 * axle.track_m for axle, side in zip(axles, car.sides, strict=True)]
+        heights[:, 2] = [side * 0.5 * (axle.track_m or 0.0) for axle, side in zip(axles, car.sides, strict=True)]
     wheels = np.eye(size)[body:]
     mass = np.diag([*car.body_inertia, *(axle.unsprung_mass_kg for axle in axles)])
     tyre_N_m = np.array([axle.tyre_stiffness_N_m for axle in axles])
