@@ -53,6 +53,7 @@ def command(
     Responses of heave, pitch and roll, differences in 4-8 Hz and up to 18 Hz with what the fits' uncertainty makes of
     them, ISO 2631-1 weighted RMS, tyre load, travel, power.
     """
+    _check_currents({"--current": current, "--most-current": most_current})
     from rig.vehicle.answer import as_json as plain
     from rig.vehicle.car import load_car
     from rig.vehicle.control import Control
@@ -83,6 +84,14 @@ def command(
     return EXIT_DONE
 
 
+def _check_currents(given: dict[str, float]) -> None:
+    from rig.vehicle.control import MOST_A
+
+    for name, value in given.items():
+        if not 0.0 <= value <= MOST_A:
+            raise click.BadParameter(f"{value:g} A; allowed: 0 to {MOST_A:g} A", param_hint=name)
+
+
 def _progress(done: int, of: int) -> None:
     if done == of or done % 20 == 0:
         say(f"{done}/{of} rides", err=True)
@@ -94,16 +103,14 @@ def tables(study: RideStudy) -> list[Table]:
 
     from rig.vehicle.response import BANDS
 
-    differences = Table(title=f"Largest difference, dB: {study.car.name}, {study.road.name}")
-    for column in ("motion", "band", "phase", "between", "dB", "95 %"):
+    differences = Table(title=f"Largest difference, dB (95 % interval): {study.car.name}, {study.road.name}")
+    for column in ("motion", "band", "between", *study.driven):
         differences.add_column(column)
     for motion in study.own.body:
         for band in BANDS:
-            for phase in study.driven:
-                for pair in study.pairs():
-                    found = study.difference(phase, motion, band, pair)
-                    value, interval = ("-", "") if found is None else (f"{found[0]:.1f}", _interval(found[1]))
-                    differences.add_row(motion, band, phase, " / ".join(pair), value, interval)
+            for pair in study.pairs():
+                cells = [_told(study.difference(phase, motion, band, pair)) for phase in study.driven]
+                differences.add_row(motion, band, " / ".join(pair), *cells)
     single = Table(title="Each damper on the chosen road")
     names = ("weighted_rms heave", "tyre_load_variation", "travel_m", "damper_power_W")
     titles = ("weighted RMS m/s^2", "tyre load variation", "travel mm", "damper power W")
@@ -129,5 +136,8 @@ def remarks(study: RideStudy) -> list[str]:
     return lines
 
 
-def _interval(interval: tuple[float, float] | None) -> str:
-    return "" if interval is None else f"{interval[0]:.1f} to {interval[1]:.1f}"
+def _told(difference: tuple[float, tuple[float, float] | None] | None) -> str:
+    if difference is None:
+        return "-"
+    value, interval = difference
+    return f"{value:.1f}" if interval is None else f"{value:.1f} ({interval[0]:.1f} to {interval[1]:.1f})"

@@ -52,9 +52,9 @@ def _facts(study: RideStudy) -> str:
     facts = []
     for band in BANDS:
         known = [
-            (found[0], motion, pair)
+            (apart[0], motion, pair)
             for motion in study.own.body for pair in study.pairs()
-            if (found := study.difference("chosen", motion, band, pair)) is not None
+            if (apart := study.difference("chosen", motion, band, pair)) is not None
         ]  # fmt: skip
         if known:
             value, motion, pair = max(known)
@@ -127,8 +127,8 @@ def _differences(study: RideStudy) -> str:
             for pair in study.pairs():
                 cells = [motion, band, text(" / ".join(pair))]
                 for phase in study.driven:
-                    found = study.difference(phase, motion, band, pair)
-                    cells.append("not excited" if found is None else _with_interval(found))
+                    apart = study.difference(phase, motion, band, pair)
+                    cells.append("not excited" if apart is None else _with_interval(apart))
                 rows.append(("", [*cells, f"up to {PRINTED_dB[band]:g}"] if paper else cells))
     head = ["motion", "band", "between", *study.driven, *(["printed in the paper"] if paper else [])]
     return heading("Largest differences, dB", "95 % interval from the fits' uncertainty in brackets.") + table(

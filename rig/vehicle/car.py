@@ -150,8 +150,13 @@ class Car(Section):
 
     @property
     def sides(self) -> tuple[float, ...]:
-        """+1 for each left wheel, -1 for each right one."""
-        return (1.0, -1.0, 1.0, -1.0)[: len(self.corner_axles)]
+        """+1 for each left wheel, -1 for each right one; a half car is a left side."""
+        return (1.0, -1.0, 1.0, -1.0) if self.kind == "full" else (1.0,) * len(self.corner_axles)
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Of each wheel among front left, front right, rear left, rear right of a full car."""
+        return {"quarter": (0,), "half": (0, 2), "full": (0, 1, 2, 3)}[self.kind]
 
     @property
     def lever_m(self) -> tuple[float, ...]:

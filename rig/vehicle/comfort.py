@@ -33,7 +33,7 @@ class Weighting:
     def gain(self, frequency_Hz: FloatArray) -> ComplexArray:
         """Complex gain at these frequencies, of the same shape; 0 at 0 Hz."""
         moving = frequency_Hz > 0.0
-        p: ComplexArray = 2j * np.pi * frequency_Hz[moving]
+        p = np.asarray(2j * np.pi * frequency_Hz[moving], np.complex128)
         total: ComplexArray = 1.0 / (1.0 + _second_order(self.f1, BUTTERWORTH, p, below=True))
         total = total / (1.0 + _second_order(self.f2, BUTTERWORTH, p))
         w3, w4 = 2.0 * math.pi * self.f3, 2.0 * math.pi * self.f4
@@ -75,7 +75,7 @@ def weighted_rms(acceleration: FloatArray, step_s: float, name: str) -> float:
     """
     if len(acceleration) < 2:
         raise ValueError(f"{len(acceleration)} samples of acceleration; at least two are needed")
-    frequency_Hz: FloatArray = np.fft.rfftfreq(len(acceleration), step_s)
+    frequency_Hz = np.asarray(np.fft.rfftfreq(len(acceleration), step_s), np.float64)
     spectrum: ComplexArray = np.fft.rfft(acceleration)
     weighted = np.fft.irfft(spectrum * WEIGHTINGS[name].gain(frequency_Hz), len(acceleration))
     return float(np.sqrt(np.mean(weighted**2)))

@@ -19,6 +19,7 @@ from rig.dampers.compiled_cache import njit
 
 Law = Literal["passive", "skyhook", "groundhook", "hybrid", "inverse"]
 LAWS: tuple[Law, ...] = ("passive", "skyhook", "groundhook", "hybrid", "inverse")
+MOST_A = 20.0
 FULL_SPEED_M_S = 0.3
 """Blended speed at which the hybrid law asks for the whole current."""
 
@@ -44,8 +45,8 @@ class Control:
     def __post_init__(self) -> None:
         if self.law not in LAWS:
             raise ValueError(f"no law {self.law!r}; known: {', '.join(LAWS)}")
-        if not (0.0 <= self.current_A <= 20.0 and 0.0 <= self.most_A <= 20.0):
-            raise ValueError(f"currents {self.current_A} A, {self.most_A} A; allowed: 0 to 20 A")
+        if not (0.0 <= self.current_A <= MOST_A and 0.0 <= self.most_A <= MOST_A):
+            raise ValueError(f"currents {self.current_A} A, {self.most_A} A; allowed: 0 to {MOST_A:g} A")
         if not 0.0 <= self.sky_share <= 1.0:
             raise ValueError(f"share {self.sky_share}; allowed: 0 to 1")
 
@@ -89,5 +90,5 @@ def wanted_current(
     if reach == 0.0:
         return 0.0
     wanted_N = float(law[4]) * blend / ratio
-    share = min(1.0, max(0.0, (wanted_N - at_zero_N) / reach))
-    return share * most
+    share: float = min(1.0, max(0.0, (wanted_N - at_zero_N) / reach)) * most
+    return share

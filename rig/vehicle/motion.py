@@ -117,8 +117,7 @@ class DrivenCar:
             np.concatenate([road_m, road_m_s], axis=1), step_s,
         )  # fmt: skip
         parts = np.split(out, np.cumsum([n, n, n, c, c, c, c]), axis=1)
-        time_s: FloatArray = np.arange(len(out)) * step_s
-        return Ride(time_s, *parts)
+        return Ride(np.arange(len(out), dtype=np.float64) * step_s, *parts)
 
     def _equations(self, step_s: float) -> Equations:
         own = self.structure

@@ -36,7 +36,7 @@ class Road:
         speed_m_s: of the car; 0: a rig with posts, all axles at once.
         heights: the ground.
         sweep: it is a sine sweep, whose sides may be given another phase.
-        of_wheel: heights for each wheel of its own, (time, wheel); None: from left and right track.
+        of_wheel: heights for each wheel of its own, (time s, place in `Car.places`); None: from left and right track.
     """
 
     name: str
@@ -51,9 +51,9 @@ class Road:
         lag_s = [
             (car.lever_m[0] - lever) / self.speed_m_s if self.speed_m_s > 0.0 else 0.0 for lever in car.lever_m
         ]
-        time_s: FloatArray = np.arange(round((self.duration_s + max(lag_s)) / step_s) + 1) * step_s
+        time_s = np.arange(round((self.duration_s + max(lag_s)) / step_s) + 1, dtype=np.float64) * step_s
         if self.of_wheel is not None:
-            columns = [self.of_wheel(time_s, wheel) for wheel in range(len(lag_s))]
+            columns = [self.of_wheel(time_s, place) for place in car.places]
         else:
             columns = [
                 self.heights(time_s - late, side) * (time_s >= late)
@@ -134,7 +134,7 @@ class RandomRoad:
         spacing_m = 0.25 / HIGHEST_1_M / 2.0
         count = 2 * math.ceil(self.length_m / spacing_m / 2.0)
         spacing_m = self.length_m / count
-        n: FloatArray = np.fft.rfftfreq(count, spacing_m)
+        n = np.asarray(np.fft.rfftfreq(count, spacing_m), np.float64)
         kept = (n >= LOWEST_1_M) & (n <= HIGHEST_1_M)
         density = np.zeros_like(n)
         density[kept] = self.roughness_m3 * (n[kept] / REFERENCE_1_M) ** -2
@@ -145,8 +145,7 @@ class RandomRoad:
         common = self._shared(n)
         left = np.fft.irfft(amplitude * one, count)
         right = np.fft.irfft(amplitude * (common * one + np.sqrt(1.0 - common**2) * other), count)
-        distance_m: FloatArray = np.arange(count) * spacing_m
-        return distance_m, left, right
+        return np.arange(count, dtype=np.float64) * spacing_m, left, right
 
     def _shared(self, n: FloatArray) -> FloatArray:
         """Coherent share of the right track's amplitude at each spatial frequency."""
@@ -234,6 +233,4 @@ def recorded_road(distance_or_time: FloatArray, columns: FloatArray, speed_m_s: 
     def of_side(time_s: FloatArray, side: float) -> FloatArray:
         return column(time_s, 0 if side > 0.0 else 1)
 
-    return Road(
-        name, duration_s, speed_m_s, of_side, None, column if speed_m_s <= 0.0 or ground.shape[1] > 2 else None
-    )
+    return Road(name, duration_s, speed_m_s, of_side, None, column if ground.shape[1] > 2 else None)
