@@ -35,6 +35,8 @@ class Capabilities:
         streamed_setpoints: it follows set-points that are sent one by one.
         e_stop_input: it sees the hard-wired chain.
         force_input: it measures a coarse force of its own.
+        tried: its description was tried on such a device, or on one made from the maker's document alone.
+        triangle: it moves in triangles, too, not in sines alone.
     """
 
     watchdog: WatchdogKind
@@ -51,6 +53,8 @@ class Capabilities:
     streamed_setpoints: bool = False
     e_stop_input: bool = False
     force_input: bool = False
+    tried: bool = True
+    triangle: bool = True
 
     @property
     def can_be_stopped(self) -> bool:
@@ -81,5 +85,9 @@ class Capabilities:
                 "host that is late or dead is late or dead in the motion too"),
             "e-stop-input": (self.e_stop_input, "an open e-stop chain is not seen here"),
             "force-input": (self.force_input, "the load cell is not compared with a second force"),
+            "trial": (
+                self.tried, "unverified: this register map was never tried on such a device; before anything moves see "
+                "that `rig check` shows what the device shows"
+            ),
         }
         return tuple((name, text) for name, (has, text) in without.items() if not has)

@@ -17,7 +17,7 @@ from drivers.connection import ActuatorConnection, CanAddress, LineSettings
 from drivers.current_source import CurrentSource
 from drivers.devices.source import current_source, current_source_names, current_source_problems, is_dbc
 from drivers.devices.supply import SupplyConnection, SupplyDescription
-from drivers.devices.supply_file import supply, supply_problems
+from drivers.devices.supply_file import supply, supply_names, supply_problems
 from drivers.errors import UnknownDevice
 from drivers.register_maps.map_file import controller, controller_names, is_map_file
 from drivers.ring import Channel
@@ -41,6 +41,7 @@ __all__ = [
     "current_source_period_s",
     "current_source_problems",
     "current_source_range_A",
+    "current_source_timeout_s",
     "ecu_roles_schema",
     "is_dbc",
     "known_current_source_names",
@@ -54,7 +55,9 @@ __all__ = [
     "register_sensor",
     "sensor_format_names",
     "supply",
+    "supply_names",
     "supply_problems",
+    "watchdog_time_s",
 ]
 
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
@@ -98,6 +101,16 @@ def check_actuator(name: str) -> None:
         controller(name)
     elif name not in _REGISTERED:
         plugins.maker_of(plugins.ACTUATORS, name)
+
+
+def watchdog_time_s(name: str) -> float:
+    """After how long the watchdog of a known actuator trips by itself (s); 0: it is told, or its map does not say.
+
+    Raises:
+        LocalProtocolError: its map cannot be used.
+    """
+    mapped = name not in _REGISTERED and (name in controller_names() or is_map_file(name))
+    return controller(name).fixed_watchdog_s if mapped else 0.0
 
 
 def register_map_schema() -> dict[str, Any]:
@@ -149,6 +162,15 @@ def current_source_period_s(name: str, roles: str | Mapping[str, Any] | None) ->
         LocalProtocolError: it cannot be used.
     """
     return current_source(name, roles).timing.status_s if name in current_source_names() or is_dbc(name) else 0.0
+
+
+def current_source_timeout_s(name: str, roles: str | Mapping[str, Any] | None) -> float | None:
+    """After so long without a command a described current source goes to 0 A by itself (s); None: not stated.
+
+    Raises:
+        LocalProtocolError: it cannot be used.
+    """
+    return current_source(name, roles).command_timeout_s
 
 
 def ecu_roles_schema() -> dict[str, Any]:

@@ -145,6 +145,7 @@ def made_of(values: dict[str, Any]) -> RigOptions:
     from simulators.options import RigOptions, load_options, with_option
     from simulators.plant.plant import specimen_model
     from simulators.settings import with_settings
+    from simulators.worn_bench import appearing_as
     from simulators.worn_format import sending
 
     options = load_options(values["config"]) if values["config"] else RigOptions()
@@ -163,6 +164,8 @@ def made_of(values: dict[str, Any]) -> RigOptions:
     if values["rate"] is not None:
         for table in ("load_cell", "lvdt", "auxiliary"):
             options = with_option(options, f"{table}.rate_Hz={values['rate']}")
+    if values["register_map"] is not None:
+        options = appearing_as(options, values["register_map"])
     limits = options.limits
     if (force := values["force_format"]) is not None:
         options = replace(options, load_cell=sending(options.load_cell, force, "--force-format", limits.force_N))
@@ -288,6 +291,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--force-format", metavar="FORMAT",
               help="What the load cell sends: a format's name or file.  [default: frame16]")
 @click.option("--displacement-format", metavar="FORMAT", help="What the LVDT sends.  [default: frame16]")
+@click.option("--register-map", metavar="MAP",
+              help="The controller's registers and commands are as this register map says: a file, or a map's name.")
 @click.option("--supply", default="", metavar="NAME|FILE",
               help="The coil's current by a supply of this language in place of the ECU: a preset, or a file of yours.")
 @click.option("--dbc", type=click.Path(path_type=Path, exists=True, dir_okay=False),

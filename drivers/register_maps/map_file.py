@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ TABLES = (
     "modbus", "quantities", "identity", "state", "faults", "inputs", "phase", "results", "command_codes", "waveforms",
     "watchdog_actions", "commands", "recipes", "setpoint", "watchdog", "table", "indirect",
 )  # fmt: skip
-KEYS = ("format", "name", "description", "base", "without", *TABLES)
+KEYS = ("format", "name", "description", "unverified", "base", "without", *TABLES)
 SOURCES = ("commands", "setpoint", "watchdog", "table", "recipes")
 
 
@@ -77,11 +78,12 @@ def read_map(source: Source) -> ControllerMap:
     _misspelt(source, quantities)
     needs.check(source, quantities, words, recipes, watchdog)
     needs.check_identity(source, expected, quantities)
+    tried = not top.truth("unverified", default=False)
     source.finish()
     return ControllerMap(
         top.text("name") or source.path.stem, quantities,
-        needs.capabilities(quantities, words, recipes, watchdog), words, recipes, modbus.rules, expected, indirect,
-        modbus.read_while_writing,
+        replace(needs.capabilities(quantities, words, recipes, watchdog), tried=tried), words, recipes, modbus.rules,
+        expected, indirect, modbus.read_while_writing,
     )  # fmt: skip
 
 

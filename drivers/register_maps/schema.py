@@ -100,7 +100,8 @@ def schema() -> Schema:
     state: Schema = {"anyOf": [code, _or_list(_ref("condition")), {"const": True}]}
     written: Schema = {"write": {"type": "object"}, "span": {"type": "array"}}
     properties: Schema = {
-        "format": {"const": 1}, "name": TEXT, "description": TEXT, "modbus": _modbus(),
+        "format": {"const": 1}, "name": TEXT, "description": TEXT, "unverified": TRUTH, "base": TEXT,
+        "without": {"type": "array", "items": TEXT}, "modbus": _modbus(),
         "quantities": {"type": "object", "additionalProperties": _ref("quantity"), "required": ["position"]},
         "identity": {"type": "object", "additionalProperties": {"type": ["number", "string", "boolean"]}},
         "state": _words(State, state) | {"required": ["hold"]},

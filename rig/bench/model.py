@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from rig import units
 from rig.bench import named_files
-from rig.bench.address import current_range_A, status_period_s
+from rig.bench.address import command_timeout_s, current_range_A, status_period_s
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
@@ -108,7 +108,7 @@ class Bench(Section):
         text = self.model_dump_json(
             exclude={
                 "name": True,
-                "actuator": {"url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s"},
+                "actuator": self.actuator.not_physics,
                 "ecu": self.ecu.not_physics,
                 "load_cell": self.load_cell.not_physics,
                 "lvdt": self.lvdt.not_physics,
@@ -209,4 +209,9 @@ class Bench(Section):
             if self.ecu.stale_after_s < shortest:
                 message = f"is less than two {what}; allowed: at least {units.show(shortest, 'ms')}"
                 return [(("ecu", "stale_after"), message)]
+        own_s = command_timeout_s(self.ecu.dbc, self.ecu.roles)
+        if own_s is not None and 2.0 * self.ecu.command_period_s > own_s:
+            waits, longest = units.show(own_s, "ms"), units.show(0.5 * own_s, "ms")
+            message = f"is too long for an ECU that waits {waits}; allowed: at most {longest}"
+            return [(("ecu", "command_period"), message)]
         return []

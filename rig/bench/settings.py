@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from datetime import date
 from typing import Annotated, Any, Literal
 
-from drivers.catalogue import make_actuator
+from drivers.catalogue import make_actuator, watchdog_time_s
 from drivers.connection import ActuatorConnection
 from rig.bench import address
 from rig.bench.quantity import Check, Problem, Quantity, Settings, Text, key
@@ -143,10 +143,30 @@ class ActuatorConfig(Settings):
     serial_number: Name | None = None
 
     @property
+    def not_physics(self) -> dict[str, Any]:
+        """What does not count for `Bench.digest`: addresses and times."""
+        link = ("url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s", "setpoint_late_s")
+        return dict.fromkeys(link, True)
+
+    @property
     def setpoints_s(self) -> float | None:
         """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
         connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
         return None if make_actuator(self.register_map, connection).capabilities.generator else self.poll_s
+
+    @property
+    def makes_triangles(self) -> bool:
+        """It moves in triangles, not in sines alone."""
+        return make_actuator(self.register_map, ActuatorConnection(self.url)).capabilities.triangle
+
+    def problems(self) -> Iterator[Problem]:
+        """The controller's watchdog has tripped by the time at which the station counts on it."""
+        own_s = watchdog_time_s(self.register_map)
+        if own_s > self.watchdog_s:
+            yield ("watchdog",), (
+                f"is shorter than the controller's own, which its register map says trips after {1e3 * own_s:g} ms; "
+                f"allowed: at least {1e3 * own_s:g} ms"
+            )
 
     @property
     def late_setpoint_s(self) -> float:

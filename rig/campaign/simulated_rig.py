@@ -59,7 +59,7 @@ def wearing(path: Path) -> tuple[str, ...]:
     actuator, ecu, limits = bench.actuator, bench.ecu, bench.limits
     link = "rtu" if actuator.url.startswith("modbus-rtu") else "tcp"
     arguments = ["--actuator", STREAMED if actuator.register_map == "demo-streamed" else link]
-    if actuator.register_map.endswith(".toml"):
+    if actuator.register_map not in {"demo", "demo-streamed"}:
         arguments += ["--register-map", actuator.register_map]
     if isinstance(ecu.roles, str):
         arguments += ["--dbc", ecu.dbc, "--ecu-roles", ecu.roles]

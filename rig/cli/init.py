@@ -35,9 +35,10 @@ QUESTIONS = (
     Question("name", "Name of the rig", "my rig"),
     Question("actuator", "Controller: a preset, or the path of a register map", "demo"),
     Question("actuator_url", "Its address", "modbus-tcp://192.168.0.10:502"),
-    Question("ecu", "Current ECU: a preset", "demo"),
+    Question("ecu", "Coil current: an ECU preset, a DBC file (roles beside it: NAME-roles.toml), or a supply", "demo"),
     Question("interface", "CAN interface (python-can)", "socketcan"),
     Question("channel", "CAN channel", "can0"),
+    Question("supply_url", "Address of the supply", "tcp://192.168.0.20:5025"),
     Question("force", "Load cell: format", "frame16"),
     Question("force_url", "Its port", "/dev/serial/by-id/usb-load-cell"),
     Question("force_range", "Its full scale", "10 kN", "force"),
@@ -55,13 +56,16 @@ QUESTIONS = (
 )
 
 
+OF_A_SUPPLY, NOT_OF_A_SUPPLY = frozenset({"supply_url"}), frozenset({"interface", "channel"})
+
+
 @click.command(
     name="init", cls=Command,
     examples=("rig init my-lab", "rig init my-lab --yes --actuator demo --force laumas-fast"),
 )
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path(), metavar="[DIR]")
 @click.option("--actuator", metavar="NAME", help="Kind of controller: a preset, or the path of a register map.")
-@click.option("--ecu", metavar="NAME", help="Kind of current source: a preset.")
+@click.option("--ecu", metavar="NAME", help="Current source: a preset, a DBC file (roles: NAME-roles.toml), a supply.")
 @click.option("--force", metavar="FORMAT", help="What the load cell sends.")
 @click.option("--displacement", metavar="FORMAT", help="What the displacement sensor sends.")
 @click.option("--yes", is_flag=True, help="Ask nothing; what is not given is taken from the defaults.")
@@ -76,7 +80,8 @@ def command(folder: Path, yes: bool, as_json: bool, **given: str | None) -> int:
     asks = not (yes or as_json) and sys.stdin.isatty()
     for question in QUESTIONS:
         if not answers[question.key]:
-            answers[question.key] = _asked(question) if asks else question.default
+            needless = question.key in (NOT_OF_A_SUPPLY if _is_supply(answers["ecu"]) else OF_A_SUPPLY)
+            answers[question.key] = _asked(question) if asks and not needless else question.default
     written = write_files(folder, answers)
     if as_json:
         write_json({"folder": folder.resolve(), "files": [path.name for path in written]})
@@ -116,10 +121,11 @@ def _check_names(answers: Mapping[str, str]) -> None:
     Raises:
         UsageError: there is no such device; the known ones are listed.
     """
-    from drivers.catalogue import actuator_names, known_current_source_names, sensor_format_names
+    from drivers.catalogue import actuator_names, known_current_source_names, sensor_format_names, supply_names
 
     known = {
-        "actuator": actuator_names(), "ecu": known_current_source_names(), "force": sensor_format_names(),
+        "actuator": actuator_names(), "ecu": (*known_current_source_names(), *supply_names()),
+        "force": sensor_format_names(),
         "displacement": sensor_format_names(),
     }
     for key, names in known.items():
@@ -143,6 +149,9 @@ def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
     from rig.matrix.model import Matrix, load_files
 
     filled = {key: _from(folder, answer) for key, answer in answers.items()}
+    dbc = filled["ecu"].endswith(".dbc")
+    filled["roles"] = f'roles = "{filled["ecu"].removesuffix(".dbc")}-roles.toml"' if dbc else "# roles = ..."
+    filled["ecu_table"] = _filled("supply.toml" if _is_supply(answers["ecu"]) else "ecu.toml", filled)
     texts = {name: _filled(name, filled) for name in (BENCH, MATRIX)}
     for name, model in (("bench.schema.json", Bench), ("matrix.schema.json", Matrix)):
         schema = {"$schema": DIALECT, **model.model_json_schema(by_alias=True)}
@@ -163,6 +172,13 @@ def write_files(folder: Path, answers: Mapping[str, str]) -> list[Path]:
             path.unlink()
         raise
     return paths
+
+
+def _is_supply(answer: str) -> bool:
+    """The current comes from a programmable supply: a preset's name, or a file of its language."""
+    from drivers.catalogue import supply_names
+
+    return answer in supply_names() or answer.endswith(".toml")
 
 
 def _from(folder: Path, answer: str) -> str:

@@ -41,7 +41,7 @@ class AtRest:
         force_N: of the load cell, (n,).
         displacement_m: of the LVDT, (m,).
         position_m: the controller's own position, (k,).
-        controller_force_N: the controller's own coarse force input, (k,).
+        controller_force_N: the controller's own coarse force input, (k,); empty where it has none.
         force_flagged, displacement_flagged: how many samples the sensor itself says are overloaded, faulty or none.
         current_A: what the ECU reports of the coil, whose output stage is off, (j,).
     """
@@ -59,8 +59,10 @@ class AtRest:
         """The load cell's mean (N); its standard error from blocks of the window, which see drift and hum too."""
         return _mean(self.force_N, 0.0)
 
-    def force_difference(self, range_N: float) -> Estimate:
-        """By how much the load cell shows more than the controller's own force input (N)."""
+    def force_difference(self, range_N: float) -> Estimate | None:
+        """By how much the load cell shows more than the controller's own force input (N); None where that has none."""
+        if not len(self.controller_force_N):
+            return None
         floor_N = CONTROLLER_NOISE_SHARE * range_N if len(self.controller_force_N) < FEWEST_FOR_SCATTER else 0.0
         cell, coarse = self.force_zero, _mean(self.controller_force_N, floor_N)
         return Estimate(cell.value - coarse.value, math.hypot(cell.std, coarse.std))
@@ -74,10 +76,9 @@ class AtRest:
     def numbers(self, range_N: float) -> dict[str, float]:
         """What a point's file tells of the rest before the first motion, by attribute of `/entry/quality`."""
         zero, difference, current = self.force_zero, self.force_difference(range_N), self.current_zero
-        values = {
-            "rest_force_N": zero.value, "force_zero_std_N": zero.std, "rest_force_difference_N": difference.value,
-            "rest_force_difference_std_N": difference.std,
-        }
+        values = {"rest_force_N": zero.value, "force_zero_std_N": zero.std}
+        if difference is not None:
+            values |= {"rest_force_difference_N": difference.value, "rest_force_difference_std_N": difference.std}
         if current is not None:
             values |= {"rest_current_A": current.value, "rest_current_std_A": current.std}
         return values
@@ -125,8 +126,11 @@ class RestWindow:
     displacement_flagged: int = 0
 
     def to_json(self) -> dict[str, Any]:
-        """The fields by name, readings as objects."""
-        return asdict(self)
+        """The fields by name, readings as objects; null for what nothing was read of."""
+        values = asdict(self)
+        for name in ("force_N", "displacement_m", "position_m", "controller_force_N"):
+            values[name] = {key: None if math.isnan(value) else value for key, value in values[name].items()}
+        return values
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> RestWindow:
@@ -136,7 +140,7 @@ class RestWindow:
             KeyError, TypeError, ValueError: something is missing or of a wrong type.
         """
         force_N, displacement_m, position_m, controller_force_N = (
-            Reading(float(values[name]["mean"]), float(values[name]["std"]), int(values[name]["count"]))
+            Reading(_number(values[name]["mean"]), _number(values[name]["std"]), int(values[name]["count"]))
             for name in ("force_N", "displacement_m", "position_m", "controller_force_N")
         )
         flagged = int(values["force_flagged"]), int(values["displacement_flagged"])
@@ -149,6 +153,10 @@ class RestWindow:
             Reading.of(seen.force_N), Reading.of(seen.displacement_m), Reading.of(seen.position_m),
             Reading.of(seen.controller_force_N), seen.force_flagged, seen.displacement_flagged,
         )
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
 
 
 class Spread(NamedTuple):

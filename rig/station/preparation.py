@@ -228,6 +228,8 @@ class Preparation:
             return None
         if actuator.judge.moving(STILL_S):
             raise StationRefused("not-at-rest", "starve_watchdog: the actuator moves")
+        # Many watchdogs run from the first feed on.
+        actuator.wait_fed(ACK_TIMEOUT_S)
         begin_ns = monotonic_ns()
         allowed_s = 2.0 * self._config.actuator.watchdog_s + ACK_TIMEOUT_S
         supervisor.starve(proving=True, feeding=False)

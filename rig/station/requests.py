@@ -215,6 +215,8 @@ class Requests:
         if name not in Waveform.__members__:
             raise StationRefused("bad-request", f"start: waveform {arguments.get('waveform')!r} is not known")
         waveform = Waveform[name]
+        if waveform is Waveform.TRIANGLE and not self._devices.actuator.capabilities.triangle:
+            raise StationRefused("matrix-infeasible", "start: this actuator moves in sines only")
         amplitude_m = _number(arguments, "amplitude_m", 0.0, math.inf)
         frequency_Hz = _number(arguments, "frequency_Hz", 1e-3, 1e3)
         limits = self._config.limits

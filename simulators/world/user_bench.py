@@ -16,6 +16,7 @@ from typing import Any
 from drivers import plugins
 from drivers.connection import ActuatorAddress, LinkKind
 from drivers.devices.source import is_dbc
+from drivers.register_maps.map_file import controller_names, is_map_file
 from drivers.sensor_formats import FRAME16, described_format, is_file
 from protocols.errors import LocalProtocolError
 from protocols.sensor_format import SensorFormat
@@ -40,6 +41,7 @@ from simulators.options import (
 )
 from simulators.rig import LATE_SHARE, SimulatedRig
 from simulators.toml_text import toml_text
+from simulators.worn_bench import appearing_as
 from simulators.worn_ecu import WornEcuFiles
 from simulators.worn_format import writer
 
@@ -151,7 +153,7 @@ def _unlike(bench: Bench) -> Iterator[str]:
         ("actuator.register_map", plugins.ACTUATORS, actuator.register_map, "controller"),
         ("ecu.dbc", plugins.CURRENT_SOURCES, ecu.dbc, "current source"),
     ):
-        if is_dbc(name):
+        if is_dbc(name) or (group == plugins.ACTUATORS and (is_map_file(name) or name in controller_names())):
             continue
         if name != DEMO and plugins.simulated_as(group, name) != DEMO:
             yield (
@@ -297,13 +299,20 @@ def _options(bench: Bench, matrix: Matrix) -> RigOptions:
 
 def _controller(usual: ControllerOptions, bench: Bench, reach_m: float) -> ControllerOptions:
     limits, number = bench.limits, bench.actuator.serial_number
+    own = appearing_as(RigOptions(controller=usual), _map_of(bench)).controller
     return replace(
-        usual, device_id=bench.actuator.device_id, serial_number=usual.serial_number if number is None else number,
+        own, device_id=bench.actuator.device_id, serial_number=usual.serial_number if number is None else number,
         position_limit_m=max(usual.position_limit_m, reach_m),
         speed_max_m_s=max(usual.speed_max_m_s, BEYOND * limits.speed_m_s),
         acceleration_max_m_s2=max(usual.acceleration_max_m_s2, BEYOND * limits.acceleration_m_s2),
         force_max_N=max(usual.force_max_N, BEYOND * limits.force_N),
     )  # fmt: skip
+
+
+def _map_of(bench: Bench) -> str:
+    """The register map as which the simulated controller appears: the bench's, or what stands for a plug-in's."""
+    name = bench.actuator.register_map
+    return name if is_map_file(name) or name in controller_names() else DEMO
 
 
 def _input(usual: InputOptions, actuator: ActuatorConfig) -> InputOptions:

@@ -10,7 +10,7 @@ import pytest
 from drivers import catalogue
 
 DEVICES = (Path(__file__).resolve().parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
-ROW = re.compile(r"^\| `([\w-]+)` \|(.*)\|$", re.MULTILINE)
+ROW = re.compile(r"^\| `([\w-]+)`(?: \([^|]*\))? \|(.*)\|$", re.MULTILINE)
 SECTIONS = dict(re.findall(r"^## (\w+)[^\n]*\n(.*?)(?=^## |\Z)", DEVICES, re.MULTILINE | re.DOTALL))
 
 
@@ -18,7 +18,7 @@ SECTIONS = dict(re.findall(r"^## (\w+)[^\n]*\n(.*?)(?=^## |\Z)", DEVICES, re.MUL
     ("section", "names"),
     [
         ("Controllers", catalogue.actuator_names()),
-        ("Current", catalogue.known_current_source_names()),
+        ("Current", (*catalogue.known_current_source_names(), *catalogue.supply_names())),
         ("Sensors", catalogue.sensor_format_names()),
     ],
 )

@@ -88,7 +88,7 @@ def in_code() -> dict[str, str]:
 
 @cache
 def known() -> dict[str, str]:
-    nothing = Capabilities(watchdog=WatchdogKind.NONE, hydraulics=False)
+    nothing = Capabilities(watchdog=WatchdogKind.NONE, hydraulics=False, tried=False)
     echoless = Capabilities(watchdog=WatchdogKind.COUNTER, hydraulics=False)
     lacking = {name for one in (nothing, echoless) for name, _ in one.lacking()}
     return {

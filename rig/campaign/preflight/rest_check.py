@@ -108,9 +108,9 @@ def samples_at_rest(window: NDArray[Any]) -> AtRest:
         int(np.count_nonzero(window["flags"][window["channel"] == channel] & int(NO_VALUE)))
         for channel in (Channel.FORCE, Channel.DISPLACEMENT)
     )
-    return AtRest(
-        force_N, displacement_m, position_m, controller_force_N, force_flagged, displacement_flagged, current_A
-    )
+    # A controller without a force input shows no number; one that has one is watched by the station.
+    shown_N = controller_force_N[np.isfinite(controller_force_N)]
+    return AtRest(force_N, displacement_m, position_m, shown_N, force_flagged, displacement_flagged, current_A)
 
 
 def exchanged(seen: AtRest, limits: RestLimits) -> AtRest:
@@ -130,7 +130,6 @@ def judge_rest(seen: AtRest, limits: RestLimits) -> StopCause | None:
         ("load cell", seen.force_N, FEWEST_SAMPLES),
         ("LVDT", seen.displacement_m, FEWEST_SAMPLES),
         ("controller position", seen.position_m, 1),
-        ("controller force", seen.controller_force_N, 1),
     ):
         if len(samples) < fewest or not np.all(np.isfinite(samples)):
             return because("not-tared", "few-samples", name=name, count=len(samples), fewest=fewest)
@@ -146,7 +145,7 @@ def explanation(seen: AtRest, limits: RestLimits) -> str:
     """What explains all that is wrong, a key of `rig.campaign.words.EXCHANGED`; empty where nothing does."""
     if _first(exchanged(seen, limits), limits) is None:
         return "plugs"
-    if _mirrored(seen.force_N, seen.controller_force_N, limits.zero_N):
+    if len(seen.controller_force_N) and _mirrored(seen.force_N, seen.controller_force_N, limits.zero_N):
         return "force-sign"
     return "lvdt-sign" if _mirrored(seen.displacement_m, seen.position_m, limits.disagreement_m) else ""
 
@@ -183,7 +182,7 @@ def causes_at_rest(seen: AtRest, limits: RestLimits) -> list[tuple[str, StopCaus
 
 def _force_zero(seen: AtRest, limits: RestLimits) -> StopCause | None:
     difference_N = seen.force_difference(limits.range_N)
-    if not difference_N.beyond(0.0, limits.zero_N, SURE):
+    if difference_N is None or not difference_N.beyond(0.0, limits.zero_N, SURE):
         return None
     return because("not-tared", "force-zero", difference=difference_N.signed, limit_N=limits.zero_N)
 

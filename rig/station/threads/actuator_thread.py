@@ -146,9 +146,11 @@ class ActuatorThread(DeviceThread):
         return {"age_s": (now_ns - self._last_ns) / 1e9, "polls": self.polls, "failures": self.failures}
 
     def wait_fed(self, timeout_s: float) -> ActuatorStatus | None:
-        """A status that echoes a counter this thread wrote; None after `timeout_s` wall seconds."""
-        before = self._counter
-        return self.wait_status(lambda status: self._counter != before and status.watchdog_echo != before, timeout_s)
+        """A status after a feed, which echoes it where the controller does; None after `timeout_s` wall seconds."""
+        before, echoes = self._counter, self.capabilities.echo
+        return self.wait_status(
+            lambda status: self._counter != before and not (echoes and status.watchdog_echo == before), timeout_s
+        )
 
     def act(self, action: StopAction) -> None:
         """Carry out a stop action before anything else; returns at once."""

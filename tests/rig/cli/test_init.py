@@ -35,6 +35,17 @@ def test_the_files_load_and_every_point_of_them_is_feasible(tmp_path: Path) -> N
     assert len(judged.points) == 6
 
 
+def test_an_ecu_by_its_dbc_or_a_supply_is_written_with_what_belongs_to_it(tmp_path: Path) -> None:
+    examples = ROOT / "examples"
+    assert init(str(tmp_path / "dbc"), "--yes", "--ecu", str(examples / "coil-driver.dbc")).returncode == 0
+    by_dbc = Bench.load(tmp_path / "dbc" / "bench.toml").ecu
+    assert Path(by_dbc.dbc).samefile(examples / "coil-driver.dbc")
+    assert Path(str(by_dbc.roles)).samefile(examples / "coil-driver-roles.toml")
+    assert init(str(tmp_path / "supply"), "--yes", "--ecu", "generic-scpi").returncode == 0
+    by_supply = Bench.load(tmp_path / "supply" / "bench.toml").ecu
+    assert (by_supply.url, by_supply.supply) == ("tcp://192.168.0.20:5025", "generic-scpi")
+
+
 def test_editors_find_the_schema_and_every_key_in_it(tmp_path: Path) -> None:
     init(str(tmp_path), "--yes")
     for kind in ("bench", "matrix"):
