@@ -34,6 +34,7 @@ COMMANDS = {
     "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
     "schema": ("rig.cli.schema", "JSON schemas of the files a user writes, for editors."),
+    "models": ("rig.cli.models", "List the damper models: equations, parameters, energy."),
     "plugins": ("rig.cli.plugins", "List what other packages bring: drivers, models, methods, sections, exports."),
     "sniff": ("rig.cli.sniff", "What comes on a port or a CAN bus, and the lines of a bench file that read it."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
