@@ -29,13 +29,13 @@ SHORTEST = 0.02  # 1/rho, as a share of the smallest amplitude
 
 
 class LuGreModel(HystereticModel):
-    """LuGre model (Canudas de Wit et al. 1995; for MR dampers Jimenez and Alvarez-Icaza 2005)."""
+    """LuGre model (Canudas et al. 1995; for MR dampers Jimenez and Alvarez-Icaza 2005)."""
 
     name: ClassVar[str] = "lugre"
     states: ClassVar[int] = 1
     equation: ClassVar[str] = (
         "F = kx u + kv v + kw w + kd w'/rho + f0, w' = rho (v - |v| w / g), g = 1 + s exp(-(v/vs)^2) "
-        "(Canudas de Wit 1995); kv, kw, kd affine in I"
+        "(Canudas, Olsson, Astrom and Lischinsky 1995); kv, kw, kd affine in I"
     )
     energy: ClassVar[str] = "dissipates rho |v| w^2 kw / g + kv v^2 + kd w' v / rho; the rest is elastic and comes back"
     speeds_tell_yield: ClassVar[bool] = True
