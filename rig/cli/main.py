@@ -35,6 +35,7 @@ COMMANDS = {
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
     "ride": ("rig.cli.ride", "Drive a car with fitted dampers: what differs, and how sure that is."),
     "schema": ("rig.cli.schema", "JSON schemas of the files a user writes, for editors."),
+    "models": ("rig.cli.models", "List the damper models: equations, parameters, energy."),
     "plugins": ("rig.cli.plugins", "List what other packages bring: drivers, models, methods, sections, exports."),
     "sniff": ("rig.cli.sniff", "What comes on a port or a CAN bus, and the lines of a bench file that read it."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),

@@ -68,6 +68,7 @@ ONE_IMPORTER = {
     "simulators.testing.rehearsal": "a process of its own; loaded when a fixture is used",
     "simulators.frames": "compiled: what is in the cache stays valid as long as its own file does",
     "rig.vehicle.comfort": "the weightings of a standard, whatever is weighted",
+    "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
     "rig.study.figures": "loads matplotlib, and only where figures are drawn",
 }
 
