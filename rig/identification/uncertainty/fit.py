@@ -150,6 +150,24 @@ class NextTest:
 
 
 @dataclass(frozen=True)
+class Cause:
+    """What probably explains a misfit, or data that no damper gives.
+
+    Attributes:
+        slug: which cause; see docs/json.md.
+        text: what was found, with its numbers.
+        explains: share of the misfit beyond the noise that it explains (0 to 1); 1 for units and signs, 0 for what
+            these tests cannot show.
+        next: what to measure or mend.
+    """
+
+    slug: str
+    text: str
+    explains: float
+    next: str
+
+
+@dataclass(frozen=True)
 class CurrentRelations:
     """How the parameters of fits at single currents depend on the current.
 
@@ -226,6 +244,7 @@ class Fit:
         passivity: where the fitted model takes energy out; None when it was not looked at.
         profiles: profile likelihoods that were asked for, by parameter.
         next_tests: tests worth running next.
+        diagnosis: what probably explains the misfit, most first; implausible units and signs before all.
         series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
         current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
         loss: "squares" or "huber".
@@ -254,6 +273,7 @@ class Fit:
     passivity: Passivity | None = None
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     next_tests: tuple[NextTest, ...] = ()
+    diagnosis: tuple[Cause, ...] = ()
     series: SeriesSpring | None = None
     current: CurrentRelations | None = None
     loss: str = "squares"
@@ -310,6 +330,7 @@ class Fit:
             "passivity": None if self.passivity is None else _plain(self.passivity),
             "profiles": {name: vars(profile) for name, profile in self.profiles.items()},
             "next_tests": [_plain(proposal) for proposal in self.next_tests],
+            "diagnosis": [_plain(cause) for cause in self.diagnosis],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
             "series_spring": None if self.series is None else _plain(self.series),
             "notes": list(self.notes),
