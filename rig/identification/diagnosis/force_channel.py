@@ -9,7 +9,7 @@ import numpy as np
 from rig.dampers.arrays import BoolArray, FloatArray
 from rig.dampers.model import DamperModel
 from rig.identification.diagnosis.stretches import MEDIAN_OF_NORMAL
-from rig.identification.models.measurement import Measurement
+from rig.identification.models.measurement import Measurement, samples_a_cycle
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.projection import Weighting
 
@@ -18,6 +18,8 @@ FAR = 8.0  # standard deviations from the neighbours' median
 OF_RESIDUAL = 3.0  # median residuals, which a sample that is far off must have besides
 BESIDE_A_JUMP_S = 5e-3  # around mid-stroke and reversals, where a model that is a little late leaves single samples too
 BESIDE_OF_ELSEWHERE = 3.0  # times as often beside a jump as elsewhere: what lies there is then no outlier
+RECURS_WITHIN = 2  # samples
+RECURS_OF = 0.4  # of a sample, which one of the cycle before or after must have to be the same thing again
 FLAT_WITHIN = 3.0  # standard deviations of the noise within which samples are at one end of the channel
 
 
@@ -27,7 +29,7 @@ def outliers(
     """Which samples lie alone, (n,) a test.
 
     Compared are residuals, so that a steep force is none, with the median of their neighbours, so that misfit is none.
-    Where most lie beside jumps of the force, those are none.
+    What recurs every cycle is none, and where most lie beside jumps of the force, those are none.
     """
     found, beside = [], [_beside_a_jump(test) for test in tests]
     for index, test in enumerate(tests):
@@ -41,7 +43,8 @@ def outliers(
         spread = max(float(np.median(away[known])) / MEDIAN_OF_NORMAL, test.force_step_N / 2.0)
         usual = float(np.median(np.abs(residual[known])))
         with np.errstate(invalid="ignore"):
-            found.append(known & (away > FAR * spread) & (np.abs(residual) > OF_RESIDUAL * usual))
+            far = known & (away > FAR * spread) & (np.abs(residual) > OF_RESIDUAL * usual)
+        found.append(_without_recurring(far, residual, round(samples_a_cycle(test.u_m))))
     inside, outside = (
         sum(int(np.count_nonzero(alone & near)) for alone, near in zip(found, sides, strict=True))
         / max(1, sum(int(np.count_nonzero(near)) for near in sides))
@@ -50,6 +53,18 @@ def outliers(
     if inside > BESIDE_OF_ELSEWHERE * outside:
         return [alone & ~near for alone, near in zip(found, beside, strict=True)]
     return found
+
+
+def _without_recurring(far: BoolArray, residual_N: FloatArray, cycle: int) -> BoolArray:
+    """Those of the samples whose like does not come one cycle earlier or later: what recurs is the damper's."""
+    kept, size = far.copy(), residual_N.size
+    around = np.arange(-RECURS_WITHIN, RECURS_WITHIN + 1)
+    for at in np.flatnonzero(far):
+        places = np.concatenate((at - cycle + around, at + cycle + around))
+        places = places[(places >= 0) & (places < size)]
+        like = residual_N[places] * np.sign(residual_N[at])
+        kept[at] = not np.any(like > RECURS_OF * abs(residual_N[at]))
+    return kept
 
 
 def _beside_a_jump(test: Measurement) -> BoolArray:
