@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +13,16 @@ from drivers.devices.supply_file import is_file, supply
 from simulators.conditioner import group_delay_s
 from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
+from simulators.worn_ecu import WornEcuFiles
 
+BY_HAND = "generic-scpi"
+"""The supply that is turned in place of somebody who sets the current by hand."""
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
+STATUS_S = 0.010
+"""The demo ECU's status period, and how often it is sent commands."""
+STALE_STATUSES = 3
+COMMANDS_IN_TIME = 4
+"""So many commands fit into the time after which an ECU gives up."""
 STALE_SAMPLES = 5
 STALE_S = 0.020
 RELAXED_STALE_S = 0.600
@@ -36,7 +45,8 @@ class Addresses:
 
 
 def bench_text(
-    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = ()
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = (),
+    actuator: Sequence[str] = ('register_map = "demo"',),
 ) -> str:
     """The bench file as TOML text.
 
@@ -46,6 +56,7 @@ def bench_text(
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
         ecu: lines of the current source's table; none: of the demo ECU.
+        actuator: entries of [actuator] that say what the controller is.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -62,7 +73,7 @@ def bench_text(
         "[actuator]",
         f'url = "{addresses.actuator_url}"',
         f"device_id = {controller.device_id}",
-        f'register_map = "{"demo" if controller.generator else "demo-streamed"}"',
+        *actuator,
         f'poll = "{poll_ms(rtu, speed)} ms"',
         f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed):g} ms"',
         f'stale_after = "{1000 if relaxed else 300 if rtu else 150} ms"',
@@ -71,7 +82,6 @@ def bench_text(
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
         *([] if controller.generator or not relaxed else [f'setpoint_late = "{1e3 * RELAXED_SETPOINT_S:g} ms"']),
         *_input_delay(options),
-        f'serial_number = "{controller.serial_number}"',
         *(ecu or ecu_lines(addresses, relaxed)),
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
@@ -92,21 +102,38 @@ def bench_text(
     return "\n".join(lines) + "\n"
 
 
-def ecu_lines(addresses: Addresses, relaxed: bool, entries: Sequence[str] = ('dbc = "demo"',)) -> list[str]:
-    """Lines of the table of an ECU on CAN; `entries` say which ECU it is."""
+def ecu_lines(
+    addresses: Addresses, relaxed: bool, serial_number: int | None = None, worn: WornEcuFiles | None = None
+) -> list[str]:
+    """Lines of the table of an ECU on CAN: the demo's, or a user's; how patient both sides are is the ECU's own."""
+    status_s, timeout_s, number = STATUS_S, None, "" if serial_number is None else f"serial_number = {serial_number}"
+    entries = ['dbc = "demo"', number]
+    if worn is not None and serial_number is not None:
+        described, entries = worn.load().described, worn.entries(serial_number)
+        status_s, timeout_s = described.timing.status_s, described.command_timeout_s
+    stale_s = max(RELAXED_STALE_S if relaxed else STALE_STATUSES * STATUS_S, STALE_STATUSES * status_s)
+    command_s = min(STATUS_S, (timeout_s or math.inf) / COMMANDS_IN_TIME)
     return [
         "[ecu]",
         'interface = "slcan"',
         f'channel = "socket://127.0.0.1:{addresses.slcan_port}"',
         "bitrate = 500000",
         *entries,
-        'command_period = "10 ms"',
-        f'stale_after = "{RELAXED_STALE_S * 1e3 if relaxed else 30:g} ms"',
+        f'command_period = "{1e3 * command_s:g} ms"',
+        f'stale_after = "{1e3 * stale_s:g} ms"',
     ]
 
 
-def supply_lines(options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any]) -> list[str]:
-    """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often."""
+def supply_lines(
+    options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any], by_hand: str = ""
+) -> list[str]:
+    """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often.
+
+    Where the current is set by hand (`by_hand`: the pressure meanwhile) the supply is turned in somebody's place.
+    """
+    if by_hand:
+        url = f"tcp://127.0.0.1:{port}"
+        return ["[ecu]", "by_hand = true", f'pressure_while_asked = "{by_hand}"', f'rehearsal = "{url}"']
     described = supply(given)
     name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given
     poll_ms = max(FASTEST_POLL_MS, SUPPLY_POLL_MS / max(1.0, speed))

@@ -15,6 +15,7 @@ from drivers.catalogue import (
     current_source_period_s,
     current_source_problems,
     current_source_range_A,
+    current_source_timeout_s,
     is_dbc,
     known_current_source_names,
 )
@@ -134,6 +135,11 @@ def current_range_A(dbc: str, roles: str | Mapping[str, Any] | None) -> tuple[fl
 def status_period_s(dbc: str, roles: str | Mapping[str, Any] | None) -> float:
     """How often a current source tells its current (s of its clock)."""
     return current_source_period_s(dbc, roles)
+
+
+def command_timeout_s(dbc: str, roles: str | Mapping[str, Any] | None) -> float | None:
+    """After so long without a command an ECU goes to 0 A by itself (s), where a roles file states it."""
+    return current_source_timeout_s(dbc, roles) if is_dbc(dbc) else None
 
 
 def _known(name: str, known: tuple[str, ...], way: str = "") -> str:

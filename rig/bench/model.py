@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from rig import units
 from rig.bench import named_files
-from rig.bench.address import current_range_A, status_period_s
+from rig.bench.address import command_timeout_s, current_range_A, status_period_s
 from rig.bench.problems import load_section
 from rig.bench.quantity import Problem, Quantity
 from rig.bench.section import Section, located
@@ -108,7 +108,7 @@ class Bench(Section):
         text = self.model_dump_json(
             exclude={
                 "name": True,
-                "actuator": {"url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s"},
+                "actuator": self.actuator.not_physics,
                 "ecu": self.ecu.not_physics,
                 "load_cell": self.load_cell.not_physics,
                 "lvdt": self.lvdt.not_physics,
@@ -179,6 +179,8 @@ class Bench(Section):
     def _current(self) -> list[Problem]:
         """The limit against what the current source gives."""
         described = supply_of(self.ecu.supply)
+        if self.ecu.by_hand:
+            return self._hands()
         if described is not None:
             low_A, high_A = described.current_A
         else:
@@ -187,6 +189,16 @@ class Bench(Section):
             return []
         held = f"{units.show(low_A, 'A')} to {units.show(high_A, 'A')}"
         return [(("limits", "current"), f"is beyond the set-point of the current source; allowed: within {held}")]
+
+    def _hands(self) -> list[Problem]:
+        """The pressure while somebody is at the supply."""
+        if self.ecu.pressure_while_asked == "on" or self.actuator.takes_pressure_away:
+            return []
+        told = (
+            'the controller cannot be told to take the pressure away; write pressure_while_asked = "on" where nobody '
+            "at the supply can reach the rod, or use a register map with commands for the hydraulics"
+        )
+        return [(("ecu", "pressure_while_asked"), told)]
 
     def _periods(self) -> list[Problem]:
         problems: list[Problem] = []
@@ -199,7 +211,8 @@ class Bench(Section):
         if self.actuator.watchdog_s < shortest:
             message = f"is less than two polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
             problems.append((("actuator", "watchdog"), message))
-        return problems if self.ecu.url is not None else [*problems, *self._ecu_periods()]
+        on_CAN = self.ecu.url is None and not self.ecu.by_hand
+        return [*problems, *self._ecu_periods()] if on_CAN else problems
 
     def _ecu_periods(self) -> list[Problem]:
         """Of a current controller on CAN; those of a supply are its own entries'."""
@@ -209,4 +222,9 @@ class Bench(Section):
             if self.ecu.stale_after_s < shortest:
                 message = f"is less than two {what}; allowed: at least {units.show(shortest, 'ms')}"
                 return [(("ecu", "stale_after"), message)]
+        own_s = command_timeout_s(self.ecu.dbc, self.ecu.roles)
+        if own_s is not None and 2.0 * self.ecu.command_period_s > own_s:
+            waits, longest = units.show(own_s, "ms"), units.show(0.5 * own_s, "ms")
+            message = f"is too long for an ECU that waits {waits}; allowed: at most {longest}"
+            return [(("ecu", "command_period"), message)]
         return []

@@ -35,6 +35,7 @@ COMMANDS = {
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),
     "schema": ("rig.cli.schema", "JSON schemas of the files a user writes, for editors."),
     "plugins": ("rig.cli.plugins", "List what other packages bring: drivers, models, methods, sections, exports."),
+    "sniff": ("rig.cli.sniff", "What comes on a port or a CAN bus, and the lines of a bench file that read it."),
     "simulate": ("rig.cli.simulate", "Start the simulated rig alone."),
     "explain": ("rig.cli.explain", "What a slug means: a fault, refusal or finding by its name."),
     "worlds": ("rig.cli.worlds", "Try a matrix in simulated worlds, each with a bad day of its own."),

@@ -10,7 +10,10 @@ from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 
 from rig.dampers.algebraic import AsymmetricModel, KwokModel, SymmetricModel
+from rig.dampers.asymmetric_bouc_wen import AsymmetricBoucWenModel
+from rig.dampers.bilinear import DigressiveBilinearModel, HystereticBiviscousModel
 from rig.dampers.bouc_wen import BoucWenModel, NormalizedBoucWenModel, ThinningBoucWenModel
+from rig.dampers.friction import DahlModel
 from rig.dampers.lost_motion import LostMotionModel
 from rig.dampers.model import DamperModel
 from rig.dampers.modified_bouc_wen import ModifiedBoucWenModel
@@ -35,6 +38,10 @@ CATALOGUE: tuple[DamperModel, ...] = (
     NormalizedBoucWenModel(),
     ThinningBoucWenModel(),
     LostMotionModel(),
+    DahlModel(),
+    HystereticBiviscousModel(),
+    DigressiveBilinearModel(),
+    AsymmetricBoucWenModel(),
 )
 """Every model in every form; a place here is the model's `kind`, which files of simulated runs hold: append."""
 

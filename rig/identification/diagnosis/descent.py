@@ -14,7 +14,7 @@ from rig.identification.diagnosis.stretches import Stretch
 from rig.identification.models.model_slope import modelled_force, parameter_slopes
 
 STEPS = 12
-FEWER_STEPS = 4  # of a model with internal states, whose slopes cost an integration each
+FEWER_STEPS = 3  # of a model with internal states, whose slopes cost an integration each
 ENOUGH = 1e-3  # relative reduction of the sum of squares below which the search ends
 LEAST_DAMPING, MOST_DAMPING = 1e-9, 1e3
 
@@ -90,9 +90,10 @@ def residual_N(
 
 def _squares(model: DamperModel, at: Explained, parts: Sequence[Stretch], distortion: Distortion) -> float:
     total = 0.0
-    for part in parts:
-        weighted = part.weights * residual_N(model, at.values, part, distortion, at.amounts)
-        total += float(weighted @ weighted)
+    with np.errstate(over="ignore", invalid="ignore"):  # a step too far; it is not taken
+        for part in parts:
+            weighted = part.weights * residual_N(model, at.values, part, distortion, at.amounts)
+            total += float(weighted @ weighted)
     return total if np.isfinite(total) else np.inf
 
 

@@ -16,7 +16,7 @@ from rig.identification.models.projection import Weighting
 SAMPLES = 1000  # of a thinned test
 FEWEST_A_CYCLE = 50
 JUMP_S = 5e-3  # around a jump at mid-stroke, so that a delay does not have to move samples across it
-CYCLES_AT_AN_END = 2  # of a test whose samples cannot be thinned
+CYCLES_AT_AN_END = 1  # of a test whose samples cannot be thinned
 DEVIATION_OF_SECOND_DIFFERENCE = math.sqrt(6.0)
 MEDIAN_OF_NORMAL = 0.6744897501960817
 

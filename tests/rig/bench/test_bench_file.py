@@ -238,3 +238,15 @@ def test_the_digest_covers_limits_and_calibration_but_no_address(tmp_path: Path)
     ]:
         path.write_text(TEXT.replace(old, new))
         assert (Bench.load(path).digest == reference) is same, old
+
+
+def test_campaigns_begun_before_newer_entries_existed_can_be_resumed(tmp_path: Path) -> None:
+    """The digests that the two examples had then, as `campaign.json` of such campaigns holds them."""
+    kept = {
+        "demo-bench.toml": "1db19829249a94905551aa7c0888d43a48c84118f097db7cab6cd48e45376425",
+        "paper-bench.toml": "bfa51b9c68c118f8f127cba6c72ba83d590119e01bf8c02d8c4c013b21a2a63e",
+    }
+    assert {name: Bench.load(EXAMPLES / name).digest for name in kept} == kept
+    path = tmp_path / "bench.toml"
+    path.write_text(TEXT.replace("[actuator]", '[actuator]\nsetpoint_late = "20 ms"'))
+    assert Bench.load(path).digest == kept["demo-bench.toml"]

@@ -23,7 +23,8 @@ def folder(tmp_path: Path) -> Path:
 
 
 def bench(folder: Path, ecu: str = BY_FILE, extra: str = "") -> Path:
-    lines = [line for line in BENCH.splitlines() if not line.startswith("dbc")]
+    gone = ("dbc", "command_period", 'stale_after = "30 ms') if "stale_after" in ecu else ("dbc",)
+    lines = [line for line in BENCH.splitlines() if not line.startswith(gone)]
     at = lines.index("[ecu]") + 1
     path = folder / "bench.toml"
     path.write_text("\n".join([*lines[:at], ecu, *lines[at:]]) + "\n" + extra, encoding="utf-8")
@@ -68,11 +69,18 @@ def test_what_does_not_go_together_is_refused_by_line(folder: Path, ecu: str, sa
         Bench.load(bench(folder, ecu))
 
 
+def _mended(folder: Path) -> Path:
+    shutil.copy(EXAMPLES / "coil-driver.dbc", folder)
+    return folder
+
+
 def test_a_limit_beyond_the_set_point_and_a_patience_below_two_statuses_are_refused(folder: Path) -> None:
     dbc = folder / "coil-driver.dbc"
     dbc.write_text(dbc.read_text().replace("[-5000|5000]", "[-2000|2000]"), encoding="utf-8")
     with pytest.raises(FileProblem, match=r"limits\.current = .*beyond the set-point of the current source"):
         Bench.load(bench(folder))
+    with pytest.raises(FileProblem, match=r"ecu\.command_period = .*too long for an ECU that waits 60 ms"):
+        Bench.load(bench(_mended(folder), f'{BY_FILE}\ncommand_period = "40 ms"\nstale_after = "90 ms"'))
     slow = 'periods = {DriverStatus = "20 ms"}\n' + ROLES
     (folder / "coil-driver-roles.toml").write_text(slow, encoding="utf-8")
     dbc.write_text((EXAMPLES / "coil-driver.dbc").read_text(), encoding="utf-8")

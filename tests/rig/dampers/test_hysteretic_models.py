@@ -46,6 +46,22 @@ def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], 
             ),
             [0.0],
         )
+    if name == "dahl":
+        return (
+            lambda u, v, s: [p["rho"] * (v - abs(v) * s[0])],
+            lambda u, v, s: (
+                p["kx"] * u + (p["kv"] + p["kv_b"] * CURRENT) * v + (p["kw"] + p["kw_b"] * CURRENT) * s[0] + p["f0"]
+            ),
+            [0.0],
+        )
+    if name == "asymmetric_bouc_wen":
+        shape = {"gamma": p["rho"] * p["sigma"], "beta": p["rho"] * (1.0 - p["sigma"]), "A": p["rho"], "n": p["n"]}
+        kv, kva, kw, kwa = (p[key] + p[f"{key}_b"] * CURRENT for key in ("kv", "kva", "kw", "kwa"))
+        return (
+            lambda u, v, s: [bouc_wen_rate(shape, s[0], v)],
+            lambda u, v, s: p["kx"] * u + kv * v + kva * abs(v) + kw * s[0] + kwa * abs(s[0]) + p["f0"],
+            [0.0],
+        )
     if name == "lost_motion":
         shape = {"gamma": p["rho"] / 2.0, "beta": p["rho"] / 2.0, "A": p["rho"], "n": 2.0}
         ky, kg, kt = (
@@ -93,6 +109,8 @@ def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], 
         ("demo-normalized-bouc-wen", {}),
         ("demo-normalized-bouc-wen", {"n": 0.9}),
         ("demo-lost-motion", {}),
+        ("demo-dahl", {}),
+        ("demo-asymmetric-bouc-wen", {}),
         ("demo-modified-bouc-wen", {}),
         ("demo-modified-bouc-wen", {"gamma": 1e3, "beta": -1e3}),
         ("demo-modified-bouc-wen", {"n": 0.9, "gamma": 1e3, "beta": 1e3}),
@@ -121,7 +139,8 @@ def test_series_agrees_with_an_independent_integrator(name: str, changed: dict[s
     "name",
     [
         "demo-bouc-wen", "demo-normalized-bouc-wen", "demo-modified-bouc-wen", "demo-viscoelastic-plastic",
-        "demo-lost-motion",
+        "demo-lost-motion", "demo-dahl", "demo-hysteretic-biviscous", "demo-digressive-bilinear",
+        "demo-asymmetric-bouc-wen",
     ],
 )  # fmt: skip
 def test_plant_steps_follow_the_series(name: str) -> None:

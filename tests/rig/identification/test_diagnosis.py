@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from rig.dampers import model, parameter_set
 from rig.identification import Fit, Measurement, identify
 from rig.identification.diagnosis.stretches import path_since_reversal_m
+from rig.identification.runs import write_fit
 
 DEMO = dict(parameter_set("demo").values)
 DAMPER = model("asymmetric")
@@ -58,6 +60,13 @@ def named_first(fit: Fit) -> str:
     assert all(0.0 <= share <= 1.0 for share in shares)
     assert all(cause.text and cause.next for cause in fit.diagnosis)
     return fit.diagnosis[0].slug
+
+
+def test_a_diagnosis_is_read_back_from_a_fit_file(tmp_path: Path) -> None:
+    fit = identify(damper_tests(skew_s=3e-3, currents_A=(0.0, 1.0)))
+    write_fit(fit, tmp_path)
+    again = Fit.load(tmp_path / "fit.json")
+    assert [vars(cause) for cause in again.diagnosis] == [vars(cause) for cause in fit.diagnosis]
 
 
 def test_good_tests_are_not_accused_even_when_asked() -> None:
