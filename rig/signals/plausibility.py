@@ -59,8 +59,8 @@ class Doubt:
 
 def doubts(size: TestSize) -> list[Doubt]:
     """What lies outside the envelope, the time first: a wrong one makes the speed wrong too."""
-    found = [*_time(size)]
-    return [*found, *_displacement(size, timed=not found), *_force(size), *_current(size)]
+    outside = [*_time(size)]
+    return [*outside, *_displacement(size, timed=not outside), *_force(size), *_current(size)]
 
 
 def _time(size: TestSize) -> Iterator[Doubt]:

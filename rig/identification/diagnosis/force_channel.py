@@ -31,28 +31,28 @@ def outliers(
     Compared are residuals, so that a steep force is none, with the median of their neighbours, so that misfit is none.
     What recurs every cycle is none, and where most lie beside jumps of the force, those are none.
     """
-    found, beside = [], [_beside_a_jump(test) for test in tests]
+    lonely, beside = [], [_beside_a_jump(test) for test in tests]
     for index, test in enumerate(tests):
         counting = weighting.counting(test, index)
         residual = np.where(counting, test.force_N - modelled_force(model, values, test), np.nan)
         away = np.abs(residual - _median_of_neighbours(residual))
         known = np.isfinite(away)
         if not np.any(known):
-            found.append(np.zeros(away.size, dtype=bool))
+            lonely.append(np.zeros(away.size, dtype=bool))
             continue
         spread = max(float(np.median(away[known])) / MEDIAN_OF_NORMAL, test.force_step_N / 2.0)
         usual = float(np.median(np.abs(residual[known])))
         with np.errstate(invalid="ignore"):
             far = known & (away > FAR * spread) & (np.abs(residual) > OF_RESIDUAL * usual)
-        found.append(_without_recurring(far, residual, round(samples_a_cycle(test.u_m))))
+        lonely.append(_without_recurring(far, residual, round(samples_a_cycle(test.u_m))))
     inside, outside = (
-        sum(int(np.count_nonzero(alone & near)) for alone, near in zip(found, sides, strict=True))
+        sum(int(np.count_nonzero(alone & near)) for alone, near in zip(lonely, sides, strict=True))
         / max(1, sum(int(np.count_nonzero(near)) for near in sides))
         for sides in (beside, [~near for near in beside])
     )
     if inside > BESIDE_OF_ELSEWHERE * outside:
-        return [alone & ~near for alone, near in zip(found, beside, strict=True)]
-    return found
+        return [alone & ~near for alone, near in zip(lonely, beside, strict=True)]
+    return lonely
 
 
 def _without_recurring(far: BoolArray, residual_N: FloatArray, cycle: int) -> BoolArray:

@@ -1,7 +1,7 @@
 """Are the tests of two dampers? Each test goes to the one of two fits that describes it better, until none moves.
 
-The parting starts from runs, halves of the campaign, tests that are too strong and too weak, and at random; it is found
-with the slopes at the common fit, and only the best one is fitted to the end.
+The parting starts from runs, halves of the campaign, tests that are too strong and too weak, and at random; it is
+found with the slopes at the common fit, and only the best one is fitted to the end.
 """
 
 from __future__ import annotations
@@ -65,9 +65,9 @@ def two_groups(
     scale = np.sqrt(np.maximum(np.diag(np.sum([test.normal for test in sums], axis=0)), 1e-300))
     best: tuple[float, BoolArray] | None = None
     for start in _starts(parts, sums):
-        found = _settled(start, sums, scale)
-        if found is not None and (best is None or found[0] < best[0]):
-            best = found
+        reached = _settled(start, sums, scale)
+        if reached is not None and (best is None or reached[0] < best[0]):
+            best = reached
     if best is None:
         return None
     squares = 0.0

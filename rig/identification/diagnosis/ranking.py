@@ -100,7 +100,7 @@ def _of_misfit(fitted: Fitted) -> list[Cause]:
         replace(trial, squares=trial.squares + far)
         for trial in (*_distorted(fitted, parts, base), *_two_dampers(fitted, parts, base))
     ]
-    count = sum(int(np.count_nonzero(each)) for each in alone)
+    count = sum(int(np.count_nonzero(one)) for one in alone)
     if count >= FEWEST_OUTLIERS:
         percent = 100.0 * count / sum(test.u_m.size for test in tests)
         trials.append(_Trial("outliers", base.squares, 1, {"count": count, "percent": percent}))
@@ -125,12 +125,12 @@ def _distorted(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Ite
         return _Trial(slug, left(distortion).squares, len(distortion.start), numbers)
 
     starts = SKEWS_S if fitted.model.jumps_at == "reversal" else (0.0,)
-    skewed = min((left(of.Skew(start_s)) for start_s in starts), key=lambda found: found.squares)
+    skewed = min((left(of.Skew(start_s)) for start_s in starts), key=lambda reached: reached.squares)
     yield _Trial("skew", skewed.squares, 1, {"skew_ms": 1e3 * float(skewed.amounts[0])})
     for slug, trend in _trends(fitted.tests):
-        found = left(of.Trend(trend))
-        gain, zero_N = found.amounts.tolist()
-        yield _Trial(slug, found.squares, 2, {"percent": 100.0 * gain, "zero_N": zero_N})
+        reached = left(of.Trend(trend))
+        gain, zero_N = reached.amounts.tolist()
+        yield _Trial(slug, reached.squares, 2, {"percent": 100.0 * gain, "zero_N": zero_N})
     yield from _clipped(fitted, parts, base)
     yield from _compliant(fitted, parts, base)
     levels = _levels(fitted.tests)
@@ -187,9 +187,9 @@ def _clipped(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Itera
         start = explain(fitted.model, base.values, fitted.names, inner, nothing)
         together = ends is not own
         channel = of.Clipped(*common) if together else of.ClippedApart(own)
-        found = explain(fitted.model, start.values, fitted.names, parts, channel)
-        low, high = found.amounts.tolist() if together else common
-        yield _Trial("clipping", found.squares, 2 if together else 2 + len(own), {"low_N": low, "high_N": high})
+        reached = explain(fitted.model, start.values, fitted.names, parts, channel)
+        low, high = reached.amounts.tolist() if together else common
+        yield _Trial("clipping", reached.squares, 2 if together else 2 + len(own), {"low_N": low, "high_N": high})
 
 
 def _compliant(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
@@ -198,18 +198,18 @@ def _compliant(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Ite
     except IdentificationFailed:
         return  # a test whose cycles are unknown has no smooth force, and shows no compliance
     give = of.Compliance(soft.forces, parts, soft.largest_m_N)
-    found = explain(fitted.model, base.values, fitted.names, parts, give)
-    compliance = float(found.amounts[0])
+    reached = explain(fitted.model, base.values, fitted.names, parts, give)
+    compliance = float(reached.amounts[0])
     if compliance > 0.0:
-        yield _Trial("series-compliance", found.squares, 1, {"stiffness_N_m": 1.0 / compliance})
+        yield _Trial("series-compliance", reached.squares, 1, {"stiffness_N_m": 1.0 / compliance})
 
 
 def _two_dampers(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
-    found = two_groups(fitted.model, base, fitted.names, parts)
-    if found is not None:
-        minor = found.second if 2 * np.count_nonzero(found.second) <= found.second.size else ~found.second
+    reached = two_groups(fitted.model, base, fitted.names, parts)
+    if reached is not None:
+        minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second
         ids = [test.id for test, other in zip(fitted.tests, minor.tolist(), strict=True) if other]
-        yield _Trial("mixed-specimens", found.squares, len(fitted.names) + 1, {"tests": some(ids)})
+        yield _Trial("mixed-specimens", reached.squares, len(fitted.names) + 1, {"tests": some(ids)})
 
 
 def _levels(tests: Sequence[Measurement]) -> list[float]:
