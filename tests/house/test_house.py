@@ -32,6 +32,7 @@ PUBLIC = "a public call whose arguments all have defaults"
 COMPILED = "machine code, or what it is called by: flat arguments"
 EQUATION = "the signature of every model's equation: parameters, u, v, a, current, dt"
 MANY_PARAMETERS = {
+    "rig.cli.hybrid:command": OPTIONS,
     "rig.cli.identify:command": OPTIONS,
     "rig.cli.importing:command": OPTIONS,
     "rig.cli.run:command": OPTIONS,
