@@ -19,8 +19,8 @@ def test_the_damping_of_each_case_is_that_of_the_authors_files() -> None:
     }  # fmt: skip
     for case, (first, second) in published.items():
         damping = building.reference(building.CASES[case]).damping
-        assert damping[0, 0] == pytest.approx(first, rel=1e-5)
-        assert damping[1, 2] == pytest.approx(second, rel=1e-5)
+        assert damping[0, 0] == pytest.approx(first, rel=5e-5)
+        assert damping[1, 2] == pytest.approx(second, rel=5e-5)
 
 
 def test_what_is_computed_and_what_is_tested_make_the_whole_building() -> None:
@@ -30,7 +30,7 @@ def test_what_is_computed_and_what_is_tested_make_the_whole_building() -> None:
     for complete, left, part in zip(whole, rest, (29.13, 117.065, 1.25e6), strict=True):
         difference = complete - left
         # 2 x 0.0097 x sqrt(29.13 x 1.25e6) = 117.065
-        assert difference[0, 0] == pytest.approx(part, rel=1e-5)
+        assert difference[0, 0] == pytest.approx(part, rel=5e-5)
         assert np.count_nonzero(difference) == 1
 
 
