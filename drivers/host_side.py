@@ -30,12 +30,14 @@ class HostSide:
     Args:
         controller: its map.
         answered: the driver says whether a command was taken; the device itself does not.
+        rate: device seconds that pass in one second of the host's clock.
 
     Attributes:
         answer: number, command and result of the last command, where the device shows none.
     """
 
-    def __init__(self, controller: ControllerMap, *, answered: bool) -> None:
+    def __init__(self, controller: ControllerMap, *, answered: bool, rate: float = 1.0) -> None:
+        self._rate = rate
         self._map = controller
         self._answered = answered
         self.answer: tuple[int, int, int] = (0, 0, Result.IDLE)
@@ -55,14 +57,15 @@ class HostSide:
         if command is Command.START:
             self._program, self._program_id, self._began_s, self._cycles = program, sequence, math.nan, 0
 
-    def knows(self, values: Mapping[str, Value], now_s: float) -> dict[str, Value]:
+    def knows(self, values: Mapping[str, Value], received_ns: int) -> dict[str, Value]:
         """What the device does not show, by the names of the status.
 
         Args:
             values: what it shows (SI).
-            now_s: when it was shown, host time.
+            received_ns: when it was shown, host time.
         """
-        known: dict[str, Value] = {}
+        now_s = received_ns * 1e-9 * self._rate
+        known: dict[str, Value] = {"clock_us": int(now_s * 1e6) % CLOCK_MODULUS}
         if "velocity" not in values:
             known["velocity"] = self._speed(float(values["position"]), now_s)
         if self._answered:
@@ -93,11 +96,11 @@ class HostSide:
         if "program_id" not in self._map.quantities and not self._map.capabilities.streamed_setpoints:
             changes["program_id"] = self._program_id if running else 0
         if "cycles_done" not in self._map.quantities and self._program is not None:
-            changes["cycles_done"] = self._count(state, status.received_ns * 1e-9, self._program)
+            changes["cycles_done"] = self._count(state, status.received_ns * 1e-9 * self._rate, self._program)
         return status._replace(**changes)
 
     def _count(self, state: int, now_s: float, program: Program) -> int:
-        """Cycles by the time since the program was first seen to run, ramps included."""
+        """Cycles by the time (device s) since the program was first seen to run, ramps included."""
         if state == State.RUNNING:
             if math.isnan(self._began_s):
                 self._began_s = now_s

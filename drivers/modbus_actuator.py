@@ -71,7 +71,9 @@ class ModbusActuator:
         self._map = controller
         self.sent: deque[tuple[int, int]] = deque(maxlen=SENT_KEPT)
         self._numbered = is_numbered(controller.quantities, controller.recipes.commands)
-        self._host = HostSide(controller, answered=not self._numbered)
+        if not self._numbered:
+            self.sent.append((0, int(Command.NONE)))
+        self._host = HostSide(controller, answered=not self._numbered, rate=connection.motion.device_rate)
         self._numbers = CommandNumbers()
         self._run: RecipeRun | None = None
         self._low = False
@@ -360,6 +362,9 @@ class ModbusActuator:
             DriverError: the controller cannot be reached.
         """
         values = self._access.read(self._map.status_reads, "status", requests, once=once)
+        if len(self._map.status_reads) > 1 and self._map.differs(values, self._values):
+            # What changed between two requests of a poll is only half seen.
+            values = self._access.read(self._map.status_reads, "status")
         received_ns = time.monotonic_ns()
         values |= self._host.unwrapped(values)
         self._values = values
@@ -367,7 +372,7 @@ class ModbusActuator:
             self._run.go_on(received_ns * 1e-9, self._access.show, self._access.write)
             self._follow(self._run)
         try:
-            status = self._map.status(values, received_ns, self._host.knows(values, received_ns * 1e-9))
+            status = self._map.status(values, received_ns, self._host.knows(values, received_ns))
         except RemoteProtocolError as error:
             raise WrongAnswer("actuator", self.url, f"status: {error}") from error
         status = self._host.completed(status)

@@ -15,6 +15,8 @@ from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
 from simulators.worn_ecu import WornEcuFiles
 
+BY_HAND = "generic-scpi"
+"""The supply that is turned in place of somebody who sets the current by hand."""
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 STATUS_S = 0.010
 """The demo ECU's status period, and how often it is sent commands."""
@@ -43,7 +45,8 @@ class Addresses:
 
 
 def bench_text(
-    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = ()
+    options: RigOptions, addresses: Addresses, speed: float, relaxed: bool, ecu: Sequence[str] = (),
+    actuator: Sequence[str] = ('register_map = "demo"',),
 ) -> str:
     """The bench file as TOML text.
 
@@ -53,6 +56,7 @@ def bench_text(
         speed: rate of its device clocks against the wall.
         relaxed: time limits are widened against those of hardware.
         ecu: lines of the current source's table; none: of the demo ECU.
+        actuator: entries of [actuator] that say what the controller is.
     """
     limits, controller = options.limits, options.controller
     rtu = ActuatorAddress.parse(addresses.actuator_url).kind is LinkKind.MODBUS_RTU
@@ -69,7 +73,7 @@ def bench_text(
         "[actuator]",
         f'url = "{addresses.actuator_url}"',
         f"device_id = {controller.device_id}",
-        f'register_map = "{"demo" if controller.generator else "demo-streamed"}"',
+        *actuator,
         f'poll = "{poll_ms(rtu, speed)} ms"',
         f'timeout = "{1e3 * actuator_timeout_s(rtu, relaxed):g} ms"',
         f'stale_after = "{1000 if relaxed else 300 if rtu else 150} ms"',
@@ -78,7 +82,6 @@ def bench_text(
         f'halt_deceleration = "{controller.halt_deceleration_m_s2:g} m/s^2"',
         *([] if controller.generator or not relaxed else [f'setpoint_late = "{1e3 * RELAXED_SETPOINT_S:g} ms"']),
         *_input_delay(options),
-        f'serial_number = "{controller.serial_number}"',
         *(ecu or ecu_lines(addresses, relaxed)),
     ]
     lines += _sensor("load_cell", options.load_cell, addresses.load_cell_url, relaxed)
@@ -121,8 +124,16 @@ def ecu_lines(
     ]
 
 
-def supply_lines(options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any]) -> list[str]:
-    """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often."""
+def supply_lines(
+    options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any], by_hand: str = ""
+) -> list[str]:
+    """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often.
+
+    Where the current is set by hand (`by_hand`: the pressure meanwhile) the supply is turned in somebody's place.
+    """
+    if by_hand:
+        url = f"tcp://127.0.0.1:{port}"
+        return ["[ecu]", "by_hand = true", f'pressure_while_asked = "{by_hand}"', f'rehearsal = "{url}"']
     described = supply(given)
     name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given
     poll_ms = max(FASTEST_POLL_MS, SUPPLY_POLL_MS / max(1.0, speed))

@@ -17,6 +17,11 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from simulators.registers import RegisterBank
 
+SPACES = ("coil", "discrete", "holding", "input")
+"""In the order that pymodbus has them."""
+BITS = frozenset(SPACES[:2])
+FUNCTIONS = {1: "coil", 2: "discrete", 4: "input", 5: "coil", 15: "coil"}
+"""Whose functions they are; all others are for holding registers."""
 _RTU_FUNCTION, _TCP_FUNCTION = 1, 7
 """Where in an answer its function stands."""
 _READ_SIZE = 4096
@@ -75,11 +80,9 @@ class ModbusServer:
             OSError: neither can be had.
         """
         logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
-        data = [
-            SimData(block.address, values=[0] * block.count, datatype=DataType.REGISTERS)
-            for block in self._bank.map.blocks.values()
-        ]
-        device = SimDevice(self._device_id, data, action=self._access)
+        blocks = self._bank.blocks()
+        coils, discrete, holding, inputs = (_data(space, blocks.get(space, [(0, 1)])) for space in SPACES)
+        device = SimDevice(self._device_id, (coils, discrete, holding, inputs), action=self._access)
         self._server = ModbusTcpServer(
             device, address=("127.0.0.1", 0), framer=FramerType.RTU if self._rtu else FramerType.SOCKET,
             trace_packet=self._trace, trace_connect=self._connected,
@@ -122,21 +125,34 @@ class ModbusServer:
         values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
         """One access by a client: fill `registers` for a read, execute a write."""
-        del function
+        space = FUNCTIONS.get(function, "holding")
         if self.faults.busy:
             return ExcCodes.DEVICE_BUSY
         if values is None:
-            words = self._bank.read(address, count)
+            if space in BITS:
+                return self._fill_bits(space, address, start, registers)
+            words = self._bank.read(address, count, space)
             if words is None:
                 return ExcCodes.ILLEGAL_ADDRESS
             registers[address - start : address - start + count] = words
             return None
         if self.faults.reject_writes:
             return ExcCodes.DEVICE_FAILURE
-        accepted = self._bank.write(address, [int(value) for value in values])
+        accepted = self._bank.write(address, [int(value) for value in values], space)
         if accepted is None:
             return ExcCodes.ILLEGAL_ADDRESS
         return None if accepted else ExcCodes.ILLEGAL_VALUE
+
+    def _fill_bits(self, space: str, address: int, start: int, registers: list[int]) -> ExcCodes | None:
+        """Lay down all bits of a space from the one asked for; the server holds sixteen in a register."""
+        shown = self._bank.bits(space)
+        if address not in shown:
+            return ExcCodes.ILLEGAL_ADDRESS
+        for place, value in shown.items():
+            if place >= address:
+                cell, bit = divmod(place - start, 16)
+                registers[cell] = registers[cell] & ~(1 << bit) | value << bit
+        return None
 
     def _connected(self, connected: bool) -> None:
         if not connected:
@@ -186,6 +202,13 @@ class ModbusServer:
         connections = [] if self._server is None else list(self._server.active_connections.values())
         transports = [connection.transport for connection in connections]
         return [transport for transport in transports if isinstance(transport, asyncio.Transport)]
+
+
+def _data(space: str, blocks: list[tuple[int, int]]) -> list[SimData]:
+    """What of a space is there."""
+    if space in BITS:
+        return [SimData(first, values=[False] * count, datatype=DataType.BITS) for first, count in blocks]
+    return [SimData(first, values=[0] * count, datatype=DataType.REGISTERS) for first, count in blocks]
 
 
 def _damage(packet: bytes, count: int) -> bytes:

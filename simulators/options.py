@@ -81,7 +81,8 @@ FORCE_INPUT = InputOptions(noise=10.0, resolution=0.5)
 class ControllerOptions:
     """The actuator controller: its identity, its limits at boot, its clock.
 
-    Without a `generator` it moves by set-points that are streamed to it, and only so.
+    Without a `generator` it moves by set-points that are streamed to it, and only so. `register_map` is a user's file
+    as which its registers appear; empty: its own.
     """
 
     serial_number: str = "SIM-ACT-1"
@@ -98,6 +99,7 @@ class ControllerOptions:
     following_error_max_m: float = 0.040
     watchdog_ms: int = 0
     generator: bool = True
+    register_map: str = ""
     clock_offset_us: float = math.nan
     clock_ppm: float = math.nan
 

@@ -19,6 +19,8 @@ from simulators.options import ServoOptions
 from simulators.plant import records
 from simulators.register_blocks import Block, Value
 
+HOLDING = "holding"
+
 
 class RegisterBank:
     """Registers of one controller.
@@ -41,8 +43,22 @@ class RegisterBank:
         self.map = wire.MAP if actuator.options.generator else wire.MAP_WITHOUT_GENERATOR
         self._words = {block.name: [0] * block.count for block in (wire.COMMAND, wire.TABLE, wire.SETPOINT)}
 
-    def read(self, address: int, count: int) -> list[int] | None:
+    def blocks(self) -> dict[str, list[tuple[int, int]]]:
+        """First address and count of each run of registers, by space."""
+        return {HOLDING: [(block.address, block.count) for block in self.map.blocks.values()]}
+
+    def bits(self, space: str) -> dict[int, int]:
+        """All coils or discrete inputs by address: none."""
+        del space
+        return {}
+
+    def tick(self) -> None:
+        """What the registers do by themselves: nothing."""
+
+    def read(self, address: int, count: int, space: str = HOLDING) -> list[int] | None:
         """Words of `count` registers from `address`; None when one of them is not there."""
+        if space != HOLDING:
+            return None
         words: list[int] = []
         while len(words) < count:
             block = self._block_at(address + len(words))
@@ -52,9 +68,9 @@ class RegisterBank:
             words += content[address + len(words) - block.address :]
         return words[:count]
 
-    def write(self, address: int, words: Sequence[int]) -> bool | None:
+    def write(self, address: int, words: Sequence[int], space: str = HOLDING) -> bool | None:
         """Take a write within one block; False when its values are refused, None when it cannot be written there."""
-        block = self._block_at(address)
+        block = self._block_at(address) if space == HOLDING else None
         if block is None or address + len(words) > block.address + block.count or not block.registers[0].writable:
             return None
         if self.writes_lost:

@@ -33,14 +33,15 @@ from simulators.pace import Backpressure, Pace
 from simulators.plant import step as plant_step
 from simulators.plant.plant import MAXIMUM_STEPS, Plant
 from simulators.plant.records import EVENT_PULSE, EVENT_TRIP
-from simulators.registers import RegisterBank
 from simulators.schedule import BY_ID, ScheduledFault
 from simulators.sensor import Sensor
 from simulators.serial_port import CAPACITY, open_port
 from simulators.slcan_bus import SlcanBus
 from simulators.supply import simulated_supply
 from simulators.truth import About, Attribute, Truth
+from simulators.worn_bench import actuator_lines
 from simulators.worn_ecu import WornEcuFiles
+from simulators.worn_registers import registers_of
 
 TICK_S = 0.002
 HOLDING_S = 0.0005
@@ -69,7 +70,8 @@ class RunOptions:
     ports: str = "pty"
     actuator: str = "tcp"
     supply: str | Mapping[str, Any] = ""
-    """The coil's current by a supply in place of the ECU: a preset, a file's path, or a description."""
+    by_hand: str = ""
+    """The coil's current by a supply in place of the ECU; by hand: the pressure while somebody turns its knob."""
     auxiliary: int = 0
     auxiliaries: tuple[SensorOptions, ...] = ()
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
@@ -96,14 +98,13 @@ class SimulatedRig:
         self.run_options = run
         self.plant = Plant(options)
         self.truth = Truth(run.truth, self.plant, options.truth_rate_Hz) if run.truth is not None else None
-        random = np.random.default_rng(run.seed)
-        self._draws = iter(random.spawn(24))
+        self._draws = iter(np.random.default_rng(run.seed).spawn(24))
         controller, coil = options.controller, options.coil
         self.actuator = Actuator(
             self.plant, controller,
             DeviceClock.drawn(controller.clock_offset_us, controller.clock_ppm, next(self._draws)), self.note,
         )
-        self.bank = RegisterBank(self.actuator, options.servo, next(self._draws))
+        self.bank = registers_of(self.actuator, options, next(self._draws))
         self.ecu = Ecu(
             self.plant, coil, options.damper.ambient_degC,
             DeviceClock.drawn(coil.clock_offset_us, coil.clock_ppm, next(self._draws)), next(self._draws), self.note,
@@ -173,13 +174,14 @@ class SimulatedRig:
         self.modbus.late_s = LATE_SHARE * actuator_timeout_s(self.run_options.actuator == "rtu", relaxed)
         if relaxed:
             self.ecu.command_timeout_s = max(self.ecu.command_timeout_s, RELAXED_COMMAND_TIMEOUT_S)
-        return bench_text(self.options, addresses, speed, relaxed, self._source_lines(addresses, relaxed))
+        source, controller = self._source_lines(addresses, relaxed), actuator_lines(self.options.controller)
+        return bench_text(self.options, addresses, speed, relaxed, source, controller)
 
     def _source_lines(self, addresses: Addresses, relaxed: bool) -> list[str]:
         """The table of the coil's current source."""
         run, number = self.run_options, self.options.coil.serial_number
         if run.supply:
-            return bench.supply_lines(self.options, addresses.supply_port, run.speed, run.supply)
+            return bench.supply_lines(self.options, addresses.supply_port, run.speed, run.supply, run.by_hand)
         return bench.ecu_lines(addresses, relaxed, number, run.worn_ecu)
 
     async def run(self) -> None:
@@ -239,8 +241,7 @@ class SimulatedRig:
             if self.run_options.speed > 1.0:
                 self._pace.hold(now_ns, step)
             return False
-        steps = self._pace.due(now_ns, step)
-        if steps:
+        if steps := self._pace.due(now_ns, step):
             self.advance(steps)
         if self.run_options.exit_when_idle:
             self._leave_when_idle(now_ns)

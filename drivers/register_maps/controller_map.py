@@ -91,6 +91,11 @@ class ControllerMap:
     indirect: Indirect | None = None
     read_while_writing: bool = False
 
+    @property
+    def fixed_watchdog_s(self) -> float:
+        """After how long its watchdog trips, where that is fixed in the device and stated (s); else 0."""
+        return 0.0 if "watchdog_time" in self.quantities else self.recipes.watchdog_s
+
     @cached_property
     def setpoint_feeds(self) -> bool:
         """A set-point's write carries the watchdog's counter, too."""
@@ -100,6 +105,13 @@ class ControllerMap:
     def state_of(self, values: Values) -> int:
         """The rig's state for what the quantities of `polled` show."""
         return self._state(values, self.words.faults.meaning(values))
+
+    def differs(self, values: Values, before: Values) -> bool:
+        """State, faults or inputs are others than before."""
+        words = self.words
+        return bool(before) and any(
+            of.meaning(values) != of.meaning(before) for of in (words.states, words.faults, words.inputs)
+        )
 
     @staticmethod
     def with_low_pressure(status: ActuatorStatus) -> ActuatorStatus:

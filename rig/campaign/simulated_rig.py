@@ -59,10 +59,12 @@ def wearing(path: Path) -> tuple[str, ...]:
     actuator, ecu, limits = bench.actuator, bench.ecu, bench.limits
     link = "rtu" if actuator.url.startswith("modbus-rtu") else "tcp"
     arguments = ["--actuator", STREAMED if actuator.register_map == "demo-streamed" else link]
-    if actuator.register_map.endswith(".toml"):
+    if actuator.register_map not in {"demo", "demo-streamed"}:
         arguments += ["--register-map", actuator.register_map]
     if isinstance(ecu.roles, str):
         arguments += ["--dbc", ecu.dbc, "--ecu-roles", ecu.roles]
+    if ecu.by_hand:
+        arguments += ["--by-hand", ecu.pressure_while_asked]
     if isinstance(ecu.supply, str):
         arguments += ["--supply", ecu.supply]
     arguments += ["--force-format", str(bench.load_cell.format), "--displacement-format", str(bench.lvdt.format)]

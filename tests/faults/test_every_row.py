@@ -34,7 +34,11 @@ NOT_RIGID = {"wrong-damper": 5e-3}
 @pytest.mark.apart
 @pytest.mark.parametrize("slug", MATRIX)
 def test_every_row_ends_as_the_matrix_says(slug: str, begin_world: Start) -> None:
-    here = world_of(slug)
+    judge_row(slug, world_of(slug), begin_world)
+
+
+def judge_row(slug: str, here: RowWorld, begin_world: Start) -> None:
+    """Run a row's world and judge its end."""
     campaign = begin_world(here.setting)
     fault_ns = None
     if here.around is not None:

@@ -1,0 +1,72 @@
+"""Listening to a CAN bus that nobody has described yet: which frames come, and what a DBC makes of them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from drivers.can_port import CanPort
+from drivers.connection import CanAddress
+from protocols.errors import LocalProtocolError
+from protocols.guess_can import CanFrame
+
+LARGEST_LOG_BYTES = 64 << 20
+
+
+def listen_to_can(address: CanAddress, seconds: float) -> list[CanFrame]:
+    """Frames of a bus; nothing is sent on it.
+
+    Raises:
+        PortClosed: the bus cannot be joined, or has gone.
+    """
+    port = CanPort(address, device="bus")
+    port.open()
+    heard: list[CanFrame] = []
+    try:
+        begin_s = time.monotonic()
+        while (left_s := begin_s + seconds - time.monotonic()) > 0.0:
+            frames, arrival_ns = port.receive(min(left_s, 0.1))
+            heard += [(arrival_ns * 1e-9, frame[0], frame[1], frame[2]) for frame in frames if not frame[3]]
+    finally:
+        port.close()
+    return heard
+
+
+def decoded(frames: Sequence[CanFrame], dbc: Path) -> tuple[dict[int, dict[str, Any]], list[int]]:
+    """What a DBC says of frames: by identifier its message's name and each signal's lowest and highest value.
+
+    Returns:
+        That, and the identifiers that it does not know.
+
+    Raises:
+        LocalProtocolError: the DBC cannot be read.
+    """
+    import cantools
+    from cantools.database.errors import Error
+
+    try:
+        database: Any = cantools.database.load_file(str(dbc), strict=False)
+    except (OSError, ValueError, Error) as error:
+        raise LocalProtocolError(f"{dbc}: cannot be read as a DBC: {str(error).splitlines()[0]}") from error
+    known: dict[int, dict[str, Any]] = {}
+    unknown: set[int] = set()
+    for _, identifier, data, _ in frames:
+        try:
+            message = database.get_message_by_frame_id(identifier)
+            values = message.decode(data, decode_choices=False, allow_truncated=True)
+        except KeyError:
+            unknown.add(identifier)
+            continue
+        except (ValueError, Error):
+            values = {}
+        entry = known.setdefault(identifier, {"message": message.name, "frames": 0, "undecoded": 0, "signals": {}})
+        entry["frames"] += 1
+        entry["undecoded"] += not values
+        for name, value in values.items():
+            if isinstance(value, (int, float)) and math.isfinite(value):
+                low, high = entry["signals"].get(name, (value, value))
+                entry["signals"][name] = (min(low, value), max(high, value))
+    return known, sorted(unknown)

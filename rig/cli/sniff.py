@@ -1,0 +1,311 @@
+"""`rig sniff`: what comes on a port or a CAN bus, and the lines of a bench file that read it. Nothing is sent."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rig import units
+from rig.cli.options import Command, json_option
+from rig.cli.output import say, write_json
+from rig.errors import EXIT_DONE, EXIT_NOT_ALL_VALID, FileProblem, RigError
+
+if TYPE_CHECKING:
+    from drivers.sniffing import Heard, Match
+    from protocols.guess_can import CanFrame
+
+SHOWN = 5
+LARGEST_FILE_BYTES = 1 << 20
+FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
+
+
+class NothingHeard(RigError):
+    """The port or the bus cannot be listened to."""
+
+
+@click.command(
+    name="sniff", cls=Command,
+    examples=(
+        "rig sniff /dev/ttyUSB0", "rig sniff socket://192.168.0.20:4001 --seconds 5",
+        "rig sniff --from captured.bin --format my-format.toml", "rig sniff socketcan:can0 --dbc my-ecu.dbc",
+    ),
+)  # fmt: skip
+@click.argument("port", required=False)
+@click.option("--from", "captured", type=FILE, help="Captured bytes, or a log of `candump -l`, in place of a port.")
+@click.option("--format", "given", metavar="FORMAT", help="Try this format (a name or a file) in place of guessing.")
+@click.option("--dbc", type=FILE, help="Decode CAN frames by this DBC.")
+@click.option("--baud", type=click.IntRange(300, 12_000_000), help="Listen at this rate alone.")
+@click.option("--parity", type=click.Choice(["N", "E", "O"]), default="N", show_default=True, help="Of a serial line.")
+@click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), default=500_000, show_default=True, help="Of CAN.")
+@click.option("--seconds", type=click.FloatRange(0.1, 600.0), default=1.0, show_default=True,
+              help="How long to listen, at each rate.")
+@json_option
+def command(port: str | None, *, as_json: bool, **options: Any) -> int:  # noqa: ANN401 - click hands them over by name
+    """Listen to PORT (a serial port, socket://..., or a CAN bus as INTERFACE:CHANNEL) and say what comes there.
+
+    Exit code 0 when a format was found or fits, 5 when not. Nothing is ever sent: who must be asked is silent.
+    """
+    return _run(port, options, as_json=as_json)
+
+
+def _run(port: str | None, options: Mapping[str, Any], *, as_json: bool) -> int:
+    """Listen or read, and say what it is.
+
+    Raises:
+        UsageError: neither a port nor a file, or both.
+    """
+    if (port is None) is (options["captured"] is None):
+        raise click.UsageError("give either a PORT or --from FILE")
+    frames = _can_frames(port, options)
+    answer = _can(frames, options["dbc"]) if frames is not None else _sensor(port, options)
+    if as_json:
+        write_json(answer)
+    else:
+        say("\n".join(_can_words(answer) if frames is not None else _words(answer)))
+    return EXIT_DONE if answer["found"] else EXIT_NOT_ALL_VALID
+
+
+def _can_frames(port: str | None, options: Mapping[str, Any]) -> list[CanFrame] | None:
+    """Frames of a bus or a log; None where there are bytes of a sensor.
+
+    Raises:
+        NothingHeard: the bus cannot be joined.
+    """
+    from protocols.guess_can import read_candump
+    from rig.bench.address import INTERFACES
+
+    if options["captured"] is not None:
+        frames = read_candump(_read(options["captured"]).decode("utf-8", "replace"))
+        return frames or None
+    interface, colon, channel = (port or "").partition(":")
+    if not colon or interface not in INTERFACES:
+        return None
+    from drivers.can_sniffing import listen_to_can
+    from drivers.connection import CanAddress
+    from drivers.errors import DriverError
+
+    try:
+        return listen_to_can(CanAddress(interface, channel, options["bitrate"]), max(1.0, options["seconds"]))
+    except DriverError as error:
+        raise NothingHeard(str(error)) from error
+
+
+def _read(path: Path) -> bytes:
+    """Captured bytes.
+
+    Raises:
+        FileProblem: the file cannot be read, or is empty.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_FILE_BYTES)
+    except OSError as error:
+        raise FileProblem(str(path), [f"cannot be read: {error.strerror}"]) from error
+    if not data:
+        raise FileProblem(str(path), ["is empty: there are no captured bytes in it"])
+    return data
+
+
+def _sensor(port: str | None, options: Mapping[str, Any]) -> dict[str, Any]:
+    """What came from a sensor, and its format.
+
+    Raises:
+        NothingHeard: the port cannot be opened.
+        UsageError: a parity without a rate.
+    """
+    from drivers.connection import LineSettings
+    from drivers.errors import DriverError
+    from drivers.sniffing import Heard, listened
+
+    if port is None:
+        rounds = [Heard(0, _read(options["captured"]), 0.0, None)]
+        return _answer(str(options["captured"]), rounds, options["given"], None)
+    baud = options["baud"]
+    if options["parity"] != "N" and baud is None:
+        raise click.UsageError("--parity needs --baud")
+    line = None if baud is None else LineSettings(baud, parity=options["parity"])
+    try:
+        rounds = listened(port, line, options["seconds"])
+    except DriverError as error:
+        raise NothingHeard(str(error)) from error
+    return _answer(port, rounds, options["given"], port)
+
+
+def _answer(source: str, rounds: list[Heard], given: str | None, url: str | None) -> dict[str, Any]:
+    from drivers.sniffing import entries, guessed
+
+    heard = rounds[-1]
+    match = _tried(heard.data, given) if given is not None else heard.match or guessed(heard.data)
+    answer: dict[str, Any] = {
+        "source": source, "bytes": len(heard.data), "seconds": heard.seconds, "baudrate": heard.baudrate,
+        "tried_rates": [{"baudrate": one.baudrate, "bytes": len(one.data)} for one in rounds],
+        "found": match is not None and match.believed, "start": heard.data[:48].hex(" "),
+    }  # fmt: skip
+    if match is None:
+        return answer
+    rate_Hz = len(match.readings) / heard.seconds if heard.seconds else None
+    answer |= {
+        "format": match.name, "matched_bytes": match.matched, "readings": len(match.readings),
+        "damaged": match.damaged, "rate_Hz": rate_Hz,
+        "examples": [{"value": value, "status": status} for value, status in match.readings[:SHOWN]],
+        "missed": [{"offset": end - count, "bytes": count} for end, count in match.missed],
+    }  # fmt: skip
+    if given is None:
+        answer["toml"] = _toml(entries(match), heard, url, rate_Hz)
+    return answer
+
+
+def _tried(data: bytes, given: str) -> Match:
+    """A format tried on bytes.
+
+    Raises:
+        FileProblem: the format cannot be used; with every reason.
+    """
+    from drivers.sniffing import tried
+    from protocols.errors import LocalProtocolError
+    from protocols.format_keys import FormatProblems
+
+    try:
+        return tried(data, given)
+    except FormatProblems as error:
+        told = [f"{'.'.join(map(str, place))}: {text}" if place else text for place, text in error.problems]
+        raise FileProblem(given, told) from error
+    except LocalProtocolError as error:
+        raise FileProblem("--format", [str(error)]) from error
+
+
+def _toml(given: Mapping[str, Any] | str, heard: Heard, url: str | None, rate_Hz: float | None) -> str:
+    """The lines of a bench file that read this."""
+    lines = [
+        "[load_cell]                   # or [lvdt]",
+        f"url = {json.dumps(url or '/dev/ttyUSB0')}",
+        f"baudrate = {heard.baudrate or 115200}" if url is None or "://" not in url else "",
+        f'rate = "{_rounded(rate_Hz):g} Hz"' if rate_Hz else 'rate = "100 Hz"               # as the device is set',
+        'range = "10 kN"               # of the sensor',
+    ]
+    lines = [line for line in lines if line]
+    if isinstance(given, str):
+        lines.append(f'format = "{given}"')
+    calibration = [
+        "[load_cell.calibration]",
+        f"sensitivity = {_per_unit(given)!r}          # N for 1 on the wire; or points, or rated_output and capacity",
+        'serial_number = "..."',
+    ]
+    if isinstance(given, str):
+        return "\n".join([*lines, *calibration])
+    top = [f"{key} = {_value(value)}" for key, value in given.items() if key != "fields"]
+    tables = [
+        f"[load_cell.format.fields.{name}]\n" + "\n".join(f"{key} = {_value(value)}" for key, value in entry.items())
+        for name, entry in given.get("fields", {}).items()
+    ]
+    return "\n".join([*lines, "[load_cell.format]", *top, *tables, *calibration])
+
+
+def _per_unit(given: Mapping[str, Any] | str) -> float:
+    """SI for one of the unit that a line shows; 1 where it shows none, or one that is not known."""
+    unit = "" if isinstance(given, str) else str(given.get("unit", ""))
+    known = units.UNITS.get(units.ALIASES.get(unit, unit))
+    return known.scale if known is not None and known.dimension in {"force", "length"} else 1.0
+
+
+def _rounded(rate_Hz: float) -> float:
+    """A rate as somebody would have set it: two digits."""
+    return float(f"{rate_Hz:.2g}")
+
+
+def _value(value: object) -> str:
+    """A value as TOML: patterns in single quotes, bytes in hexadecimal."""
+    if isinstance(value, list) and value and all(type(item) is int for item in value):
+        return "[" + ", ".join(f"0x{item:02X}" if item > 9 else str(item) for item in value) + "]"
+    if isinstance(value, str) and "\\" in value and "'" not in value and value.isprintable():
+        return f"'{value}'"
+    return json.dumps(value)
+
+
+def _words(answer: Mapping[str, Any]) -> list[str]:
+    heard = f"{answer['source']}: {answer['bytes']} bytes"
+    if answer["seconds"]:
+        heard += f" in {answer['seconds']:g} s" + (f" at {answer['baudrate']} Bd" if answer["baudrate"] else "")
+    lines = [heard]
+    if len(answer["tried_rates"]) > 1:
+        lines.append("rates tried: " + ", ".join(str(one["baudrate"]) for one in answer["tried_rates"]))
+    if not answer["bytes"]:
+        return [*lines, "nothing came: is it the right port, is the device on? A device that must be asked is silent, "
+                "and nothing is sent from here; its format needs a request"]  # fmt: skip
+    if "format" not in answer:
+        return [*lines, f"no format fits; it begins {answer['start']}",
+                "try --baud and --parity as the device is set, listen longer (--seconds 5), or write a format: "
+                "docs/how-to/add-a-sensor-format.md"]  # fmt: skip
+    verdict = "" if answer["found"] else "  (not enough to be sure)"
+    rate = f", {answer['rate_Hz']:.4g} a second" if answer["rate_Hz"] else ""
+    lines.append(
+        f"format {answer['format']}: {answer['matched_bytes']} of {answer['bytes']} bytes are {answer['readings']} "
+        f"readings{rate}; {answer['damaged']} damaged{verdict}"
+    )
+    shown = ", ".join(f"{one['value']:g}" + (f" (status {one['status']})" if one["status"] else "")
+                      for one in answer["examples"])  # fmt: skip
+    lines.append(f"readings: {shown}")
+    if answer["missed"]:
+        places = ", ".join(f"{one['bytes']} at {one['offset']}" for one in answer["missed"][:SHOWN])
+        lines.append(f"bytes that belong to nothing: {places}")
+    if "toml" in answer:
+        lines += ["", "in a bench file:", "", answer["toml"]]
+    return lines
+
+
+def _can(frames: list[CanFrame], dbc: Path | None) -> dict[str, Any]:
+    """What came on a bus.
+
+    Raises:
+        FileProblem: the DBC cannot be read.
+    """
+    from protocols.guess_can import summaries
+
+    answer: dict[str, Any] = {"frames": len(frames), "found": bool(frames), "identifiers": []}
+    known: dict[int, dict[str, Any]] = {}
+    if dbc is not None:
+        from drivers.can_sniffing import decoded
+        from protocols.errors import LocalProtocolError
+
+        try:
+            known, answer["unknown_identifiers"] = decoded(frames, dbc)
+        except LocalProtocolError as error:
+            raise FileProblem("--dbc", [str(error)]) from error
+    for one in summaries(frames):
+        entry: dict[str, Any] = {
+            "identifier": one.identifier, "extended": one.extended, "frames": one.count,
+            "period_ms": 1e3 * one.period_s, "jitter_ms": 1e3 * one.jitter_s, "lengths": list(one.lengths),
+            "changing": list(one.changing),
+            "counters": [{"byte": at, "lowest_bit": low, "bits": bits} for at, low, bits in one.counters],
+            "likely_checksums": list(one.checksums), "last": one.last.hex(" "),
+        }  # fmt: skip
+        answer["identifiers"].append(entry | known.get(one.identifier, {}))
+    return answer
+
+
+def _can_words(answer: Mapping[str, Any]) -> list[str]:
+    if not answer["frames"]:
+        return ["no frame came: is the bit rate right, is anybody sending, are the bus's ends terminated?"]
+    lines = [f"{answer['frames']} frames", "identifier  frames    period   data"]
+    for one in answer["identifiers"]:
+        name = f"{one['identifier']:08X}" if one["extended"] else f"{one['identifier']:03X}"
+        lengths = "/".join(map(str, one["lengths"]))
+        lines.append(
+            f"{name:>10}  {one['frames']:6}  {one['period_ms']:6.1f} ms  {lengths} bytes, last {one['last']}"
+            + (f"   {one['message']}" if "message" in one else "")
+        )
+        told = [f"bytes {', '.join(map(str, one['changing']))} change"] if one["changing"] else []
+        told += [
+            f"byte {place['byte']} bits {place['lowest_bit']} to {place['lowest_bit'] + place['bits'] - 1} count"
+            for place in one["counters"]
+        ]
+        told += [f"byte {at} may be a checksum" for at in one["likely_checksums"]]
+        if told:
+            lines.append(" " * 12 + "; ".join(told))
+        for signal, (low, high) in one.get("signals", {}).items():
+            lines.append(" " * 12 + (f"{signal} = {low:g}" if low == high else f"{signal} = {low:g} to {high:g}"))
+    return lines

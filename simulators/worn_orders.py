@@ -1,0 +1,54 @@
+"""What a worn command is about, in the terms of the simulated controller's own: from whichever names a recipe wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from drivers.register_maps.controller_map import ControllerMap
+from drivers.roles import Command, Waveform
+from simulators.actuator import Actuator
+
+USUAL_SPEED_M_S = 0.05
+"""Of moves, where the map has no speed for them."""
+SOFT_CYCLES = 1.0
+"""A device that is not told of ramps starts and ends a program softly within its cycles."""
+FEWEST_SOFT = 4.0
+
+Values = dict[str, float | int | str]
+
+
+def order_of(command: Command, given: Mapping[str, float], actuator: Actuator, worn: ControllerMap) -> Values:
+    """The further entries of a command.
+
+    Args:
+        command: which.
+        given: what its recipe wrote, by the recipe's names (SI).
+        actuator: whose.
+        worn: its map.
+    """
+    if command is Command.MOVE_TO:
+        usual_m_s = min(USUAL_SPEED_M_S, actuator.limits.speed_max_m_s)
+        return {"target_position": given["target"], "speed": given.get("speed", usual_m_s)}
+    if command is not Command.START:
+        return {}
+    low_m, high_m = given.get("low", 0.0), given.get("high", 0.0)
+    amplitude_m = given.get("amplitude", 0.5 * given.get("peak_to_peak", high_m - low_m))
+    middle_m = 0.5 * (low_m + high_m) if "low" in given else actuator.seen_m
+    frequency_Hz = given["frequency"] if "frequency" in given else 1.0 / max(given["period"], 1e-6)
+    waveform = worn.words.waveforms.meaning(int(given["waveform"])) if "waveform" in given else int(Waveform.SINE)
+    length = given.get("table_length", 0.0)
+    return {
+        "waveform": waveform, "amplitude": amplitude_m, "frequency": frequency_Hz,
+        "centre": given.get("centre", middle_m), **_cycles(given, frequency_Hz), "table_length": int(length),
+        "table_interval": given.get("table_interval", 1.0 / (frequency_Hz * length) if length else 0.0),
+    }
+
+
+def _cycles(given: Mapping[str, float], frequency_Hz: float) -> Values:
+    """Cycles at full amplitude, and the ramps beside them."""
+    if "cycles" in given and "ramp_in_cycles" in given:
+        ramps = (given["ramp_in_cycles"], given.get("ramp_out_cycles", given["ramp_in_cycles"]))
+        return {"cycles": given["cycles"], "ramp_in_cycles": ramps[0], "ramp_out_cycles": ramps[1]}
+    every = given.get("all_cycles", given.get("cycles", given.get("duration", 0.0) * frequency_Hz))
+    soft = SOFT_CYCLES if every >= FEWEST_SOFT else 0.0
+    return {"cycles": every - 2.0 * soft, "ramp_in_cycles": soft, "ramp_out_cycles": soft}

@@ -1,0 +1,50 @@
+"""The formats that the how-to shows are formats, and read the bytes that it shows beside them."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from protocols.binary_format import BinaryFormat
+from protocols.line_format import LineFormat
+from protocols.sensor_format import FIELD_KEYS, FRAME_KEYS, LINE_KEYS, from_description
+from simulators.worn_format import span_of, writer
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs/how-to/add-a-sensor-format.md").read_text(encoding="utf-8")
+BLOCKS = [tomllib.loads(block) for block in re.findall(r"^```toml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)]
+FORMATS = [block for block in BLOCKS if block.keys() & {"pattern", "columns", "packed", "sync"}]
+SHOWN = [b"ST,+001.250 kN", b"ST,+001,250 kN", b"17;-3.25;N", None, None, b"#07,+01234.5"]
+VALUES = [1.25, 1.25, -3.25, None, None, 1234.5]
+
+
+def test_the_page_shows_so_many_formats() -> None:
+    assert len(FORMATS) == len(SHOWN)
+
+
+@pytest.mark.parametrize("number", range(len(SHOWN)))
+def test_a_format_of_the_page_reads_what_the_page_shows(number: int) -> None:
+    made = from_description(FORMATS[number])
+    line = SHOWN[number]
+    if line is None:
+        assert isinstance(made, BinaryFormat)
+    else:
+        assert isinstance(made, LineFormat)
+        assert made.decode(line) == (VALUES[number], 0)
+    low, high = span_of(made)
+    assert high > low
+    writer(made, low, high)
+
+
+def test_the_overload_of_the_page_is_one() -> None:
+    made = from_description(FORMATS[0])
+    assert isinstance(made, LineFormat)
+    assert made.decode(b"ST,  OL    kN")[1] == 1
+
+
+@pytest.mark.parametrize("keys", [LINE_KEYS, FRAME_KEYS, FIELD_KEYS])
+def test_every_key_stands_on_the_page(keys: dict[str, Any]) -> None:
+    assert [key for key in keys if f"`{key}`" not in PAGE] == []

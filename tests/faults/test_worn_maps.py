@@ -1,0 +1,64 @@
+"""A rig whose controller appears as a user's register map: a matrix completes, and the rows that apply end as they say.
+
+The maps in `tests/simulators/maps`: `scaled` (integers, input registers, a coil; no watchdog), `handshake`
+(little-endian words, a status word, discrete inputs, a keep-alive), `streamed` (no generator, a counter beside the
+set-point), `pulses` (function 6, pulsed coils, a state of inputs alone).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from matrices import matrix_text
+from row_worlds import ONCE, RowWorld, world_of
+from test_every_row import judge_row
+
+if TYPE_CHECKING:
+    from conftest import Start
+
+SLOW = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="1 Hz", cycles=5)
+MAPS = Path(__file__).parents[1] / "simulators" / "maps"
+
+
+def wearing(here: RowWorld, name: str, *more: str) -> RowWorld:
+    simulator = (*here.setting.simulator, "--register-map", str(MAPS / f"{name}.toml"), *more)
+    return replace(here, setting=replace(here.setting, simulator=simulator))
+
+
+@pytest.mark.parametrize(
+    ("name", "link"),
+    [
+        ("scaled", "tcp"), ("scaled", "rtu"), ("handshake", "tcp"), ("handshake", "rtu"), ("streamed", "tcp"),
+    ],
+)  # fmt: skip
+def test_a_matrix_completes_on_a_controller_of_a_users_map(name: str, link: str, begin_world: Start) -> None:
+    here = wearing(RowWorld(ONCE), name, "--actuator", link)
+    ending = begin_world(here.setting).finish(None)
+    assert ending.exit_code == 0, ending.answer["points"]
+    assert ending.verdicts() == {"p001": "valid"}
+    assert "actuator-without-limits" in {line.get("slug") for line in ending.log}
+
+
+def test_slow_points_are_valid_without_a_force_input_and_cycle_pulses_too(begin_world: Start) -> None:
+    setting = wearing(RowWorld(ONCE), "pulses").setting
+    ending = begin_world(replace(setting, matrix=SLOW)).finish(None)
+    assert ending.exit_code == 0, ending.answer["points"]
+    assert ending.verdicts() == {"p001": "valid", "p002": "valid"}
+
+
+ROWS = {
+    "handshake": (
+        "modbus-reset", "modbus-halfopen", "modbus-busy", "stop-ignored", "host-silent", "watchdog-absent", "estop",
+        "register-layout", "coil-open-short", "loadcell-pulled", "sigint", "sigkill", "host-late",
+    ),
+    "scaled": ("modbus-reset", "stop-ignored", "lvdt-pulled", "coil-open-short", "sigint", "sigkill"),
+}  # fmt: skip
+
+
+@pytest.mark.apart
+@pytest.mark.parametrize(("name", "slug"), [(name, slug) for name, slugs in ROWS.items() for slug in slugs])
+def test_rows_end_as_the_matrix_says_on_a_users_map(name: str, slug: str, begin_world: Start) -> None:
+    judge_row(slug, wearing(world_of(slug), name), begin_world)

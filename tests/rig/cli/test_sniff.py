@@ -1,0 +1,125 @@
+"""`rig sniff`: a stranger's device is listened to, never spoken to, and the lines it proposes work in a bench file."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import socket
+import threading
+from pathlib import Path
+
+import pytest
+
+from drivers.sensor_formats import described_format
+from protocols.line_format import LineFormat
+from rig.bench.model import Bench
+from rig.cli.main import main
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+LINES = [f"ST,{5.0 * math.sin(k / 9.0):+08.3f} kN\r\n".encode() for k in range(120)]
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    code = main(["sniff", *arguments])
+    return code, capsys.readouterr().out
+
+
+def captured(folder: Path, data: bytes) -> str:
+    path = folder / "captured.bin"
+    path.write_bytes(data)
+    return str(path)
+
+
+def test_captured_lines_become_lines_of_a_bench_file_that_loads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, told = run(capsys, "--from", captured(tmp_path, b"".join(LINES)[9:]), "--json")
+    answer = json.loads(told)
+    assert (code, answer["found"], answer["readings"], answer["damaged"]) == (0, True, 119, 0)
+    assert answer["examples"][0]["value"] == pytest.approx(5.0 * math.sin(1 / 9.0), abs=6e-4)
+    demo = (EXAMPLES / "demo-bench.toml").read_text(encoding="utf-8")
+    begin, end = demo.index("[load_cell]"), demo.index("[lvdt]")
+    bench = tmp_path / "bench.toml"
+    bench.write_text(demo[:begin] + answer["toml"] + "\n" + demo[end:], encoding="utf-8")
+    cell = Bench.load(bench).load_cell
+    assert cell.sensitivity == 1000.0
+    made = described_format(cell.format)
+    assert isinstance(made, LineFormat)
+    assert made.decode(LINES[5].rstrip())[0] == pytest.approx(float(LINES[5][3:11]))
+
+
+def test_a_format_is_tried_on_captured_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text("columns = { value = [4, 11], unit = [13, 14] }\nunit = \"kN\"\n", encoding="utf-8")
+    data = captured(tmp_path, b"".join(LINES[:50]) + b"ST,+01x.000 kN\r\n" + b"".join(LINES[50:]))
+    code, told = run(capsys, "--from", data, "--format", str(mine))
+    assert code == 0
+    assert "are 119 readings; 1 damaged" in told
+    assert f"14 at {16 * 50}" in told
+    wrong, told = run(capsys, "--from", data, "--format", "optoncdt")
+    assert wrong == 5
+    mine.write_text("columns = { value = [4, 11] }\nunt = \"kN\"\ndecimals = 12\n", encoding="utf-8")
+    assert main(["sniff", "--from", data, "--format", str(mine)]) == 2
+    told = capsys.readouterr().err
+    assert "mine.toml line 2: unt: unknown key 'unt'; did you mean unit?" in told
+    assert "mine.toml line 3: decimals: must be 0..9" in told
+
+
+def test_a_port_is_listened_to_and_nothing_is_sent(capsys: pytest.CaptureFixture[str]) -> None:
+    heard: list[bytes] = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.settimeout(0.005)
+                for line in LINES:
+                    with contextlib.suppress(TimeoutError):
+                        try:
+                            connection.sendall(line)
+                            heard.append(connection.recv(64))
+                        except (BrokenPipeError, ConnectionResetError):
+                            return
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        code, told = run(capsys, f"socket://127.0.0.1:{server.getsockname()[1]}", "--seconds", "0.4", "--json")
+        thread.join()
+    answer = json.loads(told)
+    assert (code, answer["format"]) == (0, "lines")
+    assert 50.0 < answer["rate_Hz"] < 210.0
+    assert b"".join(heard) == b""
+
+
+def test_what_fits_nothing_is_told_with_what_to_try(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, told = run(capsys, "--from", captured(tmp_path, bytes(range(256)) * 3))
+    assert code == 5
+    assert "no format fits; it begins 00 01 02" in told
+    assert "add-a-sensor-format.md" in told
+
+
+def test_a_log_of_a_bus_is_told_by_identifiers_and_decoded_by_a_dbc(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dbc = Path(__file__).resolve().parents[3] / "drivers/devices/demo_ecu.dbc"
+    # CoilTemperature 0x122: 31.5 degC, 25.0 degC, 13.50 V, boot count 3, little-endian as docs/wires.md has it.
+    log = "".join(f"({k / 10:.6f}) can0 122#3B01FA0046050300\n({k / 10:.6f}) can0 7FF#0{k % 10}\n" for k in range(20))
+    path = tmp_path / "bus.log"
+    path.write_text(log, encoding="utf-8")
+    code, told = run(capsys, "--from", str(path), "--dbc", str(dbc), "--json")
+    answer = json.loads(told)
+    assert (code, answer["frames"], answer["unknown_identifiers"]) == (0, 40, [0x7FF])
+    temperature = answer["identifiers"][0]
+    assert temperature["message"] == "CoilTemperature"
+    assert temperature["signals"]["CoilTemperature"] == pytest.approx([31.5, 31.5])
+    assert temperature["signals"]["Supply"] == pytest.approx([13.5, 13.5])
+    assert temperature["period_ms"] == pytest.approx(100.0)
+    code, told = run(capsys, "--from", str(path))
+    assert "7FF" in told
+    assert "bytes 0 change" in told
+
+
+def test_a_port_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sniff", "/dev/no-such-port", "--baud", "9600"]) == 2
+    assert "cannot open: No such file" in capsys.readouterr().err
