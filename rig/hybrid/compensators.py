@@ -194,10 +194,10 @@ def _adapt_time_series(memory: Memory) -> None:
         for j in range(3):
             matrix[i, j] = sums[i, j] / (scale[i] * scale[j])
         matrix[i, i] += 1e-9
-    found = np.linalg.solve(matrix, right) / scale
-    memory.coefficients[0] = min(max(found[0], 0.9), 1.1)
-    memory.coefficients[1] = min(max(found[1], 0.0), 0.06)
-    memory.coefficients[2] = min(max(found[2], 0.0), 0.0032)
+    solution = np.linalg.solve(matrix, right) / scale
+    memory.coefficients[0] = min(max(solution[0], 0.9), 1.1)
+    memory.coefficients[1] = min(max(solution[1], 0.0), 0.06)
+    memory.coefficients[2] = min(max(solution[2], 0.0), 0.0032)
 
 
 @njit()
