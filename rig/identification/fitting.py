@@ -19,7 +19,7 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.misfit_weights import weighted_by_misfit
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
-from rig.identification.models.measurement import Measurement, first_cycle, spaced
+from rig.identification.models.measurement import Measurement, first_cycle, spaced, tested
 from rig.identification.models.separable import GivenUp, motion_scale
 from rig.identification.models.solving import GUARD_S, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
@@ -118,7 +118,8 @@ def identify(
         spring = spring.widened(
             max((residual.widening for residual in fit.residuals), default=1.0), quantile() * SMOOTHING
         )
-    return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance))
+    proposals = next_tests(best.model, fit, fitted, allowance)
+    return replace(fit, series=spring, next_tests=proposals, tested=tested(fitted))
 
 
 def _best_fit(

@@ -15,7 +15,7 @@ import numpy as np
 
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
-from rig.identification.models.measurement import Measurement
+from rig.identification.models.measurement import Measurement, tested
 from rig.identification.models.model_slope import modelled_force
 from rig.identification.models.relation import Relation, relations
 from rig.identification.models.solving import Candidate, solve
@@ -188,6 +188,7 @@ def _joined(
         notes=(*levels[0].fit.notes, f"{related.dependence}: each current fitted alone, then related to the current"),
         current=related,
         equation=model.equation,
+        tested=tested(fitted),
     )
 
 

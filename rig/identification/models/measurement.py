@@ -6,7 +6,7 @@ Shorter ones serve searches: one cycle says nearly what many say.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -152,6 +152,18 @@ class Measurement:
         edges = np.linspace(0, self.u_m.size, max(1, math.ceil(self.u_m.size / PIECE)) + 1).astype(int).tolist()
         for start, stop in pairwise(edges):
             yield slice(start, stop)
+
+
+def tested(tests: Sequence[Measurement]) -> dict[str, tuple[float, float]]:
+    """Lowest and highest extension (m), velocity (m/s) and current (A) of some tests."""
+    arrays = {"extension_m": "u_m", "velocity_m_s": "v_m_s", "current_A": "current_A"}
+    return {
+        name: (
+            min(float(np.min(getattr(test, array))) for test in tests),
+            max(float(np.max(getattr(test, array))) for test in tests),
+        )
+        for name, array in arrays.items()
+    }
 
 
 def first_cycle(test: Measurement) -> Measurement:

@@ -230,6 +230,7 @@ class Fit:
         current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
         loss: "squares" or "huber".
         equation: the model's, as it was fitted, with its source.
+        tested: lowest and highest `extension_m`, `velocity_m_s` and `current_A` of the tests it was fitted to.
         path: where it was written; None when it was not.
         kept: where an older fit at that place is now; None when there was none.
     """
@@ -258,6 +259,7 @@ class Fit:
     current: CurrentRelations | None = None
     loss: str = "squares"
     equation: str = ""
+    tested: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     path: Path | None = None
     kept: Path | None = None
 
@@ -311,6 +313,7 @@ class Fit:
             "profiles": {name: vars(profile) for name, profile in self.profiles.items()},
             "next_tests": [_plain(proposal) for proposal in self.next_tests],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
+            "tested": {name: list(ends) for name, ends in self.tested.items()},
             "series_spring": None if self.series is None else _plain(self.series),
             "notes": list(self.notes),
         }
