@@ -47,6 +47,7 @@ __all__ = [
     "known_current_source_names",
     "make_actuator",
     "make_current_source",
+    "make_hand_source",
     "make_sensor",
     "make_supply",
     "own_names",
@@ -60,6 +61,8 @@ __all__ = [
     "watchdog_time_s",
 ]
 
+REHEARSED_V = 60.0
+"""Voltage limit of a simulated rig's supply that is set in a person's place."""
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
 
 _REGISTERED: dict[str, ActuatorMaker] = {}
@@ -234,6 +237,19 @@ def make_supply(connection: SupplyConnection) -> CurrentSource:
     from drivers.scpi_supply import ScpiSupply
 
     return ScpiSupply(connection)
+
+
+def make_hand_source(rehearsal: str | None) -> CurrentSource:
+    """The current that a person sets; nothing is opened.
+
+    Args:
+        rehearsal: on a simulated rig, the address of its `generic-scpi` supply, set in that person's place.
+    """
+    from drivers.hand_source import HandSource
+
+    if rehearsal is None:
+        return HandSource()
+    return HandSource(make_supply(SupplyConnection(rehearsal, supply("generic-scpi"), voltage_limit_V=REHEARSED_V)))
 
 
 @dataclass(frozen=True, slots=True)

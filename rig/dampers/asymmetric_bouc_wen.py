@@ -36,7 +36,8 @@ YIELD = (
 )
 
 
-def _loop_shapes(scale: MotionScale) -> dict[str, tuple[float, float, list[float]]]:
+def loop_shapes(scale: MotionScale) -> dict[str, tuple[float, float, list[float]]]:
+    """Limits and starts of the loop's shape for tests that move so."""
     return {
         "rho": travel_rates(scale),
         "sigma": (*SIGMA_LIMITS, list(SIGMAS)),
@@ -96,4 +97,4 @@ class AsymmetricBoucWenModel(HystereticModel):
 
     def separation(self, scale: MotionScale) -> Separation:
         """See `DamperModel.separation`."""
-        return UnitSeparation(self, ("kw", "kwa"), _loop_shapes(scale))
+        return UnitSeparation(self, ("kw", "kwa"), loop_shapes(scale))

@@ -15,7 +15,7 @@ from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.errors import FileProblem
 
-TESTED = {"extension_m": "m", "velocity_m_s": "m/s", "current_A": "A"}
+TESTED = {"displacement_m": "m", "velocity_m_s": "m/s", "current_A": "A"}
 """Keys of `tested` in `fit.json`, and their units."""
 NOT_OF_THE_FORCE = "eta"
 """The coil's lag: it belongs to the current, not to the force."""
@@ -49,7 +49,7 @@ class FittedModel:
 
     @property
     def tested(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest extension (m), velocity (m/s) and current (A) of the tests; empty where not recorded."""
+        """lowest and highest displacement (m), velocity (m/s) and current (A) of the tests; empty where not recorded."""
         told = self.fit.get("tested")
         return {key: (float(told[key][0]), float(told[key][1])) for key in TESTED} if told else {}
 

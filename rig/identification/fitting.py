@@ -17,9 +17,10 @@ import rig.dampers
 from rig.dampers import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.application.tested_range import Ends, tested_range
 from rig.identification.misfit_weights import weighted_by_misfit
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
-from rig.identification.models.measurement import Measurement, first_cycle, spaced, tested
+from rig.identification.models.measurement import Measurement, first_cycle, spaced
 from rig.identification.models.separable import GivenUp, motion_scale
 from rig.identification.models.solving import GUARD_S, Candidate, Method, solve
 from rig.identification.models.undetermined import examine
@@ -29,7 +30,7 @@ from rig.identification.points.consistency import contradictions, refuse_reverse
 from rig.identification.points.given import given
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
-from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore, SeriesSpring
+from rig.identification.uncertainty.fit import Cause, Estimate, Fit, ModelScore, SeriesSpring
 from rig.identification.uncertainty.scoring import score
 from rig.identification.words import say
 
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from rig.recording.recorded_point import RecordedPoint
 
 ALL = "all"
+DRAWN_SAMPLES = 250  # samples of a cycle that figures show
 RANKING_SAMPLES = 250  # samples of a cycle that rank models
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
 
@@ -56,6 +58,7 @@ def identify(
     series_spring: bool = False,
     allowance: Allowance | None = None,
     campaign: Sequence[RecordedPoint] = (),
+    diagnose: bool | None = None,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
@@ -75,6 +78,8 @@ def identify(
         allowance: what the next test may ask of the machine; by default what a run's own bench and matrix allow, or
             what was tested.
         campaign: further points of the same campaigns, neither fitted nor held out: they know of the sensors' delays.
+        diagnose: look for what explains the misfit; None: where the model is not adequate. Units and signs are looked
+            at in any case.
         on_progress: called with a line of text before each model is fitted and each comparison.
 
     Returns:
@@ -98,7 +103,8 @@ def identify(
                 f"current dependence {current!r} goes with one model, without profiles and without a series spring"
             )
         chosen = _model(model, hysteresis)
-        return identify_per_current(chosen, fitted, held_out, current, wanted, on_progress)
+        related = identify_per_current(chosen, fitted, held_out, current, wanted, on_progress)
+        return _usable(related, fitted, held_out, known.temperature_degC)
     spring = None
     if series_spring:
         if model == ALL:
@@ -118,8 +124,30 @@ def identify(
         spring = spring.widened(
             max((residual.widening for residual in fit.residuals), default=1.0), quantile() * SMOOTHING
         )
-    proposals = next_tests(best.model, fit, fitted, allowance)
-    return replace(fit, series=spring, next_tests=proposals, tested=tested(fitted))
+    fit = _usable(fit, fitted, held_out, known.temperature_degC)
+    causes = _diagnosis(best, fit, fitted, misfit=fit.adequate is False if diagnose is None else diagnose)
+    return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance), diagnosis=causes)
+
+
+def _diagnosis(best: Candidate, fit: Fit, fitted: Sequence[Measurement], *, misfit: bool) -> tuple[Cause, ...]:
+    """What probably explains the misfit of the fit."""
+    from rig.identification.diagnosis.ranking import Fitted, diagnose
+
+    values = best.solution.values
+    names = tuple(best.findings.free(name for name in best.model.names if name in values and name != "eta"))
+    weighting = Method(weight=fit.weight).weighting(best.model)
+    return diagnose(Fitted(best.model, values, names, fitted, weighting), misfit=misfit)
+
+
+def _usable(
+    fit: Fit, fitted: Sequence[Measurement], held_out: Sequence[Measurement], temperature_degC: Ends | None
+) -> Fit:
+    """The fit with what its tests covered, and a cycle of each of them."""
+    unseen = next((one.holdout_nrmse_percent_of_peak for one in fit.selection if one.model == fit.model), None)
+    seen = fit.error.nrmse_percent_of_peak
+    widened = 1.0 if unseen is None or not (math.isfinite(unseen) and seen > 0.0) else unseen / seen
+    cycles = tuple(spaced(first_cycle(test), DRAWN_SAMPLES) for test in fitted)
+    return replace(fit, tested=tested_range(fit.law, fitted, held_out, temperature_degC, widened), tests=cycles)
 
 
 def _best_fit(

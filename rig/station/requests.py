@@ -319,8 +319,9 @@ class Requests:
         if not self._supervisor.settled:
             raise StationRefused("not-at-rest", "disarm: a stop is under way")
         # Without the ECU's link its own time-out takes the current away: no reason to leave the pressure on.
-        with suppress(DriverError):
-            self._devices.coil.set_current(0.0)
+        if not self._devices.coil.by_hand:
+            with suppress(DriverError):
+                self._devices.coil.set_current(0.0)
         self._hydraulics({"level": "off"})
         self._supervisor.disarm()
         self._devices.actuator.judge.leased = False

@@ -41,7 +41,7 @@ def fit_of(model: DamperModel) -> dict[str, Any]:
         "parameters": {name: ENOUGH | {"value": values[name], "unit": model.parameter(name).unit} for name in names},
         "correlation": {a: {b: 1.0 if a == b else 0.25 for b in names} for a in names},
         "current": {"dependence": "affine"},
-        "tested": {"extension_m": [-0.03, 0.03], "velocity_m_s": [-0.3, 0.3], "current_A": [0.0, 2.0]},
+        "tested": {"displacement_m": [-0.03, 0.03], "velocity_m_s": [-0.3, 0.3], "current_A": [0.0, 2.0]},
     }
 
 
