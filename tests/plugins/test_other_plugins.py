@@ -173,7 +173,7 @@ def test_an_export_of_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.C
     fit.write_text(json.dumps(FIT), encoding="utf-8")
     asked = ("--out", str(tmp_path / "out"))
     code, answer = told(capsys, "export", str(fit), "--to", "xls", *asked)
-    assert (code, answer["error"]) == (2, "no export 'xls'; known: csv, json")
+    assert (code, answer["error"]) == (2, "no export 'xls'; known: csv, json, inverse")
     code, answer = told(capsys, "export", str(fit), "--to", "csv", *asked)
     assert code == 2
     assert "give the campaign's directory" in answer["error"]
