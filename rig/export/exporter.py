@@ -12,6 +12,7 @@ from typing import Any, Literal
 from rig.errors import FileProblem, RigError
 from rig.export.fitted_model import FittedModel, fitted_model
 from rig.export.force_table import write_table
+from rig.export.inverse_table import write_inverse
 from rig.export.point_tables import write_points
 from rig.export.values import write_values
 from rig.plugins import EXPORTS, Catalogue
@@ -140,6 +141,8 @@ OWN = (
     Exporter("octave", "fit", "the model as a function for Octave and MATLAB", _write_octave),
     Exporter("python", "fit", "the model as a Python module that needs nothing else", _write_python),
     Exporter("table", "fit", "force over speed and current as CSV, within what was tested", _write_table),
+    Exporter("inverse", "fit", "the current over speed and force, one CSV table", lambda
+             source, out: [write_inverse(source.path, out / f"{source.name}-inverse.csv")]),
 )  # fmt: skip
 """This program's formats. A new one is a line here."""
 
