@@ -49,7 +49,7 @@ class FittedModel:
 
     @property
     def tested(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest displacement (m), velocity (m/s) and current (A) of the tests; empty where not recorded."""
+        """Lowest and highest displacement (m), velocity (m/s) and current (A) of the tests; empty where not told."""
         told = self.fit.get("tested")
         return {key: (float(told[key][0]), float(told[key][1])) for key in TESTED} if told else {}
 
