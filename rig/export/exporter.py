@@ -111,19 +111,19 @@ def exporter_of_plug_in(name: str, brought: object) -> Exporter:
 
 
 def _write_c(source: Source, out: Path) -> list[Path]:
-    from rig.export.code.files import write_c  # loads numba, as the next two do
+    from rig.export.model_files import write_c  # loads numba, as the next two do
 
     return write_c(source.fitted, out)
 
 
 def _write_octave(source: Source, out: Path) -> list[Path]:
-    from rig.export.code.files import write_octave
+    from rig.export.model_files import write_octave
 
     return write_octave(source.fitted, out)
 
 
 def _write_python(source: Source, out: Path) -> list[Path]:
-    from rig.export.code.files import write_python
+    from rig.export.model_files import write_python
 
     return write_python(source.fitted, out)
 
