@@ -34,6 +34,7 @@ from rig.bench.supply_settings import supply_problems_of
 
 ECU_STATUS_Hz = 100.0
 MOST_AUXILIARY = 7
+LAST_SERIAL_ID = 247
 LATE_SETPOINT_S = 0.010
 SPIKE_FORCE_SHARE = 0.6
 """A triangle's reversal turns the whole yield force round between two samples; a larger jump is no physics."""
@@ -117,7 +118,7 @@ class ActuatorConfig(Settings):
         default=115_200, metadata=key(ge=1200, le=12_000_000, description="of a serial line (modbus-rtu)")
     )
     parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line (modbus-rtu)"))
-    device_id: int = field(default=1, metadata=key(ge=0, le=247))
+    device_id: int = field(default=1, metadata=key(ge=0, le=255, description="on a serial line 1 to 247"))
     register_map: Annotated[str, Check(address.known_actuator)] = "demo"
     poll_s: Annotated[float, Quantity("time", "2 ms", "100 ms")] = field(default=0.010, metadata=key("poll"))
     timeout_s: Timeout = field(default=0.040, metadata=key("timeout"))
@@ -147,6 +148,11 @@ class ActuatorConfig(Settings):
         """What does not count for `Bench.digest`: addresses and times."""
         link = ("url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s", "setpoint_late_s")
         return dict.fromkeys(link, True)
+
+    def problems(self) -> Iterator[Problem]:
+        """A device id that a serial line has: 0 speaks to all devices at once, and nobody answers."""
+        if self.url.startswith("modbus-rtu") and not 1 <= self.device_id <= LAST_SERIAL_ID:
+            yield ("device_id",), f"is no device on a serial line: 1 to {LAST_SERIAL_ID} there"
 
     @property
     def setpoints_s(self) -> float | None:
