@@ -176,7 +176,7 @@ WRONG = [
     (("{write = {command = 3}}", "{recipe = \"stop\"}"), "'stop' is not among .recipes."),
     (("{write = {command = 3}}", '{recipe = "a"}\n[recipes]\na = {recipe = "b"}\nb = {recipe = "a"}'), "a -> b -> a"),
     (("{write = {command = 3}}", "{write = {command = 70000}}"), "70000 does not fit"),
-    (("halt = {write = {command = 3}}", "halt = [{pause = \"9 s\"}, {write = {command = 3}}]"), "a stop begins with what"),
+    (("halt = {write = {command = 3}}", "halt = [{pause = \"9 s\"}, {write = {command = 3}}]"), "a stop begins with"),
     (("hydraulics-off = {write = {pump = 0}}", "hydraulics-off = {write = {pump = 1}}"), "same as hydraulics-on"),
     (("[faults]", "[watchdog]\nkind = \"counter\"\n[faults]"), "needs write"),
     (("[faults]", "[watchdog]\nkind = \"dog\"\n[faults]"), "'dog' is not one of counter"),
