@@ -36,6 +36,7 @@ class Capabilities:
         e_stop_input: it sees the hard-wired chain.
         force_input: it measures a coarse force of its own.
         tried: its description was tried on such a device, or on one made from the maker's document alone.
+        triangle: it moves in triangles, too, not in sines alone.
     """
 
     watchdog: WatchdogKind
@@ -53,6 +54,7 @@ class Capabilities:
     e_stop_input: bool = False
     force_input: bool = False
     tried: bool = True
+    triangle: bool = True
 
     @property
     def can_be_stopped(self) -> bool:

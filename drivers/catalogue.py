@@ -47,6 +47,7 @@ __all__ = [
     "known_current_source_names",
     "make_actuator",
     "make_current_source",
+    "make_hand_source",
     "make_sensor",
     "make_supply",
     "own_names",
@@ -57,8 +58,11 @@ __all__ = [
     "supply",
     "supply_names",
     "supply_problems",
+    "watchdog_time_s",
 ]
 
+REHEARSED_V = 60.0
+"""Voltage limit of a simulated rig's supply that is set in a person's place."""
 ActuatorMaker = Callable[[ActuatorConnection], Actuator]
 
 _REGISTERED: dict[str, ActuatorMaker] = {}
@@ -100,6 +104,16 @@ def check_actuator(name: str) -> None:
         controller(name)
     elif name not in _REGISTERED:
         plugins.maker_of(plugins.ACTUATORS, name)
+
+
+def watchdog_time_s(name: str) -> float:
+    """After how long the watchdog of a known actuator trips by itself (s); 0: it is told, or its map does not say.
+
+    Raises:
+        LocalProtocolError: its map cannot be used.
+    """
+    mapped = name not in _REGISTERED and (name in controller_names() or is_map_file(name))
+    return controller(name).fixed_watchdog_s if mapped else 0.0
 
 
 def register_map_schema() -> dict[str, Any]:
@@ -223,6 +237,19 @@ def make_supply(connection: SupplyConnection) -> CurrentSource:
     from drivers.scpi_supply import ScpiSupply
 
     return ScpiSupply(connection)
+
+
+def make_hand_source(rehearsal: str | None) -> CurrentSource:
+    """The current that a person sets; nothing is opened.
+
+    Args:
+        rehearsal: on a simulated rig, the address of its `generic-scpi` supply, set in that person's place.
+    """
+    from drivers.hand_source import HandSource
+
+    if rehearsal is None:
+        return HandSource()
+    return HandSource(make_supply(SupplyConnection(rehearsal, supply("generic-scpi"), voltage_limit_V=REHEARSED_V)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,12 +63,14 @@ class SourceTraits(NamedTuple):
         measures: it measures its current; else a status repeats what was asked for.
         settling_s: a new set-point's current is there after so long (s of its clock).
         lowest_A: the most negative current it drives (A); None: as negative as positive.
+        by_hand: a person sets it: commands are what that person said, and no stop takes it away.
     """
 
     own_timeout: bool = True
     measures: bool = True
     settling_s: float = 0.15
     lowest_A: float | None = None
+    by_hand: bool = False
 
 
 class SourceTemperature(NamedTuple):

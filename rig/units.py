@@ -56,6 +56,8 @@ DIMENSIONS = {
         Dimension("stiffness", "a", "N/m", "20 kN/mm"),
         Dimension("force rate", "a", "N/s", "2 N/s"),
         Dimension("force per current", "a", "N/A", "30 N/A"),
+        Dimension("damping", "a", "N s/m", "100 N s/m"),
+        Dimension("moment of inertia", "a", "kg m^2", "2700 kg m^2"),
     )
 }
 
@@ -79,6 +81,7 @@ UNITS = {
     "N/m": Unit("stiffness", 1.0), "N/mm": Unit("stiffness", 1e3), "kN/mm": Unit("stiffness", 1e6),
     "kN/m": Unit("stiffness", 1e3), "N/um": Unit("stiffness", 1e6),
     "N/s": Unit("force rate", 1.0), "N/A": Unit("force per current", 1.0),
+    "N s/m": Unit("damping", 1.0), "kN s/m": Unit("damping", 1e3), "kg m^2": Unit("moment of inertia", 1.0),
 }  # fmt: skip
 
 # Other spellings of the same units.
@@ -155,7 +158,8 @@ def units_of(dimension: str) -> tuple[str, ...]:
 def key_suffixes(dimension: str) -> dict[str, str]:
     """Endings a key may carry instead of a unit in its value: {"m_s": "m/s", ...} as in `speed_m_s = 0.8`."""
     own = (name for name, unit in UNITS.items() if unit.dimension == dimension)
-    return {name.replace("/", "_").replace("^", "").replace("%", "percent"): name for name in own}
+    short = str.maketrans({"/": "_", " ": "_", "^": "", "%": "percent"})
+    return {name.translate(short): name for name in own}
 
 
 def pattern(dimension: str) -> str:

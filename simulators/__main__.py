@@ -84,9 +84,9 @@ def hints(bench: Path, text: str) -> str:
 
 def _current_source(ecu: dict[str, Any]) -> str:
     """Where the coil's current comes from, and how to look at it."""
-    if "url" in ecu:
-        host, _, port = ecu["url"].removeprefix("tcp://").rpartition(":")
-        return f"supply       {ecu['url']}      nc {host} {port}"
+    if (url := ecu.get("url", ecu.get("rehearsal"))) is not None:
+        host, _, port = url.removeprefix("tcp://").rpartition(":")
+        return f"supply       {url}      nc {host} {port}"
     return f"current ECU  slcan {ecu['channel']}      python -m can.viewer -i slcan -c {ecu['channel']} -b 500000"
 
 
@@ -182,12 +182,15 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         FileProblem: a file or an option cannot be used.
         RigError: an unknown damper model or set.
     """
+    from simulators.bench import BY_HAND
     from simulators.injection import NEEDS_AUXILIARY
     from simulators.options import with_option
     from simulators.rig import RunOptions
 
     options = made_of(values)
     worn_ecu = worn(values["dbc"], values["ecu_roles"])
+    if values["by_hand"]:
+        values = {**values, "supply": BY_HAND}
     written = tuple(parse_fault(text) for text in values["fault"])
     check_source(written, supply=bool(values["supply"]))
     wiring = wiring_for(written, values["actuator"], values["ports"])
@@ -202,6 +205,7 @@ def collect(values: dict[str, Any]) -> dict[str, Any]:
         ports=wiring.ports,
         actuator=wiring.actuator,
         supply=_supply(values["supply"]),
+        by_hand=values["by_hand"] or "",
         auxiliary=values["auxiliary"],
         truth=values["truth"],
         exit_when_idle=values["exit_when_idle"],
@@ -291,6 +295,8 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.option("--force-format", metavar="FORMAT",
               help="What the load cell sends: a format's name or file.  [default: frame16]")
 @click.option("--displacement-format", metavar="FORMAT", help="What the LVDT sends.  [default: frame16]")
+@click.option("--by-hand", type=click.Choice(["off", "low", "on"]), default=None,
+              help="A current set by hand, rehearsed; the pressure meanwhile.")
 @click.option("--register-map", metavar="MAP",
               help="The controller's registers and commands are as this register map says: a file, or a map's name.")
 @click.option("--supply", default="", metavar="NAME|FILE",

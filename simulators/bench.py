@@ -15,6 +15,8 @@ from simulators.options import SI_UNITS, RigOptions, SensorOptions
 from simulators.toml_text import toml_text
 from simulators.worn_ecu import WornEcuFiles
 
+BY_HAND = "generic-scpi"
+"""The supply that is turned in place of somebody who sets the current by hand."""
 SUPPLY_POLL_MS, FASTEST_POLL_MS = 100.0, 4.0
 STATUS_S = 0.010
 """The demo ECU's status period, and how often it is sent commands."""
@@ -122,8 +124,16 @@ def ecu_lines(
     ]
 
 
-def supply_lines(options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any]) -> list[str]:
-    """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often."""
+def supply_lines(
+    options: RigOptions, port: int, speed: float, given: str | Mapping[str, Any], by_hand: str = ""
+) -> list[str]:
+    """Lines of a supply's table; on a rig faster than life it is asked more often, as the ECU sends more often.
+
+    Where the current is set by hand (`by_hand`: the pressure meanwhile) the supply is turned in somebody's place.
+    """
+    if by_hand:
+        url = f"tcp://127.0.0.1:{port}"
+        return ["[ecu]", "by_hand = true", f'pressure_while_asked = "{by_hand}"', f'rehearsal = "{url}"']
     described = supply(given)
     name = str(Path(given).absolute()) if isinstance(given, str) and is_file(given) else given
     poll_ms = max(FASTEST_POLL_MS, SUPPLY_POLL_MS / max(1.0, speed))

@@ -145,13 +145,13 @@ class ModbusServer:
 
     def _fill_bits(self, space: str, address: int, start: int, registers: list[int]) -> ExcCodes | None:
         """Lay down all bits of a space from the one asked for; the server holds sixteen in a register."""
-        if self._bank.read(address, 1, space) is None:
+        shown = self._bank.bits(space)
+        if address not in shown:
             return ExcCodes.ILLEGAL_ADDRESS
-        for at, count in self._bank.blocks()[space]:
-            for place in range(max(at, address), at + count):
+        for place, value in shown.items():
+            if place >= address:
                 cell, bit = divmod(place - start, 16)
-                shown = self._bank.read(place, 1, space) or [0]
-                registers[cell] = registers[cell] & ~(1 << bit) | shown[0] << bit
+                registers[cell] = registers[cell] & ~(1 << bit) | value << bit
         return None
 
     def _connected(self, connected: bool) -> None:

@@ -47,6 +47,11 @@ class RegisterBank:
         """First address and count of each run of registers, by space."""
         return {HOLDING: [(block.address, block.count) for block in self.map.blocks.values()]}
 
+    def bits(self, space: str) -> dict[int, int]:
+        """All coils or discrete inputs by address: none."""
+        del space
+        return {}
+
     def tick(self) -> None:
         """What the registers do by themselves: nothing."""
 

@@ -70,7 +70,8 @@ class RunOptions:
     ports: str = "pty"
     actuator: str = "tcp"
     supply: str | Mapping[str, Any] = ""
-    """The coil's current by a supply in place of the ECU: a preset, a file's path, or a description."""
+    by_hand: str = ""
+    """The coil's current by a supply in place of the ECU; by hand: the pressure while somebody turns its knob."""
     auxiliary: int = 0
     auxiliaries: tuple[SensorOptions, ...] = ()
     """Auxiliary channels that are not all alike, in place of so many of `RigOptions.auxiliary`."""
@@ -180,7 +181,7 @@ class SimulatedRig:
         """The table of the coil's current source."""
         run, number = self.run_options, self.options.coil.serial_number
         if run.supply:
-            return bench.supply_lines(self.options, addresses.supply_port, run.speed, run.supply)
+            return bench.supply_lines(self.options, addresses.supply_port, run.speed, run.supply, run.by_hand)
         return bench.ecu_lines(addresses, relaxed, number, run.worn_ecu)
 
     async def run(self) -> None:

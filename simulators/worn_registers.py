@@ -97,6 +97,13 @@ class WornRegisters(RegisterBank):
             self._restore_s = 0.0
             self._satisfy(self._before, {})
 
+    def bits(self, space: str) -> dict[int, int]:
+        """All coils or discrete inputs by address."""
+        self.tick()
+        self.polled_s = self.actuator.served_s
+        shown = self._cells | self._live()
+        return {address: shown.get((space, address), 0) for held, address in self._allowed if held == space}
+
     def read(self, address: int, count: int, space: str = "holding") -> list[int] | None:
         """Words, or coils, from `address`; None when one of them is not there."""
         asked = [(space, at) for at in range(address, address + count)]

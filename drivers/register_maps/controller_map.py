@@ -91,6 +91,11 @@ class ControllerMap:
     indirect: Indirect | None = None
     read_while_writing: bool = False
 
+    @property
+    def fixed_watchdog_s(self) -> float:
+        """After how long its watchdog trips, where that is fixed in the device and stated (s); else 0."""
+        return 0.0 if "watchdog_time" in self.quantities else self.recipes.watchdog_s
+
     @cached_property
     def setpoint_feeds(self) -> bool:
         """A set-point's write carries the watchdog's counter, too."""

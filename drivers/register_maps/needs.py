@@ -37,7 +37,13 @@ def capabilities(quantities: Quantities, words: Words, recipes: Recipes, watchdo
         streamed_setpoints=bool(recipes.setpoint) and Command.START not in commands,
         e_stop_input=bool(words.inputs.members & Input.E_STOP_CLOSED),
         force_input="force" in quantities,
+        triangle=Command.START not in commands or _plays(commands[Command.START], words, Waveform.TRIANGLE),
     )
+
+
+def _plays(start: Recipe, words: Words, waveform: Waveform) -> bool:
+    """The function generator is told which waveform, and has a code for this one."""
+    return _asks_for(start, "$waveform") and int(waveform) in words.waveforms.codes
 
 
 def is_numbered(quantities: Quantities, commands: Mapping[Command, Recipe]) -> bool:
@@ -104,16 +110,18 @@ def _motions(source: Source, words: Words, recipes: Recipes) -> None:
     if recipes.setpoint and generator:
         source.add(("setpoint",), "a device with a generator needs no set-points; take out [setpoint] or start")
     if generator:
-        _program(source, commands[Command.START])
+        _program(source, commands[Command.START], words)
     if Command.MOVE_TO in commands and not _asks_for(commands[Command.MOVE_TO], "$target"):
         source.add(("commands", "move-to"), "its target is missing: write $target")
 
 
-def _program(source: Source, start: Recipe) -> None:
+def _program(source: Source, start: Recipe, words: Words) -> None:
     place = ("commands", "start")
     low_and_high = _asks_for(start, "$low") and _asks_for(start, "$high")
     if not (_asks_for(start, "$amplitude") or _asks_for(start, "$peak_to_peak") or low_and_high):
         source.add(place, "its amplitude is missing: write $amplitude, $peak_to_peak, or $low and $high")
+    if _asks_for(start, "$waveform") and int(Waveform.SINE) not in words.waveforms.codes:
+        source.add(("waveforms",), "sine is missing: by which code is the function generator told to make one?")
     if not (_asks_for(start, "$frequency") or _asks_for(start, "$period")):
         source.add(place, "its frequency is missing: write $frequency or $period")
     ramped = _asks_for(start, "$ramp_in_cycles") or _asks_for(start, "$ramp_out_cycles")

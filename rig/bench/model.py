@@ -179,6 +179,8 @@ class Bench(Section):
     def _current(self) -> list[Problem]:
         """The limit against what the current source gives."""
         described = supply_of(self.ecu.supply)
+        if self.ecu.by_hand:
+            return self._hands()
         if described is not None:
             low_A, high_A = described.current_A
         else:
@@ -187,6 +189,16 @@ class Bench(Section):
             return []
         held = f"{units.show(low_A, 'A')} to {units.show(high_A, 'A')}"
         return [(("limits", "current"), f"is beyond the set-point of the current source; allowed: within {held}")]
+
+    def _hands(self) -> list[Problem]:
+        """The pressure while somebody is at the supply."""
+        if self.ecu.pressure_while_asked == "on" or self.actuator.takes_pressure_away:
+            return []
+        told = (
+            'the controller cannot be told to take the pressure away; write pressure_while_asked = "on" where nobody '
+            "at the supply can reach the rod, or use a register map with commands for the hydraulics"
+        )
+        return [(("ecu", "pressure_while_asked"), told)]
 
     def _periods(self) -> list[Problem]:
         problems: list[Problem] = []
@@ -199,7 +211,8 @@ class Bench(Section):
         if self.actuator.watchdog_s < shortest:
             message = f"is less than two polls or time-outs; allowed: at least {units.show(shortest, 'ms')}"
             problems.append((("actuator", "watchdog"), message))
-        return problems if self.ecu.url is not None else [*problems, *self._ecu_periods()]
+        on_CAN = self.ecu.url is None and not self.ecu.by_hand
+        return [*problems, *self._ecu_periods()] if on_CAN else problems
 
     def _ecu_periods(self) -> list[Problem]:
         """Of a current controller on CAN; those of a supply are its own entries'."""

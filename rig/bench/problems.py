@@ -59,12 +59,16 @@ TABLES = {
         {"specimen", "matrix", "point", "friction", "current_step", "temperature", "identify", "campaign"}
     ),
     "study": frozenset({"data", "comparison", "symmetry", "sensitivity", "parallel", "per_current"}),
+    "car": frozenset({"body", "front", "rear"}),
+    "road": frozenset({"sweep", "random", "bump", "pothole", "profile", "drive"}),
 }
 """Tables by which a file is recognised for what it is; a test compares them with the models."""
 _PLACES = {
     "bench": "rig plan MATRIX --bench {path}",
     "matrix": "rig plan {path} --bench BENCH",
     "study": "rig study {path}",
+    "car": "rig ride FIT --car {path}",
+    "road": "rig ride FIT --road {path}",
 }
 
 

@@ -16,9 +16,10 @@ from dataclasses import dataclass, field
 from datetime import date
 from typing import Annotated, Any, Literal
 
-from drivers.catalogue import make_actuator
+from drivers.catalogue import make_actuator, watchdog_time_s
 from drivers.connection import ActuatorConnection
 from rig.bench import address
+from rig.bench.hand_settings import hand_problems_of
 from rig.bench.quantity import Check, Problem, Quantity, Settings, Text, key
 from rig.bench.sensor_settings import (
     Auxiliary,
@@ -33,6 +34,7 @@ from rig.bench.sensor_settings import (
 from rig.bench.supply_settings import supply_problems_of
 
 ECU_STATUS_Hz = 100.0
+HAND_SILENT_S = 0.5
 MOST_AUXILIARY = 7
 LAST_SERIAL_ID = 247
 LATE_SETPOINT_S = 0.010
@@ -155,10 +157,30 @@ class ActuatorConfig(Settings):
             yield ("device_id",), f"is no device on a serial line: 1 to {LAST_SERIAL_ID} there"
 
     @property
+    def takes_pressure_away(self) -> bool:
+        """It can be told to take the hydraulic pressure away."""
+        connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
+        return make_actuator(self.register_map, connection).capabilities.hydraulics
+
+    @property
     def setpoints_s(self) -> float | None:
         """Period of the set-points that are streamed to it (wall s); None for one with a generator of its own."""
         connection = ActuatorConnection(self.url, self.device_id, self.timeout_s)
         return None if make_actuator(self.register_map, connection).capabilities.generator else self.poll_s
+
+    @property
+    def makes_triangles(self) -> bool:
+        """It moves in triangles, not in sines alone."""
+        return make_actuator(self.register_map, ActuatorConnection(self.url)).capabilities.triangle
+
+    def problems(self) -> Iterator[Problem]:
+        """The controller's watchdog has tripped by the time at which the station counts on it."""
+        own_s = watchdog_time_s(self.register_map)
+        if own_s > self.watchdog_s:
+            yield ("watchdog",), (
+                f"is shorter than the controller's own, which its register map says trips after {1e3 * own_s:g} ms; "
+                f"allowed: at least {1e3 * own_s:g} ms"
+            )
 
     @property
     def late_setpoint_s(self) -> float:
@@ -179,7 +201,7 @@ def _own_or_preset(value: object) -> object:
 
 @dataclass(frozen=True, kw_only=True)
 class EcuConfig(Settings):
-    """The coil's current source: a current controller on CAN by any python-can interface, or a supply by its `url`.
+    """The coil's current source: a current controller on CAN, a supply by its `url`, or a person (`by_hand`).
 
     `dbc` is a known kind, or the name of a DBC file; then `roles` says what its signals mean: the name of a TOML file,
     or the same as a table. `supply` is a supply's language: a preset, a file, a table.
@@ -227,13 +249,32 @@ class EcuConfig(Settings):
     identity: Name | None = field(
         default=None, metadata=key(description="text that a supply's identity (*IDN?) must hold; another is refused")
     )
+    by_hand: bool = field(
+        default=False, metadata=key(description="a person sets the current, and is asked for it before it is needed")
+    )
+    pressure_while_asked: Literal["off", "low", "on"] = field(
+        default="off", metadata=key(description="the pressure while somebody is at the supply")
+    )
+    answer_within_s: Annotated[float, Quantity("time", "10 s", "1 h")] = field(
+        default=600.0, metadata=key("answer_within", description="so long a person may take for a current")
+    )
+    rehearsal: Annotated[str, Text(256), Check(address.supply_url)] | None = field(
+        default=None, metadata=key(description="by hand on a simulated rig, which writes it: where its supply is")
+    )
 
     @property
     def port(self) -> str:
-        """Where it is: the supply's port, a serial CAN adapter's, or the interface and its channel."""
+        """Where it is: the supply's port, a serial CAN adapter's, interface and channel; empty: in somebody's hand."""
+        if self.by_hand:
+            return self.rehearsal or ""
         if self.url is not None:
             return self.url
         return f"{self.channel}" if self.interface == "slcan" else f"{self.interface}:{self.channel}"
+
+    @property
+    def silent_after_s(self) -> float:
+        """Age at which its last value is stale (wall s); a person is not heard, but asked."""
+        return HAND_SILENT_S if self.by_hand else self.stale_after_s
 
     @property
     def status_period_s(self) -> float:
@@ -242,22 +283,26 @@ class EcuConfig(Settings):
 
     @property
     def not_physics(self) -> dict[str, Any]:
-        """What does not count for `Bench.digest`: addresses and times, and what is not stated of a supply."""
+        """What does not count for `Bench.digest`: addresses, times, what is not stated of a supply or a person."""
         link = (
             "interface", "channel", "bitrate", "interface_options", "command_period_s", "stale_after_s", "url",
-            "baudrate", "poll_s", "timeout_s",
+            "baudrate", "poll_s", "timeout_s", "pressure_while_asked", "answer_within_s", "rehearsal",
         )
-        unsaid = (name for name in ("roles", "supply", "voltage_limit_V", "identity") if getattr(self, name) is None)
+        new = ("roles", "supply", "voltage_limit_V", "identity", "by_hand")
+        unsaid = (name for name in new if getattr(self, name) in (None, False))
         return dict.fromkeys((*link, *unsaid), True)
 
     def problems(self) -> Iterator[Problem]:
         """Which kind of source it is, and what that kind needs."""
+        yield from hand_problems_of(self)
+        if self.by_hand:
+            return
         if self.url is not None or self.supply is not None:
             yield from supply_problems_of(self)
             return
         for name, example in (("interface", "socketcan"), ("channel", "can0")):
             if getattr(self, name) is None:
-                yield (name,), f'missing; write for example {name} = "{example}", or the url of a supply'
+                yield (name,), f'missing; write for example {name} = "{example}", a supply\'s url, or by_hand = true'
         if self.interface == "slcan" and self.channel is not None:
             try:
                 address.serial_url(self.channel)

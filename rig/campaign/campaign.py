@@ -14,6 +14,7 @@ from rig.campaign import resume
 from rig.campaign.confirmation import CONFIRM, REQUALIFY, confirm, open_stops, resume_class
 from rig.campaign.execution.campaign_context import CampaignContext
 from rig.campaign.execution.runner import Runner
+from rig.campaign.hand import check_hand, hand_of
 from rig.campaign.kept_files import keep_bench
 from rig.campaign.machine_resources import station_in_use
 from rig.campaign.operator_link import Signals, operator_link
@@ -71,6 +72,7 @@ def run_campaign(options: CampaignOptions, display: Display) -> CampaignResult:
         if options.resume_path is not None:
             resume.same_campaign(options.resume_path, known, matrix)
         accepted(matrix, known)
+        check_hand(known, attended=options.attended)
     with operator_link(display) as (signals, shown), contextlib.ExitStack() as ends:
         log, locks = ends.enter_context(campaign_folder(options, matrix, known, shown))
         folder = log.path.parent
@@ -217,6 +219,7 @@ def _run(
             simulated=start.options.simulate,
             stock=start.stock,
             results=PointResults(points, {result.id: result for result in start.stock.results}),
+            hand=hand_of(start.bench),
         )
         try:
             runner = Runner(campaign, signals, finaliser, baseline)
@@ -266,7 +269,7 @@ def _stop_report(runner: Runner) -> StopReport | None:
         kind=str(state.latch.stop),
         slug=state.latch.cause.slug,
         proved=state.rig_state is RigState.SAFE and (state.stopped or not state.pressurised),
-        current_zero=runner.current_zero or not state.moved,
+        current_zero=runner.current_zero or not state.moved or (state.hand_A == 0.0 and not state.hand_flows),
         pressure_off=state.rig_state is RigState.SAFE and not state.pressurised,
         moved=state.moved,
         unfinished=state.queue[0].id if state.queue else "",

@@ -54,7 +54,8 @@ def locked(bench: Bench) -> Iterator[tuple[int, ...]]:
         Refused: another campaign on this machine holds one of them, or its lock cannot be had (slug `two-instances`).
     """
     sensors = (bench.load_cell, bench.lvdt, *bench.auxiliary)
-    addresses = (bench.actuator.url, bench.ecu.port, *(sensor.url for sensor in sensors))
+    source = (bench.ecu.port,) if bench.ecu.port else ()
+    addresses = (bench.actuator.url, *source, *(sensor.url for sensor in sensors))
     devices = {device: address for address in addresses for device in device_names(address)}
     with contextlib.ExitStack() as held:
         descriptors = []

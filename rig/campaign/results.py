@@ -48,6 +48,7 @@ class CampaignOptions:
         simulator_args: further arguments for `python -m simulators`, as given.
         resume_path: the directory of an earlier campaign to continue (then `out` does not count); None for a new one.
         requalified: what was checked or replaced after a stop that demands it, in the operator's words; empty: nothing.
+        attended: somebody sits at the terminal and can be asked for a current set by hand.
     """
 
     matrix_path: Path
@@ -59,6 +60,7 @@ class CampaignOptions:
     simulator_args: tuple[str, ...] = ()
     resume_path: Path | None = None
     requalified: str = ""
+    attended: bool = False
 
 
 @dataclass(frozen=True)

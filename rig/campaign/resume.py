@@ -213,19 +213,31 @@ NAME = r"[a-z0-9_]{1,60}"
 QUANTITY = r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,3})?( ?[A-Za-z/%^0-9*]{1,12})?"
 ASSIGNMENT = r"[a-z][a-z_]*(\.[A-Za-z0-9_]+)*=[^\x00-\x1f\x7f]{1,200}"
 FLAG = ""
+FILE = r"[^-\x00-\x1f\x7f][^\x00-\x1f\x7f]{{0,1000}}\.{}"
+NAME_OR_FILE = f"[a-z0-9][a-z0-9-]{{0,60}}|{FILE.format('toml')}"
+FILES = frozenset({
+    "--config", "--force-format", "--displacement-format", "--register-map", "--dbc", "--ecu-roles", "--supply",
+})
+"""Options whose value may be a path, in any letters."""
 INPUTS = ("delay", "bandwidth", "gain", "zero", "noise", "resolution")
 
 ALLOWED: dict[str, str] = {
-    "--config": r"[^-\x00-\x1f\x7f][^\x00-\x1f\x7f]{0,1000}\.toml",
+    "--config": FILE.format("toml"),
     "--option": ASSIGNMENT,
     "--specimen": ASSIGNMENT,
     "--model": NAME,
     "--set": NAME,
-    "--force-format": "frame16|ascii",
+    "--force-format": NAME_OR_FILE,
+    "--displacement-format": NAME_OR_FILE,
+    "--register-map": NAME_OR_FILE,
+    "--dbc": FILE.format("dbc"),
+    "--ecu-roles": FILE.format("toml"),
+    "--supply": NAME_OR_FILE,
+    "--by-hand": "off|low|on",
     "--rate": QUANTITY,
     "--auxiliary": r"[0-9]",
     "--ports": "pty|socket|by-id",
-    "--actuator": "tcp|rtu",
+    "--actuator": "tcp|rtu|setpoints",
     "--real-time": FLAG,
     "--no-real-time": FLAG,
     "--drop-unread": FLAG,
@@ -282,7 +294,7 @@ def of_the_rig(arguments: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ..
         if name in OF_ONE_SESSION:
             left_out.append(name)
             continue
-        if not re.fullmatch(ALLOWED[name], value, re.ASCII if name != "--config" else 0):
+        if not re.fullmatch(ALLOWED[name], value, 0 if name in FILES else re.ASCII):
             raise StrangeArgument(f"{name}: {value[:60]!r} is not the shape of its value")
         kept.append(name if ALLOWED[name] == FLAG else f"{name}={value}")
     return tuple(kept), tuple(left_out)

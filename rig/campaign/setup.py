@@ -328,14 +328,17 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
             (`source-without-negative-current`).
     """
     described = supply_of(bench.ecu.supply)
-    if described is None:
+    if described is None and not bench.ecu.by_hand:
         return
     if matrix.temperature is not None:
         raise Refused(
             "source-without-temperature",
-            "the matrix has a [temperature] window, and a supply does not measure the coil's temperature: take the "
+            "the matrix has a [temperature] window, and this bench does not measure the coil's temperature: take the "
             "window out, or drive the coil by a current controller that measures it; nothing was moved",
         )
+    if described is None:
+        _check_by_hand(matrix)
+        return
     negative = any(point.current_A < 0.0 for point in matrix.points())
     if described.current_A[0] >= 0.0 and (matrix.campaign.demagnetise or negative):
         raise Refused(
@@ -343,6 +346,26 @@ def check_source(bench: Bench, matrix: Matrix) -> None:
             f"the matrix asks for negative currents, and {described.name} drives {described.current_A[0]:g} to "
             f"{described.current_A[1]:g} A: leave them and [campaign] demagnetise out, or use a bipolar supply; "
             "nothing was moved",
+        )
+
+
+def _check_by_hand(matrix: Matrix) -> None:
+    """Refuse a matrix that nobody can follow by hand.
+
+    Raises:
+        Refused: as `check_source`; or it has a [[current_step]] (`by-hand-without-steps`).
+    """
+    if matrix.current_step:
+        raise Refused(
+            "by-hand-without-steps",
+            "the matrix has a [[current_step]], and the current is set by hand: nobody steps it in time; take it out; "
+            "nothing was moved",
+        )
+    if matrix.campaign.demagnetise or any(point.current_A < 0.0 for point in matrix.points()):
+        raise Refused(
+            "source-without-negative-current",
+            "the matrix asks for negative currents, and the current is set by hand: leave them and [campaign] "
+            "demagnetise out; nothing was moved",
         )
 
 

@@ -63,6 +63,8 @@ def wearing(path: Path) -> tuple[str, ...]:
         arguments += ["--register-map", actuator.register_map]
     if isinstance(ecu.roles, str):
         arguments += ["--dbc", ecu.dbc, "--ecu-roles", ecu.roles]
+    if ecu.by_hand:
+        arguments += ["--by-hand", ecu.pressure_while_asked]
     if isinstance(ecu.supply, str):
         arguments += ["--supply", ecu.supply]
     arguments += ["--force-format", str(bench.load_cell.format), "--displacement-format", str(bench.lvdt.format)]

@@ -69,6 +69,12 @@ MESSAGES = {
     "stop": "{slug}: {detail}; stop {stop}: current to 0 A, motion ends",
     "refused": "refused: {slug}: {detail}",
     "spoiled": "{slug}: {detail}",
+    "ask-current": "Set {wanted_A:.2f} A on the supply, then press Enter",
+    "ask-zero": "Set 0 A on the supply and switch its output off, then press Enter",
+    "set-by-hand": "{said_A:.2f} A set by hand, confirmed by the operator",
+    "current-left": "nobody has confirmed that the current set by hand was taken away: it may still flow. Go to the "
+    "supply and switch its output off",
+    "by-hand-unanswered": "{wanted_A:g} A were asked for, and nobody confirmed it in {limit_s:g} s",
     "cooling-ecu": "waiting for the ECU to cool down: {cooled_s:g} s of at most {longest_s:g} s",
     "left-to-station": "nothing more is asked of the station; its own watch and the controller's watchdog end the "
     "motion: {detail}",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -93,8 +94,8 @@ def command(
         speed=_speed(speed, resume),
         seed=0 if seed is None else seed,
         simulator_args=simulator_args,
-        resume_path=resume,
-        requalified=words,
+        resume_path=resume, requalified=words,
+        attended=_attended(as_json=as_json),
     )
     shown = console(as_json=as_json)
     result = run_job(options, identify if identify.enabled and not no_identify else None, shown)
@@ -107,6 +108,11 @@ def command(
         else:
             show_result(result, shown)
     return result.exit_code
+
+
+def _attended(*, as_json: bool) -> bool:
+    """Somebody reads what is asked and can answer it."""
+    return not as_json and sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def _rig(

@@ -24,6 +24,18 @@ def _matrix() -> dict[str, Any]:
     return Matrix.model_json_schema(by_alias=True)
 
 
+def _car() -> dict[str, Any]:
+    from rig.vehicle.car import Car
+
+    return Car.model_json_schema(by_alias=True)
+
+
+def _road() -> dict[str, Any]:
+    from rig.vehicle.road_file import RoadFile
+
+    return RoadFile.model_json_schema(by_alias=True)
+
+
 def _register_map() -> dict[str, Any]:
     from drivers.catalogue import register_map_schema
 
@@ -50,7 +62,7 @@ def _sensor_format() -> dict[str, Any]:
 
 SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
     "bench": _bench, "matrix": _matrix, "register-map": _register_map, "ecu-roles": _ecu_roles,
-    "sensor-format": _sensor_format, "supply": _supply,
+    "sensor-format": _sensor_format, "supply": _supply, "car": _car, "road": _road,
 }  # fmt: skip
 """Kind of file -> what makes its schema."""
 

@@ -241,8 +241,49 @@ def fit_tables(fit: Mapping[str, Any], truth: Mapping[str, float] | None = None)
             true = truth.get(name)
             row += ["-" if true is None else f"{true:.5g}", {True: "yes", False: "NO", None: "-"}[inside(entry, true)]]
         table.add_row(*row, style="" if entry["identifiable"] else "yellow")
-    equation = [Text(str(fit["equation"]))] if fit.get("equation") else []
-    return [table, *equation, *_remarks(fit)]
+    told = fit.get("formula") or fit.get("equation")
+    equation = [Text(str(told))] if told else []
+    return [*_ranking(fit), table, *equation, *_unseen(fit), *_remarks(fit), *_to_try(fit)]
+
+
+def _ranking(fit: Mapping[str, Any]) -> list[Table]:
+    """The models compared, best first; none where there is one."""
+    scores = fit.get("selection") or ()
+    if len(scores) < 2:
+        return []
+    table = Table(title="Models compared, best first", title_justify="left")
+    for name in ("model", "error on unseen tests, % of peak", "RMSE N", "parameters"):
+        table.add_column(name, justify="left" if name == "model" else "right")
+    for entry in scores:
+        unseen = entry.get("holdout_nrmse_percent_of_peak")
+        numbers = ("-" if unseen is None else number(unseen, 3), "-" if entry.get("rmse_N") is None else
+                   number(entry["rmse_N"], 3), str(entry.get("parameters", "-")))  # fmt: skip
+        table.add_row(str(entry["model"]), *numbers, style="yellow" if entry.get("reason") else "")
+    return [table]
+
+
+def _unseen(fit: Mapping[str, Any]) -> list[Table]:
+    """The error of each held-out test; none where no test was held out."""
+    tests = (fit["error"].get("holdout") or {}).get("per_test") or ()
+    if not tests:
+        return []
+    table = Table(title="Held-out tests", title_justify="left")
+    for name in ("test", "error, % of peak", "RMSE N", "its own scatter N"):
+        table.add_column(name, justify="left" if name == "test" else "right")
+    for test in tests:
+        values = (test.get(key) for key in ("nrmse_percent_of_peak", "rmse_N", "noise_N"))
+        table.add_row(str(test.get("id", "-")), *("-" if value is None else number(value, 3) for value in values))
+    return [table]
+
+
+def _to_try(fit: Mapping[str, Any]) -> list[Text]:
+    """What else this command can do with the same tests, where it would tell more."""
+    hints = []
+    if fit.get("adequate") is False and len(fit.get("selection") or ()) < 2:
+        hints.append("rig identify RUN --model all: compares every model on tests it has not seen")
+    if fit["error"].get("holdout") is None:
+        hints.append("rig identify RUN --holdout frequency_Hz=...: measures the error on tests that are not fitted")
+    return [Text(f"try: {hint}", style="cyan") for hint in hints]
 
 
 def inside(entry: Mapping[str, Any], true: float | None) -> bool | None:

@@ -257,6 +257,10 @@ class AsymmetricModel(TanhModel):
         "F = m a + C(I, sgn v) v + K(I) u + Fy(I) tanh(y) + F0, C = Ca + Cb I (plus for v >= 0), Fy = Fya + Fyb I, "
         "K = Ka + Kb I (c-FOA paper, equations 3-11)"
     )
+    energy: ClassVar[str] = (
+        "viscous and yield terms dissipate where they have the sign of the speed; tanh with delta gives back "
+        "between mid-stroke and -delta/beta; K and m are elastic"
+    )
     forms: ClassVar[tuple[Hysteresis, ...]] = ("kwok", "printed")
     fixed_names: ClassVar[tuple[str, ...]] = ("m", "F0", "Ca_plus", "Ca_minus", "Cb_plus", "Cb_minus", "Ka", "Kb")
     yield_names: ClassVar[tuple[str, str]] = ("Fya", "Fyb")
@@ -301,6 +305,7 @@ class SymmetricModel(TanhModel):
     equation: ClassVar[str] = (
         "F = m a + C(I) v + K(I) u + Fy(I) tanh(y) + F0 (c-FOA paper, equations 3-11 with C+ = C-)"
     )
+    energy: ClassVar[str] = "as asymmetric"
     forms: ClassVar[tuple[Hysteresis, ...]] = ("kwok", "printed")
     fixed_names: ClassVar[tuple[str, ...]] = ("m", "F0", "Ca", "Cb", "Ka", "Kb")
     yield_names: ClassVar[tuple[str, str]] = ("Fya", "Fyb")
@@ -347,6 +352,7 @@ class KwokModel(TanhModel):
     equation: ClassVar[str] = (
         "F = c v + k u + alpha z + f0, z = tanh(beta v + delta sgn u) (Kwok 2006); c, k, alpha affine in I"
     )
+    energy: ClassVar[str] = "as asymmetric, without inertia"
     fixed_names: ClassVar[tuple[str, ...]] = ("c", "c_b", "k", "k_b", "f0")
     yield_names: ClassVar[tuple[str, str]] = ("alpha", "alpha_b")
     general: ClassVar[Mapping[str, tuple[str, ...]]] = {

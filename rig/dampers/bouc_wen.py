@@ -43,6 +43,10 @@ class BoucWenModel(HystereticModel):
     equation: ClassVar[str] = (
         "F = c0 v + k0 (u - x0) + alpha z, z' = -gamma |v| z |z|^(n-1) - beta v |z|^n + A v (Spencer 1997)"
     )
+    energy: ClassVar[str] = (
+        "dissipates over a loop for gamma + beta > 0 and gamma >= beta; the rest is elastic and comes "
+        "back"
+    )
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {"A": ("alpha", "alpha_b", "gamma", "beta")}
     demonstration: ClassVar[Mapping[str, float]] = {
         "c0": 700.0, "c0_b": 110.0, "k0": 300.0, "x0": 0.5, "alpha": 1.2e5, "alpha_b": 4e5, "gamma": 1.5e6, "beta": 1e6,
@@ -112,6 +116,7 @@ class NormalizedBoucWenModel(HystereticModel):
     equation: ClassVar[str] = (
         "F = kx u + kv v + kw w + f0, w' = rho [v - sigma |v| |w|^(n-1) w + (sigma - 1) v |w|^n] (Ikhouane-Rodellar)"
     )
+    energy: ClassVar[str] = "dissipates over a loop for sigma >= 1/2; the rest is elastic and comes back"
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 700.0, "kv_b": 110.0, "kw": 80.0, "kw_b": 250.0, "f0": -150.0, "rho": 1500.0, "sigma": 0.6,
@@ -171,6 +176,7 @@ class ThinningBoucWenModel(NormalizedBoucWenModel):
     equation: ClassVar[str] = (
         "F = kx u + kv v + kt tanh(v/vt) + kw w + f0, w as in normalized_bouc_wen; kv affine, kt and kw cubic in I"
     )
+    energy: ClassVar[str] = "as normalized_bouc_wen; kt tanh(v/vt) dissipates at every instant where kt is not negative"
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 400.0, "kv_b": 40.0, "kw": 30.0, "kw_b": 250.0, "f0": -270.0, "rho": 900.0, "sigma": 0.8,
         "n": 1.6, "kw_c": 20.0, "kw_d": -12.0, "kt": 60.0, "kt_b": 60.0, "kt_c": 10.0, "kt_d": -5.0, "vt": 0.08,

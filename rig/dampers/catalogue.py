@@ -10,8 +10,13 @@ from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 
 from rig.dampers.algebraic import AsymmetricModel, KwokModel, SymmetricModel
+from rig.dampers.asymmetric_bouc_wen import AsymmetricBoucWenModel
+from rig.dampers.bilinear import DigressiveBilinearModel, HystereticBiviscousModel
 from rig.dampers.bouc_wen import BoucWenModel, NormalizedBoucWenModel, ThinningBoucWenModel
+from rig.dampers.friction import DahlModel
+from rig.dampers.general_bouc_wen import GeneralizedBoucWenModel
 from rig.dampers.lost_motion import LostMotionModel
+from rig.dampers.lugre import LuGreModel
 from rig.dampers.model import DamperModel
 from rig.dampers.modified_bouc_wen import ModifiedBoucWenModel
 from rig.dampers.parameter import Hysteresis, ParameterSet
@@ -35,6 +40,12 @@ CATALOGUE: tuple[DamperModel, ...] = (
     NormalizedBoucWenModel(),
     ThinningBoucWenModel(),
     LostMotionModel(),
+    DahlModel(),
+    HystereticBiviscousModel(),
+    DigressiveBilinearModel(),
+    AsymmetricBoucWenModel(),
+    LuGreModel(),
+    GeneralizedBoucWenModel(),
 )
 """Every model in every form; a place here is the model's `kind`, which files of simulated runs hold: append."""
 
@@ -64,12 +75,13 @@ NO_KIND = -1
 """In place of that number for a plug-in's model, which such a file names by its name alone."""
 
 
-def _set_name(model_name: str) -> str:
+def set_name(model_name: str) -> str:
+    """Name of the parameter set that a model's demonstration is."""
     return "demo" if model_name == "asymmetric" else f"demo-{model_name.replace('_', '-')}"
 
 
 def _demonstration(model: DamperModel) -> ParameterSet:
-    return ParameterSet(_set_name(model.name), model.name, model.demonstration, SIMULATED)
+    return ParameterSet(set_name(model.name), model.name, model.demonstration, SIMULATED)
 
 
 class _ParameterSets(Mapping[str, ParameterSet]):
@@ -80,7 +92,7 @@ class _ParameterSets(Mapping[str, ParameterSet]):
         self._own = {values.name: values for values in (*demonstrations, *PUBLISHED)}
 
     def _brought(self) -> dict[str, str]:
-        return {name: model for model in MODELS if (name := _set_name(model)) not in self._own}
+        return {name: model for model in MODELS if (name := set_name(model)) not in self._own}
 
     def __getitem__(self, name: str) -> ParameterSet:
         return self._own[name] if name in self._own else _demonstration(MODELS[self._brought()[name]])

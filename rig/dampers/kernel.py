@@ -249,6 +249,11 @@ def _sampled(move: Compiled) -> Compiled:
     return step
 
 
+def sampled_step(model: Integrable) -> Compiled:
+    """Advance of a model's state between two samples, compiled: (p, state, u, v, a, current, dt, start, stop)."""
+    return _sampled(_mover(model.kernel()))
+
+
 @cache
 def fingerprint() -> int:
     """CRC-32 over the sources of this room: what compiled loops that call a model depend on."""

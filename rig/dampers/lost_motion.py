@@ -56,6 +56,10 @@ class LostMotionModel(HystereticModel):
         "w' = rho (v - |v| |w| w / 2 - v w^2 / 2); kv, ku affine, kg quadratic, ky, kt cubic in I "
         "(Wen 1976; Eyring 1936)"
     )
+    energy: ClassVar[str] = (
+        "kv, kg and kt dissipate at every instant where not negative; the yield force over a loop, while it "
+        "unloads it gives back"
+    )
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {
         "kx": 300.0, "kv": 300.0, "kv_b": 40.0, "f0": -150.0, "ky": 40.0, "ky_b": 240.0, "ky_c": 30.0, "ky_d": -15.0,

@@ -33,6 +33,7 @@ class DamperModel(ABC):
         states: number of internal states; 0 for algebraic models.
         positions: how many of them, from the first, are positions, which move with the rod.
         equation: the force as text, with its source.
+        energy: what it dissipates, and where it gives energy back.
         forms: forms of the hysteresis argument that it has.
         hysteresis: the form of this one.
         jumps_at: where the force jumps, so that noise of motion or clocks puts samples on the wrong side.
@@ -45,6 +46,7 @@ class DamperModel(ABC):
     states: ClassVar[int]
     positions: ClassVar[int] = 0
     equation: ClassVar[str]
+    energy: ClassVar[str] = ""
     forms: ClassVar[tuple[Hysteresis, ...]] = ("kwok",)
     jumps_at: ClassVar[Jump] = ""
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {}
@@ -195,7 +197,7 @@ class HystereticModel(DamperModel):
         from rig.dampers.kernel import force_series
 
         motion = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (u, v, a, current)))
-        u_m, v_m_s, a_m_s2, current_A = (np.ascontiguousarray(x) for x in motion)
+        u_m, v_m_s, a_m_s2, current_A = (np.array(x) for x in motion)
         state = self.initial_state(float(u_m[0]))
         data = (u_m, v_m_s, a_m_s2, current_A)
         force: FloatArray = force_series(self, self.vector(parameters), state, *data, dt_s, 0)

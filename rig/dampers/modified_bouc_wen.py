@@ -35,6 +35,7 @@ class ModifiedBoucWenModel(HystereticModel):
         "F = c1 y' + k1 (u - x0), y' = [alpha z + c0 u' + k0 (u - y)]/(c0 + c1), "
         "z' = -gamma |u' - y'| z |z|^(n-1) - beta (u' - y') |z|^n + A (u' - y') (Spencer 1997)"
     )
+    energy: ClassVar[str] = "its dampers c0, c1 dissipate; the hysteresis as bouc_wen; the springs k0, k1 give back"
     redundant: ClassVar[Mapping[str, tuple[str, ...]]] = {"A": ("alpha_a", "alpha_b", "gamma", "beta")}
     speeds_tell_yield: ClassVar[bool] = True
     demonstration: ClassVar[Mapping[str, float]] = {

@@ -44,12 +44,16 @@ class MotionScale:
 
 
 class Motion(Protocol):
-    """A sampled test: motion about mid-stroke, (n,) each, its interval, and samples of its first whole cycle."""
+    """A sampled test: motion about mid-stroke and current, (n,) each, interval, samples of its first whole cycle."""
 
     @property
     def u_m(self) -> FloatArray: ...  # noqa: D102 - described above
     @property
     def v_m_s(self) -> FloatArray: ...  # noqa: D102 - described above
+    @property
+    def a_m_s2(self) -> FloatArray: ...  # noqa: D102 - described above
+    @property
+    def current_A(self) -> FloatArray: ...  # noqa: D102 - described above
     @property
     def dt_s(self) -> float: ...  # noqa: D102 - described above
     @property

@@ -17,6 +17,7 @@ import rig.dampers
 from rig.dampers import Hysteresis
 from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
+from rig.identification.application.tested_range import Ends, tested_range
 from rig.identification.misfit_weights import weighted_by_misfit
 from rig.identification.models.coil import find_lag, needs_lag, with_lag
 from rig.identification.models.measurement import Measurement, first_cycle, spaced
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from rig.recording.recorded_point import RecordedPoint
 
 ALL = "all"
+DRAWN_SAMPLES = 250  # samples of a cycle that figures show
 RANKING_SAMPLES = 250  # samples of a cycle that rank models
 EQUIVALENT = 0.01  # held-out errors within this share of the best are equal; the information criterion then decides
 
@@ -98,7 +100,8 @@ def identify(
                 f"current dependence {current!r} goes with one model, without profiles and without a series spring"
             )
         chosen = _model(model, hysteresis)
-        return identify_per_current(chosen, fitted, held_out, current, wanted, on_progress)
+        related = identify_per_current(chosen, fitted, held_out, current, wanted, on_progress)
+        return _usable(related, fitted, held_out, known.temperature_degC)
     spring = None
     if series_spring:
         if model == ALL:
@@ -118,7 +121,19 @@ def identify(
         spring = spring.widened(
             max((residual.widening for residual in fit.residuals), default=1.0), quantile() * SMOOTHING
         )
+    fit = _usable(fit, fitted, held_out, known.temperature_degC)
     return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance))
+
+
+def _usable(
+    fit: Fit, fitted: Sequence[Measurement], held_out: Sequence[Measurement], temperature_degC: Ends | None
+) -> Fit:
+    """The fit with what its tests covered, and a cycle of each of them."""
+    unseen = next((one.holdout_nrmse_percent_of_peak for one in fit.selection if one.model == fit.model), None)
+    seen = fit.error.nrmse_percent_of_peak
+    widened = 1.0 if unseen is None or not (math.isfinite(unseen) and seen > 0.0) else unseen / seen
+    cycles = tuple(spaced(first_cycle(test), DRAWN_SAMPLES) for test in fitted)
+    return replace(fit, tested=tested_range(fit.law, fitted, held_out, temperature_degC, widened), tests=cycles)
 
 
 def _best_fit(

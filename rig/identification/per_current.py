@@ -17,11 +17,11 @@ from rig.dampers.model import DamperModel
 from rig.errors import IdentificationFailed
 from rig.identification.models.measurement import Measurement
 from rig.identification.models.model_slope import modelled_force
-from rig.identification.models.relation import Relation, relations
+from rig.identification.models.relation import CurrentRelations, Relation, relations
 from rig.identification.models.solving import Candidate, solve
 from rig.identification.models.undetermined import SAME_CURRENT_A, examine
 from rig.identification.uncertainty.assessment import Wanted, judged
-from rig.identification.uncertainty.fit import CurrentRelations, Estimate, Fit
+from rig.identification.uncertainty.fit import Estimate, Fit
 from rig.identification.uncertainty.scoring import describes, score_forces, together
 from rig.identification.words import say
 from rig.matrix.methods import DEPENDENCES
@@ -78,16 +78,6 @@ def identify_per_current(
         )
     related = _relations(model, levels, PER_CURRENT[dependence])
     return _joined(model, levels, related, held_out, wanted)
-
-
-def values_at(model: DamperModel, related: CurrentRelations, current_A: float) -> dict[str, float]:
-    """The model's values (SI) at a current (A); terms per ampere are zero, because the current is taken as zero."""
-    values = {parameter.name: 0.0 for parameter in model.parameters if parameter.name != "eta"}
-    for name, relation in related.relations.items():
-        value = float(relation.at(current_A))
-        low, high = related.ranges[name]
-        values[name] = value if model.parameter(name).linear else min(max(value, low), high)
-    return values
 
 
 def _levels(tests: Sequence[Measurement]) -> list[tuple[float, list[Measurement]]]:
@@ -154,11 +144,11 @@ def _joined(
     fitted = [test for level in levels for test in level.tests]
 
     def force(test: Measurement) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        values = values_at(model, related, float(np.mean(test.current_A)))
+        values = related.values_at(model, float(np.mean(test.current_A)))
         return np.asarray(modelled_force(model, values, _without_current(test)))
 
     def fits(test: Measurement) -> bool | None:
-        values = values_at(model, related, float(np.mean(test.current_A)))
+        values = related.values_at(model, float(np.mean(test.current_A)))
         return describes(model, values, [_without_current(test)], wanted.method.weighting(model))
 
     low, high = related.currents_A[0] - SAME_CURRENT_A, related.currents_A[-1] + SAME_CURRENT_A
@@ -187,7 +177,7 @@ def _joined(
         condition=max(level.fit.condition for level in levels),
         notes=(*levels[0].fit.notes, f"{related.dependence}: each current fitted alone, then related to the current"),
         current=related,
-        equation=model.equation,
+        form=model.equation,
     )
 
 

@@ -121,6 +121,8 @@ def _independent_of_amplitude(point: TestPoint, matrix: Matrix, bench: Bench) ->
         samples = rate_Hz / point.frequency_Hz
         text = f"{samples:.3g} samples a cycle at {rate_Hz:.4g} Hz; a loop needs {SAMPLES_A_CYCLE}"
         yield Reason("sampling", text)
+    if point.waveform == "triangle" and not bench.actuator.makes_triangles:
+        yield Reason("waveform", "a triangle; the controller's function generator makes sines only")
     streamed_s = bench.actuator.setpoints_s
     if streamed_s is None:
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 from rig.bench.model import Bench
@@ -141,8 +142,12 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         prediction = f"from the parameter set {specimen.prior}"
     elif specimen.max_force_N is not None:
         prediction = f"at most {show(specimen.max_force_N, 'N')}"
-    points = tuple(_judge(point, matrix, bench, predict) for point in matrix.points())
+    points = tuple(_judge(point, matrix, bench, predict) for point in in_running_order(matrix, bench))
     warnings = sampling_hints([item.point for item in points], bench)
+    if bench.ecu.by_hand:
+        currents_A = [0.0, *(item.point.first_current_A for item in points), 0.0]
+        asked = sum(before_A != after_A for before_A, after_A in pairwise(currents_A))
+        warnings += (f"the current is set by hand: {asked} changes will be asked for, beside 0 A at the start",)
     if matrix.temperature is None:
         return Plan(points, bench.name, specimen.serial_number, prediction, warnings=warnings)
     in_order = [item.point for item in points]
@@ -153,6 +158,17 @@ def plan(matrix: Matrix, bench: Bench) -> Plan:
         loads = [load_of(point, predict) for point in in_order]
         waits_s = thermal.total_s(loads) - sum(load.duration_s + load.rest_s + BETWEEN_POINTS_S for load in loads)
     return Plan(points, bench.name, specimen.serial_number, prediction, waits_s, warm_up, warnings)
+
+
+def in_running_order(matrix: Matrix, bench: Bench) -> tuple[TestPoint, ...]:
+    """The points as they run: in the matrix's order; where a person sets the current, by rising current.
+
+    `order = "random"` stays as it is drawn: it was asked for.
+    """
+    points = matrix.points()
+    if not bench.ecu.by_hand or matrix.sweep.order == "random":
+        return points
+    return tuple(sorted(points, key=lambda point: point.first_current_A))
 
 
 def _judge(point: TestPoint, matrix: Matrix, bench: Bench, predict: Forecast) -> PlannedPoint:

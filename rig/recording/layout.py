@@ -267,6 +267,7 @@ class PointContext:
         moving_mass_kg: mass between load cell and damper; its inertia is part of the measured force.
         current_tolerance_A: largest deviation of measured from wanted current in a valid point.
         simulated: True when no real damper was tested.
+        current_by_hand: the current is what the operator said to have set; nobody measured it.
         calibration: what is known of the instruments before the point, by attribute of `/entry/quality`: what the bench
             allows them to differ by, and what they showed at rest before the first motion.
         provenance: flat text attributes: software version, bench and matrix names and hashes, device identities,
@@ -281,6 +282,7 @@ class PointContext:
     moving_mass_kg: float = 0.0
     current_tolerance_A: float = 0.02
     simulated: bool = False
+    current_by_hand: bool = False
     calibration: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
 

@@ -215,6 +215,8 @@ class Requests:
         if name not in Waveform.__members__:
             raise StationRefused("bad-request", f"start: waveform {arguments.get('waveform')!r} is not known")
         waveform = Waveform[name]
+        if waveform is Waveform.TRIANGLE and not self._devices.actuator.capabilities.triangle:
+            raise StationRefused("matrix-infeasible", "start: this actuator moves in sines only")
         amplitude_m = _number(arguments, "amplitude_m", 0.0, math.inf)
         frequency_Hz = _number(arguments, "frequency_Hz", 1e-3, 1e3)
         limits = self._config.limits
@@ -317,8 +319,9 @@ class Requests:
         if not self._supervisor.settled:
             raise StationRefused("not-at-rest", "disarm: a stop is under way")
         # Without the ECU's link its own time-out takes the current away: no reason to leave the pressure on.
-        with suppress(DriverError):
-            self._devices.coil.set_current(0.0)
+        if not self._devices.coil.by_hand:
+            with suppress(DriverError):
+                self._devices.coil.set_current(0.0)
         self._hydraulics({"level": "off"})
         self._supervisor.disarm()
         self._devices.actuator.judge.leased = False

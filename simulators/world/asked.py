@@ -21,7 +21,7 @@ from simulators.bench import Addresses, bench_text
 from simulators.injection import NEEDS_AUXILIARY
 from simulators.options import RigOptions
 from simulators.schedule import BY_ID, ONLY_ON
-from simulators.world.plan import STALLS, Given, Happening, WorldPlan, drawn, happens_to_supply
+from simulators.world.plan import STALLS, Given, Happening, WorldPlan, drawn, happens_by_hand, happens_to_supply
 from simulators.world.user_bench import LARGEST_BENCH, UserBench, longest_s
 
 LARGEST_MATRIX = 1 << 20
@@ -169,6 +169,8 @@ def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
             problem = f"happens only where the controller is reached by {needed}; {has}"
         elif given.supply and not happens_to_supply(happening.what):
             problem = "does not happen where a supply drives the coil: no bus, and its current outlives its host"
+        elif given.by_hand and not happens_by_hand(happening.what):
+            problem = "does not happen where the current is set by hand: nothing tells of the coil, and who asks lives"
         elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:
             problem = "needs an auxiliary channel; give a --bench that has one"
         if problem:
@@ -223,7 +225,7 @@ def _on_bench(given: Given, text: str, user: UserBench) -> Given:
     auxiliary = bool(user.auxiliaries)
     return replace(
         given, bench=user.portable(text), actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s,
-        supply=bool(user.supply),
+        supply=bool(user.supply), by_hand=user.by_hand,
     )
 
 

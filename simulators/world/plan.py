@@ -150,6 +150,7 @@ class Given:
         actuator: "tcp" or "rtu", as the bench says; empty: drawn.
         auxiliary: the bench has an auxiliary channel.
         supply: a supply drives the coil.
+        by_hand: a simulated hand turns that supply's knob.
         motion_s: forecast of the campaign (s), over which things happen.
         lasts_s: how long it lasts at most (s).
         tick_s: how often the devices hand over what they have sent, at most (s).
@@ -160,6 +161,7 @@ class Given:
     actuator: str = ""
     auxiliary: bool = False
     supply: bool = False
+    by_hand: bool = False
     motion_s: float = 0.0
     lasts_s: float = 0.0
     tick_s: float = math.inf
@@ -185,6 +187,8 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
     happenings = _in_order((*happenings, *_beyond_limits(random.Random(f"beyond {seed}"), given.motion_s)))
     if given.supply:
         happenings = tuple(happening for happening in happenings if happens_to_supply(happening.what))
+    if given.by_hand:
+        happenings = tuple(happening for happening in happenings if happens_by_hand(happening.what))
     held_up = BUSY_HELD_UP if random.Random(f"busy {seed}").random() < BUSY_SHARE else HELD_UP_SHARE
     return WorldPlan(
         seed, text, happenings, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s, held_up=held_up,
@@ -195,6 +199,12 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
 def happens_to_supply(what: str) -> bool:
     """It can happen where a supply drives the coil: no bus, and nothing takes its current when its host dies."""
     return what not in ONLY_BY_ECU and what not in {"station-killed", "power-cut"}
+
+
+def happens_by_hand(what: str) -> bool:
+    """It can happen where somebody sets the current: nothing tells of the coil, and who asks and answers lives."""
+    row = MATRIX.get(what.partition(":")[0])
+    return happens_to_supply(what) and what != "application-killed" and (row is None or row.place not in {"can", "ecu"})
 
 
 def _happenings(chance: random.Random, actuator: str, motion_s: float) -> tuple[Happening, ...]:

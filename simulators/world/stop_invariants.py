@@ -75,7 +75,7 @@ def stop_stays_stopped(view: View) -> Findings:
         gone_s = CURRENT_AFTER_S if view.hidden else CURRENT_AT_ONCE_S
         powered = view.between(float(trip["latched_ns"]) + gone_s * 1e9, until_ns)
         late = powered[np.abs(powered[:, 2]) > NO_CURRENT_A]
-        if len(late) and not view.faults() & (STUCK_CURRENT | {"can-foreign"}):
+        if len(late) and not view.faults() & (STUCK_CURRENT | {"can-foreign"}) and not view.by_hand:
             yield f"{late[0, 2]:.2f} A {1e-9 * (late[0, 0] - t_ns):.1f} s after the stop for {trip['slug']}", late[0, 0]
 
 
@@ -189,7 +189,8 @@ def what_is_proved_is_true(view: View) -> Findings:
             yield f"standstill was proved at {speed:.3g} m/s", t_ns
         if safe.get("current_zero") and abs(current) > 2 * NO_CURRENT_A:
             yield f"0 A was proved at {current:.2f} A", t_ns
-        if not safe.get("current_zero") and not view.faults() and not view.session.happened:
+        unproved = not safe.get("current_zero") and not view.by_hand
+        if unproved and not view.faults() and not view.session.happened:
             yield "safe without a proof of 0 A", t_ns
         if str(safe.get("stop")) == str(StopKind.PRESSURE_OFF) and pressure > 0:
             yield "an S1 stop was proved with the pressure on", t_ns

@@ -27,7 +27,7 @@ from rig.bench.sensor_settings import SensorConfig
 from rig.bench.settings import ActuatorConfig
 from rig.errors import FileProblem
 from rig.matrix.model import Matrix
-from simulators.bench import Addresses
+from simulators.bench import BY_HAND, Addresses
 from simulators.conditioner import group_delay_s
 from simulators.options import (
     AUXILIARY,
@@ -84,6 +84,11 @@ class UserBench:
     values: Mapping[str, Any]
     supply: str | Mapping[str, Any] = ""
 
+    @property
+    def by_hand(self) -> bool:
+        """The current is set by hand."""
+        return bool(self.values["ecu"].get("by_hand"))
+
     @classmethod
     def load(cls, path: Path, matrix: Matrix) -> UserBench:
         """The simulated rig for a bench file and a matrix's specimen.
@@ -97,11 +102,11 @@ class UserBench:
             raise FileProblem(str(path), problems)
         link = LINKS[ActuatorAddress.parse(bench.actuator.url).kind]
         values = named_files.with_paths(tomllib.loads(path.read_text(encoding="utf-8-sig")), path.absolute().parent)
-        quickest_s = min(bench.ecu.stale_after_s, *map(_patience_s, _sensors(bench).values()))
+        quickest_s = min(bench.ecu.silent_after_s, *map(_patience_s, _sensors(bench).values()))
         return cls(
             _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
             tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
-            bench.ecu.supply or "",
+            BY_HAND if bench.ecu.by_hand else bench.ecu.supply or "",
         )
 
     def text(self, rig: SimulatedRig, addresses: Addresses) -> str:
@@ -119,6 +124,8 @@ class UserBench:
     @staticmethod
     def _current_source(own: Mapping[str, Any], addresses: Addresses) -> dict[str, Any]:
         """The table of the current source with the address of a rig."""
+        if own.get("by_hand"):  # the supply is the simulated hand's
+            return {**own, "rehearsal": f"tcp://127.0.0.1:{addresses.supply_port}"}
         if addresses.supply_port:
             return {**own, "url": f"tcp://127.0.0.1:{addresses.supply_port}"}
         channel = f"socket://127.0.0.1:{addresses.slcan_port}"
@@ -187,7 +194,9 @@ def _worn_ecu(bench: Bench) -> WornEcuFiles | None:
 def _stood_in(bench: Bench) -> Iterator[str]:
     """What a world has otherwise than the file says, in words."""
     yield "serial lines and networks are sockets of the world; baud rates do not count"
-    if bench.ecu.url is not None:
+    if bench.ecu.by_hand:
+        yield "a simulated hand sets the current at once; nobody kills a process, nor is there a power cut"
+    elif bench.ecu.url is not None:
         yield "the supply is reached by TCP; nobody kills the station, nor is there a power cut: its current would stay"
     elif bench.ecu.interface != "slcan":
         yield f"the CAN bus is reached by slcan at {BITRATE // 1000} kbit/s in place of {bench.ecu.interface}"

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.bench.model import Bench
 from rig.faults.matrix import MATRIX
 from simulators.world.plan import FOREIGN, STALLS
 from simulators.world.world import Session, World
@@ -36,6 +37,12 @@ class View:
             if session.began_ns <= int(line.get("host_ns", 0)) <= max(session.rest_ns, session.ended_ns)
         ]
         self.killed = any(happening.what in KILLING for _, happening in session.happened)
+
+    @property
+    def by_hand(self) -> bool:
+        """Somebody sets the current: no stop takes it away, it is asked for."""
+        path = self.world.root / "bench.toml"
+        return path.exists() and Bench.load(path).ecu.by_hand
 
     @property
     def stalled_s(self) -> float:

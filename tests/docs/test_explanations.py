@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from drivers.capabilities import Capabilities, WatchdogKind
+from drivers.catalogue import make_hand_source
 from drivers.devices.ecu_lacking import WITHOUT
 from drivers.devices.supply import Command, SupplyCommands, SupplyDescription, SupplyLink, supply_lacks
 from rig.explanations.explanation import explained, texts
@@ -96,6 +97,7 @@ def known() -> dict[str, str]:
         **dict.fromkeys((*MATRIX, *REACTIONS), "rig/faults"),
         **dict.fromkeys((*SLUGS, ZERO_RETURN, *VERDICT_REMARKS), "rig/recording/quality"),
         **{f"actuator-without-{name}": "drivers/capabilities.py" for name in lacking},
+        **{f"ecu-without-{name}": "drivers/hand_source.py" for name, _ in make_hand_source(None).lacking},
         **{f"ecu-without-{name}": "drivers/devices/supply.py" for name, _ in supply_lacks(BARE)},
         **{f"ecu-without-{name}": "drivers/devices/ecu_lacking.py" for name in WITHOUT},
         "hydraulics": "rig/station/requests.py: await_status",

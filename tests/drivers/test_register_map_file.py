@@ -311,3 +311,26 @@ def test_a_map_upon_another_one_has_its_entries_but_for_those_it_is_without() ->
     assert controller.quantities["force"].address == 700
     assert "did you mean demo" in problems('base = "demos"\n')[0]
     assert any("nothing that demo has" in told for told in problems('base = "demo"\nwithout = ["state.holds"]\n'))
+
+
+def test_a_generator_that_is_not_told_the_waveform_makes_sines_only() -> None:
+    assert not read(SMALLEST).capabilities.triangle
+    told = edited(
+        ("cycles    =", "shape = {address = 110}\ncycles    ="),
+        ('cycles = "$all', 'shape = "$waveform", cycles = "$all'),
+        ("[faults]", "[waveforms]\nsine = 1\ntriangle = 2\n[faults]"),
+    )
+    assert read(told).capabilities.triangle
+    assert not read(told.replace("triangle = 2", "")).capabilities.triangle
+    assert any("sine is missing" in told for told in problems(told.replace("sine = 1", "")))
+
+
+def test_a_bench_that_counts_on_a_watchdog_before_it_trips_is_refused(tmp_path: Path) -> None:
+    slow = edited(
+        ("cycles    =", "alive = {address = 110}\ncycles    ="),
+        ("e-stop = {", 'watchdog = {quantity = "alarms", bit = 9}\ne-stop = {'),
+        ("[faults]", '[watchdog]\nkind = "counter"\nwrite = {alive = "$counter"}\ntime = "2 s"\n[faults]'),
+    )
+    (tmp_path / "mine.toml").write_text(slow, encoding="utf-8")
+    with pytest.raises(FileProblem, match=r"actuator.watchdog.*trips after 2000 ms; allowed: at least 2000 ms"):
+        Bench.load(bench_with(tmp_path, "mine.toml"))

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from drivers.ring import Channel
 from drivers.sample_stream import RateWatch, SampleScale, SampleStream
 from protocols.frame_format import STATUS_EDGE, STATUS_OVERLOAD, STATUS_SENSOR_FAULT, FrameDecoder, encode
-from protocols.line_format import LineDecoder, preset
+from protocols.line_format import LineDecoder
 from protocols.quality import Quality
+from protocols.sensor_format import preset
 
 NOW = 10**12
 

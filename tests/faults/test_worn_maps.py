@@ -2,7 +2,7 @@
 
 The maps in `tests/simulators/maps`: `scaled` (integers, input registers, a coil; no watchdog), `handshake`
 (little-endian words, a status word, discrete inputs, a keep-alive), `streamed` (no generator, a counter beside the
-set-point).
+set-point), `pulses` (function 6, pulsed coils, a state of inputs alone).
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from matrices import matrix_text
 from row_worlds import ONCE, RowWorld, world_of
 from test_every_row import judge_row
 
 if TYPE_CHECKING:
     from conftest import Start
 
+SLOW = matrix_text("0.5 A", "1.0 A", amplitude="10 mm", frequency="1 Hz", cycles=5)
 MAPS = Path(__file__).parents[1] / "simulators" / "maps"
 
 
@@ -28,14 +30,23 @@ def wearing(here: RowWorld, name: str, *more: str) -> RowWorld:
 
 @pytest.mark.parametrize(
     ("name", "link"),
-    [("scaled", "tcp"), ("scaled", "rtu"), ("handshake", "tcp"), ("handshake", "rtu"), ("streamed", "tcp")],
-)
+    [
+        ("scaled", "tcp"), ("scaled", "rtu"), ("handshake", "tcp"), ("handshake", "rtu"), ("streamed", "tcp"),
+    ],
+)  # fmt: skip
 def test_a_matrix_completes_on_a_controller_of_a_users_map(name: str, link: str, begin_world: Start) -> None:
     here = wearing(RowWorld(ONCE), name, "--actuator", link)
     ending = begin_world(here.setting).finish(None)
-    assert ending.exit_code == 0, ending.said
+    assert ending.exit_code == 0, ending.answer["points"]
     assert ending.verdicts() == {"p001": "valid"}
     assert "actuator-without-limits" in {line.get("slug") for line in ending.log}
+
+
+def test_slow_points_are_valid_without_a_force_input_and_cycle_pulses_too(begin_world: Start) -> None:
+    setting = wearing(RowWorld(ONCE), "pulses").setting
+    ending = begin_world(replace(setting, matrix=SLOW)).finish(None)
+    assert ending.exit_code == 0, ending.answer["points"]
+    assert ending.verdicts() == {"p001": "valid", "p002": "valid"}
 
 
 ROWS = {

@@ -34,6 +34,7 @@ EQUATION = "the signature of every model's equation: parameters, u, v, a, curren
 MANY_PARAMETERS = {
     "rig.cli.identify:command": OPTIONS,
     "rig.cli.importing:command": OPTIONS,
+    "rig.cli.ride:command": OPTIONS,
     "rig.cli.run:command": OPTIONS,
     "rig.recording.importing:import_tests": OPTIONS,
     "rig.identification.fitting:identify": PUBLIC,
@@ -66,6 +67,8 @@ ONE_IMPORTER = {
     "simulators.ecu_protection": "the peer of protocols.e2e: what both compute is compared",
     "simulators.testing.rehearsal": "a process of its own; loaded when a fixture is used",
     "simulators.frames": "compiled: what is in the cache stays valid as long as its own file does",
+    "rig.vehicle.comfort": "the weightings of a standard, whatever is weighted",
+    "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
     "rig.study.figures": "loads matplotlib, and only where figures are drawn",
 }
 

@@ -33,6 +33,7 @@ Answer = dict[str, Any]
 
 # Request -> the station's name for it, its fixed arguments.
 WAYS: dict[Request, tuple[str, dict[str, Any]]] = {
+    Request.HYDRAULICS_OFF: ("hydraulics", {"level": "off"}),
     Request.HYDRAULICS_LOW: ("hydraulics", {"level": "low"}),
     Request.HYDRAULICS_ON: ("hydraulics", {"level": "on"}),
 }
@@ -136,6 +137,7 @@ class ActionExecutor:
             act.Ask: self._ask,
             act.Move: self._move,
             act.SetCurrent: self._set_current,
+            act.AskOperator: self._ask_operator,
             act.Start: self._start,
             act.Stop: self._stop,
             act.WatchZeros: self._watch_zeros,
@@ -214,6 +216,19 @@ class ActionExecutor:
         tolerance_A = self.campaign.matrix.campaign.current_settled_A
         self.observer.await_current(action.current_A, tolerance_A, monotonic_ns())
         self._requests.ask(Request.SET_CURRENT, current_A=action.current_A)
+
+    def _ask_operator(self, action: act.AskOperator) -> None:
+        if self.campaign.hand is not None:
+            self.campaign.hand.ask()
+
+    def operator_answers(self) -> list[ev.Event]:
+        """What somebody who sets the current by hand has confirmed since the last call.
+
+        Raises:
+            OSError: the terminal is gone.
+        """
+        hand = self.campaign.hand
+        return [ev.OperatorAnswered()] if hand is not None and hand.answered() else []
 
     def _start(self, action: act.Start) -> None:
         point = action.point

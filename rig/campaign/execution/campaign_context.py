@@ -8,6 +8,7 @@ from typing import Any
 
 from rig.bench.model import Bench
 from rig.bench.settings import StationConfig
+from rig.campaign.hand import Hand
 from rig.campaign.results import Display, PointResults
 from rig.campaign.resume import Stock
 from rig.matrix.model import Matrix
@@ -34,6 +35,7 @@ class CampaignContext:
         stock: what is kept of earlier sessions, and what remains to be run.
         results: where results are entered.
         identities: what the devices said about themselves at connect.
+        hand: who sets the current by hand; None where a device drives it.
         at_rest: what the instruments may differ by, and what was seen of them before the first motion, by attribute
             of `/entry/quality`.
     """
@@ -52,3 +54,4 @@ class CampaignContext:
     results: PointResults
     identities: dict[str, Any] = field(default_factory=dict)
     at_rest: dict[str, float] = field(default_factory=dict)
+    hand: Hand | None = None

@@ -242,6 +242,7 @@ def point_context(campaign: CampaignContext, action: act.BeginRecording, name: s
         moving_mass_kg=campaign.bench.fixture.moving_mass_kg,
         current_tolerance_A=campaign.matrix.campaign.current_settled_A,
         simulated=campaign.simulated,
+        current_by_hand=campaign.bench.ecu.by_hand,
         provenance=_provenance(campaign, action.point, action.attempt),
         calibration=campaign.at_rest,
     )

@@ -169,6 +169,7 @@ class Runner:
         self._waiting.extend(self._signals.take())
         self._waiting.extend(self._station_events(0.0))
         self._waiting.extend(self._collected("the station's answers", partial(self._answered, outcomes)))
+        self._waiting.extend(self._collected("the terminal", self._executor.operator_answers))
         self._waiting.extend(facts)
         verdicts = partial(self._executor.recording.verdicts, self.state.attempts)
         self._waiting.extend(self._collected("the verdicts", verdicts))

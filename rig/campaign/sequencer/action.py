@@ -17,6 +17,7 @@ class Request(StrEnum):
     CONNECT = "connect"
     ARM = "arm"
     STARVE_WATCHDOG = "starve_watchdog"
+    HYDRAULICS_OFF = "hydraulics_off"
     HYDRAULICS_LOW = "hydraulics_low"
     HYDRAULICS_ON = "hydraulics_on"
     MOVE = "move"
@@ -31,6 +32,7 @@ PROOF_WALL_S: dict[Request, float] = {
     Request.CONNECT: 20.0,
     Request.ARM: 10.0,
     Request.STARVE_WATCHDOG: 30.0,
+    Request.HYDRAULICS_OFF: 30.0,
     Request.HYDRAULICS_LOW: 30.0,
     Request.HYDRAULICS_ON: 30.0,
     Request.MOVE: 5.0,
@@ -64,6 +66,13 @@ class Move:
 @dataclass(frozen=True)
 class SetCurrent:
     """Command `current_A` (A) and report `CurrentSettled` when the measured current is there."""
+
+    current_A: float
+
+
+@dataclass(frozen=True)
+class AskOperator:
+    """Ask somebody to set `current_A` (A) on the supply, and report `OperatorAnswered` when that was confirmed."""
 
     current_A: float
 
@@ -217,6 +226,7 @@ Action = (
     Ask
     | Move
     | SetCurrent
+    | AskOperator
     | Start
     | Stop
     | WatchZeros

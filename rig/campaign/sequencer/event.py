@@ -96,6 +96,11 @@ class CurrentSettled:
 
 
 @dataclass(frozen=True)
+class OperatorAnswered:
+    """Somebody confirmed the current that was asked for."""
+
+
+@dataclass(frozen=True)
 class ProgramEnded:
     """The motion program has ended and the actuator holds.
 
@@ -225,6 +230,7 @@ Event = (
     | ProofJudged
     | Centred
     | CurrentSettled
+    | OperatorAnswered
     | ProgramEnded
     | TemperatureRead
     | CooledDown

@@ -148,7 +148,7 @@ def give_up(state: State, cause: StopCause) -> Step:
     """The current point cannot be begun: it is invalid, and the campaign goes on."""
     point = state.point
     state = replace(state, queue=state.queue[1:], warming=None, warmed_s=0.0, warmed_with=None, demagnetising=())
-    actions = (act.GiveUpPoint(point, cause), act.SetCurrent(0.0))
+    actions = (act.GiveUpPoint(point, cause), act.SetCurrent(state.resting_A))
     return stopping.enter(state, Phase.CLEARING, *actions, device_s=CURRENT_LIMIT_S)
 
 

@@ -79,6 +79,14 @@ class Drive:
 Drives = tuple[Drive, ...]
 
 
+@dataclass(frozen=True)
+class Hand:
+    """A current that a person sets: the pressure meanwhile (off, low, on), and how long an answer may take (s)."""
+
+    pressure: str
+    answer_s: float
+
+
 @dataclass(frozen=True, eq=False)
 class Conditions:
     """What every point of a campaign must find. Made once and the same object ever after.
@@ -91,6 +99,7 @@ class Conditions:
         warm_up: the motion that warms; None without a window.
         longest_s: longest warming up or cooling down before a point or a restart (s, rig's clock).
         demagnetise: the coil's core is demagnetised before another current.
+        hand: how a person is asked for the current; None where a device drives it.
     """
 
     tolerance: float | None = None
@@ -100,6 +109,7 @@ class Conditions:
     warm_up: TestPoint | None = None
     longest_s: float = 3600.0
     demagnetise: bool = False
+    hand: Hand | None = None
 
     def highest_start(self, point: TestPoint) -> float:
         """Largest temperature (degC) at which the point may begin; inf without a window."""
@@ -147,6 +157,7 @@ def conditions_of(matrix: Matrix, bench: Bench) -> Conditions:
         tolerance=matrix.sweep.amplitude_tolerance if matrix.sweep.adapt_amplitude else None,
         ceilings={point.id: _ceiling(point, matrix, bench) for point in points if point.kind == "loop"},
         demagnetise=matrix.campaign.demagnetise,
+        hand=Hand(bench.ecu.pressure_while_asked, bench.ecu.answer_within_s) if bench.ecu.by_hand else None,
     )
     if temperature is None:
         return conditions
@@ -187,6 +198,9 @@ class Phase(StrEnum):
     CENTRING = "centring"
     GATING = "reading the temperature"
     COOLING = "cooling down"
+    YIELDING = "lowering the pressure for somebody at the supply"
+    ASKING = "waiting for a current set by hand"
+    TOLD = "taking down the current set by hand"
     DEMAGNETISING = "demagnetising"
     SETTLING = "settling the current"
     WARMING = "warming up"
@@ -203,6 +217,8 @@ class Phase(StrEnum):
     STANDING = "coming to rest"
     CHECKING_RETURN = "checking zeros again"
     FINISHING = "hydraulics off"
+    TAKING_AWAY = "waiting for the current to be taken away by hand"
+    TAKEN_AWAY = "taking down that no current flows"
     ENDED = "ended"
 
 
@@ -251,6 +267,9 @@ class State:
         demagnetising: currents still to come of the demagnetising sequence (A).
         magnetised_A: the largest current since the last demagnetising (A).
         last_current_A: the current of the last program (A).
+        hand_A: the current that somebody has said to have set by hand (A); None before the first answer.
+        asked_A: the one that is asked for (A); None while nothing is asked.
+        yielded: the pressure was lowered for somebody at the supply.
     """
 
     queue: tuple[TestPoint, ...]
@@ -285,6 +304,19 @@ class State:
     demagnetising: tuple[float, ...] = ()
     magnetised_A: float = 0.0
     last_current_A: float = 0.0
+    hand_A: float | None = None
+    asked_A: float | None = None
+    yielded: bool = False
+
+    @property
+    def resting_A(self) -> float:
+        """What the coil goes back to after a program (A): 0, or what is set by hand, which nobody here takes away."""
+        return self.hand_A or 0.0
+
+    @property
+    def hand_flows(self) -> bool:
+        """A current set by hand flows, or may."""
+        return bool(self.hand_A or self.asked_A)
 
     @property
     def point(self) -> TestPoint:
@@ -300,7 +332,7 @@ class State:
         """The state after an explicit reset: nothing is proved any more, the position is not known."""
         return replace(
             self, latch=None, stopped=False, proved=False, powered=False, held_at_m=None, rest_s=0.0, warming=None,
-            warmed_with=None, cooled_s=0.0,
+            warmed_with=None, cooled_s=0.0, yielded=False,
         )
 
 

@@ -5,9 +5,10 @@
 
 The way through: connect, check zeros, arm, prove the watchdog, pressure low, pressure on, prove the sensors by a slow
 move, then for each point: centre, settle the current, record and run, back to 0 A, rest; at the end hydraulics off.
-Temperature, magnetic history and trial programs come in between where the matrix asks for them (`point_preparation`).
-Tables hold it: `NEXT` for the phase an event belongs to, `ALWAYS` for what can come at any time, `OVERDUE` for phases
-that last too long. An event in none of them is late news and changes nothing.
+Temperature, magnetic history and trial programs come in between where the matrix asks for them (`point_preparation`),
+somebody who is asked for the current where a person sets it (`by_hand`).
+Tables hold it: `NEXT` for the phase an event belongs to, `ALWAYS` for what can come at any time, `OVERDUE` (`overdue`)
+for phases that last too long. An event in none of them is late news and changes nothing.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from rig.campaign.sequencer import action as act
+from rig.campaign.sequencer import by_hand, point_preparation, stopping
 from rig.campaign.sequencer import event as ev
-from rig.campaign.sequencer import point_preparation, stopping
 from rig.campaign.sequencer.action import Action, Request
+from rig.campaign.sequencer.overdue import OVERDUE, PAUSE_LIMIT_S
 from rig.campaign.sequencer.state import Phase, State
 from rig.campaign.sequencer.stopping import Handler, Step
 from rig.campaign.stop_cause import because
@@ -35,8 +37,6 @@ PROGRAM_EXTRA_S = 5.0
 JUDGING_LIMIT_S = 120.0
 """Wall time: files are written on the host."""
 REST_EXTRA_S = 5.0
-PAUSE_LIMIT_S = 7200.0
-"""Wall time: nobody leaves a rig under pressure for longer."""
 
 
 def step(state: State, event: ev.Event) -> Step:
@@ -69,6 +69,10 @@ def _prove_watchdog(state: State) -> Step:
     return stopping.request(state, Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG)
 
 
+def _connected(state: State) -> Step:
+    return by_hand.ask(state, 0.0) if by_hand.due(state, 0.0) else _check_zeros(state)
+
+
 def _check_zeros(state: State) -> Step:
     return stopping.enter(state, Phase.CHECKING_ZEROS, act.WatchZeros(), device_s=ZEROS_LIMIT_S)
 
@@ -92,6 +96,8 @@ def _pressure_on(state: State) -> Step:
 
 
 def _powered(state: State) -> Step:
+    if state.yielded:
+        return _go_on(replace(state, powered=True, yielded=False))
     return _prove_sensors(replace(state, powered=True), 0)
 
 
@@ -104,11 +110,13 @@ def _sensors_proved(state: State, event: ev.ProofJudged) -> Step:
 
 
 PROVED: dict[tuple[Phase, Request], Callable[[State], Step]] = {
-    (Phase.CONNECTING, Request.CONNECT): _check_zeros,
+    (Phase.CONNECTING, Request.CONNECT): _connected,
     (Phase.ARMING, Request.ARM): _prove_watchdog,
     (Phase.PROVING_WATCHDOG, Request.STARVE_WATCHDOG): _pressure_low,
     (Phase.PRESSURE_LOW, Request.HYDRAULICS_LOW): _pressure_on,
     (Phase.PRESSURE_ON, Request.HYDRAULICS_ON): _powered,
+    (Phase.YIELDING, Request.HYDRAULICS_OFF): by_hand.without_pressure,
+    (Phase.YIELDING, Request.HYDRAULICS_LOW): by_hand.with_low_pressure,
     (Phase.STOPPING, Request.STOP): lambda state: stopping.stopped(state, ev.Safe()),
     (Phase.RESETTING, Request.RESET): _begin_again,
     (Phase.FINISHING, Request.DISARM): lambda state: stopping.end(
@@ -126,6 +134,10 @@ def _done(state: State, event: ev.Done) -> Step:
 
 
 def _next_point(state: State) -> Step:
+    running = state.queue and not state.pause_asked
+    wanted_A = point_preparation.program(state).first_current_A if running else 0.0
+    if by_hand.due(state, wanted_A):
+        return by_hand.ask(state, wanted_A)
     if not state.queue:
         if state.unjudged:
             return stopping.enter(state, Phase.JUDGING, device_s=0.0, wall_s=JUDGING_LIMIT_S)
@@ -229,8 +241,14 @@ def _held(state: State, event: ev.ProgramEnded) -> float | None:
 def _onwards(state: State) -> Step:
     """After a program that is not recorded, current still on: back to 0 A only for a pause."""
     if state.pause_asked:
-        return stopping.enter(state, Phase.CLEARING, act.SetCurrent(0.0), device_s=point_preparation.CURRENT_LIMIT_S)
+        return _clear(state)
     return _next_point(state)
+
+
+def _clear(state: State) -> Step:
+    """Back to 0 A; to what is set by hand, where it is."""
+    current = act.SetCurrent(state.resting_A)
+    return stopping.enter(state, Phase.CLEARING, current, device_s=point_preparation.CURRENT_LIMIT_S)
 
 
 def _program_ended(state: State, event: ev.ProgramEnded) -> Step:
@@ -261,11 +279,27 @@ def _recorded(state: State, held_at_m: float | None, *remarks: Action) -> Step:
     if spoiled is None and may_repeat:
         # Its verdict decides.
         state = replace(state, unjudged=(*state.unjudged, point.id), given_back=(*state.given_back, point))
-    state, more = stopping.enter(state, Phase.CLEARING, act.SetCurrent(0.0), device_s=point_preparation.CURRENT_LIMIT_S)
+    state, more = _clear(state)
     return state, actions + more
 
 
 def _cleared(state: State, event: ev.CurrentSettled) -> Step:
+    return _go_on(state)
+
+
+def _told(state: State, event: ev.CurrentSettled) -> Step:
+    state = by_hand.told(state)
+    if not state.armed:
+        return _check_zeros(state)
+    if not state.yielded:
+        return _go_on(state)
+    return _pressure_on(state) if state.pressurised else _pressure_low(state)
+
+
+def _go_on(state: State) -> Step:
+    """To the rest after a point, at 0 A, or to the next point."""
+    if state.rest_s > 0.0 and by_hand.due(state, 0.0):
+        return by_hand.ask(state, 0.0)
     if state.rest_s > 0.0:
         limit_s = state.rest_s + REST_EXTRA_S
         return stopping.enter(replace(state, rest_s=0.0), Phase.RESTING, act.Rest(state.rest_s), device_s=limit_s)
@@ -308,6 +342,14 @@ NEXT: dict[tuple[Phase, type[ev.Event]], Handler] = {
     (Phase.COOLING, ev.CooledDown): lambda state, _: _next_point(state),
     (Phase.DEMAGNETISING, ev.CurrentSettled): lambda state, _: point_preparation.demagnetised(state, _settle),
     (Phase.SETTLING, ev.CurrentSettled): _run,
+    (Phase.ASKING, ev.OperatorAnswered): by_hand.answered,
+    (Phase.TOLD, ev.CurrentSettled): _told,
+    (Phase.TAKING_AWAY, ev.OperatorAnswered): by_hand.taken_away,
+    (Phase.TAKING_AWAY, ev.Abort): by_hand.left,
+    (Phase.TAKING_AWAY, ev.Fault): stopping.note_abort_while_finishing,
+    (Phase.TAKEN_AWAY, ev.CurrentSettled): lambda state, _: stopping.end(state),
+    (Phase.TAKEN_AWAY, ev.Abort): stopping.note_abort_while_finishing,
+    (Phase.TAKEN_AWAY, ev.Fault): stopping.note_abort_while_finishing,
     (Phase.WARMING, ev.ProgramEnded): _ran_through(_warmed),
     (Phase.ADAPTING, ev.ProgramEnded): _ran_through(_tried),
     (Phase.RUNNING, ev.ProgramEnded): _ran_through(_program_ended),
@@ -340,60 +382,4 @@ ALWAYS: dict[type[ev.Event], Handler] = {
     ev.StationGone: stopping.station_gone,
     ev.PauseAsked: lambda state, _: (replace(state, pause_asked=True), ()),
     ev.ResumeAsked: lambda state, _: (replace(state, pause_asked=False), ()),
-}
-
-
-# Deadlines: no phase is without one, and none without an answer here
-
-
-def _stops(stop: StopKind, slug: str, message: str, **values: object) -> Handler:
-    """The answer of a phase that lasts longer than it may: stop the rig for this cause."""
-    return lambda state, _: stopping.fault(state, ev.Fault(stop, because(slug, message, **values)))
-
-
-_program_overdue = _stops(StopKind.FADE_OUT, "modbus-write-lost", "program-overdue")
-
-
-def _current_never_settled(state: State, event: ev.TimedOut) -> Step:
-    wanted_A = point_preparation.program(state).first_current_A
-    limit_s = point_preparation.CURRENT_LIMIT_S
-    cause = because("current-tracking", "current-not-settled", wanted_A=wanted_A, limit_s=limit_s)
-    return point_preparation.give_up(state, cause)
-
-
-def _unanswered(state: State, event: ev.TimedOut) -> Step:
-    """A station that proves nothing is asked for a stop; before arming there is nothing to stop."""
-    cause = because("task-dies", "unanswered", phase=state.phase)
-    if not state.armed:
-        return stopping.leave_to_station(state, cause)
-    return stopping.fault(state, ev.Fault(StopKind.PRESSURE_OFF, cause))
-
-
-OVERDUE: dict[Phase, Handler] = {
-    Phase.CONNECTING: _unanswered,
-    Phase.ARMING: _unanswered,
-    Phase.PROVING_WATCHDOG: _unanswered,
-    Phase.PRESSURE_LOW: _unanswered,
-    Phase.PRESSURE_ON: _unanswered,
-    Phase.RESETTING: stopping.overdue,
-    Phase.FINISHING: stopping.overdue,
-    Phase.CHECKING_RETURN: lambda state, _: stopping.disarm(state),
-    Phase.RESTING: _stops(StopKind.FADE_OUT, "data-stale", "rest-overdue"),
-    Phase.PAUSED: _stops(StopKind.PRESSURE_OFF, "pause-ended", "pause-overdue", hours=PAUSE_LIMIT_S / 3600.0),
-    Phase.GATING: _stops(StopKind.FADE_OUT, "temperature-window", "no-temperature"),
-    Phase.COOLING: point_preparation.cooling_overdue,
-    Phase.DEMAGNETISING: point_preparation.demagnetising_overdue,
-    Phase.WARMING: _program_overdue,
-    Phase.ADAPTING: _program_overdue,
-    Phase.STEPPING: _program_overdue,
-    Phase.CHECKING_ZEROS: lambda state, _: stopping.refuse(state, because("not-tared", "few-rest-samples")),
-    Phase.PROVING_SENSORS: _stops(StopKind.FADE_OUT, "modbus-write-lost", "no-proof-move"),
-    Phase.CENTRING: _stops(StopKind.FADE_OUT, "modbus-write-lost", "centre-overdue"),
-    Phase.SETTLING: _current_never_settled,
-    Phase.RUNNING: _program_overdue,
-    Phase.CLEARING: _stops(StopKind.PRESSURE_OFF, "current-stuck", "current-not-zero"),
-    Phase.JUDGING: lambda state, _: stopping.finish(state),
-    Phase.STANDING: _stops(StopKind.PRESSURE_OFF, "stop-ignored", "standstill-overdue"),
-    Phase.STOPPING: stopping.overdue,
-    Phase.COOLING_DOWN: lambda state, _: stopping.finish(state),
 }

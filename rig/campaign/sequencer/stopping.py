@@ -114,6 +114,7 @@ def stopped(state: State, event: ev.Safe) -> Step:
         state = replace(state, attempts=(*state.attempts, state.point.id))
     state, actions = end_recording(state, cause)
     allowed = state.refused is None and not state.restart_withdrawn and may_restart(stop, cause)
+    allowed = allowed and not state.hand_flows
     if allowed and state.queue and state.attempts.count(state.point.id) <= state.retries:
         state, more = cool_down(state) if cause.slug in COOLS_FIRST else reset(state)
     else:
@@ -281,7 +282,8 @@ def finish(state: State) -> Step:
     if state.powered and state.moved and state.latch is None:
         return enter(state, Phase.STANDING, act.AwaitStandstill(), device_s=STANDSTILL_LIMIT_S)
     held = state.stopped and state.latch is not None and state.latch.stop is StopKind.FADE_OUT
-    return check_return(state) if state.powered and state.moved and held else disarm(state)
+    returns = state.powered and state.moved and held and not state.hand_flows
+    return check_return(state) if returns else disarm(state)
 
 
 def check_return(state: State) -> Step:
@@ -303,6 +305,25 @@ def disarm(state: State) -> Step:
     return request(state, Phase.FINISHING, Request.DISARM)
 
 
+def question(state: State) -> tuple[Action, ...]:
+    """Ask somebody for the current that is wanted, so that it is in the journal too."""
+    wanted_A = state.asked_A or 0.0
+    note = act.Note("warning", say("ask-current" if wanted_A else "ask-zero", wanted_A=wanted_A), code="by-hand")
+    return note, act.AskOperator(wanted_A)
+
+
+def answer_s(state: State) -> float:
+    """How long somebody may take for that (wall s)."""
+    hand = state.conditions.hand
+    return 0.0 if hand is None else hand.answer_s
+
+
 def end(state: State) -> Step:
-    """Nothing follows."""
-    return replace(state, phase=Phase.ENDED), (act.Finish(),)
+    """Nothing follows; but a current set by hand is taken away by hand first, unless the rig could not be disarmed."""
+    if not state.hand_flows:
+        return replace(state, phase=Phase.ENDED), (act.Finish(),)
+    if state.armed or state.left_to_station or state.rig_state is RigState.UNKNOWN:
+        state = replace(state, phase=Phase.ENDED, rig_state=RigState.UNKNOWN)
+        return state, (act.Note("error", say("current-left"), code="by-hand"), act.Finish())
+    state = replace(state, asked_A=0.0, hand_A=state.hand_A or state.asked_A)
+    return enter(state, Phase.TAKING_AWAY, *question(state), device_s=0.0, wall_s=answer_s(state))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from rig.dampers.arrays import FloatArray
+from rig.dampers.model import DamperModel
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,64 @@ class Relation:
             for k, value in enumerate(self.coefficients)
         ]
         return " + ".join(terms).replace("+ -", "- ")
+
+
+@dataclass(frozen=True)
+class CurrentRelations:
+    """How the parameters of fits at single currents depend on the current.
+
+    Attributes:
+        dependence: "per-current-affine", "per-current-polynomial" or "per-current-lagrange".
+        currents_A: the fitted currents, rising.
+        relations: parameter name to its relation.
+        ranges: parameter name to the lowest and highest fitted value (SI).
+    """
+
+    dependence: str
+    currents_A: tuple[float, ...]
+    relations: Mapping[str, Relation]
+    ranges: Mapping[str, tuple[float, float]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Key `current` of `rig identify --json`."""
+        relations = {
+            name: {
+                "coefficients": list(relation.coefficients),
+                "rms": relation.rms,
+                "rms_left_out": relation.rms_left_out if math.isfinite(relation.rms_left_out) else None,
+            }
+            for name, relation in self.relations.items()
+        }
+        ranges = {name: list(ends) for name, ends in self.ranges.items()}
+        currents_A = list(self.currents_A)
+        return {"dependence": self.dependence, "currents_A": currents_A, "relations": relations, "ranges": ranges}
+
+    @classmethod
+    def from_json(cls, entry: Mapping[str, Any] | None) -> CurrentRelations | None:
+        """The inverse of `to_json`; None for a model affine in the current.
+
+        Raises:
+            KeyError, TypeError, ValueError: the entry is not what `to_json` gives.
+        """
+        if entry is None or "relations" not in entry:
+            return None
+        kind, given = str(entry["dependence"]), entry["relations"]
+        related = {}
+        for name, one in given.items():
+            left_out = math.nan if one["rms_left_out"] is None else float(one["rms_left_out"])
+            coefficients = tuple(map(float, one["coefficients"]))
+            related[name] = Relation(kind.removeprefix("per-current-"), coefficients, float(one["rms"]), left_out)
+        ranges = {name: (float(low), float(high)) for name, (low, high) in entry["ranges"].items()}
+        return cls(kind, tuple(map(float, entry["currents_A"])), related, ranges)
+
+    def values_at(self, model: DamperModel, current_A: float) -> dict[str, float]:
+        """The model's values (SI) at a current (A); terms per ampere are zero, because the current is taken as zero."""
+        values = {parameter.name: 0.0 for parameter in model.parameters if parameter.name != "eta"}
+        for name, relation in self.relations.items():
+            value = float(relation.at(current_A))
+            low, high = self.ranges[name]
+            values[name] = value if model.parameter(name).linear else min(max(value, low), high)
+        return values
 
 
 def relations(current_A: FloatArray, values: FloatArray, degree: int = 2) -> list[Relation]:

@@ -19,6 +19,7 @@ from rig.dampers.algebraic import AlgebraicModel, AlgebraicSeparation, TanhModel
 from rig.dampers.arrays import FloatArray
 from rig.dampers.model import DamperModel
 from rig.dampers.separation import MotionScale, Separation
+from rig.dampers.unit_columns import UnitSeparation
 from rig.errors import IdentificationFailed
 from rig.identification.models.inner_least_squares import Inner
 from rig.identification.models.measurement import Measurement, first_cycle
@@ -35,6 +36,7 @@ LOOP_ROUGH, LOOP_FINE = 1e-3, 1e-8  # the same for loops: among starts, at last
 LONGEST_LOGARITHM = 1.5  # step of a shape parameter that is searched by its logarithm
 RULED_OUT = 4.0  # times the best minimum's objective on the thinned data: not the best on all data either,
 FEW_DECIDE = 1e-6  # unless both leave less than this share of the force, where few samples decide
+DESCRIBED = 4.0  # misfit over noise, in squares, beyond which more cycles of the same misfit say nothing more
 AT_LIMIT = 1e-3  # of a limit: a search that ends so near to it has met it
 AROUND = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
 
@@ -167,13 +169,24 @@ def solve_loop(
     else:
         starts = [form.shape_of(near)]
     refined = [refine(short, shape, LOOP_ROUGH) for shape in starts]
-    start = min(refined, key=lambda minimum: minimum[1].objective)[0]
+    start, _ = min(refined, key=lambda minimum: minimum[1].objective)
     full = Projection(form, measurements, weighting, without=without)
-    shape, inner = refine(full, start, LOOP_FINE)
+    if isinstance(form, UnitSeparation) and short.objective(start) > DESCRIBED * _noise_power(single, weighting):
+        shape, inner = start, full.solve(start, slope=False)
+    else:
+        shape, inner = refine(full, start, LOOP_FINE)
     share = sum(test.u_m.size for test in single) / sum(test.u_m.size for test in measurements)
     evaluations = full.evaluations + int(np.ceil(short.evaluations * share))
     values = form.values(inner.linear, shape)
     return Solution(values, inner.objective, evaluations, at_limit=limits_met(form, shape))
+
+
+def _noise_power(measurements: Sequence[Measurement], weighting: Weighting) -> float:
+    """What the tests' scatter alone would leave of the objective; infinite where it is not known."""
+    powers = [
+        test.noise_N**2 * float(np.sum(weighting.of(test, index) ** 2)) for index, test in enumerate(measurements)
+    ]
+    return sum(powers) if math.isfinite(sum(powers)) else math.inf
 
 
 def limits_met(form: Separation, shape: FloatArray) -> dict[str, float]:

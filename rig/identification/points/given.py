@@ -31,6 +31,8 @@ class Given:
         warnings: what was left out, and why.
         lag: the coil's, from points with current steps; None without any.
         unusable_steps: why points with current steps told nothing.
+        temperature_degC: lowest and highest coil temperature (degC) of the fitted points; None where nothing was
+            recorded.
     """
 
     fitted: list[Measurement]
@@ -38,6 +40,7 @@ class Given:
     warnings: tuple[str, ...] = ()
     lag: CurrentLag | None = None
     unusable_steps: tuple[str, ...] = ()
+    temperature_degC: tuple[float, float] | None = None
 
 
 def given(tests: Tests, holdout: str | Tests | None, campaign: Sequence[RecordedPoint]) -> Given:
@@ -116,4 +119,10 @@ def _recorded(tests: Tests, holdout: str | Tests | None, campaign: Sequence[Reco
         held_out += prepared
         refused += left_out
     lag, unusable_steps = lag_of(recorded)
-    return Given(fitted, held_out, tuple(refused), lag, tuple(unusable_steps))
+    return Given(fitted, held_out, tuple(refused), lag, tuple(unusable_steps), _temperature_degC(points))
+
+
+def _temperature_degC(points: Sequence[RecordedPoint]) -> tuple[float, float] | None:
+    low = [value for point in points if (value := point.quality.coil_low_degC) is not None]
+    high = [value for point in points if (value := point.quality.coil_high_degC) is not None]
+    return (min(low), max(high)) if low and high else None

@@ -122,7 +122,7 @@ def judged(
         notes=NOTES,
         residuals=known.residuals,
         passivity=passive,
-        equation=model.equation,
+        form=model.equation,
         profiles=_profiles(best, known, fitted, method, wanted.profiled),
     )
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.identification.models.relation import Relation
+from rig.identification.application.tested_range import TestedRange
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.relation import CurrentRelations
+from rig.identification.uncertainty.fit_file import entries_of, read_fit_object, record
+from rig.identification.uncertainty.fit_use import FitUse
 from rig.identification.uncertainty.residuals import Residual
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    import pandas as pd
-
     from rig.identification.uncertainty.profile import Profile
 
 
@@ -150,35 +151,6 @@ class NextTest:
 
 
 @dataclass(frozen=True)
-class CurrentRelations:
-    """How the parameters of fits at single currents depend on the current.
-
-    Attributes:
-        dependence: "per-current-affine", "per-current-polynomial" or "per-current-lagrange".
-        currents_A: the fitted currents, rising.
-        relations: parameter name to its relation.
-        ranges: parameter name to the lowest and highest fitted value (SI).
-    """
-
-    dependence: str
-    currents_A: tuple[float, ...]
-    relations: Mapping[str, Relation]
-    ranges: Mapping[str, tuple[float, float]]
-
-    def to_json(self) -> dict[str, Any]:
-        """Key `current` of `rig identify --json`."""
-        relations = {
-            name: {
-                "coefficients": list(relation.coefficients),
-                "rms": relation.rms,
-                "rms_left_out": _number(relation.rms_left_out),
-            }
-            for name, relation in self.relations.items()
-        }
-        return {"dependence": self.dependence, "currents_A": list(self.currents_A), "relations": relations}
-
-
-@dataclass(frozen=True)
 class SeriesSpring:
     """A spring in series with the damper, and its 95 % interval (N/m); all None where none is seen."""
 
@@ -202,7 +174,7 @@ class SeriesSpring:
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(FitUse):
     """A model fitted to a run.
 
     Attributes:
@@ -229,7 +201,9 @@ class Fit:
         series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
         current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
         loss: "squares" or "huber".
-        equation: the model's, as it was fitted, with its source.
+        form: the model's equation, as it was fitted, with its source; `equation` has the numbers too.
+        tested: what the fitted tests covered, and how far the model was off; None in files of earlier versions.
+        tests: one cycle of each fitted test, for figures; empty in a loaded fit.
         path: where it was written; None when it was not.
         kept: where an older fit at that place is now; None when there was none.
     """
@@ -257,9 +231,45 @@ class Fit:
     series: SeriesSpring | None = None
     current: CurrentRelations | None = None
     loss: str = "squares"
-    equation: str = ""
+    form: str = ""
+    tested: TestedRange | None = None
+    tests: tuple[Measurement, ...] = field(default=(), repr=False, compare=False)
     path: Path | None = None
     kept: Path | None = None
+
+    @classmethod
+    def load(cls, path: Path | str) -> Fit:
+        """A written fit: the path of a `fit.json`, or of the campaign's folder that holds it.
+
+        Raises:
+            FileProblem: there is no such file, or it is no fit; everything that is wrong with it.
+        """
+        from rig.identification.uncertainty.profile import Profile
+
+        file, content = read_fit_object(Path(path))
+        with entries_of(file):
+            error, holdout = content["error"], content["error"].get("holdout")
+            related, tested, spring = (content.get(key) for key in ("current", "tested", "series_spring"))
+            passive = content.get("passivity")
+            parameters = {name: record(Estimate, entry) for name, entry in content["parameters"].items()}
+            residuals = [test["residual"] for test in error["per_test"] if "residual" in test]
+            return record(
+                cls,
+                content,
+                parameters=parameters,
+                error=_read_summary(error),
+                holdout=None if holdout is None else _read_summary(holdout),
+                selection=tuple(record(ModelScore, score) for score in content.get("selection") or ()),
+                residuals=tuple(record(Residual, entry) for entry in residuals),
+                passivity=None if passive is None else record(Passivity, passive),
+                profiles={name: record(Profile, entry) for name, entry in (content.get("profiles") or {}).items()},
+                next_tests=tuple(record(NextTest, entry) for entry in content.get("next_tests") or ()),
+                series=None if spring is None else record(SeriesSpring, spring),
+                current=CurrentRelations.from_json(related),
+                form=str(content.get("equation", "")),
+                tested=None if tested is None else TestedRange.from_json(tested),
+                path=file,
+            )
 
     @property
     def values(self) -> dict[str, float]:
@@ -291,7 +301,8 @@ class Fit:
         ]
         return {
             "model": self.model,
-            "equation": self.equation,
+            "equation": self.form,
+            "formula": self.equation,
             "interval": INTERVAL,
             "method": self.method,
             "hysteresis": self.hysteresis,
@@ -312,24 +323,14 @@ class Fit:
             "next_tests": [_plain(proposal) for proposal in self.next_tests],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
             "series_spring": None if self.series is None else _plain(self.series),
+            "tested": None if self.tested is None else self.tested.to_json(),
             "notes": list(self.notes),
         }
 
-    def to_pandas(self) -> pd.DataFrame:
-        """The estimates as a table, one row a parameter: value, unit, intervals, standard error, reason."""
-        import pandas as pd
 
-        rows = [vars(estimate) for estimate in self.parameters.values()]
-        return pd.DataFrame(rows, index=pd.Index(self.parameters, name="parameter"))
-
-    def tests_to_pandas(self) -> pd.DataFrame:
-        """Errors and energies as a table, one row a test (N, J); `held_out` says which the fit has not seen."""
-        import pandas as pd
-
-        held_out = () if self.holdout is None else self.holdout.per_test
-        rows = [vars(error) | {"held_out": False} for error in self.error.per_test]
-        rows += [vars(test) | {"held_out": True} for test in held_out]
-        return pd.DataFrame(rows).set_index("id")
+def _read_summary(entry: Mapping[str, Any]) -> ErrorSummary:
+    """The inverse of `_summary`."""
+    return record(ErrorSummary, entry, per_test=tuple(record(TestError, test) for test in entry["per_test"]))
 
 
 def _number(value: float | None) -> float | None:

@@ -53,7 +53,10 @@ METHODS = {
     "coil_temperature": "straight line between status frames",
 }
 """How each aligned channel was brought to the displacement's sample times; any other sensor's is `RESAMPLED`."""
+BY_HAND = Description("current", "A", "Coil current set by hand, as the operator said; not measured")
+TOLD = "what the operator confirmed; not measured"
 REGISTER = "value = float32 register, SI"
+OF_CURRENT = frozenset({"coil_current", "commanded_current"})
 COUNT = "value = number sent"
 FROM_WIRE: dict[str, str] = {
     "coil_current": "value = 0.001 * int16 CoilStatus.Current",
@@ -200,7 +203,7 @@ def build(
     file = PointFile(
         time_s=alignment.time_s, sample_rate_hz=context.sensors["displacement"].rate_Hz,
         channels=_aligned_channels(alignment, context), flags=alignment.flags,
-        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name))
+        raw=[_raw_channel(channel, alignment.origin_s, context.sensors.get(name), by_hand=context.current_by_hand)
              for name, channel in alignment.timed.items()],
         events=_events(content, alignment), quality=quality.attributes, provenance=provenance, test=test,
         title=f"Test point {wanted.id}",
@@ -212,10 +215,11 @@ def _aligned_channels(alignment: Alignment, context: PointContext) -> list[Align
     channels = []
     for name, values in {**alignment.values, "velocity": _velocity(alignment)}.items():
         sensor = context.sensors.get("displacement" if name == "velocity" else name)
-        described = _described(name, sensor)
-        attributes: dict[str, Attribute] = {"method": METHODS.get(name, RESAMPLED)}
+        by_hand = name == "current" and context.current_by_hand
+        described = BY_HAND if by_hand else _described(name, sensor)
+        attributes: dict[str, Attribute] = {"method": TOLD if by_hand else METHODS.get(name, RESAMPLED)}
         attributes |= _calibration(None if name == "velocity" else sensor)
-        source = sensor.sensor if sensor is not None else "ecu"
+        source = sensor.sensor if sensor is not None else "operator" if by_hand else "ecu"
         channels.append(AlignedChannel(
             name, values, described.unit, described.long_name, source, attributes,
         ))
@@ -253,7 +257,9 @@ def _calibration(sensor: SensorContext | None) -> dict[str, Attribute]:
     return {key: value for key, value in kept.items() if value not in {"", None}}
 
 
-def _raw_channel(channel: TimedChannel, origin_s: float, sensor: SensorContext | None) -> RawChannel:
+def _raw_channel(
+    channel: TimedChannel, origin_s: float, sensor: SensorContext | None, *, by_hand: bool = False
+) -> RawChannel:
     described = DESCRIPTIONS.get(channel.name, Description(channel.name, "1", channel.name))
     attributes: dict[str, Attribute] = {
         "clock_method": channel.clock.method, "clock_std_s": channel.clock.std_s, "lost_samples": channel.lost,
@@ -262,7 +268,7 @@ def _raw_channel(channel: TimedChannel, origin_s: float, sensor: SensorContext |
     return RawChannel(
         channel.name, channel.received, described.unit, described.long_name,
         mapped(channel.received_s, lambda time_s: time_s - origin_s, np.float64), attributes,
-        wire_attributes(channel.name, sensor),
+        {"from_wire": TOLD} if by_hand and channel.name in OF_CURRENT else wire_attributes(channel.name, sensor),
     )
 
 

@@ -56,10 +56,11 @@ class MotionQuality(Section):
 
 @dataclass(frozen=True)
 class CurrentQuality(Section):
-    """Measured current over the full cycles: mean, and scatter of one sample about it, A."""
+    """Measured current over the full cycles: mean and scatter of a sample, A; or who told it instead: `operator`."""
 
     mean_A: float | None = stored("measured_current_A")
     std_A: float | None = stored("measured_current_std_A")
+    told_by: str | None = stored("current_told_by", Stored.TEXT)
 
 
 @dataclass(frozen=True)
@@ -95,8 +96,10 @@ def motion_quality(context: PointContext, motion: MeasuredMotion | None, alignme
     )
 
 
-def current_quality(motion: MeasuredMotion | None, alignment: Alignment) -> CurrentQuality:
-    """The measured current over the full cycles."""
+def current_quality(motion: MeasuredMotion | None, alignment: Alignment, *, by_hand: bool) -> CurrentQuality:
+    """The measured current over the full cycles; of one set by hand nothing is measured."""
+    if by_hand:
+        return CurrentQuality(told_by="operator")
     current = np.asarray(alignment.values["current"], np.float64)
     if motion is not None:
         time_s = np.asarray(alignment.time_s, np.float64)
@@ -388,7 +391,8 @@ def measured_quality(
         lost_samples=sum(channel.lost for channel in alignment.timed.values()),
         loss_counted_by=alignment.loss_counted_by(context.device_rate),
         skew=skew_quality(alignment), motion=motion_quality(context, motion, alignment),
-        current=current_quality(motion, light), force=sensor_quality("force", alignment),
+        current=current_quality(motion, light, by_hand=context.current_by_hand),
+        force=sensor_quality("force", alignment),
         displacement=sensor_quality("displacement", alignment),
         loop=loop_quality(shape),
         tolerances=calibration.tolerances, rest=calibration.rest, coil_low_degC=low_degC, coil_high_degC=high_degC,

@@ -49,13 +49,13 @@ class CurrentSourceThread(ReadingThread):
         supervisor: Supervisor,
         append: Callable[[list[Record]], None],
     ) -> None:
-        super().__init__("ecu", "ecu-silent", config.stale_after_s)
+        super().__init__("ecu", "ecu-silent", config.silent_after_s)
         self.config = config
         self.judge = judge
         self._driver = driver
         self._supervisor = supervisor
         self._append = append
-        self._timeout_s = min(0.05, config.stale_after_s)
+        self._timeout_s = min(0.05, config.silent_after_s)
         self._listener = Listener(supervisor.host, self._last_ns)
         self._late_after_ns = int(1e9 * supervisor.config.late_after_s)
         self._zero_error: DriverError | None = None
@@ -139,7 +139,7 @@ class CurrentSourceThread(ReadingThread):
         return 0 if status is None else status.faults
 
     def set_current(self, current_A: float) -> None:
-        """Ask for a current (A), at once and from now on.
+        """Ask for a current (A), at once and from now on; of one set by hand: say what flows, 0 A after a stop too.
 
         Raises:
             StationRefused: 0 A is latched by a trip.
@@ -148,7 +148,7 @@ class CurrentSourceThread(ReadingThread):
         with self._command_lock:
             if self._zeroed and current_A != 0.0:
                 raise StationRefused("tripped", "set_current: 0 A is latched")
-            self._command(current_A, enable=not self._zeroed)
+            self._command(current_A, enable=not self._zeroed or self.by_hand)
             self._driver.send_now()
 
     def zero_now(self) -> None:
@@ -175,8 +175,13 @@ class CurrentSourceThread(ReadingThread):
 
     @property
     def fresh_current_A(self) -> float | None:
-        """Measured current (A), None when its status is stale or older than the 0 A that a trip commanded."""
+        """Measured current (A), None when its status is stale or older than the 0 A that a trip commanded.
+
+        Of one set by hand what was said; None once a stop wants it to be taken away and nobody has said that it was.
+        """
         status = self._driver.status
+        if self._zeroed and self.by_hand and not self._is_zero():
+            return None
         if self._zeroed and self._last_ns <= self._zeroed_ns:
             return None
         allowed_ns = self._stale_ns + int(self._timeout_s * 1e9)
@@ -219,8 +224,13 @@ class CurrentSourceThread(ReadingThread):
 
     @property
     def falls_by_itself(self) -> bool:
-        """Without commands it goes to 0 A."""
-        return self._driver.traits.own_timeout
+        """Without commands it goes to 0 A, or a person is asked to see to that."""
+        return self._driver.traits.own_timeout or self.by_hand
+
+    @property
+    def by_hand(self) -> bool:
+        """A person sets it; no stop takes it away."""
+        return self._driver.traits.by_hand
 
     @property
     def longest_period_s(self) -> float:
@@ -302,7 +312,7 @@ class CurrentSourceThread(ReadingThread):
         for status in batch.statuses:
             self._last_ns = now_ns
             findings += self.judge.judge_status(status, now_ns)
-            if not late:
+            if not late and self._driver.traits.measures:
                 # What waited may be from before the set-point.
                 findings += self._current_judge.judge(status, commanded_A, now_ns, self._set_points)
         self._tell_stamps()

@@ -17,7 +17,7 @@ from rig.campaign.sequencer import action as act
 from rig.campaign.sequencer import event as ev
 from rig.campaign.sequencer.action import Action, Request
 from rig.campaign.sequencer.event import MeasuredMotion
-from rig.campaign.sequencer.state import NO_CONDITIONS, Ceiling, Conditions, Phase, State, start_state
+from rig.campaign.sequencer.state import NO_CONDITIONS, Ceiling, Conditions, Hand, Phase, State, start_state
 from rig.campaign.sequencer.step import step
 from rig.campaign.sequencer.stopping import COOLING_PAUSE_S
 from rig.campaign.stop_cause import StopCause
@@ -139,6 +139,11 @@ CASES = {
         events=WITHOUT_PAUSES + TEMPERATURES,
         phases=frozenset({Phase.GATING, Phase.COOLING, Phase.WARMING, Phase.DEMAGNETISING, Phase.STEPPING}),
     ),
+    "by-hand": Case(
+        conditions=Conditions(hand=Hand("off", 600.0)),
+        events=(*WITHOUT_PAUSES, ev.Abort(StopKind.FADE_OUT, StopCause("sigint")), ev.OperatorAnswered()),
+        phases=frozenset({Phase.YIELDING, Phase.ASKING, Phase.TOLD, Phase.TAKING_AWAY, Phase.TAKEN_AWAY}),
+    ),
 }
 
 
@@ -213,6 +218,8 @@ def moving(edge: Edge) -> bool:
     return any(isinstance(action, act.MOTION_ACTIONS) for action in edge.actions)
 
 
+TAKEN = {Phase.TAKING_AWAY, Phase.TAKEN_AWAY}
+"""After the end of everything else: somebody takes the current away that nobody here can."""
 OPTIONAL_PHASES = frozenset().union(*(case.phases for case in CASES.values())) | {Phase.RESTING}
 
 
@@ -274,7 +281,7 @@ def test_no_restart_follows_an_operators_stop_or_a_fault_that_forbids_it(edges: 
             after, actions = step(state, event)
             assert act.Ask(Request.RESET) not in actions
             assert after.latch is not None
-            ends = {Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED}
+            ends = {Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED, *TAKEN}
             assert after.phase is state.phase or after.phase in ends
 
 
@@ -341,7 +348,8 @@ def test_an_attempt_never_writes_over_another(edges: list[Edge]) -> None:
 def test_current_flows_only_where_the_rig_may_move(edges: list[Edge]) -> None:
     for edge in edges:
         for action in edge.actions:
-            if isinstance(action, act.SetCurrent) and action.current_A != 0.0:
+            said = isinstance(edge.event, ev.OperatorAnswered)  # set by hand already, the pressure off
+            if isinstance(action, act.SetCurrent) and action.current_A != 0.0 and not said:
                 assert edge.after.proved
                 assert edge.after.powered
                 assert edge.after.latch is None
@@ -379,7 +387,8 @@ def test_pressure_is_only_gone_when_a_disarm_or_a_stop_with_hydraulics_off_was_p
     for edge in gone:
         latch = edge.before.latch
         stopped = edge.event in PROOFS and latch is not None and latch.stop is StopKind.PRESSURE_OFF
-        assert stopped or edge.event == ev.Done(Request.DISARM)
+        yielded = edge.before.phase is Phase.YIELDING and edge.event == ev.Done(Request.HYDRAULICS_OFF)
+        assert stopped or yielded or edge.event == ev.Done(Request.DISARM)
 
 
 def test_every_state_can_still_reach_the_end(explored: Explored) -> None:
@@ -421,7 +430,7 @@ def test_deadlines_alone_end_every_campaign_at_rest_or_left_to_its_station(explo
 def test_the_operator_is_obeyed_in_every_phase(explored: Explored) -> None:
     for state in explored.states:
         after, actions = step(state, ev.Abort(StopKind.PRESSURE_OFF, StopCause("sigterm")))
-        ending = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED}
+        ending = {Phase.STOPPING, Phase.RESETTING, Phase.FINISHING, Phase.ENDED, *TAKEN}
         assert after.phase in ending
         assert not any(act.energises(action) for action in actions)
 
@@ -435,7 +444,7 @@ def test_an_action_that_fails_stops_the_rig_and_energises_nothing(edges: list[Ed
     for edge in failed:
         assert not any(act.energises(action) for action in edge.actions)
         if edge.before.phase is not Phase.ENDED:
-            ending = {Phase.STOPPING, Phase.RESETTING, Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED}
+            ending = {Phase.STOPPING, Phase.RESETTING, Phase.CHECKING_RETURN, Phase.FINISHING, Phase.ENDED, *TAKEN}
             assert edge.after.phase in ending
             assert edge.after.latch is not None or edge.after.refused is not None or edge.before.phase in ending
 
@@ -458,7 +467,7 @@ def test_a_refusal_before_motion_names_its_cause_and_stops_nothing_that_never_mo
     assert refused
     for edge in refused:
         assert not edge.before.moved
-        assert edge.after.phase in {Phase.FINISHING, Phase.ENDED}
+        assert edge.after.phase in {Phase.FINISHING, Phase.ENDED, *TAKEN}
 
 
 def answers(state: State) -> Iterator[ev.Event]:
@@ -689,3 +698,52 @@ def test_zeros_that_do_not_come_keep_nobody_from_taking_the_pressure_away() -> N
         after, actions = step(state, event)
         assert after.phase is Phase.FINISHING
         assert act.Ask(Request.DISARM) in actions
+
+
+# By hand
+
+
+@pytest.fixture
+def by_hand() -> list[Edge]:
+    return explore("by-hand").edges
+
+
+def test_an_operator_who_does_not_answer_stops_or_refuses(by_hand: list[Edge]) -> None:
+    asking = [edge for edge in by_hand if edge.before.phase is Phase.ASKING]
+    overdue = [edge for edge in asking if edge.event == ev.TimedOut(Phase.ASKING)]
+    assert {edge.before.armed for edge in overdue} == {True, False}
+    for edge in overdue:
+        cause = edge.after.refused or (None if edge.after.latch is None else edge.after.latch.cause)
+        assert cause is not None
+        assert cause.slug == "by-hand-unanswered"
+
+
+def test_nothing_has_pressure_or_moves_while_somebody_is_at_the_supply(by_hand: list[Edge]) -> None:
+    for edge in by_hand:
+        if edge.after.phase is Phase.ASKING:
+            assert not edge.after.powered
+            assert not edge.after.pressurised
+            assert not any(act.energises(action) for action in edge.actions)
+
+
+def test_points_run_at_what_was_confirmed_only(by_hand: list[Edge]) -> None:
+    started = [edge for edge in by_hand if any(isinstance(action, act.Start) for action in edge.actions)]
+    assert started
+    for edge in started:
+        assert edge.after.asked_A is None
+        assert edge.after.hand_A == edge.after.point.first_current_A
+
+
+def test_it_never_ends_as_safe_while_the_current_may_flow(by_hand: list[Edge]) -> None:
+    ended = [edge.after for edge in by_hand if edge.after.phase is Phase.ENDED]
+    assert ended
+    assert any(state.hand_flows for state in ended)
+    assert all(state.rig_state is RigState.UNKNOWN for state in ended if state.hand_flows)
+
+
+def test_the_station_is_told_only_what_somebody_said(by_hand: list[Edge]) -> None:
+    for edge in by_hand:
+        for action in edge.actions:
+            if isinstance(action, act.SetCurrent):
+                said = edge.before.asked_A if isinstance(edge.event, ev.OperatorAnswered) else edge.after.hand_A
+                assert action.current_A == said

@@ -113,3 +113,21 @@ def test_a_campaign_goes_on_with_its_own_seed_and_rig(tmp_path: Path) -> None:
     assert (options.seed, options.simulate, options.simulator_args) == (3, True, ("--rate=500",))
     assert left_out(folder) == ("--truth",)
     assert speed_before(folder) == 5.0
+
+
+@pytest.mark.parametrize(
+    "argument",
+    [
+        "--register-map=/home/lab/My Rig/map.toml", "--register-map=delta-rmc", "--dbc=/home/lab/coil-driver.dbc",
+        "--ecu-roles=/home/lab/roles.toml", "--supply=rs-hmp", "--supply=my-supply.toml", "--by-hand=off",
+        "--force-format=laumas-fast", "--displacement-format=/home/lab/Messgerät.toml", "--actuator=setpoints",
+    ],
+)
+def test_a_rig_that_wears_a_bench_wears_it_again(argument: str) -> None:
+    assert of_the_rig([argument]) == ((argument,), ())
+
+
+@pytest.mark.parametrize("argument", ["--supply=../../bin/sh -c x", "--dbc=--bench", "--by-hand=maybe"])
+def test_what_is_no_file_and_no_name_is_refused(argument: str) -> None:
+    with pytest.raises(StrangeArgument):
+        of_the_rig([argument])

@@ -187,6 +187,30 @@ def test_a_fit_beside_the_truth_says_what_is_inside_what_cannot_be_found_and_wha
         assert expected in shown, expected
 
 
+def test_a_fit_shows_its_ranking_its_numbers_each_held_out_test_and_what_to_try() -> None:
+    console, text = terminal(is_terminal=False)
+    score = {"bic": 1.0, "parameters": 9, "reason": ""}
+    seen = {"rmse_N": 5.0, "nrmse_percent_of_peak": 1.0, "per_test": [{}]}
+    tests = [{"id": "p007", "nrmse_percent_of_peak": 7.25, "rmse_N": 61.5, "noise_N": None}]
+    fit = FIT | {
+        "formula": "F = c v; with c = 812 N s/m",
+        "selection": [score | {"model": "kwok", "holdout_nrmse_percent_of_peak": 3.5, "rmse_N": 11.0},
+                      score | {"model": "bingham", "holdout_nrmse_percent_of_peak": None, "rmse_N": None}],
+        "error": seen | {"holdout": {"rmse_N": 61.5, "nrmse_percent_of_peak": 7.25, "per_test": tests}},
+    }  # fmt: skip
+    for part in fit_tables(fit):
+        console.print(part)
+    shown = text.getvalue()
+    for expected in ("best first", "kwok", "3.5", "bingham", "c = 812 N s/m", "p007", "7.25", "61.5"):
+        assert expected in shown, expected
+    assert "try:" not in shown
+    console, text = terminal(is_terminal=False)
+    for part in fit_tables(FIT | {"error": seen | {"holdout": None}}):
+        console.print(part)
+    assert "--model all" in text.getvalue()
+    assert "--holdout" in text.getvalue()
+
+
 def test_inside_is_judged_by_the_interval_that_is_shown_and_only_where_there_is_one() -> None:
     parameters = FIT["parameters"]
     assert isinstance(parameters, dict)

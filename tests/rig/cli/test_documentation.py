@@ -41,7 +41,7 @@ def test_every_key_of_the_files_is_in_their_reference(section: type[Section]) ->
 
 def test_every_unit_is_in_the_reference() -> None:
     (table,) = re.findall(r"\| quantity \| units \|\n(.*?)\n\n", FILES, re.DOTALL)
-    listed = set(re.split(r"[\s,|()]+", table))
+    listed = {unit.strip() for unit in re.split(r"[\n,|()]+", table)}
     assert set(UNITS) - listed == set()
     assert {"°C", "µm", "µs", "Ω", "m/s2", "m/s²"} <= listed & set(ALIASES)
 

@@ -25,7 +25,63 @@ def bouc_wen_rate(p: dict[str, float], z: float, v: float) -> float:
     return -p["gamma"] * abs(v) * np.sign(z) * abs(z) ** p["n"] - p["beta"] * v * abs(z) ** p["n"] + p["A"] * v
 
 
-def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], Callable[..., float], list[float]]:
+Slopes = tuple[Callable[..., list[float]], Callable[..., float], list[float]]
+NEWER = ("dahl", "lugre", "generalized_bouc_wen", "asymmetric_bouc_wen", "lost_motion")
+
+
+def newer_slopes(name: str, p: dict[str, float]) -> Slopes:
+    """`slopes` of the models of `NEWER`."""
+    if name == "dahl":
+        return (
+            lambda u, v, s: [p["rho"] * (v - abs(v) * s[0])],
+            lambda u, v, s: (
+                p["kx"] * u + (p["kv"] + p["kv_b"] * CURRENT) * v + (p["kw"] + p["kw_b"] * CURRENT) * s[0] + p["f0"]
+            ),
+            [0.0],
+        )
+    if name == "generalized_bouc_wen":
+
+        def leaning(u: float, v: float, s: list[float]) -> list[float]:
+            psi = p["sigma"] * np.sign(v * s[0]) + 1.0 - p["sigma"] + p["phi"] * (np.sign(v) + np.sign(s[0]))
+            return [p["rho"] * v * (1.0 - abs(s[0]) ** p["n"] * psi)]
+
+        kv, kw = p["kv"] + p["kv_b"] * CURRENT, p["kw"] + p["kw_b"] * CURRENT
+        return (leaning, lambda u, v, s: p["kx"] * u + kv * v + kw * s[0] + p["f0"], [0.0])
+    if name == "lugre":
+
+        def slip(v: float, w: float) -> float:
+            return v - abs(v) * w / (1.0 + p["s"] * np.exp(-((v / p["vs"]) ** 2)))
+
+        kv, kw, kd = (p[key] + p[f"{key}_b"] * CURRENT for key in ("kv", "kw", "kd"))
+        return (
+            lambda u, v, s: [p["rho"] * slip(v, s[0])],
+            lambda u, v, s: p["kx"] * u + kv * v + kw * s[0] + kd * slip(v, s[0]) + p["f0"],
+            [0.0],
+        )
+    if name == "asymmetric_bouc_wen":
+        shape = {"gamma": p["rho"] * p["sigma"], "beta": p["rho"] * (1.0 - p["sigma"]), "A": p["rho"], "n": p["n"]}
+        kv, kva, kw, kwa = (p[key] + p[f"{key}_b"] * CURRENT for key in ("kv", "kva", "kw", "kwa"))
+        return (
+            lambda u, v, s: [bouc_wen_rate(shape, s[0], v)],
+            lambda u, v, s: p["kx"] * u + kv * v + kva * abs(v) + kw * s[0] + kwa * abs(s[0]) + p["f0"],
+            [0.0],
+        )
+    shape = {"gamma": p["rho"] / 2.0, "beta": p["rho"] / 2.0, "A": p["rho"], "n": 2.0}
+    ky, kg, kt = (
+        p[key] + p[f"{key}_b"] * CURRENT + p[f"{key}_c"] * CURRENT**2 + p.get(f"{key}_d", 0.0) * CURRENT**3
+        for key in ("ky", "kg", "kt")
+    )
+
+    def engaging(u: float, v: float, s: list[float]) -> float:
+        h = s[0] * abs(s[0]) ** 3
+        yielding = (ky + (p["ku"] + p["ku_b"] * CURRENT) * u) * h
+        viscous = (p["kv"] + p["kv_b"] * CURRENT) * v + kg * (1.0 - abs(h)) * v
+        return p["f0"] + p["kx"] * u + viscous + yielding + kt * np.log(v / p["vt"] + np.hypot(v / p["vt"], 1.0))
+
+    return (lambda u, v, s: [bouc_wen_rate(shape, s[0], v)], engaging, [0.0])
+
+
+def slopes(name: str, p: dict[str, float]) -> Slopes:
     """Right-hand side, force, and state at rest, written from the equations a second time."""
     if name == "bouc_wen":
         return (
@@ -46,20 +102,8 @@ def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], 
             ),
             [0.0],
         )
-    if name == "lost_motion":
-        shape = {"gamma": p["rho"] / 2.0, "beta": p["rho"] / 2.0, "A": p["rho"], "n": 2.0}
-        ky, kg, kt = (
-            p[key] + p[f"{key}_b"] * CURRENT + p[f"{key}_c"] * CURRENT**2 + p.get(f"{key}_d", 0.0) * CURRENT**3
-            for key in ("ky", "kg", "kt")
-        )
-
-        def engaging(u: float, v: float, s: list[float]) -> float:
-            h = s[0] * abs(s[0]) ** 3
-            yielding = (ky + (p["ku"] + p["ku_b"] * CURRENT) * u) * h
-            viscous = (p["kv"] + p["kv_b"] * CURRENT) * v + kg * (1.0 - abs(h)) * v
-            return p["f0"] + p["kx"] * u + viscous + yielding + kt * np.log(v / p["vt"] + np.hypot(v / p["vt"], 1.0))
-
-        return (lambda u, v, s: [bouc_wen_rate(shape, s[0], v)], engaging, [0.0])
+    if name in NEWER:
+        return newer_slopes(name, p)
     if name == "modified_bouc_wen":
         alpha, c0, c1 = (p[f"{key}a"] + p[f"{key}b"] * CURRENT for key in ("alpha_", "c0", "c1"))
 
@@ -93,6 +137,12 @@ def slopes(name: str, p: dict[str, float]) -> tuple[Callable[..., list[float]], 
         ("demo-normalized-bouc-wen", {}),
         ("demo-normalized-bouc-wen", {"n": 0.9}),
         ("demo-lost-motion", {}),
+        ("demo-dahl", {}),
+        ("demo-asymmetric-bouc-wen", {}),
+        ("demo-generalized-bouc-wen", {}),
+        ("demo-generalized-bouc-wen", {"phi": -0.4, "sigma": 2.0}),
+        ("demo-lugre", {}),
+        ("demo-lugre", {"rho": 9000.0}),
         ("demo-modified-bouc-wen", {}),
         ("demo-modified-bouc-wen", {"gamma": 1e3, "beta": -1e3}),
         ("demo-modified-bouc-wen", {"n": 0.9, "gamma": 1e3, "beta": 1e3}),
@@ -121,7 +171,8 @@ def test_series_agrees_with_an_independent_integrator(name: str, changed: dict[s
     "name",
     [
         "demo-bouc-wen", "demo-normalized-bouc-wen", "demo-modified-bouc-wen", "demo-viscoelastic-plastic",
-        "demo-lost-motion",
+        "demo-lost-motion", "demo-dahl", "demo-hysteretic-biviscous", "demo-digressive-bilinear",
+        "demo-asymmetric-bouc-wen", "demo-generalized-bouc-wen", "demo-lugre",
     ],
 )  # fmt: skip
 def test_plant_steps_follow_the_series(name: str) -> None:

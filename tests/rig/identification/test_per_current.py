@@ -55,10 +55,9 @@ def test_shape_parameters_stay_inside_the_range_of_the_fitted_ones(make_syntheti
     fit = identify(saturating(make_synthetic), model="kwok", current="per-current-lagrange")
     assert fit.current is not None
     low, high = fit.current.ranges["beta"]
-    from rig.identification.per_current import values_at
 
     for current in np.linspace(-1.0, 3.0, 9):
-        assert low <= values_at(model("kwok"), fit.current, float(current))["beta"] <= high
+        assert low <= fit.current.values_at(model("kwok"), float(current))["beta"] <= high
 
 
 def test_one_current_all_models_and_currents_that_change_are_refused(make_synthetic: Make) -> None:

@@ -46,7 +46,8 @@ def recorded(set_name: str, seed: int = 3) -> list[Measurement]:
     "set_name",
     [
         "demo-modified-bouc-wen", "demo-viscoelastic-plastic", "demo-thinning-bouc-wen", "demo-bouc-wen",
-        "demo-lost-motion",
+        "demo-lost-motion", "demo-dahl", "demo-hysteretic-biviscous", "demo-asymmetric-bouc-wen",
+        "demo-generalized-bouc-wen", "demo-lugre",
     ],
 )  # fmt: skip
 def test_a_model_with_states_is_found_to_the_noise_with_its_truth_inside_the_intervals(set_name: str) -> None:
@@ -55,7 +56,7 @@ def test_a_model_with_states_is_found_to_the_noise_with_its_truth_inside_the_int
     assert fit.adequate
     assert fit.error.rmse_N == pytest.approx(NOISE_N, rel=0.06)
     known = {name: fit.parameters[name] for name in fit.identifiable}
-    assert {"n", "c0", "rho"} & set(known)
+    assert {"n", "c0", "rho", "vy"} & set(known)
     for name, each in known.items():
         assert each.simultaneous_low <= chosen.values[name] <= each.simultaneous_high, name  # type: ignore[operator]  # identifiable
 

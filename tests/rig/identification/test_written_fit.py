@@ -15,7 +15,7 @@ from rig.recording.point_files import campaign_in
 def fit(name: str) -> Fit:
     nothing = ErrorSummary(1.0, 1.0, 1.0, 1.0, 1.0, ())
     return Fit(name, "kwok", "separable", "1", {}, nothing, None, (), True, (), 1, 0.1, 1.0, 1.0,
-               equation=model(name).equation)  # fmt: skip
+               form=model(name).equation)  # fmt: skip
 
 
 def test_an_older_fit_is_kept_each_time_under_a_name_of_its_own(tmp_path: Path) -> None:

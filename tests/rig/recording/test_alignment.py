@@ -9,8 +9,9 @@ from synthetic_rig import SyntheticRig, with_controller_record
 
 from drivers.ring import Channel
 from drivers.sample_stream import SampleScale, SampleStream
-from protocols.line_format import LineDecoder, preset
+from protocols.line_format import LineDecoder
 from protocols.quality import Quality
+from protocols.sensor_format import preset
 from rig.recording.alignment.alignment import Alignment, NothingRecorded, align, lost_samples
 from rig.recording.alignment.sensor_clock import matched_edges
 from rig.recording.conversion.conversion import build

@@ -1,0 +1,165 @@
+"""The coil's current set by a person: nothing is on a wire, what flows is what that person said last.
+
+A command that enables the output passes on what the person confirmed; one that switches it off is a stop, which nobody
+here can carry out: what was said stays said until it is said that the current was taken away.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+
+from drivers.current_source import (
+    CurrentSource,
+    SourceBatch,
+    SourceCounters,
+    SourceIdentity,
+    SourceState,
+    SourceStatus,
+    SourceTemperature,
+    SourceTiming,
+    SourceTraits,
+)
+from drivers.errors import DriverError
+from drivers.ring import NO_DEVICE_TIME, Channel, Record
+from protocols.quality import Quality
+
+PERIOD_S = 0.010
+TOLD_EVERY = 100
+"""Statuses between two records of a state that does not change."""
+_RECORDS_KEPT = 4096
+_LACKING = (
+    ("measurement", "nobody measures the coil's current: what is recorded is what the operator said; that another one "
+     "flows (slip, heat, a broken coil) is not seen, and overcurrent, current-tracking and current-stuck stop nothing"),
+    ("switch", "a stop cannot take the current away: the motion stops, the pressure goes off, and the operator is told "
+     "to set 0 A; force, stroke, speed and position are watched as ever"),
+    ("coil-temperature", "the coil's temperature is not measured: its limit is not watched, temperature windows are "
+     "refused"),
+)  # fmt: skip
+
+
+class HandSource:
+    """What a person says of the coil's current; a `drivers.current_source.CurrentSource`.
+
+    Args:
+        rehearsed: on a simulated rig, the supply whose knob is turned in the person's place; it tells nothing.
+    """
+
+    def __init__(self, rehearsed: CurrentSource | None = None) -> None:
+        self.counters = SourceCounters()
+        self.status: SourceStatus | None = None
+        self.temperature: SourceTemperature | None = None
+        self.identity: SourceIdentity | None = SourceIdentity("by hand", "", 0)
+        self.send_error: DriverError | None = None
+        self._rehearsed = rehearsed
+        self._said_A = 0.0
+        self._reported: int | None = None
+        self._woken = threading.Event()
+        self._records: deque[Record] = deque(maxlen=_RECORDS_KEPT)
+
+    @property
+    def timing(self) -> SourceTiming:
+        """What was said is repeated as if it came by CAN; nothing else is told."""
+        return SourceTiming(PERIOD_S, 0.0, 0.0)
+
+    @property
+    def traits(self) -> SourceTraits:
+        """Nothing is measured, one sign, and no stop reaches it."""
+        return SourceTraits(own_timeout=False, measures=False, settling_s=PERIOD_S, lowest_A=0.0, by_hand=True)
+
+    @property
+    def lacking(self) -> tuple[tuple[str, str], ...]:
+        """What is not there where a person sets the current, and what is left without it."""
+        return _LACKING
+
+    @property
+    def refusal(self) -> tuple[str, str]:
+        """Nothing speaks against what is said."""
+        return "", ""
+
+    @property
+    def identity_problem(self) -> str:
+        """Nobody can prove which supply it is."""
+        return ""
+
+    @property
+    def commanded_A(self) -> float:
+        """What was said last, A."""
+        return self._said_A
+
+    @property
+    def bus_errors(self) -> int:
+        """There is no bus."""
+        return 0
+
+    @property
+    def malformed(self) -> int:
+        """Nothing comes in."""
+        return 0
+
+    def open(self) -> None:
+        """Open the rehearsed supply, if there is one.
+
+        Raises:
+            PortClosed: it cannot be opened.
+        """
+        if self._rehearsed is not None:
+            self._rehearsed.open()
+
+    def close(self) -> None:
+        """Leave the rehearsed supply, if there is one, at 0 A."""
+        if self._rehearsed is not None:
+            self._rehearsed.close()
+
+    def start(self, period_s: float) -> None:
+        """Make the rehearsed supply ready, if there is one."""
+        if self._rehearsed is not None:
+            self._rehearsed.start(period_s)
+
+    def command(self, current_A: float, *, enable: bool = True, clear_faults: bool = False) -> None:
+        """Take what the person said flows (A); a stop (`enable` False) changes nothing: nobody turned the knob."""
+        if not enable:
+            return
+        self._said_A = current_A
+        if self._rehearsed is not None:
+            self._rehearsed.command(current_A, enable=current_A != 0.0, clear_faults=clear_faults)
+
+    def send_now(self) -> None:
+        """Tell it at once."""
+        self.counters.sent += 1
+        self._records.append(self._record(time.monotonic_ns(), Channel.COMMANDED_CURRENT, self._said_A))
+        if self._rehearsed is not None:
+            self._rehearsed.send_now()
+        self._woken.set()
+
+    def read_batch(self, timeout_s: float) -> SourceBatch:
+        """What was said, once more, after a period at most.
+
+        Raises:
+            PortClosed: the rehearsed supply's port is gone.
+            LinkLost: it does not take a question.
+        """
+        wait_s = min(timeout_s, PERIOD_S)
+        if self._rehearsed is None:
+            self._woken.wait(wait_s)
+            self._woken.clear()
+        else:
+            self._rehearsed.read_batch(wait_s)
+        now_ns, said_A = time.monotonic_ns(), self._said_A
+        state = SourceState.ENABLED if said_A else SourceState.OFF
+        status = self.status = SourceStatus(state, said_A, 0)
+        self.counters.statuses += 1
+        records: list[Record] = []
+        while self._records:
+            records.append(self._records.popleft())
+        records.append(self._record(now_ns, Channel.COIL_CURRENT, said_A))
+        if self._reported != state or self.counters.statuses % TOLD_EVERY == 1:
+            self._reported = state
+            records.append(self._record(now_ns, Channel.ECU_STATE, state))
+            records.append(self._record(now_ns, Channel.ECU_FAULTS, 0.0))
+        return SourceBatch(records, [status], [], 0, 0, now_ns)
+
+    def _record(self, now_ns: int, channel: Channel, value: float) -> Record:
+        number = self.counters.sent if channel is Channel.COMMANDED_CURRENT else self.counters.statuses
+        return now_ns, NO_DEVICE_TIME, float(value), number & 0xFFFFFFFF, int(channel), int(Quality.GOOD)

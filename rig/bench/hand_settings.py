@@ -1,0 +1,53 @@
+"""What belongs in an `[ecu]` whose current a person sets (`by_hand = true`), and what does not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Protocol
+
+from rig.bench.quantity import Problem
+
+_NOT_BESIDE = (
+    "interface", "channel", "roles", "serial_number", "url", "supply", "baudrate", "voltage_limit_V", "identity",
+)  # fmt: skip
+
+
+class HandEntries(Protocol):
+    """The entries of `[ecu]` that belong to a current set by hand."""
+
+    @property
+    def by_hand(self) -> bool:
+        """A person sets the current."""
+
+    @property
+    def pressure_while_asked(self) -> str:
+        """The pressure while somebody is at the supply: off, low or on."""
+
+    @property
+    def rehearsal(self) -> str | None:
+        """The simulated supply that is turned in a person's place."""
+
+    @property
+    def interface_options(self) -> dict[str, Any]:
+        """Further arguments of a CAN interface."""
+
+    @property
+    def dbc(self) -> str:
+        """The kind of a current controller."""
+
+
+def hand_problems_of(config: HandEntries) -> Iterator[Problem]:
+    """Entries of another kind of current source beside `by_hand = true`, and its own without it."""
+    if not config.by_hand:
+        if config.rehearsal is not None:
+            yield ("rehearsal",), "belongs to by_hand = true, on a simulated rig; take it out"
+        if config.pressure_while_asked != "off":
+            yield ("pressure_while_asked",), "belongs to by_hand = true; take it out"
+        return
+    for name in _NOT_BESIDE:
+        if getattr(config, name) is not None:
+            written = name.removesuffix("_V")
+            yield (written,), f"does not belong beside by_hand = true; take {written} or by_hand out"
+    if config.interface_options or config.dbc != "demo":
+        name = "interface_options" if config.interface_options else "dbc"
+        yield (name,), f"does not belong beside by_hand = true; take {name} or by_hand out"

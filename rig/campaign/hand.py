@@ -1,0 +1,106 @@
+"""Somebody who sets the current by hand: asked at the terminal, or, on a simulated rig, answering at once."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+import termios
+from typing import Protocol
+
+from rig.bench.model import Bench
+from rig.errors import Refused
+
+CHUNK = 4096
+UNATTENDED = "by-hand-unattended"
+
+
+class Hand(Protocol):
+    """Somebody at the supply."""
+
+    def ask(self) -> None:
+        """Something is asked from now on; what was typed before is no answer to it."""
+
+    def answered(self) -> bool:
+        """Whether it was confirmed since; says so once."""
+
+
+class RehearsedHand:
+    """On a simulated rig: confirms at once; the station turns the simulated knob."""
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def ask(self) -> None:
+        """Something is asked."""
+        self._asked = True
+
+    def answered(self) -> bool:
+        """At once, and once."""
+        asked, self._asked = self._asked, False
+        return asked
+
+
+class TerminalHand:
+    """At the terminal: an empty line (Enter) confirms; anything else on the line does not.
+
+    Args:
+        descriptor: of the terminal; nothing waits for it.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._asked = False
+        self._typed = b""
+
+    def ask(self) -> None:
+        """Something is asked: forget what was typed before."""
+        self._asked, self._typed = True, b""
+        # What is no terminal has nothing typed ahead.
+        with contextlib.suppress(termios.error):
+            termios.tcflush(self._descriptor, termios.TCIFLUSH)
+
+    def answered(self) -> bool:
+        """Whether Enter was typed on an empty line since the question.
+
+        Raises:
+            OSError: the terminal is gone.
+        """
+        if not self._asked or not select.select([self._descriptor], [], [], 0.0)[0]:
+            return False
+        data = os.read(self._descriptor, CHUNK)
+        if not data:
+            self._asked = False  # it has hung up: nobody will answer
+            return False
+        *lines, self._typed = (self._typed + data).split(b"\n")
+        if not any(not line.strip() for line in lines):
+            return False
+        self._asked = False
+        return True
+
+
+def hand_of(bench: Bench) -> Hand | None:
+    """Whoever sets the current of this bench; None where a device drives it."""
+    if not bench.ecu.by_hand:
+        return None
+    return TerminalHand(sys.stdin.fileno()) if bench.ecu.rehearsal is None else RehearsedHand()
+
+
+def check_hand(bench: Bench, *, attended: bool) -> None:
+    """Refuse a bench whose current is set by hand where nobody can be asked for it.
+
+    Args:
+        bench: the bench.
+        attended: somebody sits at the terminal and can read what is asked.
+
+    Raises:
+        Refused: nobody does (`by-hand-unattended`).
+    """
+    if bench.ecu.by_hand and bench.ecu.rehearsal is None and not attended:
+        raise Refused(
+            UNATTENDED,
+            "the bench's current is set by hand ([ecu] by_hand = true), and nobody can be asked for it here: run it at "
+            "a terminal, without --json, standard input and output not redirected; or rehearse it with --simulate; "
+            "nothing was moved",
+        )

@@ -1,0 +1,83 @@
+"""`rig models`: the damper models, their equations, parameters, and what they dissipate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rig.cli.options import Command, json_option
+from rig.cli.output import console, write_json
+from rig.errors import EXIT_DONE
+
+if TYPE_CHECKING:
+    from rig.dampers.model import DamperModel
+    from rig.dampers.parameter import Parameter
+
+
+@click.command(name="models", cls=Command, examples=("rig models", "rig models lost_motion", "rig models --json"))
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@json_option
+def command(names: tuple[str, ...], as_json: bool) -> int:
+    """List the damper models, plug-ins too; with NAME their parameters as well.
+
+    Each can be fitted (`rig identify --model NAME`) and drive the simulated rig (`[damper] model`, or `set`).
+    """
+    from rig import dampers
+
+    models = [dampers.model(name) for name in names or dampers.MODELS]
+    if as_json:
+        write_json({"models": [_entry(damper) for damper in models]})
+        return EXIT_DONE
+    for damper in models:
+        _show(damper, whole=bool(names))
+    return EXIT_DONE
+
+
+def _entry(damper: DamperModel) -> dict[str, Any]:
+    from rig.dampers.catalogue import set_name
+
+    return {
+        "name": damper.name,
+        "equation": damper.equation,
+        "energy": damper.energy,
+        "states": damper.states,
+        "hysteresis": list(damper.forms),
+        "set": set_name(damper.name),
+        "parameters": [_parameter(parameter, damper) for parameter in damper.parameters],
+    }
+
+
+def _parameter(parameter: Parameter, damper: DamperModel) -> dict[str, Any]:
+    return {
+        "name": parameter.name,
+        "unit": parameter.unit,
+        "meaning": parameter.meaning,
+        "role": "linear" if parameter.linear else "shape",
+        "low": parameter.low,
+        "high": parameter.high,
+        "at_zero": parameter.at_zero or None,
+        "power": parameter.power,
+        "demonstration": damper.demonstration[parameter.name],
+    }
+
+
+def _show(damper: DamperModel, *, whole: bool) -> None:
+    from rich.table import Table
+
+    shown = console()
+    shown.print(f"{damper.name}", style="bold", markup=False)
+    shown.print(f"  {damper.equation}", markup=False, soft_wrap=True)
+    if damper.energy:
+        shown.print(f"  energy: {damper.energy}", markup=False, soft_wrap=True)
+    if not whole:
+        shown.print(f"  {', '.join(damper.names)}", markup=False, soft_wrap=True)
+        return
+    table = Table()
+    for title in ("parameter", "unit", "role", "demonstration", "meaning"):
+        table.add_column(title, justify="right" if title == "demonstration" else "left", overflow="fold")
+    for entry in (_parameter(parameter, damper) for parameter in damper.parameters):
+        table.add_row(
+            entry["name"], entry["unit"], entry["role"], f"{entry['demonstration']:g}", entry["meaning"]
+        )
+    shown.print(table)

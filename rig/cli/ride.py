@@ -1,0 +1,143 @@
+"""`rig ride`: the same car with several fitted dampers, and whether they really differ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rig.cli.options import Command, QuantityOption, json_option
+from rig.cli.output import console, say, write_json
+from rig.errors import EXIT_DONE
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from rig.vehicle.control import Law
+    from rig.vehicle.ride import RideStudy
+
+LAW_NAMES = ("passive", "skyhook", "groundhook", "hybrid", "inverse")
+
+
+@click.command(
+    name="ride",
+    cls=Command,
+    examples=(
+        "rig ride cfoa-table5-fit1 cfoa-table5-fit2 cfoa-table5-fit3",
+        "rig ride logs/20260102T030405Z-MR-001-ab12cd --car my-car.toml --road iso8608-c --law passive --law skyhook",
+    ),
+)
+@click.argument("fits", nargs=-1, required=True)
+@click.option("--car", default="compact-suv", show_default=True,
+              help="Car file, or the name of a car that is shipped.")  # fmt: skip
+@click.option("--road", default="paper-sweep", show_default=True,
+              help="Road file, or the name of a road that is shipped.")  # fmt: skip
+@click.option("--law", "laws", type=click.Choice(LAW_NAMES), multiple=True, default=("passive",), show_default=True,
+              help="Law of the coils' current (repeatable).")  # fmt: skip
+@click.option("--current", type=QuantityOption("current"), default="0 A", show_default=True,
+              help="Constant current of the passive law.")  # fmt: skip
+@click.option("--most-current", type=QuantityOption("current"), default="1 A", show_default=True,
+              help="Largest current of the other laws.")  # fmt: skip
+@click.option("--members", type=click.IntRange(0, 10_000), default=20, show_default=True,
+              help="Draws from each fit's covariance, for the intervals.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed of the draws.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write the report (HTML) to this file.")
+@json_option
+def command(
+    fits: tuple[str, ...], car: str, road: str, laws: tuple[Law, ...], current: float, most_current: float,
+    members: int, seed: int, out: Path | None, as_json: bool,
+) -> int:  # fmt: skip
+    """Drive a car over a road with the damper of each of FITS: a fit.json, a run with one, or a parameter set by name.
+
+    Responses of heave, pitch and roll, differences in 4-8 Hz and up to 18 Hz with what the fits' uncertainty makes of
+    them, ISO 2631-1 weighted RMS, tyre load, travel, power.
+    """
+    _check_currents({"--current": current, "--most-current": most_current})
+    from rig.vehicle.answer import as_json as plain
+    from rig.vehicle.car import load_car
+    from rig.vehicle.control import Control
+    from rig.vehicle.fitted_damper import fitted_damper
+    from rig.vehicle.ride import ride_study
+    from rig.vehicle.road_file import load_road
+
+    controls = [Control(law, current_A=current, most_A=most_current) for law in dict.fromkeys(laws)]
+    chosen = [fitted_damper(given, members, seed + index) for index, given in enumerate(fits)]
+    study = ride_study(load_car(car), load_road(road), chosen, controls, _progress)
+    answer = plain(study)
+    if out is not None:
+        from rig.recording.atomic_write import write_text_durably
+        from rig.report.ride import ride_page
+
+        write_text_durably(out, ride_page(study))
+        answer["report"] = str(out.resolve())
+    if as_json:
+        write_json(answer)
+        return EXIT_DONE
+    shown = console()
+    for table in tables(study):
+        shown.print(table)
+    for line in remarks(study):
+        shown.print(line)
+    if out is not None:
+        click.echo(out.resolve())
+    return EXIT_DONE
+
+
+def _check_currents(given: dict[str, float]) -> None:
+    from rig.vehicle.control import MOST_A
+
+    for name, value in given.items():
+        if not 0.0 <= value <= MOST_A:
+            raise click.BadParameter(f"{value:g} A; allowed: 0 to {MOST_A:g} A", param_hint=name)
+
+
+def _progress(done: int, of: int) -> None:
+    if done == of or done % 20 == 0:
+        say(f"{done}/{of} rides", err=True)
+
+
+def tables(study: RideStudy) -> list[Table]:
+    """What differs, and each damper's numbers."""
+    from rich.table import Table
+
+    from rig.vehicle.response import BANDS
+
+    differences = Table(title=f"Largest difference, dB (95 % interval): {study.car.name}, {study.road.name}")
+    for column in ("motion", "band", "between", *study.driven):
+        differences.add_column(column)
+    for motion in study.own.body:
+        for band in BANDS:
+            for pair in study.pairs():
+                cells = [_told(study.difference(phase, motion, band, pair)) for phase in study.driven]
+                differences.add_row(motion, band, " / ".join(pair), *cells)
+    single = Table(title="Each damper on the chosen road")
+    names = ("weighted_rms heave", "tyre_load_variation", "travel_m", "damper_power_W")
+    titles = ("weighted RMS m/s^2", "tyre load variation", "travel mm", "damper power W")
+    for column in ("damper", *titles):
+        single.add_column(column)
+    for variant in study.variants:
+        values = [study.number(variant.name, name)[0] for name in names]
+        values[2] *= 1e3
+        single.add_row(variant.name, *(f"{value:.3g}" for value in values))
+    return [differences, single] if study.pairs() else [single]
+
+
+def remarks(study: RideStudy) -> list[str]:
+    """What a reader has to know of the numbers."""
+    lines = [f"{variant.name}: {variant.fit.remark}" for variant in study.variants if variant.fit.remark]
+    if study.car.estimate:
+        lines.append(f"{study.car.name}: the numbers of this car are an estimate")
+    if not study.step_close:
+        lines.append(
+            f"a step of {1e3 * study.step_s:g} ms still changes the numbers by more than 1 %: a damper's force all but "
+            "jumps with the sign of its speed"
+        )
+    return lines
+
+
+def _told(difference: tuple[float, tuple[float, float] | None] | None) -> str:
+    if difference is None:
+        return "-"
+    value, interval = difference
+    return f"{value:.1f}" if interval is None else f"{value:.1f} ({interval[0]:.1f} to {interval[1]:.1f})"

@@ -1,0 +1,185 @@
+"""The models compiled along a motion whose start counts: force with every state, and the current that gives a force.
+
+`kernel.force_series` runs a cycle first and forgets the start; here the first sample starts from a given state,
+parameters may change from sample to sample, and states come back. Steps between samples are those of the kernel.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from rig.dampers.arrays import FloatArray
+from rig.dampers.compiled_cache import njit
+from rig.dampers.integrable import Integrable
+from rig.dampers.kernel import Compiled, cached, fingerprint, sampled_step
+
+REFINED = 8  # steps of false position inside the interval of currents that holds a force
+
+
+def trajectory_of(model: Integrable) -> Compiled:
+    """Force and states along a motion, compiled.
+
+    Called with parameters (1 or n, P) in the order of `DamperModel.parameters`, the state at the first sample (S,),
+    extension (m), velocity (m/s), acceleration (m/s^2) and coil current (A), (n,) each, and the sampling interval (s).
+    Gives the force (N), (n,), and the states, (n, S).
+    """
+    return _trajectory_of(model)
+
+
+def inverse_of(model: Integrable) -> Compiled:
+    """The current that gives a wanted force at every sample, compiled.
+
+    Called with parameters (1 or G, P), one row a current of the grid, the grid (A), (G,), rising, the currents that the
+    model's equation sees there (G,), states (1 or n, S), extension, velocity, acceleration and wanted force (N), (n,)
+    each, and the sampling interval (s). With an interval above 0 the first state is the start, and the states follow
+    with the currents that were found; with 0 every sample has a state of its own. Gives columns current (A), force
+    there (N), dF/dI (N/A), whether the force is attainable (1 or 0), least and greatest force over the grid (N), then
+    the states, (n, 6 + S).
+    """
+    return _inverse_of(model)
+
+
+@cache
+def _trajectory_of(model: Integrable) -> Compiled:
+    key = f"{fingerprint()} {model.name} {model.hysteresis}"
+    return cached(_trajectory(key, model.states), _force=model.kernel().force, _step=sampled_step(model))
+
+
+@cache
+def _inverse_of(model: Integrable) -> Compiled:
+    key = f"{fingerprint()} {model.name} {model.hysteresis}"
+    force = model.kernel().force
+    return cached(_inverse(key, model.states), _force=force, _step=sampled_step(model), _solve=_root(force))
+
+
+def _unset(*arguments: object) -> float:
+    raise NotImplementedError(arguments)
+
+
+_force: Compiled = _unset
+_step: Compiled = _unset
+_solve: Compiled = _unset
+"""Of the loop's model, once it is compiled."""
+
+
+def _trajectory(key: str, states: int) -> Compiled:
+    def trajectory(
+        p: FloatArray, start: FloatArray, u: FloatArray, v: FloatArray, a: FloatArray, current: FloatArray, dt: float
+    ) -> tuple[FloatArray, FloatArray]:
+        n = u.size + 0 * len(key)
+        force, path = np.empty(n), np.empty((n, start.size))
+        state, last = start.copy(), p.shape[0] - 1
+        for k in range(n):
+            row = p[min(k, last)]
+            if states > 0 and k > 0:
+                _step(row, state, u, v, a, current, dt, k - 1, k)
+            s1 = state[1] if state.size > 1 else 0.0
+            force[k] = _force(row, state[0], s1, u[k], v[k], a[k], current[k])
+            path[k] = state
+        return force, path
+
+    return trajectory
+
+
+@njit()
+def _bracket(forces: FloatArray, wanted: float) -> tuple[int, int]:
+    """The first interval of the grid that holds the force (-1: none), and the place of the nearest force."""
+    low, nearest = -1, 0
+    for g in range(forces.size):
+        if abs(forces[g] - wanted) < abs(forces[nearest] - wanted):
+            nearest = g
+        if low < 0 and g + 1 < forces.size and (forces[g] - wanted) * (forces[g + 1] - wanted) <= 0.0:
+            low = g
+    return low, nearest
+
+
+@njit()
+def _blend(row: FloatArray, low: FloatArray, high: FloatArray, share: float) -> None:
+    """Parameters at a share of the way from `low` to `high`, into `row`."""
+    for place in range(row.size):
+        row[place] = low[place] + share * (high[place] - low[place])
+
+
+def _root(force: Compiled) -> Compiled:
+    """Where between two neighbours of the grid the force meets the wanted one, compiled: share of the way (1)."""
+
+    @njit()
+    def root(
+        row: FloatArray,
+        low: FloatArray,
+        high: FloatArray,
+        ends: tuple[float, float],
+        state: FloatArray,
+        motion: tuple[float, float, float],
+        misses: tuple[float, float],
+        wanted: float,
+    ) -> float:
+        left, right, share = 0.0, 1.0, 0.0
+        below, above = misses
+        s1 = state[1] if state.size > 1 else 0.0
+        for _ in range(REFINED):
+            if below == above:
+                return left
+            share = left - below * (right - left) / (above - below)
+            _blend(row, low, high, share)
+            current = ends[0] + share * (ends[1] - ends[0])
+            miss = force(row, state[0], s1, motion[0], motion[1], motion[2], current) - wanted
+            if miss == 0.0:
+                return share
+            if miss * below > 0.0:
+                left, below, above = share, miss, 0.5 * above
+            else:
+                right, above, below = share, miss, 0.5 * below
+        return share
+
+    return root
+
+
+def _inverse(key: str, states: int) -> Compiled:
+    def inverse(
+        p: FloatArray,
+        grid: FloatArray,
+        seen: FloatArray,
+        start: FloatArray,
+        u: FloatArray,
+        v: FloatArray,
+        a: FloatArray,
+        wanted: FloatArray,
+        dt: float,
+    ) -> FloatArray:
+        n, count, last, size = u.size + 0 * len(key), grid.size, p.shape[0] - 1, start.shape[1]
+        answer = np.empty((n, 6 + size))
+        forces, state, used = np.empty(count), start[0].copy(), np.empty(n)
+        row = p[0].copy()
+        for k in range(n):
+            if dt <= 0.0:
+                state[:] = start[min(k, start.shape[0] - 1)]
+            elif k > 0 and states > 0:
+                used[k] = used[k - 1]
+                _step(row, state, u, v, a, used, dt, k - 1, k)
+            s1 = state[1] if size > 1 else 0.0
+            for g in range(count):
+                forces[g] = _force(p[min(g, last)], state[0], s1, u[k], v[k], a[k], seen[g])
+            low, nearest = _bracket(forces, wanted[k])
+            attainable = low >= 0
+            low = low if attainable else min(nearest, count - 2)
+            share = 0.0 if nearest == low else 1.0
+            below, above = p[min(low, last)], p[min(low + 1, last)]
+            if attainable:
+                misses = (forces[low] - wanted[k], forces[low + 1] - wanted[k])
+                share = _solve(
+                    row, below, above, (seen[low], seen[low + 1]), state, (u[k], v[k], a[k]), misses, wanted[k]
+                )
+            _blend(row, below, above, share)
+            used[k] = seen[low] + share * (seen[low + 1] - seen[low])
+            answer[k, 0] = grid[low] + share * (grid[low + 1] - grid[low])
+            answer[k, 1] = _force(row, state[0], s1, u[k], v[k], a[k], used[k])
+            answer[k, 2] = (forces[low + 1] - forces[low]) / (grid[low + 1] - grid[low])
+            answer[k, 3] = 1.0 if attainable else 0.0
+            answer[k, 4], answer[k, 5] = forces.min(), forces.max()
+            answer[k, 6:] = state
+        return answer
+
+    return inverse

@@ -1,0 +1,134 @@
+"""A controller of force without feedback of force: the current command that makes the damper give a wanted force.
+
+Each step the model's state follows the motion with the current that the coil has, the inverse gives the current for the
+wanted force, and the command is what brings the lagging coil there within one interval, within the limits of the
+current.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.dampers.arrays import FloatArray
+from rig.errors import FileProblem
+from rig.identification.application.inversion import RESOLVED, current_band_A, currents_A, solve
+from rig.identification.application.law import Law
+from rig.identification.application.motion_table import Motion
+from rig.identification.application.tested_range import TestedRange
+
+
+@dataclass(frozen=True)
+class Command:
+    """One step of the controller.
+
+    Attributes:
+        command_A: current to command (A).
+        wanted_A: coil current for the wanted force (A).
+        coil_A: coil current now, by its lag (A).
+        attainable: whether a tested current gives the wanted force here.
+        resolvable: whether the force tells the current here; where not, the wanted current is held.
+        follows: whether the coil can be at the wanted current one interval later.
+        extrapolates: whether motion lies beyond what the tests covered.
+    """
+
+    command_A: float
+    wanted_A: float
+    coil_A: float
+    attainable: bool
+    resolvable: bool
+    follows: bool
+    extrapolates: bool
+
+
+class Controller:
+    """Current commands for wanted forces; one `step` a sampling interval.
+
+    Args:
+        law: the fitted model.
+        tested: what its tests covered.
+        dt_s: sampling interval (s).
+        limits_A: least and greatest command (A); None: the tested currents. Wider ones make the coil faster; the coil's
+            own current stays within what was tested.
+        mid_stroke_m: displacement at mid-stroke (m).
+
+    Raises:
+        IdentificationFailed: the tests ran at one current.
+        FileProblem: an interval or limits that are none.
+    """
+
+    def __init__(
+        self,
+        law: Law,
+        tested: TestedRange | None,
+        dt_s: float,
+        limits_A: tuple[float, float] | None = None,
+        mid_stroke_m: float = 0.0,
+    ) -> None:
+        self._law, self._tested, self._dt_s = law, tested, dt_s
+        self._grid = currents_A(tested)
+        self._limits = (float(self._grid[0]), float(self._grid[-1])) if limits_A is None else limits_A
+        problems = [f"dt_s = {dt_s:g}, expected a positive time in seconds"] if not 0.0 < dt_s < math.inf else []
+        if not self._limits[0] < self._limits[1]:
+            problems.append(f"limits_A = {self._limits}, expected the least current below the greatest")
+        if problems:
+            raise FileProblem("controller", problems)
+        self._mid_stroke_m = mid_stroke_m
+        self._stays = 0.0 if law.eta_1_s is None else math.exp(-law.eta_1_s * dt_s)
+        self._state: FloatArray | None = None
+        self._before: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        self.coil_A = self.wanted_A = self._command_A = float(np.clip(0.0, *self._limits))
+
+    def step(
+        self, force_N: float, displacement_m: float, velocity_m_s: float, acceleration_m_s2: float = 0.0
+    ) -> Command:
+        """The command for one instant.
+
+        Args:
+            force_N: wanted force (N).
+            displacement_m: measured displacement (m).
+            velocity_m_s: measured velocity (m/s).
+            acceleration_m_s2: measured acceleration (m/s^2).
+        """
+        self.coil_A = self._stays * self.coil_A + (1.0 - self._stays) * self._command_A
+        now = (displacement_m - self._mid_stroke_m, velocity_m_s, acceleration_m_s2)
+        state = self._advanced(now)
+        motion = _instant(now)
+        answer = solve(self._law, self._grid, state[None, :], motion, np.array([force_N]))
+        width_A = float(self._grid[-1] - self._grid[0])
+        resolvable = bool(current_band_A(self._tested, answer)[0] <= RESOLVED * width_A)
+        if resolvable:
+            self.wanted_A = float(answer[0, 0])
+        ahead = (self.wanted_A - self._stays * self.coil_A) / (1.0 - self._stays)
+        self._command_A = float(np.clip(ahead, *self._limits))
+        return Command(
+            command_A=self._command_A,
+            wanted_A=self.wanted_A,
+            coil_A=self.coil_A,
+            attainable=bool(answer[0, 3]),
+            resolvable=resolvable,
+            follows=abs(ahead - self._command_A) < 1e-9,
+            extrapolates=self._tested is None or bool(self._tested.beyond(motion)),
+        )
+
+    def _advanced(self, now: tuple[float, float, float]) -> FloatArray:
+        """The state at this instant, moved from the one before with the coil's current."""
+        from rig.dampers.trajectory import trajectory_of
+
+        model = self._law.model
+        if self._state is None:
+            self._state = model.initial_state(now[0])
+        elif model.states:
+            vectors, seen_A = self._law.vectors(np.full(2, self.coil_A))
+            u, v, a = (np.array(pair) for pair in zip(self._before, now, strict=True))
+            _, states = trajectory_of(model)(vectors, self._state, u, v, a, seen_A, self._dt_s)
+            self._state = states[1]
+        self._before = now
+        return self._state
+
+
+def _instant(now: tuple[float, float, float]) -> Motion:
+    u, v, a = (np.array([value]) for value in now)
+    return Motion(None, None, 0.0, u, v, a, np.zeros(1))

@@ -1,0 +1,160 @@
+"""Motion and current from a table of a user's: columns by name, everything that is wrong with them said at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.dampers.arrays import FloatArray
+from rig.errors import FileProblem
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    Table = pd.DataFrame | Mapping[str, Any]
+
+#: Quantity -> names of its column: with its unit, then as recorded files call it.
+COLUMNS = {
+    "time_s": ("time_s", "time"),
+    "displacement_m": ("displacement_m", "displacement"),
+    "velocity_m_s": ("velocity_m_s", "velocity"),
+    "acceleration_m_s2": ("acceleration_m_s2", "acceleration"),
+    "current_A": ("current_A", "current"),
+    "temperature_degC": ("temperature_degC", "coil_temperature"),
+}
+UNEVEN = 0.1  # share by which an interval may differ from the mean one
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion about mid-stroke and current, arrays of shape (n,) in SI.
+
+    Attributes:
+        index: the table's index, or the time.
+        time_s: time (s); None without any.
+        dt_s: sampling interval (s); 0 without a time.
+        u_m: extension about mid-stroke (m).
+        v_m_s: velocity (m/s).
+        a_m_s2: acceleration (m/s^2).
+        current_A: coil current (A).
+        temperature_degC: temperature (degC); None without any.
+    """
+
+    index: Any
+    time_s: FloatArray | None
+    dt_s: float
+    u_m: FloatArray
+    v_m_s: FloatArray
+    a_m_s2: FloatArray
+    current_A: FloatArray
+    temperature_degC: FloatArray | None = None
+
+
+def motion_of(table: Table, mid_stroke_m: float, *, needs_time: str = "") -> Motion:
+    """Read motion and current from a table.
+
+    Args:
+        table: columns as in `COLUMNS`; the time may be the index if that is called so. `displacement_m` and `current_A`
+            are needed; velocity is differentiated from displacement where it is missing, acceleration from velocity (0
+            without a time).
+        mid_stroke_m: the displacement at mid-stroke (m).
+        needs_time: why the time is needed; empty where it is not.
+
+    Raises:
+        FileProblem: what is missing, no numbers, or of another length; all of it.
+    """
+    import pandas as pd
+
+    frame = table if isinstance(table, pd.DataFrame) else _frame(table)
+    problems: list[str] = []
+    arrays = {name: _column(frame, name, problems) for name in COLUMNS}
+    time_s = arrays["time_s"]
+    if time_s is None and str(frame.index.name) in COLUMNS["time_s"]:
+        time_s = np.asarray(frame.index, dtype=float)
+    dt_s = _interval_s(time_s, problems)
+    for name in ("displacement_m", "current_A"):
+        if arrays[name] is None and not _named(frame, name):
+            problems.append(f"no column `{name}`; columns are {', '.join(map(str, frame.columns)) or 'missing'}")
+    if time_s is None and needs_time:
+        problems.append(f"no column `time_s` (s), and {needs_time}")
+    elif time_s is None and arrays["velocity_m_s"] is None:
+        problems.append("no column `velocity_m_s`; give it, or `time_s`, over which displacement is differentiated")
+    if len(frame) == 0:
+        problems.append("it has no rows")
+    if problems:
+        raise FileProblem("the table", problems)
+    u_m = _sure(arrays["displacement_m"]) - mid_stroke_m
+    velocity = arrays["velocity_m_s"]
+    v_m_s = _slope(u_m, dt_s) if velocity is None else velocity
+    acceleration = arrays["acceleration_m_s2"]
+    a_m_s2 = acceleration if acceleration is not None else _slope(v_m_s, dt_s) if dt_s > 0.0 else np.zeros_like(u_m)
+    current_A = _sure(arrays["current_A"])
+    return Motion(frame.index, time_s, dt_s, u_m, v_m_s, a_m_s2, current_A, arrays["temperature_degC"])
+
+
+def _frame(table: Mapping[str, Any]) -> pd.DataFrame:
+    """Columns of equal length, numbers repeated.
+
+    Raises:
+        FileProblem: arrays of different lengths.
+    """
+    import pandas as pd
+
+    sizes = {str(name): np.atleast_1d(np.asarray(values)).shape for name, values in table.items() if values is not None}
+    longest = max((shape[0] for shape in sizes.values()), default=0)
+    if wrong := [f"`{name}` has shape {shape}, expected ({longest},)" for name, shape in sizes.items()
+                 if shape not in {(longest,), (1,)}]:  # fmt: skip
+        raise FileProblem("the table", wrong)
+    return pd.DataFrame({name: np.broadcast_to(np.atleast_1d(np.asarray(table[name])), (longest,)) for name in sizes})
+
+
+def _named(frame: pd.DataFrame, name: str) -> str | None:
+    return next((column for column in COLUMNS[name] if column in frame), None)
+
+
+def _column(frame: pd.DataFrame, name: str, problems: list[str]) -> FloatArray | None:
+    column = _named(frame, name)
+    if column is None:
+        return None
+    try:
+        values = np.ascontiguousarray(frame[column].to_numpy(), dtype=float)
+    except (TypeError, ValueError) as error:
+        problems.append(f"column `{column}` must hold numbers: {error}")
+        return None
+    broken = np.flatnonzero(~np.isfinite(values))
+    if broken.size and name != "temperature_degC":
+        problems.append(
+            f"column `{column}` row {broken[0]} is {values[broken[0]]:g} ({broken.size} such rows), expected numbers; "
+            "leave such rows out, or interpolate them"
+        )
+    return values
+
+
+def _interval_s(time_s: FloatArray | None, problems: list[str]) -> float:
+    """Sampling interval (s); 0 without a time."""
+    if time_s is None:
+        return 0.0
+    steps = np.diff(time_s)
+    if steps.size == 0 or not np.all(steps > 0.0):
+        problems.append("`time_s` must rise from row to row, two rows or more")
+        return 0.0
+    dt_s = float(np.mean(steps))
+    worst = int(np.argmax(np.abs(steps - dt_s)))
+    if abs(float(steps[worst]) - dt_s) > UNEVEN * dt_s:
+        problems.append(
+            f"`time_s` must be evenly spaced: {float(steps[worst]):.4g} s before row {worst + 1}, {dt_s:.4g} s on "
+            "average; resample the table"
+        )
+    return dt_s
+
+
+def _slope(values: FloatArray, dt_s: float) -> FloatArray:
+    """Derivative in time, central differences, shape (n,)."""
+    return np.ascontiguousarray(np.gradient(values, dt_s, edge_order=2 if values.size > 2 else 1))
+
+
+def _sure(values: FloatArray | None) -> FloatArray:
+    return np.zeros(0) if values is None else values

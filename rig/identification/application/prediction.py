@@ -1,0 +1,127 @@
+"""Force from motion and current: of a measured table, or of a motion with the coil's lag and the model's states.
+
+Columns of every result: `force_N`, `low_N` and `high_N` (95 % of measured samples lay so near to the model),
+`extrapolates` (whether this row lies beyond what the tests covered) and `beyond` (in which quantities).
+`attrs["extrapolation"]` says it in one sentence.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.dampers.arrays import FloatArray
+from rig.errors import FileProblem
+from rig.identification.application.law import Law
+from rig.identification.application.motion_table import Motion, motion_of
+from rig.identification.application.tested_range import UNKNOWN, TestedRange
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from rig.identification.application.motion_table import Table
+
+
+def predict(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: float) -> pd.DataFrame:
+    """Force on the rows of a table (see `motion_table.motion_of`); `current_A` is the coil's own current.
+
+    Raises:
+        FileProblem: the table cannot be used; everything that is wrong with it.
+    """
+    reason = f"{law.model.name} has internal states, which follow the motion in time" if law.model.states else ""
+    motion = motion_of(table, mid_stroke_m, needs_time=reason)
+    force_N, _ = along(law, motion)
+    return with_band({"force_N": force_N}, motion, tested)
+
+
+def simulate(law: Law, tested: TestedRange | None, table: Table, mid_stroke_m: float, *, lag: bool) -> pd.DataFrame:
+    """Force and states over a motion in time; with `lag`, `current_A` is the commanded current that the coil follows.
+
+    Raises:
+        FileProblem: the table cannot be used, or the lag is wanted and not known.
+    """
+    motion = motion_of(table, mid_stroke_m, needs_time="a simulation goes along it")
+    if lag:
+        if law.eta_1_s is None:
+            raise FileProblem("the fit", [
+                "the coil's lag (eta) is not known from these tests: give the coil's own current and lag=False, or fit "
+                "tests with current steps",
+            ])  # fmt: skip
+        motion = replace(motion, current_A=coil_current(motion.current_A, law.eta_1_s, motion.dt_s))
+    force_N, states = along(law, motion)
+    columns = {
+        "displacement_m": motion.u_m, "velocity_m_s": motion.v_m_s, "current_A": motion.current_A, "force_N": force_N,
+    }  # fmt: skip
+    columns |= {f"state_{place + 1}": states[:, place] for place in range(law.model.states)}
+    result = with_band(columns, motion, tested)
+    if "time_s" not in (result.index.name,):
+        result.insert(0, "time_s", motion.time_s)
+    return result
+
+
+def along(law: Law, motion: Motion) -> tuple[FloatArray, FloatArray]:
+    """Force (N), (n,), and states, (n, S), from rest at the first sample; algebraic models need no time."""
+    vectors, seen_A = law.vectors(motion.current_A)
+    model = law.model
+    if model.states == 0 and law.current is None:
+        force_N = model.force(law.values, motion.u_m, motion.v_m_s, motion.a_m_s2, seen_A, motion.dt_s)
+        return force_N, np.zeros((motion.u_m.size, 0))
+    from rig.dampers.trajectory import trajectory_of
+
+    start = model.initial_state(float(motion.u_m[0]))
+    data = (motion.u_m, motion.v_m_s, motion.a_m_s2, seen_A)
+    force, states = trajectory_of(model)(vectors, start, *data, motion.dt_s)
+    return force, states
+
+
+def coil_current(commanded_A: FloatArray, eta_1_s: float, dt_s: float) -> FloatArray:
+    """Coil current (A), shape (n,), behind a command held from sample to sample: I' = -eta (I - Icmd), exact."""
+    from scipy.signal import lfilter
+
+    stays = math.exp(-eta_1_s * dt_s)
+    start = np.array([stays * commanded_A[0]])
+    before = np.concatenate((commanded_A[:1], commanded_A[:-1]))
+    result, _ = lfilter([1.0 - stays], [1.0, -stays], before, zi=start)
+    return np.asarray(result)
+
+
+def with_band(columns: dict[str, FloatArray], motion: Motion, tested: TestedRange | None) -> pd.DataFrame:
+    """Columns as a table, with the band of the force and what lies beyond the tests."""
+    import pandas as pd
+
+    frame = pd.DataFrame(columns, index=motion.index)
+    if tested is None:
+        frame["low_N"] = frame["high_N"] = math.nan
+        frame["extrapolates"], frame["beyond"] = True, UNKNOWN
+        frame.attrs["extrapolation"] = "the fit does not say what its tests covered: fit the run again"
+        return frame
+    half_N = tested.band.at(motion.current_A)
+    frame["low_N"], frame["high_N"] = columns["force_N"] - half_N, columns["force_N"] + half_N
+    flagged = tested.beyond(motion)
+    frame["extrapolates"], frame["beyond"] = _flags(flagged, len(frame))
+    frame.attrs["extrapolation"] = _told(flagged, len(frame), tested)
+    return frame
+
+
+def _flags(flagged: dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Whether each row lies beyond the tests, and in what."""
+    code = np.zeros(count, dtype=np.int64)
+    for place, where in enumerate(flagged.values()):
+        code |= where.astype(np.int64) << place
+    words = [
+        " ".join(name for place, name in enumerate(flagged) if number >> place & 1)
+        for number in range(2 ** len(flagged))
+    ]
+    return code > 0, np.array(words, dtype=object)[code]
+
+
+def _told(flagged: dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]], count: int, tested: TestedRange) -> str:
+    if not flagged:
+        return ""
+    rows = {name: int(np.count_nonzero(where)) for name, where in flagged.items()}
+    parts = ", ".join(f"{name} in {many} of {count} rows" for name, many in rows.items())
+    unrecorded = " (no fitted test recorded a temperature)" if tested.temperature_degC is None else ""
+    return f"beyond the tests: {parts}; tested were {tested.told()}{unrecorded if 'temperature_degC' in rows else ''}"

@@ -1,0 +1,69 @@
+"""Reading `fit.json`: the object of the file, and dataclasses made of its entries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import Field, fields
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, TypeVar
+
+from rig.errors import FileProblem
+from rig.recording.point_files import campaign_in
+from rig.text_file import read_json
+
+
+class _Dataclass(Protocol):
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+
+Record = TypeVar("Record", bound=_Dataclass)
+
+FIT_KEYS = ("model", "parameters", "error", "method")
+
+
+def read_fit_object(path: Path) -> tuple[Path, dict[str, Any]]:
+    """The file of a fit and its object; a campaign's folder stands for the `fit.json` in it.
+
+    Raises:
+        FileProblem: there is none, or it is no fit.
+    """
+    if path.is_dir():
+        path = campaign_in(path) / "fit.json"
+    content = read_json(path)
+    missing = [f"`{key}` is missing: this is no fit.json" for key in FIT_KEYS if key not in content]
+    if missing:
+        raise FileProblem(str(path), missing)
+    return path, content
+
+
+@contextmanager
+def entries_of(path: Path) -> Iterator[None]:
+    """What a wrong entry raises becomes a problem of the file.
+
+    Raises:
+        FileProblem: an entry is missing or not of its kind.
+    """
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise FileProblem(str(path), [f"not as `rig identify` writes it: {type(error).__name__}: {error}"]) from error
+
+
+def record(kind: type[Record], entry: Mapping[str, Any], **known: object) -> Record:
+    """A dataclass from an entry: lists as tuples, null as NaN where a number must stand; `known` fields as they are.
+
+    Raises:
+        TypeError: a field without default is missing.
+        AttributeError: the entry is no object.
+    """
+    values: dict[str, Any] = {}
+    for one in fields(kind):
+        if one.name not in entry:
+            continue
+        value = entry[one.name]
+        if value is None and one.type == "float":
+            value = math.nan
+        values[one.name] = tuple(value) if isinstance(value, list) else value
+    return kind(**{**values, **known})

@@ -1,0 +1,254 @@
+"""What a fit can be asked: force, current for a force, equation, figures; `rig.identification.application` does it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import rig.dampers
+from rig.dampers.parameter import Hysteresis
+from rig.errors import IdentificationFailed
+from rig.identification.application.law import Law
+from rig.identification.application.tested_range import TestedRange
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.relation import CurrentRelations
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from rig.identification.application.controller import Controller
+    from rig.identification.application.motion_table import Table
+
+
+class Found(Protocol):
+    """What using a fit needs to know of it."""
+
+    @property
+    def model(self) -> str: ...  # noqa: D102 - as in `Fit`
+    @property
+    def hysteresis(self) -> str: ...  # noqa: D102 - as in `Fit`
+    @property
+    def form(self) -> str: ...  # noqa: D102 - as in `Fit`
+    @property
+    def parameters(self) -> Mapping[str, Any]: ...  # noqa: D102 - as in `Fit`
+    @property
+    def current(self) -> CurrentRelations | None: ...  # noqa: D102 - as in `Fit`
+    @property
+    def series(self) -> Any: ...  # noqa: ANN401, D102 - as in `Fit`, whose module imports this one
+    @property
+    def tested(self) -> TestedRange | None: ...  # noqa: D102 - as in `Fit`
+    @property
+    def tests(self) -> Sequence[Measurement]: ...  # noqa: D102 - as in `Fit`
+    @property
+    def error(self) -> Any: ...  # noqa: ANN401, D102 - as in `Fit`, whose module imports this one
+    @property
+    def holdout(self) -> Any: ...  # noqa: ANN401, D102 - as in `Fit`, whose module imports this one
+    @property
+    def law(self) -> Law: ...  # noqa: D102 - as in `FitUse`
+
+
+class FitUse:
+    """Use of a fit; part of `Fit`."""
+
+    @property
+    def law(self: Found) -> Law:
+        """The fitted model with its values, to be evaluated.
+
+        Raises:
+            IdentificationFailed: a value is missing, or there is a series spring, whose motion is not the table's.
+            UnknownName: the model is not known here, such as a plug-in's that is not installed.
+        """
+        if self.series is not None and self.series.stiffness_N_m is not None:
+            raise IdentificationFailed(
+                "this fit describes the damper behind a series spring, whose own motion is displacement - force / "
+                "stiffness: give that motion to `dataclasses.replace(fit, series=None)`"
+            )
+        form: Hysteresis = "printed" if self.hysteresis == "printed" else "kwok"
+        estimated = {name: estimate.value for name, estimate in self.parameters.items()}
+        return Law.of(rig.dampers.model(self.model, form), estimated, self.current)
+
+    @property
+    def equation(self: Found) -> str:
+        """The model's equation with the fitted numbers and units."""
+        from rig.identification.application.formula import formula
+
+        values = {name: (estimate.value, estimate.unit) for name, estimate in self.parameters.items()}
+        return formula(self.form, values, self.current)
+
+    @property
+    def plot(self: Found) -> FitPlots:
+        """Figures of the fit."""
+        return FitPlots(self)
+
+    def to_pandas(self: Found) -> pd.DataFrame:
+        """The estimates as a table, one row a parameter: value, unit, intervals, standard error, reason."""
+        import pandas as pd
+
+        rows = [vars(estimate) for estimate in self.parameters.values()]
+        return pd.DataFrame(rows, index=pd.Index(self.parameters, name="parameter"))
+
+    def tests_to_pandas(self: Found) -> pd.DataFrame:
+        """Errors and energies as a table, one row a test (N, J); `held_out` says which the fit has not seen."""
+        import pandas as pd
+
+        held_out = () if self.holdout is None else self.holdout.per_test
+        rows = [vars(error) | {"held_out": False} for error in self.error.per_test]
+        rows += [vars(test) | {"held_out": True} for test in held_out]
+        return pd.DataFrame(rows).set_index("id")
+
+    def predict(self: Found, table: Table, *, mid_stroke_m: float = 0.0) -> pd.DataFrame:
+        """Force for rows of motion and coil current.
+
+        Args:
+            table: columns `displacement_m`, `current_A` (the coil's own), `velocity_m_s` or `time_s`, and where there
+                are `acceleration_m_s2` and `temperature_degC`; a recorded point's `to_pandas()` is such a table.
+            mid_stroke_m: displacement (m) at the damper's mid-stroke.
+
+        Returns:
+            `force_N`, `low_N`, `high_N` (95 % of the tests' samples lay so near), `extrapolates` and `beyond` (in which
+            quantities a row lies beyond the fitted tests), with the table's index.
+
+        Raises:
+            FileProblem: the table cannot be used; everything that is wrong with it.
+            IdentificationFailed: the fit has no value of a parameter.
+        """
+        from rig.identification.application.prediction import predict
+
+        return predict(self.law, self.tested, table, mid_stroke_m)
+
+    def simulate(
+        self: Found,
+        time_s: ArrayLike,
+        displacement_m: ArrayLike,
+        current_A: ArrayLike,
+        *,
+        velocity_m_s: ArrayLike | None = None,
+        lag: bool = False,
+        mid_stroke_m: float = 0.0,
+    ) -> pd.DataFrame:
+        """Force and internal states along a motion, from rest at the first sample.
+
+        Args:
+            time_s: evenly spaced times (s), shape (n,).
+            displacement_m: displacement (m), shape (n,).
+            current_A: current (A), shape (n,) or one number: the coil's own, or with `lag` the commanded one.
+            velocity_m_s: velocity (m/s), shape (n,); differentiated from the displacement where it is not given.
+            lag: let the coil follow the command at the fitted rate eta.
+            mid_stroke_m: displacement (m) at the damper's mid-stroke.
+
+        Returns:
+            `time_s`, `displacement_m` (about mid-stroke), `velocity_m_s`, `current_A` (the coil's), `force_N`,
+            `state_1` ..., and `low_N`, `high_N`, `extrapolates`, `beyond` as in `predict`.
+
+        Raises:
+            FileProblem: arrays that do not fit together, or a lag that is not known.
+            IdentificationFailed: the fit has no value of a parameter.
+        """
+        from rig.identification.application.prediction import simulate
+
+        motion = {"displacement_m": displacement_m, "velocity_m_s": velocity_m_s}
+        table = {"time_s": time_s, "current_A": current_A, **motion}
+        return simulate(self.law, self.tested, table, mid_stroke_m, lag=lag)
+
+    def inverse(
+        self: Found,
+        force_N: ArrayLike,
+        velocity_m_s: ArrayLike,
+        displacement_m: ArrayLike = 0.0,
+        *,
+        state: ArrayLike | None = None,
+        time_s: ArrayLike | None = None,
+        acceleration_m_s2: ArrayLike | None = None,
+    ) -> pd.DataFrame:
+        """The coil current that makes the damper give a force: I(F, v, u, state).
+
+        Args:
+            force_N: wanted force (N), shape (n,) or one number.
+            velocity_m_s: velocity (m/s), likewise.
+            displacement_m: extension about mid-stroke (m), likewise.
+            state: internal states of the model as `simulate` gives them, shape (S,) or (n, S).
+            time_s: evenly spaced times (s), shape (n,): the states then follow from rest with the currents that are
+                found.
+            acceleration_m_s2: acceleration (m/s^2); by default from the velocity over `time_s`, else 0.
+
+        Returns:
+            `current_A` with its 95 % band `low_A`, `high_A`; `attainable` (if not, `current_A` gives the nearest
+            force), `least_N`, `most_N` (what the tested currents give); `force_N` at that current with `low_N`,
+            `high_N`; `gain_N_A` (dF/dI); `resolvable` (the band is within 10 % of the tested currents' range each way);
+            `extrapolates`, `beyond`; states.
+
+        Raises:
+            FileProblem: arrays that do not fit together, or neither states nor time for a model with states.
+            IdentificationFailed: the tests ran at one current.
+        """
+        from rig.identification.application.inversion import inverse
+        from rig.identification.application.motion_table import motion_of
+
+        given = np.atleast_1d(np.asarray(force_N, dtype=float))
+        count = max(np.size(one) for one in (given, velocity_m_s, displacement_m, time_s) if one is not None)
+        table = {
+            "time_s": time_s, "displacement_m": displacement_m, "velocity_m_s": velocity_m_s,
+            "acceleration_m_s2": acceleration_m_s2, "current_A": np.zeros(count), "force_N": given,
+        }  # fmt: skip
+        motion = motion_of(table, 0.0)
+        wanted = np.ascontiguousarray(np.broadcast_to(given, (motion.u_m.size,)))
+        chosen = None if state is None else np.asarray(state, dtype=float)
+        return inverse(self.law, self.tested, motion, wanted, chosen)
+
+    def control_range(self: Found) -> pd.DataFrame:
+        """What the current can do at each tested speed: forces, dF/dI, whether they can be inverted, passivity.
+
+        See `rig.identification.application.inversion.control_range`.
+
+        Raises:
+            IdentificationFailed: the tests ran at one current.
+        """
+        from rig.identification.application.inversion import control_range
+
+        return control_range(self.law, self.tested)
+
+    def controller(
+        self: Found, dt_s: float, *, limits_A: tuple[float, float] | None = None, mid_stroke_m: float = 0.0
+    ) -> Controller:
+        """Current commands for wanted forces, one `step` a sampling interval of `dt_s` (s), the coil's lag undone.
+
+        See `rig.identification.application.controller.Controller`.
+
+        Raises:
+            FileProblem: an interval or limits that are none.
+            IdentificationFailed: the tests ran at one current.
+        """
+        from rig.identification.application.controller import Controller
+
+        return Controller(self.law, self.tested, dt_s, limits_A, mid_stroke_m)
+
+
+class FitPlots:
+    """Figures of a fit."""
+
+    def __init__(self, fit: Found) -> None:
+        self._fit = fit
+
+    def loops(self) -> Figure:
+        """Measured and modelled loops of the fitted tests, as a matplotlib figure (`figure.savefig("loops.pdf")`).
+
+        Raises:
+            IdentificationFailed: matplotlib is not installed, or there is nothing to draw.
+            FileProblem: a test's file, which a loaded fit names, cannot be read.
+        """
+        from rig.identification.application.drawing import loops
+
+        return loops(self._fit.law, self._fit.tests or _tests_of_files(self._fit))
+
+
+def _tests_of_files(fit: Found) -> list[Measurement]:
+    """One cycle of each fitted test, read again from its file; those without a file are left out."""
+    from rig.identification.points.preparation import prepare
+    from rig.recording.recorded_point import RecordedPoint
+
+    return [prepare(RecordedPoint.open(Path(test.file))) for test in fit.error.per_test if test.file]

@@ -1,0 +1,196 @@
+"""The car file: masses, springs, tyres and levers of a quarter, half or full car, with where the numbers are from."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from rig.bench.problems import load_section
+from rig.bench.quantity import Problem, Quantity
+from rig.bench.section import Section, located
+from rig.errors import FileProblem
+
+FOLDER = Path(__file__).parent / "cars"
+KINDS = ("quarter", "half", "full")
+Kind = Literal["quarter", "half", "full"]
+Mass = Annotated[float, Quantity("mass", "1 kg", "100000 kg")]
+Inertia = Annotated[float, Quantity("moment of inertia", "1 kg m^2", "1000000 kg m^2")]
+Rate = Annotated[float, Quantity("stiffness", "100 N/m", "100 kN/mm")]
+Damping = Annotated[float, Quantity("damping", "0 N s/m", "100 kN s/m")]
+Distance = Annotated[float, Quantity("length", "1 cm", "20 m")]
+Travel = Annotated[float, Quantity("length", "1 mm", "1 m")]
+
+
+class Body(Section):
+    """The sprung mass; of a quarter car what one wheel carries, of a half car one side."""
+
+    mass_kg: Mass = Field(alias="mass")
+    pitch_inertia_kg_m2: Inertia | None = Field(
+        default=None, alias="pitch_inertia", description="about the centre of gravity; half and full car"
+    )
+    roll_inertia_kg_m2: Inertia | None = Field(
+        default=None, alias="roll_inertia", description="about the centre of gravity; full car"
+    )
+
+
+class Axle(Section):
+    """One axle; every number is that of one wheel."""
+
+    unsprung_mass_kg: Mass = Field(alias="unsprung_mass")
+    wheel_rate_N_m: Rate = Field(alias="wheel_rate", description="spring, at the wheel")
+    tyre_stiffness_N_m: Rate = Field(alias="tyre_stiffness")
+    tyre_damping_N_s_m: Damping = Field(default=0.0, alias="tyre_damping")
+    damping_N_s_m: Damping = Field(
+        default=0.0, alias="damping", description="at the wheel, beside the damper: bushings and friction"
+    )
+    motion_ratio: float = Field(
+        default=1.0, ge=0.1, le=2.0, description="travel of the damper for each travel of the wheel"
+    )
+    distance_m: Distance | None = Field(
+        default=None, alias="distance", description="of the axle from the centre of gravity; half and full car"
+    )
+    track_m: Distance | None = Field(default=None, alias="track", description="full car")
+    anti_roll_N_m: Annotated[float, Quantity("stiffness", "0 N/m", "10 kN/mm")] = Field(
+        default=0.0, alias="anti_roll",
+        description="anti-roll bar: force at each wheel for each metre between left and right wheel's travel",
+    )
+    jounce_travel_m: Travel = Field(default=0.08, alias="jounce_travel", description="of the wheel to the jounce stop")
+    rebound_travel_m: Travel = Field(
+        default=0.08, alias="rebound_travel", description="of the wheel to the rebound stop"
+    )
+    stop_stiffness_N_m: Rate = Field(default=2e5, alias="stop_stiffness", description="of both stops, at the wheel")
+
+
+class Car(Section):
+    """One car."""
+
+    format: Literal[1]
+    name: str = Field(min_length=1, max_length=120)
+    kind: Kind
+    source: str = Field(min_length=1, max_length=2000, description="where the numbers are from")
+    estimate: bool = Field(default=False, description="the numbers are no measurement of one car")
+    body: Body
+    front: Axle = Field(description="of a quarter car its only one")
+    rear: Axle | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        problems = [*self._missing(), *self._beside()]
+        if not problems and self.kind == "full":
+            problems += self._beyond_its_size()
+        if problems:
+            raise located(problems)
+        return self
+
+    def _wanted(self) -> dict[tuple[str, ...], bool]:
+        """Entries that not every kind of car has, and whether this one has them."""
+        several, full = self.kind != "quarter", self.kind == "full"
+        wanted: dict[tuple[str, ...], bool] = {
+            ("body", "pitch_inertia"): several, ("body", "roll_inertia"): full, ("rear",): several,
+        }
+        for name in ("front", "rear") if self.rear is not None else ("front",):
+            wanted |= {(name, "distance"): several, (name, "track"): full}
+        return wanted
+
+    def _given(self, place: tuple[str, ...]) -> bool:
+        if place == ("rear",):
+            return self.rear is not None
+        table: Section | None = {"body": self.body, "front": self.front, "rear": self.rear}[place[0]]
+        if table is None:
+            return False
+        return any(
+            getattr(table, name) is not None
+            for name, field in type(table).model_fields.items() if field.alias == place[1]
+        )  # fmt: skip
+
+    def _missing(self) -> list[Problem]:
+        return [
+            (place, f"is missing; a {self.kind} car needs it")
+            for place, wanted in self._wanted().items() if wanted and not self._given(place)
+        ]  # fmt: skip
+
+    def _beside(self) -> list[Problem]:
+        def needs(entry: str) -> str:
+            return "full" if entry in {"track", "roll_inertia"} else "half"
+
+        return [
+            (place, f"a {self.kind} car has none; leave it out, or say kind = \"{needs(place[-1])}\"")
+            for place, wanted in self._wanted().items() if not wanted and self._given(place)
+        ]  # fmt: skip
+
+    def _beyond_its_size(self) -> list[Problem]:
+        """Inertias that no body between these wheels can have: all mass would have to be outside of them."""
+        axles = [axle for axle in (self.front, self.rear) if axle is not None]
+        length_m = max(axle.distance_m or 0.0 for axle in axles) + 1.5
+        width_m = max(axle.track_m or 0.0 for axle in axles) / 2.0 + 0.5
+        problems: list[Problem] = []
+        for place, inertia, reach_m in (
+            ("pitch_inertia", self.body.pitch_inertia_kg_m2, length_m),
+            ("roll_inertia", self.body.roll_inertia_kg_m2, width_m),
+        ):
+            most = self.body.mass_kg * reach_m**2
+            if inertia is not None and inertia > most:
+                problems.append((
+                    ("body", place),
+                    f"too large; {self.body.mass_kg:g} kg within {reach_m:.3g} m have at most {most:.4g} kg m^2",
+                ))
+        return problems
+
+    @cached_property
+    def corner_axles(self) -> tuple[Axle, ...]:
+        """The axle of each wheel: front left, front right, rear left, rear right."""
+        if self.rear is None:
+            return (self.front,)
+        if self.kind == "half":
+            return (self.front, self.rear)
+        return (self.front, self.front, self.rear, self.rear)
+
+    @property
+    def sides(self) -> tuple[float, ...]:
+        """+1 for each left wheel, -1 for each right one; a half car is a left side."""
+        return (1.0, -1.0, 1.0, -1.0) if self.kind == "full" else (1.0,) * len(self.corner_axles)
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Of each wheel among front left, front right, rear left, rear right of a full car."""
+        return {"quarter": (0,), "half": (0, 2), "full": (0, 1, 2, 3)}[self.kind]
+
+    @property
+    def lever_m(self) -> tuple[float, ...]:
+        """How far each wheel is in front of the centre of gravity (m)."""
+        if self.rear is None:
+            return (0.0,)
+        front, rear = self.front.distance_m or 0.0, -(self.rear.distance_m or 0.0)
+        return (front, rear) if self.kind == "half" else (front, front, rear, rear)
+
+    @property
+    def wheelbase_m(self) -> float:
+        """Between the axles (m); 0 of a quarter car."""
+        return self.lever_m[0] - self.lever_m[-1]
+
+    @property
+    def body_inertia(self) -> tuple[float, ...]:
+        """Mass (kg) and the inertias (kg m^2) of the body's degrees of freedom."""
+        every = (self.body.mass_kg, self.body.pitch_inertia_kg_m2 or 0.0, self.body.roll_inertia_kg_m2 or 0.0)
+        return every[: 1 + KINDS.index(self.kind)]
+
+
+def car_names() -> tuple[str, ...]:
+    """Names of the cars that come with the program."""
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+
+
+def load_car(given: str | Path) -> Car:
+    """A car by the name of one that comes with the program, or by file.
+
+    Raises:
+        FileProblem: with every wrong entry of the file, or the names that are known.
+    """
+    name = str(given)
+    path = FOLDER / f"{name}.toml" if name in car_names() else Path(given)
+    if not path.exists():
+        raise FileProblem(name, [f"there is no such file, and no car of that name; known: {', '.join(car_names())}"])
+    return load_section(path, Car, "car")[0]

@@ -1,0 +1,117 @@
+"""Dampers for a car from a fit or from a named parameter set, with draws from what the fit says it does not know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig import dampers
+from rig.errors import FileProblem, RigError
+from rig.text_file import read_json
+from rig.vehicle.motion import CornerDamper
+
+
+@dataclass(frozen=True)
+class FittedDamper:
+    """One damper, and others that the same tests would have given.
+
+    Attributes:
+        name: as it was asked for.
+        damper: the best values.
+        draws: from the covariance of the fit; empty where it has none.
+        adequate: what the fit says of itself; None: it is no fit, or says nothing.
+        remark: what a reader has to know of the interval.
+    """
+
+    name: str
+    damper: CornerDamper
+    draws: tuple[CornerDamper, ...] = ()
+    adequate: bool | None = None
+    remark: str = ""
+
+
+def fitted_damper(given: str, members: int, seed: int = 0) -> FittedDamper:
+    """The damper of a parameter set by name, of a fit.json, or of a run's folder with one.
+
+    Args:
+        given: name or path; a path where there is one.
+        members: how many draws.
+        seed: of the draws.
+
+    Raises:
+        FileProblem: neither a set nor a fit, or a fit without a value for every parameter.
+    """
+    path = Path(given)
+    if path.exists():
+        return _of_file(given, path / "fit.json" if path.is_dir() else path, members, seed)
+    if given not in dampers.PARAMETER_SETS:
+        raise FileProblem(
+            given, ["there is no such fit.json, run, or parameter set; sets: " + ", ".join(dampers.PARAMETER_SETS)]
+        )
+    values = dampers.parameter_set(given)
+    model = dampers.model(values.model, values.hysteresis)
+    return FittedDamper(given, CornerDamper(model, dict(values.values)), remark="a parameter set: no interval")
+
+
+def _of_file(given: str, path: Path, members: int, seed: int) -> FittedDamper:
+    if not path.is_file():
+        raise FileProblem(str(path), ["there is no fit in this run; `rig identify` makes one"])
+    fit = read_json(path)
+    entries = fit.get("parameters")
+    if not isinstance(entries, dict) or not all(isinstance(entry, dict) for entry in entries.values()):
+        raise FileProblem(str(path), ["not a fit: expected a JSON object with `model` and `parameters`"])
+    try:
+        model = dampers.model(str(fit.get("model")), fit.get("hysteresis", "kwok"))
+    except RigError as error:
+        raise FileProblem(str(path), [str(error)]) from error
+    values = {name: entry["value"] for name, entry in entries.items() if entry.get("value") is not None}
+    missing = [name for name in model.names if name not in values and name != "eta"]
+    if missing:
+        way = "" if "affine" in str((fit.get("current") or {}).get("dependence", "affine")) else (
+            "; it holds one fit for each current: identify again with --current affine"
+        )
+        raise FileProblem(str(path), [f"no value for {', '.join(missing)}{way}"])
+    known = {name: float(values.get(name, model.parameter(name).start)) for name in model.names}
+    damper = CornerDamper(model, known)
+    adequate = fit.get("adequate")
+    remark = (
+        "the interval is that of the parameters; the model does not reach the tests' own scatter, and that misfit is "
+        "not in it" if adequate is False else ""
+    )
+    return FittedDamper(given, damper, _draws(damper, entries, fit, members, seed), adequate, remark)
+
+
+def _draws(
+    damper: CornerDamper, entries: Mapping[str, Any], fit: Mapping[str, Any], members: int, seed: int
+) -> tuple[CornerDamper, ...]:
+    """Dampers from the fit's standard errors and correlations; a parameter stays within its limits."""
+    errors = {
+        name: float(entry["standard_error"]) for name, entry in entries.items()
+        if name in damper.values and isinstance(entry.get("standard_error"), (int, float))
+        and np.isfinite(entry["standard_error"])
+    }  # fmt: skip
+    if not errors or members == 0:
+        return ()
+    names = list(errors)
+    correlation = fit.get("correlation") or {}
+    matrix = np.array([
+        [1.0 if a == b else float((correlation.get(a) or {}).get(b) or 0.0) for b in names] for a in names
+    ])
+    rates, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    root = vectors * np.sqrt(np.clip(rates, 0.0, None))
+    scale = np.array([errors[name] for name in names])
+    random = np.random.default_rng(seed)
+    made = []
+    for _ in range(members):
+        change = scale * (root @ random.standard_normal(len(names)))
+        values = dict(damper.values)
+        for name, off in zip(names, change, strict=True):
+            parameter = damper.model.parameter(name)
+            low, high = min(parameter.low, values[name]), max(parameter.high, values[name])
+            values[name] = float(np.clip(values[name] + off, low, high))
+        made.append(CornerDamper(damper.model, values))
+    return tuple(made)

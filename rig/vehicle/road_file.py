@@ -1,0 +1,192 @@
+"""The road file: what a road is made of, with units; or the name of a road that comes with the program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from rig.bench.problems import load_section
+from rig.bench.quantity import Problem, Quantity
+from rig.bench.section import Section, located
+from rig.dampers.arrays import FloatArray
+from rig.errors import FileProblem
+from rig.vehicle.road import (
+    CLASSES,
+    Obstacle,
+    RandomRoad,
+    Road,
+    Sweep,
+    obstacle_road,
+    random_road,
+    recorded_road,
+    sweep_road,
+)
+
+FOLDER = Path(__file__).parent / "roads"
+Duration = Annotated[float, Quantity("time", "1 s", "3600 s")]
+Speed = Annotated[float, Quantity("speed", "0.1 m/s", "100 m/s")]
+Height = Annotated[float, Quantity("length", "0 mm", "50 cm", above=True)]
+Length = Annotated[float, Quantity("length", "1 cm", "100 m")]
+Hertz = Annotated[float, Quantity("frequency", "0 Hz", "100 Hz")]
+MOST_BYTES = 200_000_000
+
+
+class SweepTable(Section):
+    """`[sweep]`."""
+
+    duration_s: Duration = Field(default=60.0, alias="duration")
+    first_Hz: Hertz = Field(default=0.0, alias="first_frequency")
+    last_Hz: Hertz = Field(default=18.0, alias="last_frequency")
+    first_m: Height = Field(default=4e-3, alias="first_height", description="peak to peak, at the beginning")
+    last_m: Height = Field(default=1e-3, alias="last_height", description="peak to peak, at the end")
+    phase_deg: float = Field(default=90.0, ge=-360.0, le=360.0, description="of the right side behind the left one")
+
+    def problems(self) -> list[Problem]:
+        """What its entries say together."""
+        if self.last_Hz > self.first_Hz:
+            return []
+        return [(("last_frequency",), "must be above first_frequency")]
+
+
+class RandomTable(Section):
+    """`[random]`: ISO 8608."""
+
+    road_class: Literal["A", "B", "C", "D", "E", "F", "G", "H"] = Field(alias="class")
+    duration_s: Duration = Field(default=60.0, alias="duration")
+    coherence: Literal["isotropic", "equal", "independent"] = "isotropic"
+    track_m: Length = Field(default=1.6, alias="track", description="between left and right wheels")
+    seed: int = Field(default=0, ge=0)
+
+
+class ObstacleTable(Section):
+    """`[bump]` and `[pothole]`."""
+
+    height_m: Height = Field(alias="height", description="of a pothole its depth")
+    length_m: Length = Field(alias="length", description="along the road")
+    edge_m: Length = Field(default=0.1, alias="edge", description="of a pothole: over which it falls and rises")
+    start_m: Annotated[float, Quantity("length", "0 m", "10000 m")] = Field(default=10.0, alias="start")
+    sides: Literal["both", "left", "right"] = "both"
+    duration_s: Duration = Field(default=10.0, alias="duration")
+
+
+class RecordedTable(Section):
+    """`[profile]` (distance, heights) and `[drive]` (time, heights): a CSV file with one line of names."""
+
+    file: str = Field(
+        min_length=1, description="beside the road file; columns: distance_m or time_s, then heights in m"
+    )
+
+
+class RoadFile(Section):
+    """One road."""
+
+    format: Literal[1]
+    name: str = Field(min_length=1, max_length=120)
+    source: str = Field(default="", max_length=2000)
+    speed_m_s: Speed | None = Field(default=None, alias="speed", description="of the car; a drive file has none")
+    sweep: SweepTable | None = None
+    random: RandomTable | None = None
+    bump: ObstacleTable | None = None
+    pothole: ObstacleTable | None = None
+    profile: RecordedTable | None = None
+    drive: RecordedTable | None = None
+
+    @model_validator(mode="after")
+    def _one_road(self) -> Self:
+        tables = ("sweep", "random", "bump", "pothole", "profile", "drive")
+        given = [name for name in tables if getattr(self, name) is not None]
+        problems: list[Problem] = []
+        if len(given) != 1:
+            shown = ", ".join(f"[{name}]" for name in tables)
+            problems.append(((given[1],) if given else ("name",), f"a road is one of {shown}; {len(given)} are given"))
+        elif given == ["drive"] and self.speed_m_s is not None:
+            problems.append((("speed",), "a drive file moves posts; leave the speed out"))
+        elif given != ["drive"] and self.speed_m_s is None:
+            problems.append((("speed",), f"is missing; [{given[0]}] is driven over at a speed, such as \"25 m/s\""))
+        if self.sweep is not None:
+            problems += [(("sweep", *place), text) for place, text in self.sweep.problems()]
+        if problems:
+            raise located(problems)
+        return self
+
+    def road(self, folder: Path) -> Road:
+        """The road; CSV files are looked for in `folder`.
+
+        Raises:
+            FileProblem: a CSV file cannot be used.
+        """
+        speed_m_s = self.speed_m_s or 0.0
+        if self.sweep is not None:
+            own = self.sweep
+            sweep = Sweep(own.duration_s, own.first_Hz, own.last_Hz, own.first_m, own.last_m, own.phase_deg)
+            return sweep_road(sweep, self.name, speed_m_s)
+        if self.random is not None:
+            chance = self.random
+            length_m = max(chance.duration_s * speed_m_s, 2.0 / 0.011)
+            road = RandomRoad(
+                float(CLASSES[chance.road_class]), length_m, chance.coherence, chance.track_m, chance.seed
+            )
+            return random_road(road, chance.duration_s, speed_m_s, self.name)
+        if self.profile is not None or self.drive is not None:
+            table = self.profile or self.drive
+            at, heights = read_heights(folder / str(table and table.file), "distance_m" if self.profile else "time_s")
+            return recorded_road(at, heights, speed_m_s, self.name)
+        return self._obstacle(speed_m_s)
+
+    def _obstacle(self, speed_m_s: float) -> Road:
+        hole = self.bump is None
+        given = self.pothole if self.bump is None else self.bump
+        if given is None:
+            raise ValueError("a road file without a road was not refused")
+        obstacle = Obstacle(given.height_m, given.length_m, given.edge_m, given.start_m, given.sides, hole)
+        return obstacle_road(obstacle, given.duration_s, speed_m_s, self.name)
+
+
+def read_heights(path: Path, first: str) -> tuple[FloatArray, FloatArray]:
+    """Abscissa (k,) and heights (k, 1..4) of a CSV file with a line of names.
+
+    Raises:
+        FileProblem: no such file, other columns, or rows that are no ascending finite numbers.
+    """
+    if not path.is_file():
+        raise FileProblem(str(path), ["there is no such file"])
+    if path.stat().st_size > MOST_BYTES:
+        raise FileProblem(str(path), [f"{path.stat().st_size / 1e6:.0f} MB; at most {MOST_BYTES / 1e6:.0f} MB"])
+    with path.open(encoding="utf-8", errors="replace") as file:
+        names = [name.strip() for name in file.readline().split(",")]
+        if names[:1] != [first] or len(names) not in {2, 3, 5}:
+            raise FileProblem(
+                str(path), [f"line 1: columns {', '.join(names)[:80]!r}; expected {first} and 1, 2 or 4 columns of "
+                            "heights in m, with commas between"],
+            )
+        try:
+            table = np.loadtxt(file, delimiter=",", ndmin=2)
+        except ValueError as error:
+            raise FileProblem(str(path), [f"not a table of numbers: {error}"]) from error
+    if len(table) < 2 or table.shape[1] != len(names):
+        raise FileProblem(str(path), [f"{len(table)} rows of {len(names)} columns are no road; two rows at least"])
+    if not np.all(np.isfinite(table)) or np.any(np.diff(table[:, 0]) <= 0.0):
+        row = int(np.argmax(~(np.diff(table[:, 0]) > 0.0))) + 3
+        raise FileProblem(str(path), [f"line {row}: {first} does not rise, or a value is no finite number"])
+    return table[:, 0], table[:, 1:]
+
+
+def road_names() -> tuple[str, ...]:
+    """Names of the roads that come with the program."""
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+
+
+def load_road(given: str | Path) -> Road:
+    """A road by the name of one that comes with the program, or by file.
+
+    Raises:
+        FileProblem: with every wrong entry of the file, or the names that are known.
+    """
+    name = str(given)
+    path = FOLDER / f"{name}.toml" if name in road_names() else Path(given)
+    if not path.exists():
+        raise FileProblem(name, [f"there is no such file, and no road of that name; known: {', '.join(road_names())}"])
+    return load_section(path, RoadFile, "road")[0].road(path.parent)

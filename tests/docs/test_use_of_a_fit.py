@@ -1,0 +1,49 @@
+"""The recipes of the how-to on using a fit run as they stand."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.dampers import model
+from rig.identification import Measurement, identify
+from rig.identification.runs import write_fit
+
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "use-a-fitted-model.md"
+
+
+def sines() -> list[Measurement]:
+    """Sines of 20 mm at two frequencies and two currents, 5 N of noise."""
+    rng, damper = np.random.default_rng(3), model("asymmetric")
+    values = damper.demonstration
+    tests = []
+    for frequency_Hz in (0.5, 1.0, 2.0):
+        for current_A in (0.0, 1.0, 2.0):
+            t = np.arange(round(3.0 / frequency_Hz * 500)) / 500.0
+            omega, amps = 2.0 * np.pi * frequency_Hz, np.full(t.size, current_A)
+            u, v = 0.02 * np.sin(omega * t), 0.02 * omega * np.cos(omega * t)
+            force = damper.force(values, u, v, -(omega**2) * u, amps, 0.002) + rng.normal(0.0, 5.0, t.size)
+            tests.append(Measurement(
+                f"p{len(tests)}", u, v, -(omega**2) * u, force, amps, 0.002, amplitude_m=0.02,
+                frequency_Hz=frequency_Hz, nominal_current_A=current_A, noise_N=5.0,
+                samples_per_cycle=round(500 / frequency_Hz),
+            ))  # fmt: skip
+    return tests
+
+
+def test_every_recipe_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "RUN" / "points").mkdir(parents=True)
+    write_fit(identify(sines()), tmp_path / "RUN")
+    monkeypatch.chdir(tmp_path)
+    recipes = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(recipes) == 5
+    names: dict[str, Any] = {}
+    for recipe in recipes:
+        exec(recipe, names)
+    assert list(names["answer"]["attainable"]) == [True, False]
+    assert names["motion"].shape[0] == 1000
+    assert names["command"].attainable
