@@ -151,11 +151,6 @@ class ActuatorConfig(Settings):
         link = ("url", "device_id", "poll_s", "timeout_s", "stale_after_s", "watchdog_s", "setpoint_late_s")
         return dict.fromkeys(link, True)
 
-    def problems(self) -> Iterator[Problem]:
-        """A device id that a serial line has: 0 speaks to all devices at once, and nobody answers."""
-        if self.url.startswith("modbus-rtu") and not 1 <= self.device_id <= LAST_SERIAL_ID:
-            yield ("device_id",), f"is no device on a serial line: 1 to {LAST_SERIAL_ID} there"
-
     @property
     def takes_pressure_away(self) -> bool:
         """It can be told to take the hydraulic pressure away."""
@@ -174,7 +169,9 @@ class ActuatorConfig(Settings):
         return make_actuator(self.register_map, ActuatorConnection(self.url)).capabilities.triangle
 
     def problems(self) -> Iterator[Problem]:
-        """The controller's watchdog has tripped by the time at which the station counts on it."""
+        """A serial line has the device id, and the watchdog has tripped by the time at which the station counts on it."""
+        if self.url.startswith("modbus-rtu") and not 1 <= self.device_id <= LAST_SERIAL_ID:
+            yield ("device_id",), f"is no device on a serial line: 1 to {LAST_SERIAL_ID} there"
         own_s = watchdog_time_s(self.register_map)
         if own_s > self.watchdog_s:
             yield ("watchdog",), (
