@@ -39,6 +39,7 @@ class EcuFaults:
     coil_short: bool = False
     stuck_current: bool = False
     full_current: bool = False
+    least_A: float = 0.0
     gain: float = 1.0
     silent: bool = False
     late: bool = False
@@ -173,11 +174,13 @@ class Ecu:
         self._drive()
 
     def _drive(self) -> None:
-        """What the output stage makes of the set-point, faults included."""
+        """What the output stage makes of the set-point, faults included; one that has a least current never gives 0."""
         wanted_A = self._regulated_A() * self.faults.gain
         eta_1_s = self._eta_1_s
         if self.faults.stuck_current:
             wanted_A = self.plant.value("current_A")
+        if abs(wanted_A) < self.faults.least_A:
+            wanted_A = self.faults.least_A
         if self.faults.full_current:
             wanted_A = self.options.limit_A
         if self.faults.coil_open:

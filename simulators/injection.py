@@ -32,6 +32,7 @@ DRIFT_PPM = 500.0
 TRACKING_GAIN = 0.7
 OVERCURRENT_GAIN = 3.0
 LOW_SUPPLY_V = 7.0
+LEAST_A = 0.3
 WRONG_DAMPER_SCALE = 1.6
 LOOSE_PLAY_M = 2e-3
 LOOSE_STIFFNESS_N_M = 5e6
@@ -277,6 +278,13 @@ LASTING_VARIANTS: dict[str, LastingInjector] = {
     "not-tared:lvdt": _not_tared("lvdt", LVDT_ZERO_SHARE),
     **BEYOND_LASTING,
 }
+def _never_zero(rig: Faulty) -> Undo:
+    """The output stage leaves a current that no command takes away: a relay that sticks, a lowest set-point above 0."""
+    undo = _switch(rig.ecu.faults, "least_A", LEAST_A)
+    rig.ecu.obey(0.0, enable=False, clear_faults=False)
+    return undo
+
+
 PASSING: dict[str, PassingInjector] = {
     "modbus-busy": _switched(_link, "busy"),
     "modbus-reject": _switched(_link, "reject_writes"),
@@ -298,6 +306,7 @@ PASSING: dict[str, PassingInjector] = {
     "coil-open-short": _switched(_ecu, "coil_open"),
     "current-tracking": _switched(_ecu, "gain", TRACKING_GAIN),
     "current-stuck": _switched(_ecu, "stuck_current"),
+    "supply-not-zero": _never_zero,
     "serial-garbage": _switched(_load_cell, "garbage"),
     "serial-baud": _switched(_load_cell, "wrong_baud"),
     "sensor-stuck": _switched(_load_cell, "stuck"),

@@ -42,6 +42,7 @@ ONLY_BY_ECU = frozenset({
     "current-stuck:full",
 })
 """Faults of a bus, of what a supply does not tell, or seen sooner than a supply is asked."""
+ONLY_BY_SUPPLY = frozenset({"supply-not-zero"})
 
 
 @dataclass(frozen=True)
@@ -79,9 +80,12 @@ def check_source(faults: Iterable[ScheduledFault], *, supply: bool) -> None:
     Raises:
         FileProblem: each is named.
     """
-    wrong = [fault.name for fault in faults if supply and fault.name in ONLY_BY_ECU]
+    foreign = ONLY_BY_ECU if supply else ONLY_BY_SUPPLY
+    wrong = [fault.name for fault in faults if fault.name in foreign]
     if wrong:
-        told = "happens only where an ECU on CAN drives the coil, not with --supply"
+        told = "happens only where a supply drives the coil: add --supply generic-scpi, or your own"
+        if supply:
+            told = "happens only where an ECU on CAN drives the coil, not with --supply"
         raise FileProblem("--fault", [f"{name!r} {told}" for name in wrong])
 
 
@@ -176,7 +180,8 @@ def drawn_faults(
     """
     chance = random.Random(seed)
     possible = [slug for slug in INJECTORS if ONLY_ON.get(slug) is None or ONLY_ON[slug] in kinds]
-    possible = [slug for slug in possible if not (supply and slug in ONLY_BY_ECU)]
+    foreign = ONLY_BY_ECU if supply else ONLY_BY_SUPPLY
+    possible = [slug for slug in possible if slug not in foreign]
     slugs = chance.sample(sorted(possible), chance.randint(1, MOST_DRAWN))
     faults = (drawn_fault(slug, chance, within_s) for slug in slugs)
     kept = (replace(f, variant="") if supply and f.name in ONLY_BY_ECU else f for f in faults)

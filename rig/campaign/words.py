@@ -17,6 +17,9 @@ MESSAGES = {
     "for this test's force (blame: bench){advice}",
     "current-zero": "the ECU reports {zero} mA while its output stage is off, allowed {limit_mA:.3g} mA (blame: bench)"
     "{advice}",
+    "supply-not-zero": "the supply gives {zero} mA though nothing was set, allowed {limit_mA:.3g} mA (blame: bench); "
+    "switch its output off at the supply; one that cannot give 0 A cannot drive this coil; an offset of its "
+    "measurement goes into [checks] current_zero",
     "rest-position": "LVDT at rest: {value_mm:.3g} mm, allowed {low_mm:g}..{high_mm:g} mm{advice}",
     "few-rest-samples": "too few samples from the resting rig",
     # The proof move

@@ -77,4 +77,9 @@ ROWS = (
         limit_s=0.2, reaction="S1, cut coil supply", end=StopKind.PRESSURE_OFF, disk="J", resume="n",
         code=28, detector="measured current after 0 A was commanded",
     ),
+    FaultRow(
+        slug="supply-not-zero", fault="Supply that cannot give 0 A",
+        where="wire", place="ecu", detected_by="measured current at rest, and at 0 A when arming",
+        occasion="preflight", reaction="R", end=Ending.REFUSE, disk="N", resume="c",
+    ),
 )

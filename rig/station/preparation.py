@@ -211,7 +211,8 @@ class Preparation:
             raise StationRefused("coil-not-ready", f"arm: ECU {coil.describe()}")
         current_A = coil.fresh_current_A
         if current_A is None or abs(current_A) >= ZERO_CURRENT_A:
-            raise StationRefused("current-stuck", f"arm: measured current {current_A} A at 0 A commanded")
+            slug = "current-stuck" if self._devices.config.ecu.url is None else "supply-not-zero"
+            raise StationRefused(slug, f"arm: measured current {current_A} A at 0 A commanded")
         return current_A
 
     def starve_watchdog(self) -> float | None:

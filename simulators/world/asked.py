@@ -20,7 +20,7 @@ from rig.text_file import read_text
 from simulators.bench import Addresses, bench_text
 from simulators.injection import NEEDS_AUXILIARY
 from simulators.options import RigOptions
-from simulators.schedule import BY_ID, ONLY_ON
+from simulators.schedule import BY_ID, ONLY_BY_SUPPLY, ONLY_ON
 from simulators.world.plan import STALLS, Given, Happening, WorldPlan, drawn, happens_by_hand, happens_to_supply
 from simulators.world.user_bench import LARGEST_BENCH, UserBench, longest_s
 
@@ -169,6 +169,8 @@ def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
             problem = f"happens only where the controller is reached by {needed}; {has}"
         elif given.supply and not happens_to_supply(happening.what):
             problem = "does not happen where a supply drives the coil: no bus, and its current outlives its host"
+        elif happening.what in ONLY_BY_SUPPLY and not given.supply:
+            problem = "happens only where a supply drives the coil; give a --bench that has one"
         elif given.by_hand and not happens_by_hand(happening.what):
             problem = "does not happen where the current is set by hand: nothing tells of the coil, and who asks lives"
         elif happening.what in NEEDS_AUXILIARY and not given.auxiliary:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from rig.errors import FileProblem
 from rig.faults.matrix import MATRIX
 from simulators.injection import BEYOND_LIMITS, INJECTORS, NEEDS_AUXILIARY, PASSING_VARIANTS
-from simulators.schedule import ONLY_BY_ECU, ONLY_ON, drawn_fault, parse_fault
+from simulators.schedule import ONLY_BY_ECU, ONLY_BY_SUPPLY, ONLY_ON, drawn_fault, parse_fault
 from simulators.world.kernel import HELD_UP_SHARE
 
 DISK = {"disk-full": errno.ENOSPC, "dir-readonly": errno.EROFS, "fsync-error": errno.EIO}
@@ -57,7 +57,7 @@ COOLS_S = 30.0
 """A hot ECU cools down by then; one that stays hot is waited for, up to an hour."""
 TICKS_S, TURNS_S = (0.004, 0.008, 0.01, 0.01), (0.004, 0.008, 0.008, 0.008)
 """The finer, the closer to a real rig, and the slower."""
-NEVER_DRAWN = frozenset(NEEDS_AUXILIARY) | {"usb-renumber"}
+NEVER_DRAWN = frozenset(NEEDS_AUXILIARY) | {"usb-renumber"} | ONLY_BY_SUPPLY
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
         Edit("rig/station/preparation.py", "(tripped.received_ns - begin_ns) / 1e9", "0.0"),
     ),
     "register-layout": (
-        Edit("drivers/modbus_actuator.py", "if getattr(identity, name) != value]:", "if False]:"),
+        Edit("drivers/modbus_actuator.py", "        if wrong:\n", "        if False:\n"),
     ),
     "load-train": (
         Edit(
@@ -73,6 +73,10 @@ MUTATIONS: dict[str, tuple[Edit, ...]] = {
     "current-stuck": (
         deaf_station("current-stuck"),
         Edit("rig/station/safe_stop.py", "else (stop, (StopAction.CURRENT_STUCK,))", "else (stop, ())"),
+    ),
+    "supply-not-zero": (
+        Edit("rig/campaign/preflight/rest_check.py", "not zero_A.beyond(0.0, limits.current_zero_A, SURE)", "True"),
+        Edit("rig/station/preparation.py", "if current_A is None or abs(current_A) >= ZERO_CURRENT_A:", "if False:"),
     ),
     "stop-ignored": (
         deaf_station("stop-ignored"),

@@ -192,6 +192,18 @@ def current_stays(campaign: WorldCampaign, ending: Ending) -> None:
     assert ending.verdicts() == {"p001": "valid"}
 
 
+def left_as_it_was(campaign: WorldCampaign, ending: Ending) -> None:
+    """Refused by name before anything was set or taken: the current that nobody here can take away is not increased."""
+    truth = ending.truth
+    assert ending.exit_code == MATRIX["supply-not-zero"].exit_code, ending.said
+    assert ending.answer["stopped_by"] == "supply-not-zero"
+    assert [line["slug"] for line in ending.log if line["event"] == "refused"] == ["supply-not-zero"]
+    assert not truth.all("ACQUIRE", "START")
+    assert np.ptp(truth.displacement_m) <= 1e-6
+    assert 0.25 < truth.current_A[-1] <= truth.current_A.max() < 0.35, "the fault"
+    assert_pressure_off(campaign)
+
+
 def fades_by_set_points(campaign: WorldCampaign, ending: Ending) -> None:
     """The device gets no stop command: the amplitude of what is streamed to it, late, goes to 0 over a cycle."""
     truth = ending.truth
@@ -320,6 +332,7 @@ ROW_WORLDS: dict[str, RowWorld] = {
     "host-silent": RowWorld(around=silent),
     "setpoints-late": RowWorld(faulty(f"setpoints-late@{FAULT_S}"), judge=fades_by_set_points),
     "current-stuck": RowWorld(faulty(f"current-stuck@{FAULT_S}"), judge=current_stays),
+    "supply-not-zero": RowWorld(faulty("supply-not-zero", "--supply", "generic-scpi"), judge=left_as_it_was),
     # Three polls, each behind two waits for what the devices hand over in a world.
     "rtu-crc": RowWorld(faulty(f"rtu-crc@{FAULT_S}"), allowed_s=0.19),
     # Two single spikes come first, which only warn.

@@ -58,6 +58,7 @@ class RestLimits:
         current_zero_A: what the ECU may report while its output stage is off.
         force_per_wire, displacement_per_wire: SI units per unit on the wire of load cell (N) and LVDT (m).
         force_offset_N, displacement_offset_m: what they show at zero.
+        supply: a supply drives the coil: what it shows is a current, not an offset of its measurement.
     """
 
     force_N: float
@@ -71,6 +72,7 @@ class RestLimits:
     displacement_per_wire: float
     force_offset_N: float
     displacement_offset_m: float
+    supply: bool = False
 
 
 def tolerances_of(bench: Bench, plan: Plan) -> Tolerances:
@@ -93,6 +95,7 @@ def rest_limits(bench: Bench, config: StationConfig, zero_N: float) -> RestLimit
         position_max_m=bench.limits.position_m[1], disagreement_m=config.disagreement_m, range_N=cell.range_N,
         zero_N=zero_N, current_zero_A=bench.checks.current_zero_A, force_per_wire=cell.sensitivity,
         displacement_per_wire=lvdt.sensitivity, force_offset_N=cell.offset, displacement_offset_m=lvdt.offset,
+        supply=bench.ecu.url is not None,
     )
 
 
@@ -192,7 +195,8 @@ def _current_zero(seen: AtRest, limits: RestLimits) -> StopCause | None:
     if zero_A is None or not zero_A.beyond(0.0, limits.current_zero_A, SURE):
         return None
     limit_mA = 1e3 * limits.current_zero_A
-    return because("not-tared", "current-zero", zero=zero_A.times(1e3).signed, limit_mA=limit_mA)
+    slug, words = ("supply-not-zero",) * 2 if limits.supply else ("not-tared", "current-zero")
+    return because(slug, words, zero=zero_A.times(1e3).signed, limit_mA=limit_mA)
 
 
 def _over(what: str, value: float, limit: float, unit: str) -> StopCause | None:
