@@ -169,7 +169,7 @@ class ActuatorConfig(Settings):
         return make_actuator(self.register_map, ActuatorConnection(self.url)).capabilities.triangle
 
     def problems(self) -> Iterator[Problem]:
-        """A serial line has the device id, and the watchdog has tripped by the time at which the station counts on it."""
+        """A serial line has the device id, and the watchdog has tripped by the time the station counts on it."""
         if self.url.startswith("modbus-rtu") and not 1 <= self.device_id <= LAST_SERIAL_ID:
             yield ("device_id",), f"is no device on a serial line: 1 to {LAST_SERIAL_ID} there"
         own_s = watchdog_time_s(self.register_map)

@@ -186,6 +186,18 @@ def test_a_contradictory_description_is_refused_with_its_reason(table: dict[str,
         from_description(table)
 
 
+@pytest.mark.parametrize(
+    "pattern", [r"(?P<value>(\d+)+(,\d+)?)", r"@(?P<value>(\d+\.?)+)N", r"(\w+ ?)*(?P<value>\d\.\d)"]
+)
+def test_a_pattern_whose_time_doubles_with_every_digit_is_refused(pattern: str) -> None:
+    with pytest.raises(FormatProblems, match="a repeat inside of a repeat"):
+        from_description({"pattern": pattern, "decimal_mark": "."})
+
+
+def test_a_repeated_group_that_is_read_in_one_way_is_no_slow_pattern() -> None:
+    from_description({"pattern": r"(?:[^;]*;)*(?P<value>\d+)"})
+
+
 def test_every_problem_of_a_description_is_told_at_once() -> None:
     table = {"pattern": r"(?P<value>\d+)", "terminator": "€", "decimals": 12, "scael": 2, "overload_tokens": "OL"}
     with pytest.raises(FormatProblems) as told:
