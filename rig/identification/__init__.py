@@ -11,6 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rig.identification.bootstrap import Bootstrap, bootstrap
     from rig.identification.fitting import identify
     from rig.identification.models.measurement import Measurement
     from rig.identification.models.problem import Problem
@@ -22,12 +23,14 @@ if TYPE_CHECKING:
     from rig.identification.uncertainty.fit import Estimate, Fit
 
 __all__ = [
+    "Bootstrap",
     "Estimate",
     "Fit",
     "Measurement",
     "Method",
     "Problem",
     "Weighting",
+    "bootstrap",
     "identify",
     "identify_run",
     "prepare",
@@ -35,12 +38,14 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Bootstrap": "bootstrap",
     "Estimate": "uncertainty.fit",
     "Fit": "uncertainty.fit",
     "Measurement": "models.measurement",
     "Method": "models.solving",
     "Problem": "models.problem",
     "Weighting": "models.projection",
+    "bootstrap": "bootstrap",
     "identify": "fitting",
     "identify_run": "runs",
     "prepare": "points.preparation",

@@ -40,8 +40,8 @@ def test_every_recipe_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     write_fit(identify(sines()), tmp_path / "RUN")
     monkeypatch.chdir(tmp_path)
     recipes = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(recipes) == 5
-    names: dict[str, Any] = {}
+    assert len(recipes) == 6
+    names: dict[str, Any] = {"tests": sines()}
     for recipe in recipes:
         exec(recipe, names)
     assert list(names["answer"]["attainable"]) == [True, False]

@@ -36,7 +36,7 @@ class Weighting:
         guard_s: time (s) around u = 0 whose samples do not count: the sensor's filter and the clocks do not let one say
             on which side of the tanh models' jump they lie.
         reversal_guard_s: time (s) around v = 0 whose samples do not count, for models that jump there.
-        extra: further weights, one array (n,) a measurement (robust losses).
+        extra: further weights, one array (n,) a measurement (robust losses, resampling).
     """
 
     weight: Weight = "1"
@@ -57,7 +57,10 @@ class Weighting:
             weights[speed < self.reversal_guard_s * np.abs(test.a_m_s2[rows])] = 0.0
         if test.usable is not None:
             weights[~test.usable[rows]] = 0.0
-        return weights if self.extra is None else weights * self.extra[index][rows]
+        if self.extra is None:
+            return weights
+        here = self.extra[index][: test.u_m.size]  # of a test's first cycle, the first of them
+        return np.asarray(weights * here[rows])
 
     def counting(self, test: Measurement, index: int) -> BoolArray:
         """Which samples of measurement number `index` count, shape (n,)."""

@@ -46,7 +46,7 @@ class Method:
         name: "separable", one of the papers' algorithms, or "zhu_three_step".
         weight: "1", "v", "relative" (separable fits only; see `Weighting`), or None for the method's own (the papers'
             algorithms: v; the others: 1).
-        loss: "squares", or "huber" (separable fits of models without internal states only).
+        loss: "squares", or "huber" (separable fits of models that are linear but for a few shape parameters).
         budget: evaluations of equation (12) for the papers' algorithms.
         population: candidates a generation.
         seed: of every random draw.
@@ -118,16 +118,16 @@ def solve(
         IdentificationFailed: the method is unknown, has not this loss for this model, or found nothing.
         GivenUp: the rival is so much better that the model was not fitted to the end.
     """
-    if method.loss != SQUARES and not (method.name == SEPARABLE and isinstance(model, AlgebraicModel)):
-        having = ", ".join(name for name, other in MODELS.items() if other.states == 0)
+    if method.loss != SQUARES and not (method.name == SEPARABLE and splits(model, measurements)):
+        having = ", ".join(name for name, other in MODELS.items() if splits(other, measurements))
         raise IdentificationFailed(
             f"{model.name} by {method.name} has no loss {method.loss!r}, only {SQUARES!r}; separable fits of "
-            f"models without internal states ({having}) have it"
+            f"models that are linear but for a few shape parameters ({having}) have it"
         )
     if method.name == SEPARABLE:
-        if isinstance(model, AlgebraicModel):
-            return _separable(model, measurements, method, frozenset(findings.held), start)
-        return _with_states(model, measurements, method, frozenset(findings.held), start, rival_N)
+        held, weighting = frozenset(findings.held), method.weighting(model)
+        solution = solve_weighted(model, measurements, weighting, held, start, rival_N)
+        return solution if method.loss == SQUARES else _robust(model, measurements, weighting, held, solution)
     if method.name == THREE_STEPS:
         from rig.identification.models.three_steps import solve_three_steps
 
@@ -137,23 +137,51 @@ def solve(
     return _search(model, measurements, method, findings)
 
 
-def _separable(
-    model: AlgebraicModel,
+def splits(model: DamperModel, measurements: Sequence[Measurement]) -> bool:
+    """Whether a model is linear but for a few shape parameters, so that weighted fits of it are quick and exact."""
+    return isinstance(model, AlgebraicModel) or model.separation(motion_scale(measurements)) is not None
+
+
+def solve_weighted(
+    model: DamperModel,
     measurements: Sequence[Measurement],
-    method: Method,
+    weighting: Weighting,
     held: frozenset[str],
-    near: Mapping[str, float] | None,
+    near: Mapping[str, float] | None = None,
+    rival_N: float = math.inf,
 ) -> Solution:
-    weighting = method.weighting(model)
-    shape = None if near is None else np.array([near[name] for name in model.shape_names])
-    solution = solve_separable(measurements, model, weighting, held=held, start=shape)
-    if method.loss == SQUARES:
-        return solution
-    evaluations = solution.evaluations
+    """The weighted least-squares fit of one model.
+
+    Args:
+        model: the damper model.
+        measurements: the tests.
+        weighting: which samples count, and how much.
+        held: parameters held at zero.
+        near: values of a fit to nearly the same tests.
+        rival_N: as in `solve`.
+
+    Raises:
+        IdentificationFailed: as `solve`.
+    """
+    if isinstance(model, AlgebraicModel):
+        shape = None if near is None else np.array([near[name] for name in model.shape_names])
+        return solve_separable(measurements, model, weighting, held=held, start=shape)
+    form = model.separation(motion_scale(measurements))
+    if form is not None:
+        return solve_loop(measurements, model, form, weighting, held, near)
+    from rig.identification.models.state_search import solve_states
+
+    return solve_states(measurements, model, weighting, held, near, rival_N)
+
+
+def _robust(
+    model: DamperModel, measurements: Sequence[Measurement], weighting: Weighting, held: frozenset[str], first: Solution
+) -> Solution:
+    """The fit by Huber's loss, from the one by least squares."""
+    solution, evaluations = first, first.evaluations
     for _ in range(ROBUST_ROUNDS):
         weighting = replace(weighting, extra=huber_weights(model, solution.values, measurements))
-        start = np.array([solution.values[name] for name in model.shape_names])
-        previous, solution = solution, solve_separable(measurements, model, weighting, held=held, start=start)
+        previous, solution = solution, solve_weighted(model, measurements, weighting, held, solution.values)
         evaluations += solution.evaluations
         moved = max(
             abs(solution.values[name] - previous.values[name]) / (abs(previous.values[name]) + 1e-9)
@@ -162,23 +190,6 @@ def _separable(
         if moved < 1e-6:
             break
     return replace(solution, evaluations=evaluations, extra=weighting.extra)
-
-
-def _with_states(
-    model: DamperModel,
-    measurements: Sequence[Measurement],
-    method: Method,
-    held: frozenset[str],
-    near: Mapping[str, float] | None,
-    rival_N: float,
-) -> Solution:
-    """The models with internal states: those that split, and those that do not."""
-    form = model.separation(motion_scale(measurements))
-    if form is not None:
-        return solve_loop(measurements, model, form, method.weighting(model), held, near)
-    from rig.identification.models.state_search import solve_states
-
-    return solve_states(measurements, model, method.weighting(model), held, near, rival_N)
 
 
 def _search(

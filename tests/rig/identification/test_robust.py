@@ -53,7 +53,19 @@ def test_the_loss_is_recorded_and_refused_where_there_is_none(make_synthetic: Ma
     assert identify(tests).to_json()["loss"] == "squares"
     with pytest.raises(IdentificationFailed, match="asymmetric by de has no loss 'huber', only 'squares'"):
         identify(tests, method=Method("de", loss="huber"))
-    with pytest.raises(IdentificationFailed, match="bouc_wen by separable has no loss 'huber'"):
-        identify(tests, model="normalized_bouc_wen", method=HUBER)
+    with pytest.raises(IdentificationFailed, match="viscoelastic_plastic by separable has no loss 'huber'"):
+        identify(tests, model="viscoelastic_plastic", method=HUBER)
     with pytest.raises(IdentificationFailed, match="a series spring is found by least squares"):
         identify(tests, method=HUBER, series_spring=True)
+
+
+def test_outliers_do_not_move_a_model_with_states_either(make_synthetic: Make) -> None:
+    true = dict(parameter_set("demo-normalized-bouc-wen").values)
+    tests = make_synthetic(true, (0.0, 2.0), (0.5, 2.0), name="normalized_bouc_wen", cycles=4)
+    clean = identify(tests, model="normalized_bouc_wen")
+    far = [replace(test, force_N=test.force_N + 900.0 * (np.arange(test.u_m.size) % 25 == 3)) for test in tests]
+    robust, squares = (identify(far, model="normalized_bouc_wen", method=method) for method in (HUBER, Method()))
+    assert robust.loss == "huber"
+    assert abs(squares.values["f0"] - clean.values["f0"]) > 20.0  # 900 N in one sample of 25 move the mean by 36 N
+    assert abs(robust.values["f0"] - clean.values["f0"]) < 2.0
+    assert abs(robust.values["rho"] / clean.values["rho"] - 1.0) < 0.02

@@ -1,0 +1,229 @@
+"""How sure a fit is when its model is not the damper's: the tests drawn again, many times, and fitted again each time.
+
+A covariance from residuals knows noise, and misfit that repeats; it does not know that other tests of the same damper
+would have given other values, because a wrong model bends towards what it is shown. Drawing whole tests anew does. The
+draw is Rubin's (1981) Bayesian bootstrap: every test gets a weight from the exponential distribution, and so does every
+cycle within its test. No test has weight zero, so what all tests together can tell, every draw can.
+
+With few tests the spread of the draws is too small: it is widened by sqrt((T + 1)/(T - 1)) for T tests, and by
+Student's t over the normal quantile.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import rig.dampers
+from rig.dampers import Hysteresis
+from rig.dampers.arrays import FloatArray
+from rig.errors import IdentificationFailed
+from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.models.projection import Weighting
+from rig.identification.models.solving import Method, huber_weights, solve_weighted, splits
+from rig.identification.models.tanh_projection import WORTH_COMPILING
+from rig.identification.models.undetermined import examine
+from rig.identification.points.given import given
+from rig.identification.uncertainty.covariance import CONFIDENCE, quantile
+from rig.identification.uncertainty.fit import Fit
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    import pandas as pd
+
+    from rig.identification.application.motion_table import Table
+    from rig.identification.points.given import Tests
+
+FEWEST_TESTS = 3
+LEAST_DRAWS = 20
+PREDICTED = 200  # draws of which predictions are made
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Fits to tests drawn again.
+
+    Attributes:
+        fit: the fit itself.
+        draws: parameter values (SI) of every draw, shape (count, p), in the order of `names`.
+        names: the fitted parameters.
+        tests: how many tests were drawn from.
+        widening: factor on the spread of the draws, for so few tests.
+    """
+
+    fit: Fit
+    draws: FloatArray
+    names: tuple[str, ...]
+    tests: int
+    widening: float
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row a parameter: `value`, `low`, `high` (95 % interval) and `standard_error` in `unit`."""
+        import pandas as pd
+
+        tail = 0.5 * (1.0 - CONFIDENCE)
+        low, middle, high = np.quantile(self.draws, [tail, 0.5, 1.0 - tail], axis=0)
+        values = np.array([self.fit.values[name] for name in self.names])
+        spread = np.std(self.draws, axis=0, ddof=1) * self.widening * quantile() / quantile(1, self.tests - 1.0)
+        columns = {
+            "value": values,
+            "low": values - self.widening * (middle - low),
+            "high": values + self.widening * (high - middle),
+            "standard_error": spread,
+            "unit": [self.fit.parameters[name].unit for name in self.names],
+        }
+        return pd.DataFrame(columns, index=pd.Index(self.names, name="parameter"))
+
+    def predict(self, table: Table, *, mid_stroke_m: float = 0.0) -> pd.DataFrame:
+        """As `Fit.predict`, its band widened in squares by what the draws disagree about.
+
+        Raises:
+            FileProblem: the table cannot be used.
+            IdentificationFailed: the fit has no value of a parameter.
+        """
+        result = self.fit.predict(table, mid_stroke_m=mid_stroke_m)
+        forces = np.array([self._drawn(row, table, mid_stroke_m) for row in self.draws[:PREDICTED]])
+        tail = 0.5 * (1.0 - CONFIDENCE)
+        low, middle, high = np.quantile(forces, [tail, 0.5, 1.0 - tail], axis=0)
+        force_N = result["force_N"].to_numpy()
+        below, above = (force_N - result["low_N"].to_numpy(), result["high_N"].to_numpy() - force_N)
+        result["low_N"] = force_N - np.hypot(below, self.widening * (middle - low))
+        result["high_N"] = force_N + np.hypot(above, self.widening * (high - middle))
+        return result
+
+    def _drawn(self, row: FloatArray, table: Table, mid_stroke_m: float) -> FloatArray:
+        values = dict(zip(self.names, row.tolist(), strict=True))
+        parameters = {
+            name: replace(estimate, value=values[name]) if name in values else estimate
+            for name, estimate in self.fit.parameters.items()
+        }
+        one = replace(self.fit, parameters=parameters, tested=None)
+        force_N: FloatArray = one.predict(table, mid_stroke_m=mid_stroke_m)["force_N"].to_numpy()
+        return force_N
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What a worker needs for some of the draws; sent once."""
+
+    model: str
+    hysteresis: Hysteresis
+    tests: tuple[Measurement, ...]
+    weighting: Weighting
+    held: frozenset[str]
+    near: Mapping[str, float]
+    names: tuple[str, ...]
+    seed: int
+
+
+def bootstrap(
+    fit: Fit,
+    tests: Tests,
+    *,
+    count: int = 1000,
+    seed: int = 0,
+    executor: Executor | None = None,
+    chunks: int | None = None,
+) -> Bootstrap:
+    """Draw the tests of a fit again, and fit its model each time.
+
+    Args:
+        fit: a fit of these tests by least squares or Huber's loss.
+        tests: what it was fitted to: a run, its points, or measurements.
+        count: draws.
+        seed: of the random draws; the draws do not depend on executor or chunks.
+        executor: fits parts of the draws, any of `concurrent.futures`; None: this process does.
+        chunks: parts for the executor; None: one for each processor of this machine.
+
+    Raises:
+        IdentificationFailed: fewer than three tests, a model without quick weighted fits, relations to the current, or
+            a series spring.
+    """
+    if count < LEAST_DRAWS:
+        raise IdentificationFailed(f"bootstrap: count = {count}, expected {LEAST_DRAWS} draws or more")
+    measurements = tuple(given(tests, None, ()).fitted)
+    task = _task(fit, measurements, seed)
+    numbers = np.array_split(np.arange(count), 1 if executor is None else chunks or os.cpu_count() or 1)
+    parts = [(task, tuple(part.tolist())) for part in numbers if part.size]
+    results = map(_fitted, parts) if executor is None else executor.map(_fitted, parts)
+    draws = np.concatenate(list(results))
+    kept = draws[np.all(np.isfinite(draws), axis=1)]
+    if kept.shape[0] < 0.9 * count:
+        raise IdentificationFailed(f"bootstrap: {count - kept.shape[0]} of {count} draws could not be fitted")
+    many = len(measurements)
+    widening = math.sqrt((many + 1.0) / (many - 1.0)) * quantile(1, many - 1.0) / quantile()
+    return Bootstrap(fit, kept, task.names, many, widening)
+
+
+def _task(fit: Fit, measurements: tuple[Measurement, ...], seed: int) -> _Task:
+    """What the workers need.
+
+    Raises:
+        IdentificationFailed: see `bootstrap`.
+    """
+    form: Hysteresis = "printed" if fit.hysteresis == "printed" else "kwok"
+    model = rig.dampers.model(fit.model, form)
+    problems = []
+    if len(measurements) < FEWEST_TESTS:
+        problems.append(f"{len(measurements)} tests; {FEWEST_TESTS} or more are drawn from")
+    if fit.current is not None:
+        problems.append("the parameters follow relations to the current; fit with current='affine'")
+    if fit.series is not None and fit.series.stiffness_N_m is not None:
+        problems.append("there is a series spring; fit without it")
+    if not splits(model, measurements):
+        problems.append(f"{model.name} is searched with all parameters at once, which takes too long for many fits")
+    if problems:
+        raise IdentificationFailed(f"no bootstrap: {'; '.join(problems)}")
+    weight = None if fit.weight == "1" else fit.weight
+    weighting = Method(weight=weight).weighting(model)
+    if fit.loss == "huber":
+        weighting = replace(weighting, extra=huber_weights(model, fit.values, measurements))
+    findings = examine(model, measurements)
+    names = tuple(name for name in findings.free(model.names) if name != "eta" and name in fit.values)
+    return _Task(fit.model, form, measurements, weighting, frozenset(findings.held), fit.values, names, seed)
+
+
+def _fitted(part: tuple[_Task, tuple[int, ...]]) -> FloatArray:
+    """Values of some draws, shape (k, p); a row of NaN where one could not be fitted."""
+    task, numbers = part
+    model = rig.dampers.model(task.model, task.hysteresis)
+    if len(numbers) * sum(test.u_m.size for test in task.tests) >= WORTH_COMPILING:
+        import_module("rig.identification.models.kernels")  # loaded, it is used
+    cycles = [_cycles(test) for test in task.tests]
+    robust = task.weighting.extra
+    rows = []
+    for number in numbers:
+        weights = _drawn_weights(cycles, np.random.default_rng([task.seed, number]))
+        extra = weights if robust is None else tuple(a * b for a, b in zip(weights, robust, strict=True))
+        try:
+            drawn = solve_weighted(model, task.tests, replace(task.weighting, extra=extra), task.held, task.near)
+        except IdentificationFailed:
+            rows.append([math.nan] * len(task.names))
+            continue
+        rows.append([drawn.values.get(name, 0.0) for name in task.names])
+    return np.array(rows)
+
+
+def _cycles(test: Measurement) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """The number of the cycle that each sample is in, shape (n,)."""
+    period = max(1.0, samples_a_cycle(test.u_m))
+    return np.minimum(np.arange(test.u_m.size) / period, max(0.0, round(test.u_m.size / period) - 1.0)).astype(np.int64)
+
+
+def _drawn_weights(
+    cycles: Sequence[np.ndarray[tuple[int], np.dtype[np.int64]]], rng: np.random.Generator
+) -> tuple[FloatArray, ...]:
+    """Square roots of the weights of one draw, (n,) a test: exponential for tests, and for cycles within each."""
+    of_tests = rng.exponential(size=len(cycles))
+    weights = []
+    for weight, cycle in zip(of_tests / np.mean(of_tests), cycles, strict=True):
+        of_cycles = rng.exponential(size=int(cycle[-1]) + 1)
+        weights.append(np.sqrt(weight * of_cycles / np.mean(of_cycles))[cycle])
+    return tuple(weights)

@@ -1,0 +1,96 @@
+"""Tests drawn again: what the intervals of a wrong model must know, and what does not depend on how the work is
+shared."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rig.dampers import model, parameter_set
+from rig.errors import IdentificationFailed
+from rig.identification import Measurement, Method, bootstrap, identify
+
+Make = Callable[..., list[Measurement]]
+DEMO = dict(parameter_set("demo").values)
+
+
+def test_draws_are_the_same_however_they_are_shared_out(make_synthetic: Make) -> None:
+    tests = make_synthetic(DEMO, (0.0, 1.0, 2.0), (1.0, 2.0), cycles=3)
+    fit = identify(tests)
+    alone = bootstrap(fit, tests, count=24, seed=4)
+    with ThreadPoolExecutor(2) as executor:
+        shared = bootstrap(fit, tests, count=24, seed=4, executor=executor, chunks=5)
+    assert np.allclose(alone.draws, shared.draws, rtol=1e-6)
+    assert not np.allclose(alone.draws, bootstrap(fit, tests, count=24, seed=5).draws, rtol=1e-6)
+
+
+def test_a_right_models_spread_is_that_of_fits_to_new_noise(make_synthetic: Make) -> None:
+    fits = [identify(make_synthetic(DEMO, (0.0, 1.0, 2.0), (0.5, 1.0, 2.0), seed=seed, cycles=4)) for seed in range(25)]
+    tests = make_synthetic(DEMO, (0.0, 1.0, 2.0), (0.5, 1.0, 2.0), seed=99, cycles=4)
+    drawn = bootstrap(identify(tests), tests, count=150).to_pandas()
+    for name in ("Fyb", "Ca_plus", "Cb_minus", "Ka"):
+        true = float(np.std([fit.values[name] for fit in fits], ddof=1))
+        assert 0.5 < drawn.loc[name, "standard_error"] / true < 2.2, name
+        assert drawn.loc[name, "low"] < DEMO[name] < drawn.loc[name, "high"]
+
+
+def test_halves_of_the_tests_of_another_damper_agree_within_the_drawn_intervals(make_synthetic: Make) -> None:
+    true = dict(model("lost_motion").demonstration)
+    agree, own = [], []
+    for seed in range(4):
+        tests = make_synthetic(true, name="lost_motion", seed=seed, cycles=3)
+        order = np.random.default_rng(seed).permutation(len(tests))
+        parts = [[tests[k] for k in half] for half in np.array_split(order, 2)]
+        fits = [identify(part, model="kwok") for part in parts]
+        tables = [bootstrap(fit, part, count=60).to_pandas() for fit, part in zip(fits, parts, strict=True)]
+        for name in set(tables[0].index) & set(tables[1].index):
+            gap = abs(fits[0].values[name] - fits[1].values[name])
+            agree.append(
+                gap <= math.hypot(*(0.5 * float(one.loc[name, "high"] - one.loc[name, "low"]) for one in tables))
+            )
+            ends = [fit.parameters[name] for fit in fits]
+            if all(end.low is not None and end.high is not None for end in ends):
+                own.append(gap <= math.hypot(*(0.5 * (end.high - end.low) for end in ends)))  # type: ignore[operator]  # not None: above
+        assert fits[0].adequate is False
+    assert np.mean(agree) >= 0.88
+    assert np.mean(agree) > np.mean(own)
+
+
+def test_a_prediction_knows_what_the_draws_disagree_about(make_synthetic: Make) -> None:
+    tests = make_synthetic(DEMO, (0.0, 1.0, 2.0), (1.0, 2.0), cycles=3)
+    fit = identify(tests)
+    drawn = bootstrap(fit, tests, count=40)
+    table = {"displacement_m": 0.0, "velocity_m_s": [0.1, 3.0], "current_A": 1.0}
+    plain, wide = fit.predict(table), drawn.predict(table)
+    assert np.allclose(wide["force_N"], plain["force_N"])
+    width = (wide["high_N"] - wide["low_N"]) / (plain["high_N"] - plain["low_N"])
+    assert 1.0 < width.iloc[0] < 1.1  # inside the tests the noise decides
+    assert width.iloc[1] > width.iloc[0] + 0.02  # five times beyond their speed the values do
+    assert list(wide["extrapolates"]) == [False, True]
+
+
+def test_what_cannot_be_drawn_is_refused_with_every_reason(make_synthetic: Make) -> None:
+    tests = make_synthetic(DEMO, (0.0, 1.0), (1.0, 2.0), cycles=3)
+    fit = identify(tests)
+    with pytest.raises(IdentificationFailed, match="20 draws or more"):
+        bootstrap(fit, tests, count=5)
+    related = identify(tests, model="kwok", current="per-current-affine")
+    with pytest.raises(IdentificationFailed, match=r"2 tests; 3 or more .*follow relations to the current"):
+        bootstrap(related, tests[:2])
+    with pytest.raises(IdentificationFailed, match="all parameters at once"):
+        bootstrap(replace(fit, model="viscoelastic_plastic"), tests)
+
+
+def test_outliers_and_relative_weights_stay_what_they_were_in_the_fit(make_synthetic: Make) -> None:
+    tests = make_synthetic(DEMO, (0.0, 1.0, 2.0), (1.0, 2.0), cycles=3)
+    far = [replace(test, force_N=test.force_N + 900.0 * (np.arange(test.u_m.size) % 31 == 3)) for test in tests]
+    for method in (Method(loss="huber"), Method(loss="huber", weight="relative")):
+        fit = identify(far, method=method)
+        drawn = bootstrap(fit, far, count=30).to_pandas()
+        assert abs(drawn.loc["F0", "value"] + 270.0) < 5.0
+        assert drawn.loc["F0", "standard_error"] < 2.0
