@@ -1,7 +1,7 @@
 """Patterns whose search takes longer and longer with every character of a line that does not match.
 
-A pattern such as `([0-9]+)+` tries every way to cut a row of digits: twice as many with each digit. A damaged line would
-hold up the process that watches the rig.
+A pattern such as `([0-9]+)+` tries every way to cut a row of digits: twice as many with each digit. A damaged line
+would hold up the process that watches the rig.
 """
 
 from __future__ import annotations
