@@ -154,8 +154,8 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
             yield ("template",), f"template {made.template!r}: {error!r}; {known}"
             return
     fixed = "".join(part for part in parts(made.pattern) if not part.startswith("\0"))
-    found = next(((style, number) for number in TRIED if (style := fitting(made, [number])) is not None), None)
-    if found is None:
+    way = next(((style, number) for number in TRIED if (style := fitting(made, [number])) is not None), None)
+    if way is None:
         written = "".join(part if not part.startswith("\0") else f"<{part[1:].partition(':')[0]}>" for part in
                           parts(made.pattern))  # fmt: skip
         with_unit = f" with the unit {made.unit!r}" if "unit" in made.groups else ""
@@ -165,7 +165,7 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
     elif made.terminator.decode("latin-1") in fixed:
         yield ("pattern",), "can never match: the pattern has the terminator in it, which ends the line before"
     elif len(set(widths(made.pattern))) > 1:
-        style, number = found
+        style, number = way
         line = filled(made, parts(made.pattern), style.write(number), style.plus)
         if explodes(made.pattern, line):
             yield ("pattern",), (
