@@ -12,9 +12,8 @@ from typing import Any
 from protocols.binary_format import LETTERS, LONGEST_FRAME, BinaryFormat, Field
 from protocols.checksums import CHECKSUMS
 from protocols.format_keys import Place, Problem, Table
-from protocols.line_example import HOLES, checksum_digits, filled, fitting, parts, widths
+from protocols.line_example import HOLES, checksum_digits, explodes, filled, fitting, parts, widths
 from protocols.line_format import LineFormat
-from protocols.pattern_cost import explodes
 
 _MARK = "{address}"
 TRIED = (0.0, 1.0, -1.0)
