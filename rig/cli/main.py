@@ -30,6 +30,7 @@ COMMANDS = {
     "import": ("rig.cli.importing", "Convert CSV test files to a run."),
     "report": ("rig.cli.report", "Write the report of a run as one HTML file."),
     "export": ("rig.cli.export", "Write a run or a fit in another program's format."),
+    "hybrid": ("rig.cli.hybrid", "The published benchmark of hybrid tests: a computed building, a moved specimen."),
     "runs": ("rig.cli.runs", "List recorded runs."),
     "recover": ("rig.cli.recover", "Finish the points of an interrupted campaign."),
     "study": ("rig.cli.study", "Compare the papers' algorithms on recordings."),

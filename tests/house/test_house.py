@@ -32,6 +32,7 @@ PUBLIC = "a public call whose arguments all have defaults"
 COMPILED = "machine code, or what it is called by: flat arguments"
 EQUATION = "the signature of every model's equation: parameters, u, v, a, current, dt"
 MANY_PARAMETERS = {
+    "rig.cli.hybrid:command": OPTIONS,
     "rig.cli.identify:command": OPTIONS,
     "rig.cli.importing:command": OPTIONS,
     "rig.cli.ride:command": OPTIONS,
@@ -61,6 +62,8 @@ CATALOGUES = {
 }
 """What they import are topics of their own, each of the same kind, that nobody else has to know."""
 ONE_IMPORTER = {
+    "rig.hybrid.criteria": "the criteria of the authors of a benchmark, whatever ran the test",
+    "rig.hybrid.virtual_test": "compiled: loads numba, and only where tests are run",
     "drivers.slcan_bus": "loaded only where the bus is a serial adapter: it needs python-can to define its class",
     "rig.cli.run": "a command; the demo runs it",
     "drivers.stamp_clock": "a clock without a bus, beside the port's I/O",
@@ -70,6 +73,9 @@ ONE_IMPORTER = {
     "rig.vehicle.comfort": "the weightings of a standard, whatever is weighted",
     "rig.dampers.leaning_loop": "compiled: loads numba, and only where its model is integrated",
     "rig.study.figures": "loads matplotlib, and only where figures are drawn",
+    "rig.identification.diagnosis.groups": "its own search, for two dampers; the ranking only asks it",
+    "rig.identification.diagnosis.force_channel": "samples of one channel, before any cause is fitted",
+    "rig.identification.diagnosis.plausibility": "needs no misfit, and is looked at in every fit",
 }
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef

@@ -1,0 +1,105 @@
+"""The whole benchmark: cases, rates and compensators, each over the same perturbed transfer systems."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.hybrid.compensators import OWN
+from rig.hybrid.criteria import criteria
+from rig.hybrid.earthquake import Earthquake
+from rig.hybrid.published import CRITERIA, asked_percent, sample_controller
+from rig.hybrid.transfer_system import perturbed
+from rig.hybrid.virtual_test import Benchmark
+
+RATES_Hz = (4096, 1024, 250)
+
+
+@dataclass(frozen=True)
+class Result:
+    """One case, rate and compensator over the perturbed transfer systems.
+
+    Attributes:
+        case: 1 to 4.
+        rate_Hz: of the computed part, the sensors and the commands.
+        compensator: one of `rig.hybrid.compensators.NAMES`.
+        plants: transfer systems tried.
+        stopped: of these, so many ended early because the actuator's capacity was exceeded.
+        first_stop_s: the earliest of these ends, s; None without one.
+        criteria: mean J1 to J9 over the tests that went through; empty where none did.
+        worst: the largest of each.
+    """
+
+    case: int
+    rate_Hz: int
+    compensator: str
+    plants: int
+    stopped: int
+    first_stop_s: float | None
+    criteria: dict[str, float]
+    worst: dict[str, float]
+
+    @property
+    def published(self) -> dict[str, float]:
+        """The paper's criteria of the same: of its sample controller at 4,096 Hz; empty for others."""
+        same = self.compensator == "sample" and self.rate_Hz == RATES_Hz[0]
+        return sample_controller(self.case) if same else {}
+
+    @property
+    def asked(self) -> dict[str, float]:
+        """Limits in % on means, for this project's own compensator; empty for others."""
+        return asked_percent(self.case, self.rate_Hz) if self.compensator == OWN else {}
+
+    @property
+    def verdict(self) -> str:
+        """`unstable`: a test ended early; `refused`: a limit is exceeded; `good`: none is; empty: none is set."""
+        if self.stopped:
+            return "unstable"
+        if not self.asked:
+            return ""
+        return "good" if all(self.criteria[name] <= limit for name, limit in self.asked.items()) else "refused"
+
+    @property
+    def refused(self) -> bool:
+        """Whether what is asked of this project's own compensator is not reached."""
+        return self.compensator == OWN and self.verdict in {"refused", "unstable"}
+
+
+def run_benchmark(
+    cases: Sequence[int], rates_Hz: Sequence[int], compensators: Sequence[str], earthquake: Earthquake, plants: int,
+    seed: int,
+) -> Iterator[Result]:  # fmt: skip
+    """Run the benchmark, one result at a time.
+
+    Args:
+        cases: of the building, 1 to 4.
+        rates_Hz: steps a second, any of `RATES_Hz`.
+        compensators: names.
+        earthquake: of all tests.
+        plants: number of perturbed transfer systems.
+        seed: they are drawn with; test number i has sensor noise of seed + i.
+    """
+    for case in cases:
+        for rate_Hz in rates_Hz:
+            problem = Benchmark(case, rate_Hz, earthquake)
+            for compensator in compensators:
+                yield _one(problem, case, compensator, plants, seed)
+
+
+def _one(problem: Benchmark, case: int, compensator: str, plants: int, seed: int) -> Result:
+    rows, stops = [], []
+    for number, plant in enumerate(perturbed(plants, seed)):
+        test = problem.test(compensator, plant, seed + number)
+        if test.stopped_s is None:
+            values = criteria(test.floors_m, test.measured_m, test.reference_m, test.step_s)
+            rows.append([values[name] for name in CRITERIA])
+        else:
+            stops.append(test.stopped_s)
+    mean = np.mean(rows, axis=0).tolist() if rows else []
+    worst = np.max(rows, axis=0).tolist() if rows else []
+    return Result(
+        case, problem.rate_Hz, compensator, plants, len(stops), min(stops, default=None),
+        dict(zip(CRITERIA, mean, strict=False)), dict(zip(CRITERIA, worst, strict=False)),
+    )  # fmt: skip
