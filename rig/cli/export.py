@@ -22,7 +22,7 @@ from rig.errors import EXIT_DONE
 @click.argument("source", type=click.Path(path_type=Path))
 @click.option(
     "--to", "name", required=True, metavar="NAME",
-    help="Format: csv (of a run); json, c, octave, python, table, inverse (of a fit); or a plug-in's.",
+    help="Format: csv, mat, netcdf (of a run); json, c, octave, python, table, inverse (of a fit); or a plug-in's.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True,

@@ -13,6 +13,7 @@ from rig.errors import FileProblem, RigError
 from rig.export.fitted_model import FittedModel, fitted_model
 from rig.export.force_table import write_table
 from rig.export.inverse_table import write_inverse
+from rig.export.point_arrays import write_mat, write_netcdf
 from rig.export.point_tables import write_points
 from rig.export.values import write_values
 from rig.plugins import EXPORTS, Catalogue
@@ -135,6 +136,8 @@ def _write_table(source: Source, out: Path) -> list[Path]:
 OWN = (
     Exporter("csv", "run", "one CSV file a point, and one of all points", lambda source, out: write_points(
         source.run, out)),
+    Exporter("mat", "run", "one MATLAB file a point", lambda source, out: write_mat(source.run, out)),
+    Exporter("netcdf", "run", "one NetCDF file a point", lambda source, out: write_netcdf(source.run, out)),
     Exporter("json", "fit", "the parameters with their units and intervals, without the rest of fit.json", lambda
              source, out: [write_values(source.fit, out / f"{source.name}-parameters.json")]),
     Exporter("c", "fit", "the model as C99 source, verified against this program's", _write_c),
