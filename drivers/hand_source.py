@@ -50,7 +50,7 @@ class HandSource:
         self.counters = SourceCounters()
         self.status: SourceStatus | None = None
         self.temperature: SourceTemperature | None = None
-        self.identity: SourceIdentity | None = SourceIdentity("by hand", "", 0)
+        self.identity: SourceIdentity | None = None
         self.send_error: DriverError | None = None
         self._rehearsed = rehearsed
         self._said_A = 0.0

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import re
 import string
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -29,6 +30,10 @@ _CATEGORIES: Mapping[str, Callable[[str], bool]] = {
 HOLES = ("value", "sign", "unit", "status", "checksum")
 WIDEST = 16
 MOST_DECIMALS = 7
+MOST_SEARCH_S = 0.02
+LONGEST_ROW = 48
+ROWS = "1 .-A;"
+REPEATED_GROUP = re.compile(r"\)[*+{]")
 
 
 def widths(pattern: str) -> tuple[int, int]:
@@ -210,3 +215,25 @@ def filled(line_format: LineFormat, text: Sequence[str], number: str, sign: str)
 def checksum_digits(line_format: LineFormat) -> int:
     """Hexadecimal digits of the checksum; 0 without one."""
     return 0 if line_format.checksum == "none" else 2 * CHECKSUMS[line_format.checksum.removesuffix(HEX)].size
+
+
+def explodes(pattern: str, line: str) -> bool:
+    """Whether a damaged line could hold up who reads it: the search doubles with every character, as in `([0-9]+)+`.
+
+    Rows of one letter are put behind every beginning of a line that matches, longer ones step by step, and a NUL.
+
+    Args:
+        pattern: regular expression of a whole line.
+        line: one that matches.
+    """
+    if REPEATED_GROUP.search(pattern) is None:
+        return False
+    regex = re.compile(pattern, re.ASCII)
+    for end in range(len(line) + 1):
+        for letter in {line[end - 1 : end] or "0", *ROWS}:
+            for count in range(4, LONGEST_ROW, 2):
+                begin_s = time.thread_time()
+                regex.fullmatch(f"{line[:end]}{letter * count}\0")
+                if time.thread_time() - begin_s > MOST_SEARCH_S:
+                    return True
+    return False

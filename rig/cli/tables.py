@@ -308,6 +308,9 @@ def _remarks(fit: Mapping[str, Any]) -> list[Text]:
         low, high = ("open" if end is None else f"{end:.5g}" for end in (entry["low"], entry["high"]))
         lines.append(Text(f"{name} by profile likelihood, 95 %: {low} to {high}"))
     lines += [Text(text, style="yellow") for text in _reasons(fit["parameters"])]
+    for place, cause in enumerate(fit.get("diagnosis") or (), 1):
+        lines.append(Text(f"diagnosis {place}: {cause['text']}", style="red" if place == 1 else ""))
+        lines.append(Text(f"  next: {cause['next']}"))
     for proposal in fit.get("next_tests") or ():
         lines.append(Text(f"next test: {proposal['text']}; lines for the matrix file:"))
         lines.append(Text(proposal["toml"].strip(), style="cyan"))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rig.errors import FileProblem, RigError
+from rig.export.inverse_table import write_inverse
 from rig.export.point_tables import write_points
 from rig.export.values import write_values
 from rig.plugins import EXPORTS, Catalogue
@@ -95,6 +96,8 @@ OWN = (
         source.run, out)),
     Exporter("json", "fit", "the parameters with their units and intervals, without the rest of fit.json", lambda
              source, out: [write_values(source.fit, out / f"{source.name}-parameters.json")]),
+    Exporter("inverse", "fit", "the current over speed and force, one CSV table", lambda
+             source, out: [write_inverse(source.path, out / f"{source.name}-inverse.csv")]),
 )  # fmt: skip
 """This program's formats. A new one is a line here."""
 

@@ -30,7 +30,7 @@ from rig.identification.points.consistency import contradictions, refuse_reverse
 from rig.identification.points.given import given
 from rig.identification.uncertainty.assessment import Wanted, judged
 from rig.identification.uncertainty.covariance import DeclaredErrors, quantile
-from rig.identification.uncertainty.fit import Estimate, Fit, ModelScore, SeriesSpring
+from rig.identification.uncertainty.fit import Cause, Estimate, Fit, ModelScore, SeriesSpring
 from rig.identification.uncertainty.scoring import score
 from rig.identification.words import say
 
@@ -58,6 +58,7 @@ def identify(
     series_spring: bool = False,
     allowance: Allowance | None = None,
     campaign: Sequence[RecordedPoint] = (),
+    diagnose: bool | None = None,
     on_progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Fit a damper model to recorded tests.
@@ -77,6 +78,8 @@ def identify(
         allowance: what the next test may ask of the machine; by default what a run's own bench and matrix allow, or
             what was tested.
         campaign: further points of the same campaigns, neither fitted nor held out: they know of the sensors' delays.
+        diagnose: look for what explains the misfit; None: where the model is not adequate. Units and signs are looked
+            at in any case.
         on_progress: called with a line of text before each model is fitted and each comparison.
 
     Returns:
@@ -122,7 +125,18 @@ def identify(
             max((residual.widening for residual in fit.residuals), default=1.0), quantile() * SMOOTHING
         )
     fit = _usable(fit, fitted, held_out, known.temperature_degC)
-    return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance))
+    causes = _diagnosis(best, fit, fitted, misfit=fit.adequate is False if diagnose is None else diagnose)
+    return replace(fit, series=spring, next_tests=next_tests(best.model, fit, fitted, allowance), diagnosis=causes)
+
+
+def _diagnosis(best: Candidate, fit: Fit, fitted: Sequence[Measurement], *, misfit: bool) -> tuple[Cause, ...]:
+    """What probably explains the misfit of the fit."""
+    from rig.identification.diagnosis.ranking import Fitted, diagnose
+
+    values = best.solution.values
+    names = tuple(best.findings.free(name for name in best.model.names if name in values and name != "eta"))
+    weighting = Method(weight=fit.weight).weighting(best.model)
+    return diagnose(Fitted(best.model, values, names, fitted, weighting), misfit=misfit)
 
 
 def _usable(

@@ -42,6 +42,11 @@ class Softened:
         self._tests = tuple(tests)
         self._forces = [_smooth_force(test) for test in tests]
 
+    @property
+    def forces(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Smooth force (N) and its rate (N/s) of each test, shape (n,) each."""
+        return self._forces
+
     def by(self, compliance_m_N: float) -> list[Measurement]:
         """The tests with the damper's own motion behind a spring of this compliance (m/N)."""
         return [

@@ -181,4 +181,103 @@ WARNINGS = {
 }
 """What the reader of a fit should know before using its numbers."""
 
-SENTENCES = {**PARAMETERS, **WARNINGS}
+CAUSES = {
+    "units-force": (
+        "the greatest force is {value:.3g} {unit}, which no test of a damper has: it is probably in {likely}"
+    ),
+    "units-time": "a cycle lasts {value:.3g} {unit}, which no test of a damper does: the time is probably in {likely}",
+    "units-displacement": (
+        "the displacement spans {value:.3g} {unit}, which no test of a damper does: it is probably in {likely}"
+    ),
+    "units-current": "the greatest current is {value:.3g} {unit}, which no coil takes: it is probably in {likely}",
+    "units-velocity": (
+        "the displacement changes {ratio:.3g} times as fast as the velocity says: one of them, or the sampling "
+        "interval, is in another unit"
+    ),
+    "signs-reversed": (
+        "the force's middle at low speed is {offset_N:+.3g} N, towards extension, against the gas that pushes the rod "
+        "out: probably the signs of both force and displacement are reversed"
+    ),
+    "skew": (
+        "a delay of {skew_ms:+.3g} ms of the force behind the displacement explains {percent_explained:.0f} % of the "
+        "misfit"
+    ),
+    "force-drift": (
+        "a drift of the force channel over time, {percent:+.3g} % in gain and {zero_N:+.3g} N in zero from end to end, "
+        "explains {percent_explained:.0f} % of the misfit"
+    ),
+    "temperature": (
+        "the recorded temperature, {percent:+.3g} % of force and {zero_N:+.3g} N from the coldest to the warmest, "
+        "explains {percent_explained:.0f} % of the misfit"
+    ),
+    "outliers": (
+        "{count} samples of the force ({percent:.2g} %) lie far from their neighbours and explain "
+        "{percent_explained:.0f} % of the misfit"
+    ),
+    "clipping": (
+        "a force channel that ends at {low_N:.4g} and {high_N:.4g} N explains {percent_explained:.0f} % of the misfit"
+    ),
+    "clipping-left-out": "the force stood at the end of its range in {tests}; the fit does without these samples",
+    "series-compliance": (
+        "a spring of {stiffness_N_m:.3g} N/m in series, such as mounts that give way, explains "
+        "{percent_explained:.0f} % of the misfit"
+    ),
+    "current-law": (
+        "another law of the current than the model's, over {currents} A, explains {percent_explained:.0f} % of the "
+        "misfit: probably the force saturates"
+    ),
+    "current-law-two": (
+        "the law of the current is drawn through {low_A:.3g} and {top_A:.3g} A alone and leaves {zero_N:.3g} N, "
+        "{percent:.0f} % of the yield force at {top_A:.3g} A, at zero current, where nothing was measured: probably "
+        "the force saturates"
+    ),
+    "missing-hysteresis": (
+        "a force that changes with the path after each reversal, which the model lacks, explains "
+        "{percent_explained:.0f} % of the misfit; {percent:.0f} % of it lies within 1 mm after a reversal"
+    ),
+    "mixed-specimens": (
+        "two dampers instead of one explain {percent_explained:.0f} % of the misfit; the other one's tests are {tests}"
+    ),
+    "speed-shape": (
+        "another shape of the force over speed than the model's explains {percent_explained:.0f} % of the misfit"
+    ),
+    "stroke-shape": (
+        "another shape of the force over the stroke than the model's, such as end stops or gas that stiffens, explains "
+        "{percent_explained:.0f} % of the misfit"
+    ),
+}
+"""What may explain a misfit, or is implausible."""
+
+NEXT = {
+    "next-units-force": "multiply the force by {factor:g}, or name its unit on import (--column force=NAME:kN)",
+    "next-units-time": "multiply the time by {factor:g}, or name its unit on import (--column time=NAME:ms)",
+    "next-units-displacement": (
+        "multiply the displacement by {factor:g}, or name its unit on import (--column displacement=NAME:mm)"
+    ),
+    "next-units-current": "multiply the current by {factor:g}, or name its unit on import (--column current=NAME:mA)",
+    "next-units-velocity": "give displacement in m, velocity in m/s, acceleration in m/s^2 and the interval in s",
+    "next-signs-reversed": (
+        "check the signs by a slow extension by hand: displacement rises, force is positive; if both are reversed, "
+        "multiply both by -1"
+    ),
+    "next-skew": "measure the delay of both channels with one sharp motion, or shift the force by it before the fit",
+    "next-force-drift": (
+        "check the load cell's zero and gain before and after the tests; warm amplifier and damper up, and repeat the "
+        "first test at the end"
+    ),
+    "next-temperature": "hold the damper in a temperature window, or fit tests of one temperature",
+    "next-outliers": "fit with --loss huber; look for interference or lost bits in the force channel",
+    "next-clipping": "use a larger range of the force channel, or less speed and current",
+    "next-series-compliance": "fit with --series-spring; measure the displacement at the damper itself",
+    "next-current-law": "fit with --current per-current-polynomial, or a model whose current law saturates",
+    "next-current-law-two": "measure at 0 A and at one current between",
+    "next-missing-hysteresis": (
+        "fit with --model all; measure slow triangles of several amplitudes, which show the path after a reversal"
+    ),
+    "next-mixed-specimens": "check which damper was mounted, and identify these tests apart",
+    "next-speed-shape": "fit with --model all; measure sines of more amplitudes at the same frequency",
+    "next-stroke-shape": "measure with less amplitude, and at more positions of the stroke",
+}
+"""What to measure or mend then."""
+
+SENTENCES = {**PARAMETERS, **WARNINGS, **CAUSES, **NEXT}

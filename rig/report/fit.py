@@ -61,7 +61,7 @@ def parameters(fit: JsonObject) -> str:
     if unknown:
         parts.append(heading("Not identifiable from these data", level=3))
         parts.append(table(["Parameter", "Value used", "Unit", "Meaning", "Why"], unknown, (1,)))
-    parts += [_next_tests(fit), _profiles(fit), _selection(fit)]
+    parts += [_diagnosis(fit), _next_tests(fit), _profiles(fit), _selection(fit)]
     parts += [lead(text(note)) for note in fit.get("notes") or ()]
     return "".join(parts)
 
@@ -113,6 +113,19 @@ def _half_percent(value: object, low: object, high: object) -> str:
     percent = 50.0 * abs((high - low) / value)
     kind = "good" if percent <= WELL_KNOWN_PERCENT else "fair" if percent <= KNOWN_PERCENT else "poor"
     return chip(number(percent, 2), kind)
+
+
+def _diagnosis(fit: JsonObject) -> str:
+    causes = fit.get("diagnosis") or ()
+    if not causes:
+        return ""
+    rows = [
+        [text(cause["slug"]), text(cause["text"]), number(100.0 * float(cause["explains"]), 3), text(cause["next"])]
+        for cause in causes
+    ]
+    note = "Each cause was fitted together with the damper, alone; the first explains most. Shares do not add up."
+    head = ["Cause", "What was found", "Explains %", "What to do"]
+    return heading("What probably explains the misfit", note, level=3) + table(head, [("", row) for row in rows], (2,))
 
 
 def _next_tests(fit: JsonObject) -> str:

@@ -19,6 +19,7 @@ from rig.identification.words import Saying
 PIECE = 32768  # samples that are looked at together: what is made of them stays in the processor's cache
 ARRAYS = (
     "u_m", "v_m_s", "a_m_s2", "force_N", "current_A", "usable", "commanded_A", "unseen_v_m_s", "unseen_a_m_s2",
+    "temperature_degC",
 )  # fmt: skip
 
 
@@ -72,6 +73,7 @@ class Measurement:
         motion_error: how well the motion is known; None where it is exact, or where that is unknown.
         force_zero_std_N: standard uncertainty of the force sensor's zero, the same error in all tests (N).
         force_step_N: quantisation step of the force (N); 0 where there is none.
+        temperature_degC: recorded temperature of coil or body (degC), shape (n,); None where none was recorded.
         noise_N: standard deviation of the force from cycle to cycle (N); nan when it cannot be told.
         warnings: what the preparation found.
 
@@ -102,6 +104,7 @@ class Measurement:
     force_zero_std_N: float = 0.0
     force_step_N: float = 0.0
     noise_N: float = float("nan")
+    temperature_degC: FloatArray | None = None
     warnings: tuple[Saying, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -112,6 +115,9 @@ class Measurement:
                 raise ValueError(f"{self.id}: {name} has shape {shape}, expected ({n},) as u_m")
         if self.usable is not None and self.usable.shape != (n,):
             raise ValueError(f"{self.id}: usable has shape {self.usable.shape}, expected ({n},) as u_m")
+        if self.temperature_degC is not None and self.temperature_degC.shape != (n,):
+            shape = self.temperature_degC.shape
+            raise ValueError(f"{self.id}: temperature_degC has shape {shape}, expected ({n},) as u_m")
         if not (math.isfinite(self.dt_s) and self.dt_s > 0.0):
             raise ValueError(f"{self.id}: dt_s = {self.dt_s:g}, expected a positive time in seconds")
         for name in ("u_m", "v_m_s", "a_m_s2", "force_N", "current_A"):
@@ -168,6 +174,7 @@ def first_cycle(test: Measurement) -> Measurement:
         current_A=test.current_A[:stop],
         usable=None if test.usable is None else test.usable[:stop],
         commanded_A=None if test.commanded_A is None else test.commanded_A[:stop],
+        temperature_degC=None if test.temperature_degC is None else test.temperature_degC[:stop],
     )
 
 

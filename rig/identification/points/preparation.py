@@ -149,6 +149,7 @@ def prepare(point: RecordedPoint, skew: PointSkew | None = None) -> Measurement:
         noise_N=cycle_scatter_N(force_N, usable, grid_s, cycles, step_N)
         if commanded is None
         else noise_of(force_N[usable]),
+        temperature_degC=_temperature(point, grid_s),
         warnings=(*warnings, *warned),
     )
 
@@ -264,6 +265,13 @@ def _current(
     current_A = float(during_A[0]) if during_A.size else point.current_A
     warnings.append(say("command-steady", current_A=current_A))
     return np.full(wanted_s.size, current_A), None
+
+
+def _temperature(point: RecordedPoint, wanted_s: FloatArray) -> FloatArray | None:
+    """Recorded coil temperature (degC) at the wanted times; None where none was recorded."""
+    recorded = point.channel("coil_temperature")
+    known = np.isfinite(recorded)
+    return np.interp(wanted_s, point.time_s[known], recorded[known]) if np.any(known) else None
 
 
 def _command(point: RecordedPoint, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:

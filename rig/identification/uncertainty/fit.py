@@ -151,6 +151,24 @@ class NextTest:
 
 
 @dataclass(frozen=True)
+class Cause:
+    """What probably explains a misfit, or data that no damper gives.
+
+    Attributes:
+        slug: which cause; see docs/json.md.
+        text: what was found, with its numbers.
+        explains: share of the misfit beyond the noise that it explains (0 to 1); 1 for units and signs, 0 for what
+            these tests cannot show.
+        next: what to measure or mend.
+    """
+
+    slug: str
+    text: str
+    explains: float
+    next: str
+
+
+@dataclass(frozen=True)
 class SeriesSpring:
     """A spring in series with the damper, and its 95 % interval (N/m); all None where none is seen."""
 
@@ -198,6 +216,7 @@ class Fit(FitUse):
         passivity: where the fitted model takes energy out; None when it was not looked at.
         profiles: profile likelihoods that were asked for, by parameter.
         next_tests: tests worth running next.
+        diagnosis: what probably explains the misfit, most first; implausible units and signs before all.
         series: spring in series with the damper, where it was looked for; the parameters are the damper's behind it.
         current: relations to the current of parameters fitted at each current alone; None for a model affine in it.
         loss: "squares" or "huber".
@@ -228,6 +247,7 @@ class Fit(FitUse):
     passivity: Passivity | None = None
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     next_tests: tuple[NextTest, ...] = ()
+    diagnosis: tuple[Cause, ...] = ()
     series: SeriesSpring | None = None
     current: CurrentRelations | None = None
     loss: str = "squares"
@@ -264,6 +284,7 @@ class Fit(FitUse):
                 passivity=None if passive is None else record(Passivity, passive),
                 profiles={name: record(Profile, entry) for name, entry in (content.get("profiles") or {}).items()},
                 next_tests=tuple(record(NextTest, entry) for entry in content.get("next_tests") or ()),
+                diagnosis=tuple(record(Cause, entry) for entry in content.get("diagnosis") or ()),
                 series=None if spring is None else record(SeriesSpring, spring),
                 current=CurrentRelations.from_json(related),
                 form=str(content.get("equation", "")),
@@ -321,6 +342,7 @@ class Fit(FitUse):
             "passivity": None if self.passivity is None else _plain(self.passivity),
             "profiles": {name: vars(profile) for name, profile in self.profiles.items()},
             "next_tests": [_plain(proposal) for proposal in self.next_tests],
+            "diagnosis": [_plain(cause) for cause in self.diagnosis],
             "current": {"dependence": "affine"} if self.current is None else self.current.to_json(),
             "series_spring": None if self.series is None else _plain(self.series),
             "tested": None if self.tested is None else self.tested.to_json(),

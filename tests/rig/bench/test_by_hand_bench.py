@@ -127,6 +127,7 @@ def test_what_was_said_stays_said_whatever_a_stop_commands() -> None:
     source.command(0.0)
     assert [status.current_A for status in source.read_batch(0.0).statuses] == [0.0]
     assert not source.traits.measures
+    assert source.identity is None, "which supply it is, nobody knows"
 
 
 def test_a_controller_that_keeps_its_pressure_must_be_written(tmp_path: Path) -> None:

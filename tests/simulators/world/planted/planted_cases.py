@@ -116,7 +116,7 @@ CASES: dict[str, Case] = {
     "sensor-saturated": Case("cause", ("sensor-saturated@0.5",)),
     "sensor-spikes": Case("cause", ("sensor-spike@0.5",)),
     "damaged-frames": Case("moves-on", ("serial-garbage@0.5",)),
-    "stroke-limit": Case("limits", ("second-master:offset@0.1",)),
+    "stroke-limit": Case("cause", ("second-master:offset@0.1",)),  # the LVDT's end stops the rig then, later
     "speed-limit": Case("limits", ("second-master:span@0.1", "sigint@5.5")),
     "force-limit": Case("limits", ("load-train:jammed@0.5",)),
     "acceleration-limit": Case("acceleration", ("second-master:jumps@0.3", "sigint@4")),

@@ -13,6 +13,7 @@ from edits import Edit, deaf_station
 SUPERVISOR = "rig/station/supervisor.py"
 STOP = "rig/station/safe_stop.py"
 ACTUATOR = "rig/station/threads/actuator_thread.py"
+LINK_FAULTS = "rig/station/interlocks/link_faults.py"
 SENSOR = "rig/station/threads/sensor_thread.py"
 CONTROLLER = "rig/station/interlocks/actuator_interlock.py"
 MOTION = "rig/station/interlocks/motion_interlock.py"
@@ -32,7 +33,7 @@ SAFEGUARDS: dict[str, tuple[Edit, ...]] = {
         Edit(CONTROLLER, "if status.owner not in {0, self.owner_id}:", "if False:"),
         UNWATCHED,
     ),
-    "echo": (Edit(ACTUATOR, "if self._unechoed >= CONSECUTIVE:", "if False:"),),
+    "echo": (Edit(LINK_FAULTS, "if self._missing < CONSECUTIVE:", "if True:"),),
     "e-stop-bit": (deaf_station("estop"),),
     "controller-silent": (deaf_station("modbus-halfopen", "modbus-reset"),),
     "controller-busy": (deaf_station("modbus-busy", "modbus-reject"),),

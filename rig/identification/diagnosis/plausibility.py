@@ -1,0 +1,99 @@
+"""Tests as a whole: are sizes and signs those of a damper, and is the current law one that two currents can show?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rig.dampers.model import DamperModel
+from rig.identification.models.measurement import Measurement, samples_a_cycle
+from rig.identification.uncertainty.fit import Cause
+from rig.identification.words import say
+from rig.signals.plausibility import TestSize, doubts
+
+SAME_RATE = (0.5, 2.0)  # of the displacement's rate over the velocity given, between which one belongs to the other
+NEAR_MIDDLE = 0.3  # of the amplitude
+OFFSET_OF_PEAK = 0.01  # by which the force must be off towards extension to be no gas force
+CLEAR_OF_PEAK = 0.03  # the same where rebound is stronger than jounce, which speaks against it
+ZERO_ERRORS = 3.0  # stated standard deviations of the force's zero
+SAME_CURRENT_A = 0.05
+AT_ZERO = 0.25  # of the yield force at the top current: more at 0 A is seldom friction alone
+LOWEST_OF_TOP = 0.1  # least current over the greatest, below which zero current was as good as tested
+
+
+def implausible(tests: Sequence[Measurement]) -> list[Cause]:
+    """Units and signs that are probably wrong, likeliest first; empty where all is as in a damper's test."""
+    size = TestSize(
+        span_m=max(float(np.ptp(test.u_m)) for test in tests),
+        speed_m_s=max(float(np.max(np.abs(test.v_m_s))) for test in tests),
+        force_N=max(test.peak_force_N for test in tests),
+        current_A=max(float(np.max(np.abs(test.current_A))) for test in tests),
+        cycle_s=float(np.median([samples_a_cycle(test.u_m) * test.dt_s for test in tests])),
+    )
+    causes = [
+        _certain(doubt.slug, value=doubt.value, unit=doubt.taken_as, likely=doubt.likely, factor=doubt.factor)
+        for doubt in doubts(size)
+    ]
+    return causes or [*_rates(tests), *_both_signs(tests)]
+
+
+def _certain(slug: str, **numbers: object) -> Cause:
+    return Cause(slug, say(slug, **numbers), 1.0, say(f"next-{slug}", **numbers))
+
+
+def _rates(tests: Sequence[Measurement]) -> list[Cause]:
+    """Is the velocity that of the displacement?"""
+    ratios = []
+    for test in tests:
+        given = float(np.std(test.v_m_s))
+        ratios.append(float(np.std(np.gradient(test.u_m, test.dt_s))) / given if given > 0.0 else np.nan)
+    ratio = float(np.nanmedian(ratios)) if np.any(np.isfinite(ratios)) else 1.0
+    return [] if SAME_RATE[0] < ratio < SAME_RATE[1] else [_certain("units-velocity", ratio=ratio)]
+
+
+def _both_signs(tests: Sequence[Measurement]) -> list[Cause]:
+    """Gas pushes a rod out, so the force's middle is negative; where it is positive, both signs are reversed."""
+    rows, middles = [], []
+    for test in tests:
+        near = test.scored & (np.abs(test.u_m - np.mean(test.u_m)) < NEAR_MIDDLE * 0.5 * float(np.ptp(test.u_m)))
+        out, into = near & (test.v_m_s > 0.0), near & (test.v_m_s < 0.0)
+        if not (np.any(out) and np.any(into)):
+            continue
+        middles.append(0.5 * (float(np.mean(test.force_N[out])) + float(np.mean(test.force_N[into]))))
+        speed = float(np.mean(np.abs(test.v_m_s[near])))
+        rows.append((1.0, speed, speed * float(np.mean(test.current_A))))
+    if not rows:
+        return []
+    table = np.array(rows)
+    amounts = np.linalg.lstsq(table, np.array(middles), rcond=1e-3)[0]
+    offset_N, growth_N = float(amounts[0]), float(np.median(table[:, 1:] @ amounts[1:]))
+    peak_N = float(np.median([test.peak_force_N for test in tests]))
+    least_N = ZERO_ERRORS * max(test.force_zero_std_N for test in tests)
+    clear = CLEAR_OF_PEAK if growth_N > 0.0 else OFFSET_OF_PEAK
+    if offset_N <= max(clear * peak_N, least_N):
+        return []
+    return [_certain("signs-reversed", offset_N=offset_N)]
+
+
+def law_from_two_currents(
+    model: DamperModel, values: Mapping[str, float], tests: Sequence[Measurement]
+) -> list[Cause]:
+    """A law drawn through two currents that leaves much of the force at zero current, where nothing was measured."""
+    currents = [float(np.mean(test.current_A)) for test in tests]
+    low_A, top_A = min(currents), max(currents)
+    between = [x for x in currents if low_A + SAME_CURRENT_A < x < top_A - SAME_CURRENT_A]
+    if top_A - low_A < SAME_CURRENT_A or between or low_A < LOWEST_OF_TOP * top_A:
+        return []
+    top_speed = max(float(np.max(np.abs(test.v_m_s))) for test in tests)
+    complete = {**values, "eta": 1.0} if "eta" in model.names else dict(values)
+    halves = [
+        0.5 * (model.force_at(complete, v, at_A) - model.force_at(complete, -v, at_A))
+        for v in (top_speed, 0.5 * top_speed)
+        for at_A in (0.0, top_A)
+    ]
+    zero_N, top_N = (float(2.0 * halves[k + 2] - halves[k]) for k in (0, 1))
+    if zero_N < AT_ZERO * top_N:
+        return []
+    numbers = {"low_A": low_A, "top_A": top_A, "zero_N": zero_N, "percent": 100.0 * zero_N / top_N}
+    return [Cause("current-law", say("current-law-two", **numbers), 0.0, say("next-current-law-two", **numbers))]

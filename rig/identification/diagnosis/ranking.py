@@ -1,0 +1,223 @@
+"""The causes of a misfit in the order of what they explain.
+
+Each is fitted together with the damper. Its score is the logarithm of the sum of squares that it leaves, over that of
+the noise, and a little for each amount it needs, so that of two that explain the same the simpler one is named. The
+share that it explains is of what the fit leaves beyond the noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rig.dampers.arrays import FloatArray
+from rig.dampers.model import DamperModel
+from rig.errors import IdentificationFailed
+from rig.identification.diagnosis import distortions as of
+from rig.identification.diagnosis.descent import Explained, explain, residual_N
+from rig.identification.diagnosis.force_channel import beyond, ends_N, outliers
+from rig.identification.diagnosis.groups import two_groups
+from rig.identification.diagnosis.plausibility import implausible, law_from_two_currents
+from rig.identification.diagnosis.stretches import Stretch, stretches
+from rig.identification.models.measurement import Measurement
+from rig.identification.models.projection import Weighting
+from rig.identification.series_spring import Softened
+from rig.identification.uncertainty.fit import Cause
+from rig.identification.words import say, some
+
+AN_AMOUNT = 0.02  # of the logarithm of what is left, that each amount of a cause must be worth
+WORTH_NAMING = 0.15  # share of the misfit from which a cause is listed
+MISFIT_OF_NOISE = 0.02  # of the noise's sum of squares: less than this is no misfit
+FEWEST_OUTLIERS = 3
+SAME_CURRENT_A = 0.05
+MOST_BENDS = 3
+SKEWS_S = (0.0, 1e-3, 3e-3, -1e-3, -3e-3)  # to start from where a model jumps at the reversals, which show the skew
+SMALLEST_TEMPERATURE_SPAN_K = 1.0
+NEAR_REVERSAL_m = 1e-3
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What is diagnosed: a model, its values (SI), the names of those that were fitted, its tests and their weights."""
+
+    model: DamperModel
+    values: Mapping[str, float]
+    names: tuple[str, ...]
+    tests: Sequence[Measurement]
+    weighting: Weighting
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """One cause: what it leaves, how many amounts it has, and what there is to say."""
+
+    slug: str
+    squares: float
+    amounts: int
+    numbers: Mapping[str, object]
+
+
+def diagnose(fitted: Fitted, *, misfit: bool = True) -> tuple[Cause, ...]:
+    """What probably explains the misfit of a fit, most first; wrong units and signs alone where there are any.
+
+    Args:
+        fitted: the fit.
+        misfit: whether to look for causes of misfit; units, signs and a current law drawn from two currents are looked
+            at in any case.
+    """
+    wrong = implausible(fitted.tests)
+    if wrong:
+        return tuple(wrong)
+    causes = [*_saturated(fitted.tests)]
+    if misfit:
+        causes += _of_misfit(fitted)
+    return (*causes, *law_from_two_currents(fitted.model, fitted.values, fitted.tests))
+
+
+def _saturated(tests: Sequence[Measurement]) -> list[Cause]:
+    """What the preparation took out already."""
+    ids = [test.id for test in tests if any(warning.slug == "saturated-force" for warning in test.warnings)]
+    return [Cause("clipping", say("clipping-left-out", tests=some(ids)), 1.0, say("next-clipping"))] if ids else []
+
+
+def _of_misfit(fitted: Fitted) -> list[Cause]:
+    model, tests, weighting = fitted.model, fitted.tests, fitted.weighting
+    alone = outliers(model, fitted.values, tests, weighting)
+    everything = stretches(model, tests, weighting)
+    floor = sum(part.floor for part in everything)
+    parts = stretches(model, tests, weighting, alone)
+    nothing = of.Distortion()
+    base = explain(model, fitted.values, fitted.names, parts, nothing)
+    whole = explain(model, fitted.values, fitted.names, everything, nothing)
+    if whole.squares - floor < MISFIT_OF_NOISE * floor:
+        return []
+    excess = whole.squares - floor
+    far = whole.squares - base.squares  # of samples that lie alone, which only their own cause explains
+    trials = [
+        replace(trial, squares=trial.squares + far)
+        for trial in (*_distorted(fitted, parts, base), *_two_dampers(fitted, parts, base))
+    ]
+    count = sum(int(np.count_nonzero(one)) for one in alone)
+    if count >= FEWEST_OUTLIERS:
+        percent = 100.0 * count / sum(test.u_m.size for test in tests)
+        trials.append(_Trial("outliers", base.squares, 1, {"count": count, "percent": percent}))
+    causes: list[Cause] = []
+    for trial in sorted(trials, key=lambda trial: _score(trial, floor)):
+        share = min(1.0, max(0.0, (whole.squares - trial.squares) / excess))
+        if share >= WORTH_NAMING and trial.slug not in {cause.slug for cause in causes}:
+            text = say(trial.slug, **trial.numbers, percent_explained=100.0 * share)
+            causes.append(Cause(trial.slug, text, share, say(f"next-{trial.slug}", **trial.numbers)))
+    return causes
+
+
+def _score(trial: _Trial, floor: float) -> float:
+    return math.log(max(trial.squares / max(floor, 1e-300), 0.5)) + AN_AMOUNT * trial.amounts
+
+
+def _distorted(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
+    def left(distortion: of.Distortion, start: Explained = base) -> Explained:
+        return explain(fitted.model, start.values, fitted.names, parts, distortion)
+
+    def add(slug: str, distortion: of.Distortion, **numbers: object) -> _Trial:
+        return _Trial(slug, left(distortion).squares, len(distortion.start), numbers)
+
+    starts = SKEWS_S if fitted.model.jumps_at == "reversal" else (0.0,)
+    skewed = min((left(of.Skew(start_s)) for start_s in starts), key=lambda reached: reached.squares)
+    yield _Trial("skew", skewed.squares, 1, {"skew_ms": 1e3 * float(skewed.amounts[0])})
+    for slug, trend in _trends(fitted.tests):
+        reached = left(of.Trend(trend))
+        gain, zero_N = reached.amounts.tolist()
+        yield _Trial(slug, reached.squares, 2, {"percent": 100.0 * gain, "zero_N": zero_N})
+    yield from _clipped(fitted, parts, base)
+    yield from _compliant(fitted, parts, base)
+    levels = _levels(fitted.tests)
+    if len(levels) > 2:
+        law = of.CurrentLaw(levels[0], levels[-1], min(len(levels) - 2, MOST_BENDS))
+        yield add("current-law", law, currents=", ".join(f"{level:.3g}" for level in levels))
+    top = max(float(np.max(np.abs(test.v_m_s))) for test in fitted.tests)
+    most = max(float(np.max(np.abs(test.u_m))) for test in fitted.tests)
+    yield add("missing-hysteresis", of.Added(of.after_reversal, parts), percent=_near_reversals(fitted, parts))
+    yield add("speed-shape", of.Added(of.over_speed(top), parts))
+    yield add("stroke-shape", of.Added(of.over_stroke(most), parts))
+
+
+def _near_reversals(fitted: Fitted, parts: Sequence[Stretch]) -> float:
+    """Part (%) of the misfit within 1 mm after a reversal."""
+    near = total = 0.0
+    for part in parts:
+        squares = (part.weights * residual_N(fitted.model, fitted.values, part, of.Distortion(), np.zeros(0))) ** 2
+        near, total = near + float(np.sum(squares[part.since_m < NEAR_REVERSAL_m])), total + float(np.sum(squares))
+    return 100.0 * near / max(total, 1e-300)
+
+
+def _trends(tests: Sequence[Measurement]) -> Iterator[tuple[str, Callable[[Stretch], FloatArray]]]:
+    """What force may follow: the time in each test, the campaign's, both as one, and a recorded temperature."""
+    yield "force-drift", lambda part: part.time
+    count = len(tests)
+    if count > 2:
+        yield "force-drift", lambda part: np.full(part.time.size, part.order)
+        yield "force-drift", lambda part: part.order + part.time / count
+    known = [test.temperature_degC for test in tests if test.temperature_degC is not None]
+    if len(known) == count:
+        low, high = (float(end([end(values) for values in known])) for end in (np.min, np.max))
+        if high - low >= SMALLEST_TEMPERATURE_SPAN_K:
+            middle, span = 0.5 * (low + high), high - low
+
+            def warmth(part: Stretch) -> FloatArray:
+                recorded = part.test.temperature_degC
+                return np.zeros(part.time.size) if recorded is None else np.asarray((recorded - middle) / span)
+
+            yield "temperature", warmth
+
+
+def _clipped(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
+    """The force channel's ends, the same in all tests or each test's own; first fitted without what is near them."""
+    noise = {part.index: part.noise_N for part in parts}
+    own = [ends_N(test, noise[k]) for k, test in enumerate(fitted.tests)]
+    common = min(low for low, _ in own), max(high for _, high in own)
+    nothing = of.Distortion()
+    for ends in ([common] * len(own), own):
+        inner = []
+        for part in parts:
+            outside = beyond(part.test, ends[part.index], noise[part.index])
+            inner.append(replace(part, weights=np.where(outside, 0.0, part.weights)))
+        start = explain(fitted.model, base.values, fitted.names, inner, nothing)
+        together = ends is not own
+        channel = of.Clipped(*common) if together else of.ClippedApart(own)
+        reached = explain(fitted.model, start.values, fitted.names, parts, channel)
+        low, high = reached.amounts.tolist() if together else common
+        yield _Trial("clipping", reached.squares, 2 if together else 2 + len(own), {"low_N": low, "high_N": high})
+
+
+def _compliant(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
+    try:
+        soft = Softened([part.test for part in parts])
+    except IdentificationFailed:
+        return  # a test whose cycles are unknown has no smooth force, and shows no compliance
+    give = of.Compliance(soft.forces, parts, soft.largest_m_N)
+    reached = explain(fitted.model, base.values, fitted.names, parts, give)
+    compliance = float(reached.amounts[0])
+    if compliance > 0.0:
+        yield _Trial("series-compliance", reached.squares, 1, {"stiffness_N_m": 1.0 / compliance})
+
+
+def _two_dampers(fitted: Fitted, parts: Sequence[Stretch], base: Explained) -> Iterator[_Trial]:
+    reached = two_groups(fitted.model, base, fitted.names, parts)
+    if reached is not None:
+        minor = reached.second if 2 * np.count_nonzero(reached.second) <= reached.second.size else ~reached.second
+        ids = [test.id for test, other in zip(fitted.tests, minor.tolist(), strict=True) if other]
+        yield _Trial("mixed-specimens", reached.squares, len(fitted.names) + 1, {"tests": some(ids)})
+
+
+def _levels(tests: Sequence[Measurement]) -> list[float]:
+    """Different currents (A), rising."""
+    levels: list[float] = []
+    for current in sorted(float(np.mean(test.current_A)) for test in tests):
+        if not levels or current > levels[-1] + SAME_CURRENT_A:
+            levels.append(current)
+    return levels
+
+

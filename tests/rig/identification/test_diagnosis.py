@@ -1,0 +1,186 @@
+"""A misfit is explained: each corruption of good data is named first, and good data are not accused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.dampers import model, parameter_set
+from rig.identification import Fit, Measurement, identify
+from rig.identification.diagnosis.stretches import path_since_reversal_m
+from rig.identification.runs import write_fit
+
+DEMO = dict(parameter_set("demo").values)
+DAMPER = model("asymmetric")
+RATE_Hz, AMPLITUDE_m, CYCLES, NOISE_N = 250.0, 0.03, 4, 4.0
+CURRENTS_A, FREQUENCIES_Hz = (0.0, 0.5, 1.0, 1.5, 2.0), (0.75, 1.5)
+
+
+def damper_tests(
+    *,
+    skew_s: float = 0.0,
+    currents_A: tuple[float, ...] = CURRENTS_A,
+    acting: Callable[[float], float] = lambda current_A: current_A,
+    values_of: Callable[[int], dict[str, float]] = lambda number: DEMO,
+    shown: Callable[[int, np.ndarray, np.ndarray], np.ndarray] = lambda number, share, force_N: force_N,
+) -> list[Measurement]:
+    """Tests of the demo damper by its equation: sines, white noise, and what a test adds to them."""
+    random, tests = np.random.default_rng(3), []
+    for current_A in currents_A:
+        for frequency_Hz in FREQUENCIES_Hz:
+            rate, number = 2.0 * np.pi * frequency_Hz, len(tests)
+            time_s = np.arange(round(CYCLES * RATE_Hz / frequency_Hz)) / RATE_Hz + 0.0013
+
+            def motion(at_s: np.ndarray, rate: float = rate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+                sine, cosine = np.sin(rate * at_s), np.cos(rate * at_s)
+                return AMPLITUDE_m * sine, AMPLITUDE_m * rate * cosine, -AMPLITUDE_m * rate**2 * sine
+
+            force_N = DAMPER.force(values_of(number), *motion(time_s - skew_s), acting(current_A), 1.0 / RATE_Hz)
+            force_N = shown(number, np.linspace(0.0, 1.0, time_s.size), force_N)
+            u_m, v_m_s, a_m_s2 = motion(time_s)
+            tests.append(
+                Measurement(
+                    id=f"p{number + 1:03d}", u_m=u_m, v_m_s=v_m_s, a_m_s2=a_m_s2,
+                    force_N=force_N + random.normal(0.0, NOISE_N, time_s.size),
+                    current_A=np.full(time_s.size, current_A), dt_s=1.0 / RATE_Hz, amplitude_m=AMPLITUDE_m,
+                    frequency_Hz=frequency_Hz, nominal_current_A=current_A, noise_N=NOISE_N,
+                    samples_per_cycle=round(RATE_Hz / frequency_Hz),
+                )
+            )  # fmt: skip
+    return tests
+
+
+def named_first(fit: Fit) -> str:
+    assert fit.diagnosis, "no cause was named"
+    shares = [cause.explains for cause in fit.diagnosis]
+    assert all(0.0 <= share <= 1.0 for share in shares)
+    assert all(cause.text and cause.next for cause in fit.diagnosis)
+    return fit.diagnosis[0].slug
+
+
+def test_a_diagnosis_is_read_back_from_a_fit_file(tmp_path: Path) -> None:
+    fit = identify(damper_tests(skew_s=3e-3, currents_A=(0.0, 1.0)))
+    write_fit(fit, tmp_path)
+    again = Fit.load(tmp_path / "fit.json")
+    assert [vars(cause) for cause in again.diagnosis] == [vars(cause) for cause in fit.diagnosis]
+
+
+def test_good_tests_are_not_accused_even_when_asked() -> None:
+    fit = identify(damper_tests(), diagnose=True)
+    assert fit.adequate
+    assert fit.diagnosis == ()
+
+
+@pytest.mark.parametrize("skew_ms", [0.7, 3.0])
+def test_a_delay_is_named_and_measured(skew_ms: float) -> None:
+    fit = identify(damper_tests(skew_s=1e-3 * skew_ms))
+    assert fit.adequate is False
+    assert named_first(fit) == "skew"
+    assert fit.diagnosis[0].explains > 0.95
+    numbers = fit.diagnosis[0].text.numbers  # type: ignore[attr-defined]  # a Saying, which is a str with numbers
+    assert numbers["skew_ms"] == pytest.approx(skew_ms, abs=0.05)
+
+
+@pytest.mark.parametrize("over", ["test", "campaign"])
+def test_a_drift_of_a_quarter_is_named(over: str) -> None:
+    def shown(number: int, share: np.ndarray, force_N: np.ndarray) -> np.ndarray:
+        return np.asarray(force_N * (1.0 + 0.25 * (share if over == "test" else (number + share) / 10.0)))
+
+    fit = identify(damper_tests(shown=shown))
+    assert named_first(fit) == "force-drift"
+    assert "+25" in fit.diagnosis[0].text or "+2" in fit.diagnosis[0].text
+
+
+def test_outliers_are_named_and_counted() -> None:
+    random, tests, hit = np.random.default_rng(5), [], 0
+    for test in damper_tests():
+        force_N, where = test.force_N.copy(), random.random(test.force_N.size) < 0.005
+        force_N[where] += random.choice((-400.0, 400.0), int(where.sum()))
+        hit += int(where.sum())
+        tests.append(replace(test, force_N=force_N))
+    fit = identify(tests)
+    assert named_first(fit) == "outliers"
+    assert fit.diagnosis[0].text.startswith(f"{hit} samples")
+
+
+def test_clipping_under_noise_is_named_with_its_ends() -> None:
+    fit = identify(damper_tests(shown=lambda number, share, force_N: np.clip(force_N, -700.0, 450.0)))
+    assert named_first(fit) == "clipping"
+    numbers = fit.diagnosis[0].text.numbers  # type: ignore[attr-defined]  # a Saying, which is a str with numbers
+    assert (numbers["low_N"], numbers["high_N"]) == pytest.approx((-700.0, 450.0), abs=2.0)
+
+
+def test_a_saturating_current_law_is_named_from_five_currents() -> None:
+    fit = identify(damper_tests(acting=lambda current_A: 0.8 * (1.0 - np.exp(-current_A / 0.8))))
+    assert named_first(fit) == "current-law"
+
+
+def test_a_law_drawn_through_two_currents_is_doubted_where_it_leaves_much_at_zero() -> None:
+    saturating = damper_tests(currents_A=(1.0, 2.0), acting=lambda current_A: 0.8 * (1.0 - np.exp(-current_A / 0.8)))
+    fit = identify(saturating)
+    assert fit.adequate  # a line goes through any two currents
+    assert (named_first(fit), fit.diagnosis[0].explains) == ("current-law", 0.0)
+    assert identify(damper_tests(currents_A=(1.0, 2.0))).diagnosis == ()
+
+
+def test_tests_of_two_dampers_are_told_apart() -> None:
+    other = {**DEMO, "Fyb": 150.0, "Ca_plus": 1500.0}
+    fit = identify(damper_tests(values_of=lambda number: other if number in {1, 4, 7, 8} else DEMO))
+    assert named_first(fit) == "mixed-specimens"
+    assert "p002, p005, p008 and 1 more" in fit.diagnosis[0].text
+
+
+def test_a_recorded_temperature_is_named_before_a_drift() -> None:
+    def temperature_degC(number: int, share: np.ndarray) -> np.ndarray:
+        return np.asarray(25.0 + 30.0 * (1.0 - np.exp(-0.3 * (number + share))))
+
+    tests = damper_tests(
+        shown=lambda number, share, force_N: force_N * (1.0 - 0.005 * (temperature_degC(number, share) - 25.0))
+    )
+    known = [
+        replace(test, temperature_degC=temperature_degC(number, np.linspace(0.0, 1.0, test.u_m.size)))
+        for number, test in enumerate(tests)
+    ]
+    assert named_first(identify(known)) == "temperature"
+
+
+@pytest.mark.parametrize(
+    ("slug", "likely", "wrong"),
+    [
+        ("units-force", "kN", lambda t: replace(t, force_N=1e-3 * t.force_N, noise_N=1e-3 * NOISE_N)),
+        ("units-time", "ms", lambda t: replace(t, dt_s=1e3 * t.dt_s, v_m_s=1e-3 * t.v_m_s, a_m_s2=1e-6 * t.a_m_s2)),
+        ("units-displacement", "mm", lambda t: t.moved(1e3 * t.u_m, 1e3 * t.v_m_s, 1e3 * t.a_m_s2)),
+        ("units-current", "mA", lambda t: replace(t, current_A=1e3 * t.current_A)),
+        ("units-velocity", "500 times", lambda t: replace(t, u_m=500.0 * 0.01 * t.u_m, v_m_s=0.01 * t.v_m_s)),
+    ],
+)
+def test_a_wrong_unit_is_named(slug: str, likely: str, wrong: Callable[[Measurement], Measurement]) -> None:
+    fit = identify([wrong(test) for test in damper_tests(currents_A=(0.0, 1.0))])
+    assert named_first(fit) == slug
+    assert likely in fit.diagnosis[0].text
+
+
+def test_both_signs_reversed_are_named() -> None:
+    turned = [
+        replace(test.moved(-test.u_m, -test.v_m_s, -test.a_m_s2), force_N=-test.force_N) for test in damper_tests()
+    ]
+    assert named_first(identify(turned)) == "signs-reversed"
+
+
+def test_a_model_without_hysteresis_is_told_what_it_lacks() -> None:
+    fit = identify(damper_tests(), model="bingham")
+    assert fit.adequate is False
+    assert named_first(fit) in {"missing-hysteresis", "speed-shape"}
+    assert "--model all" in fit.diagnosis[0].next
+
+
+def test_the_path_since_a_reversal_starts_anew_at_every_reversal() -> None:
+    test = damper_tests(currents_A=(0.0,))[0]
+    since = path_since_reversal_m(test)
+    assert float(np.max(since)) == pytest.approx(2.0 * AMPLITUDE_m, rel=0.01)
+    slow = np.abs(test.v_m_s) < 0.02 * np.max(np.abs(test.v_m_s))
+    assert np.all((since[slow] < 0.001 * AMPLITUDE_m) | (since[slow] > 1.99 * AMPLITUDE_m))
