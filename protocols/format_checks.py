@@ -12,7 +12,7 @@ from typing import Any
 from protocols.binary_format import LETTERS, LONGEST_FRAME, BinaryFormat, Field
 from protocols.checksums import CHECKSUMS
 from protocols.format_keys import Place, Problem, Table
-from protocols.line_example import HOLES, checksum_digits, explodes, filled, fitting, parts, widths
+from protocols.line_example import HOLES, checksum_digits, explodes, fitting, parts, widths
 from protocols.line_format import LineFormat
 
 _MARK = "{address}"
@@ -153,8 +153,7 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
             yield ("template",), f"template {made.template!r}: {error!r}; {known}"
             return
     fixed = "".join(part for part in parts(made.pattern) if not part.startswith("\0"))
-    way = next(((style, number) for number in TRIED if (style := fitting(made, [number])) is not None), None)
-    if way is None:
+    if not any(fitting(made, [number]) for number in TRIED):
         written = "".join(part if not part.startswith("\0") else f"<{part[1:].partition(':')[0]}>" for part in
                           parts(made.pattern))  # fmt: skip
         with_unit = f" with the unit {made.unit!r}" if "unit" in made.groups else ""
@@ -163,14 +162,11 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
         yield ("pattern",), f"can never match: {told}"
     elif made.terminator.decode("latin-1") in fixed:
         yield ("pattern",), "can never match: the pattern has the terminator in it, which ends the line before"
-    elif len(set(widths(made.pattern))) > 1:
-        style, number = way
-        line = filled(made, parts(made.pattern), style.write(number), style.plus)
-        if explodes(made.pattern, line):
-            yield ("pattern",), (
-                "takes longer and longer with every character of a damaged line: a repeat inside of a repeat, such as "
-                "(\\d+)+; write it with one repeat"
-            )
+    elif explodes(made.pattern):
+        yield ("pattern",), (
+            "takes longer and longer with every character of a damaged line: a repeat inside of a repeat, such as "
+            "(\\d+)+; write it with one repeat"
+        )
 
 
 def _exchange_problems(values: Mapping[str, Any]) -> Iterator[Problem]:

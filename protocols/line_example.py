@@ -10,7 +10,6 @@ from __future__ import annotations
 import importlib
 import re
 import string
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -30,10 +29,7 @@ _CATEGORIES: Mapping[str, Callable[[str], bool]] = {
 HOLES = ("value", "sign", "unit", "status", "checksum")
 WIDEST = 16
 MOST_DECIMALS = 7
-MOST_SEARCH_S = 0.02
-LONGEST_ROW = 48
-ROWS = "1 .-A;"
-REPEATED_GROUP = re.compile(r"\)[*+{]")
+REPEATS = frozenset({"MAX_REPEAT", "MIN_REPEAT"})
 
 
 def widths(pattern: str) -> tuple[int, int]:
@@ -217,23 +213,30 @@ def checksum_digits(line_format: LineFormat) -> int:
     return 0 if line_format.checksum == "none" else 2 * CHECKSUMS[line_format.checksum.removesuffix(HEX)].size
 
 
-def explodes(pattern: str, line: str) -> bool:
-    """Whether a damaged line could hold up who reads it: the search doubles with every character, as in `([0-9]+)+`.
+def explodes(pattern: str) -> bool:
+    """Whether a damaged line could hold up who reads it: a repeat of nothing but repeats, as in `([0-9]+)+`.
 
-    Rows of one letter are put behind every beginning of a line that matches, longer ones step by step, and a NUL.
-
-    Args:
-        pattern: regular expression of a whole line.
-        line: one that matches.
+    It can cut a row of characters in twice as many ways with every character more.
     """
-    if REPEATED_GROUP.search(pattern) is None:
-        return False
-    regex = re.compile(pattern, re.ASCII)
-    for end in range(len(line) + 1):
-        for letter in {line[end - 1 : end] or "0", *ROWS}:
-            for count in range(4, LONGEST_ROW, 2):
-                begin_s = time.thread_time()
-                regex.fullmatch(f"{line[:end]}{letter * count}\0")
-                if time.thread_time() - begin_s > MOST_SEARCH_S:
-                    return True
+    return _explodes(_parser.parse(pattern, re.ASCII))
+
+
+def _explodes(tree: Any) -> bool:  # noqa: ANN401 - as above
+    for operation, argument in tree:
+        kind = str(operation)
+        inner = argument[2] if kind in REPEATS else argument[-1] if kind == "SUBPATTERN" else ()
+        if kind in REPEATS and int(argument[1]) > 1 and _repeats_only(inner):
+            return True
+        if any(map(_explodes, argument[1] if kind == "BRANCH" else (inner,))):
+            return True
     return False
+
+
+def _repeats_only(tree: Any) -> bool:  # noqa: ANN401 - as above
+    """Nothing in it has a fixed length, and something is repeated."""
+    loose = [
+        _repeats_only(argument[-1]) if str(operation) == "SUBPATTERN" else
+        str(operation) in REPEATS and argument[0] != argument[1]
+        for operation, argument in tree
+    ]  # fmt: skip
+    return all(loose) and tree.getwidth()[1] > 1

@@ -45,6 +45,7 @@ MANY_PARAMETERS = {
 }
 MANY_PARAMETERS_WHERE = {
     "rig.dampers.": COMPILED,
+    "rig.export.code.program:": COMPILED,
     "rig.identification.models.kernels:": COMPILED,
     "simulators.conditioner:": COMPILED,
     "simulators.plant.": COMPILED,
