@@ -55,7 +55,8 @@ def _mat(point: RecordedPoint) -> bytes:
 
     content = io.BytesIO()
     described = {name: getattr(point, name) for name in LISTED}
-    savemat(content, {**_recorded(point), "point": described}, long_field_names=True, oned_as="column")
+    channels = {**_recorded(point), "point": described}
+    savemat(content, channels, long_field_names=True, oned_as="column")  # type: ignore[arg-type]  # stub: paths only
     return content.getvalue()
 
 
@@ -71,6 +72,6 @@ def _netcdf(point: RecordedPoint) -> bytes:
         for name, values in channels.items():
             variable = file.createVariable(name, "f8", ("sample",))
             variable[:] = values
-            variable.units = UNITS[name]
+            variable.units = UNITS[name]  # type: ignore[attr-defined]  # attributes of the file are made so
         file.flush()
         return content.getvalue()
