@@ -79,7 +79,7 @@ class ModbusActuator:
         self._low = False
         self._written: ActuatorLimits | None = None
         self._values: dict[str, Value] = {}
-        self._writes = PollWrites(controller.recipes)
+        self._writes = PollWrites(controller)
 
     @property
     def capabilities(self) -> Capabilities:
@@ -306,6 +306,7 @@ class ModbusActuator:
 
     def _note(self, command: Command, sequence: int, order: Move | Program | None) -> None:
         """A command is about to be written."""
+        self._writes.halted = command is Command.HALT
         self._numbers.used(sequence, command)
         if (sequence, int(command)) not in self.sent:
             self.sent.append((sequence, int(command)))
@@ -368,6 +369,7 @@ class ModbusActuator:
         received_ns = time.monotonic_ns()
         values |= self._host.unwrapped(values)
         self._values = values
+        self._writes.seen(self._state, values)
         if self._run is not None:
             self._run.go_on(received_ns * 1e-9, self._access.show, self._access.write)
             self._follow(self._run)

@@ -2,36 +2,63 @@
 
 from __future__ import annotations
 
+import math
+
+from drivers.capabilities import WatchdogKind
 from drivers.register_maps.access_plan import Written
 from drivers.register_maps.condition import Values
-from drivers.register_maps.controller_map import Recipes
+from drivers.register_maps.controller_map import ControllerMap
 from drivers.register_maps.recipe import Recipe, Write
+from drivers.roles import State
 from drivers.setpoint_generator import Setpoint
 
 COUNTERS = 1 << 16
+HELD = frozenset({State.HOLD, State.MOVING, State.RUNNING})
+"""States in which the device goes where its set-points say."""
 
 
 class PollWrites:
     """Makes the requests of one device.
 
     Args:
-        recipes: of its map.
+        controller: its map.
+
+    Attributes:
+        halted: the device was halted by a command of its own; a set-point could have it go on.
     """
 
-    def __init__(self, recipes: Recipes) -> None:
-        self._recipes = recipes
+    def __init__(self, controller: ControllerMap) -> None:
+        self.halted = False
+        self._recipes = controller.recipes
+        streamed = bool(controller.recipes.setpoint) and not controller.recipes.feed
+        self._by_setpoints = streamed and controller.capabilities.watchdog is WatchdogKind.TIMEOUT
         self._toggle = 0
         self._counter = 0
         self._steps = 0
+        self._held_m = math.nan
 
     def feed(self, counter: int) -> list[Written]:
-        """The writes that feed the watchdog.
+        """The writes that feed the watchdog; where set-points do, one that leaves the rod where it is held.
 
         Args:
             counter: taken modulo 65536.
         """
+        if self._by_setpoints:
+            known = math.isfinite(self._held_m) and not self.halted
+            return self.setpoint(Setpoint(self._held_m, 0.0), counter) if known else []
         self._toggle ^= 1
         return _requests(self._recipes.feed, {"counter": counter % COUNTERS, "toggle": self._toggle})
+
+    def seen(self, state: int, values: Values) -> None:
+        """What a poll shows: under pressure the rod is held where it was, else it is wherever it is.
+
+        Args:
+            state: of the device.
+            values: of its quantities (SI).
+        """
+        if state not in HELD or not math.isfinite(self._held_m):
+            shown = values.get("setpoint", values["position"]) if state in HELD else values["position"]
+            self._held_m = float(shown)
 
     def setpoint(self, setpoint: Setpoint, counter: int | None) -> list[Written]:
         """The writes of a set-point; the watchdog's counter in it stays where it is not fed.
@@ -45,6 +72,7 @@ class PollWrites:
         """
         if counter is not None:
             self._counter = counter % COUNTERS
+        self._held_m = setpoint.position_m
         self._steps = (self._steps + 1) % COUNTERS
         given = {
             "position": setpoint.position_m, "velocity": setpoint.velocity_m_s, "sequence": self._steps,

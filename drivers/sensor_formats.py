@@ -98,6 +98,8 @@ def _read(path: Path) -> tuple[dict[str, Any], Mapping[Place, int]]:
         FormatProblems: it cannot be read, or is not TOML.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise FormatProblems(path.stem, [((), f"{path.name}: is no file")])
         with path.open("rb") as file:
             data = file.read(LARGEST_FILE_BYTES + 1)
         text = data.decode("utf-8-sig")

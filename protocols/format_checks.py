@@ -12,7 +12,7 @@ from typing import Any
 from protocols.binary_format import LETTERS, LONGEST_FRAME, BinaryFormat, Field
 from protocols.checksums import CHECKSUMS
 from protocols.format_keys import Place, Problem, Table
-from protocols.line_example import HOLES, checksum_digits, fitting, parts, widths
+from protocols.line_example import HOLES, checksum_digits, explodes, fitting, parts, widths
 from protocols.line_format import LineFormat
 
 _MARK = "{address}"
@@ -162,6 +162,11 @@ def _unmatched(made: LineFormat) -> Iterator[Problem]:
         yield ("pattern",), f"can never match: {told}"
     elif made.terminator.decode("latin-1") in fixed:
         yield ("pattern",), "can never match: the pattern has the terminator in it, which ends the line before"
+    elif explodes(made.pattern):
+        yield ("pattern",), (
+            "takes longer and longer with every character of a damaged line: a repeat inside of a repeat, such as "
+            "(\\d+)+; write it with one repeat"
+        )
 
 
 def _exchange_problems(values: Mapping[str, Any]) -> Iterator[Problem]:

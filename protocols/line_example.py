@@ -29,6 +29,7 @@ _CATEGORIES: Mapping[str, Callable[[str], bool]] = {
 HOLES = ("value", "sign", "unit", "status", "checksum")
 WIDEST = 16
 MOST_DECIMALS = 7
+REPEATS = frozenset({"MAX_REPEAT", "MIN_REPEAT"})
 
 
 def widths(pattern: str) -> tuple[int, int]:
@@ -210,3 +211,32 @@ def filled(line_format: LineFormat, text: Sequence[str], number: str, sign: str)
 def checksum_digits(line_format: LineFormat) -> int:
     """Hexadecimal digits of the checksum; 0 without one."""
     return 0 if line_format.checksum == "none" else 2 * CHECKSUMS[line_format.checksum.removesuffix(HEX)].size
+
+
+def explodes(pattern: str) -> bool:
+    """Whether a damaged line could hold up who reads it: a repeat of nothing but repeats, as in `([0-9]+)+`.
+
+    It can cut a row of characters in twice as many ways with every character more.
+    """
+    return _explodes(_parser.parse(pattern, re.ASCII))
+
+
+def _explodes(tree: Any) -> bool:  # noqa: ANN401 - as above
+    for operation, argument in tree:
+        kind = str(operation)
+        inner = argument[2] if kind in REPEATS else argument[-1] if kind == "SUBPATTERN" else ()
+        if kind in REPEATS and int(argument[1]) > 1 and _repeats_only(inner):
+            return True
+        if any(map(_explodes, argument[1] if kind == "BRANCH" else (inner,))):
+            return True
+    return False
+
+
+def _repeats_only(tree: Any) -> bool:  # noqa: ANN401 - as above
+    """Nothing in it has a fixed length, and something is repeated."""
+    loose = [
+        _repeats_only(argument[-1]) if str(operation) == "SUBPATTERN" else
+        str(operation) in REPEATS and argument[0] != argument[1]
+        for operation, argument in tree
+    ]  # fmt: skip
+    return all(loose) and tree.getwidth()[1] > 1

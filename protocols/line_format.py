@@ -94,10 +94,15 @@ class LineFormat:
     template: str = ""
     _regex: re.Pattern[str] = field(init=False, repr=False, compare=False)
     _plain: bool = field(init=False, repr=False, compare=False)
+    _statuses: Mapping[str, int] = field(init=False, repr=False, compare=False)
+    _tokens: Mapping[str, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_regex", re.compile(self.pattern, re.ASCII))
         object.__setattr__(self, "_plain", self._is_plain())
+        object.__setattr__(self, "_statuses", {text.strip(): STATUSES[kind] for text, kind in self.status.items()})
+        tokens = {text.strip(): STATUS_SENSOR_FAULT for text in self.fault_tokens}
+        object.__setattr__(self, "_tokens", tokens | {text.strip(): STATUS_OVERLOAD for text in self.overload_tokens})
 
     @property
     def groups(self) -> frozenset[str]:
@@ -174,7 +179,7 @@ class LineFormat:
         if text is None or not self.status:
             return 0
         try:
-            return STATUSES[self.status[text.strip()]]
+            return self._statuses[text.strip()]
         except KeyError:
             raise RemoteProtocolError(f"{self.name}: status {text!r} has no meaning") from None
 
@@ -185,10 +190,8 @@ class LineFormat:
             RemoteProtocolError: neither.
         """
         token = text.strip()
-        if token in self.overload_tokens:
-            return math.nan, STATUS_OVERLOAD
-        if token in self.fault_tokens:
-            return math.nan, STATUS_SENSOR_FAULT
+        if token in self._tokens:
+            return math.nan, self._tokens[token]
         number = self._number(token)
         if number is None:
             raise RemoteProtocolError(f"{self.name}: {text!r} is not a plain {self.number} number")

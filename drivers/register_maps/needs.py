@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from drivers.capabilities import Capabilities, WatchdogKind
 from drivers.register_maps.controller_map import PRESSURES, Recipes, Words
 from drivers.register_maps.entries import Source
+from drivers.register_maps.meanings import word
 from drivers.register_maps.quantity import Quantity, Value
 from drivers.register_maps.recipe import Recipe, Wait, Write
 from drivers.roles import Command, FaultBit, Input, Result, State, Waveform
@@ -14,6 +15,8 @@ from drivers.roles import Command, FaultBit, Input, Result, State, Waveform
 Quantities = Mapping[str, Quantity]
 
 MOVING = frozenset({State.MOVING, State.RUNNING})
+STOPS = (Command.FADE_STOP, Command.HALT, Command.HYDRAULICS_OFF)
+BEGINNINGS = (Command.HYDRAULICS_LOW, Command.HYDRAULICS_ON, Command.MOVE_TO, Command.START)
 
 
 def capabilities(quantities: Quantities, words: Words, recipes: Recipes, watchdog: WatchdogKind) -> Capabilities:
@@ -65,6 +68,7 @@ def check(source: Source, quantities: Quantities, words: Words, recipes: Recipes
     if "position" not in quantities:
         source.add(("quantities",), 'position is missing; write position = {address = ..., type = ..., unit = "mm"}')
     _motions(source, words, recipes)
+    _stops(source, commands)
     if not {Command.FADE_STOP, Command.HALT} & commands.keys() and Command.START in commands:
         source.add(("commands",), "fade-stop or halt is missing: nothing could stop a motion")
     if watchdog is not WatchdogKind.NONE and not words.faults.members & FaultBit.WATCHDOG:
@@ -76,6 +80,19 @@ def check(source: Source, quantities: Quantities, words: Words, recipes: Recipes
         source.add(("commands",), "reset is missing: a trip that the device latches could not be cleared")
     _pressure(source, words, commands)
     _numbers(source, quantities, words)
+
+
+def _stops(source: Source, commands: Mapping[Command, Recipe]) -> None:
+    """A stop goes out at once, and does not do what begins a motion."""
+    for stop in STOPS:
+        recipe = commands.get(stop)
+        if not recipe:
+            continue
+        if not isinstance(recipe[0], Write):
+            source.add(("commands", word(stop)), "a stop begins with what it writes; pauses and waits come behind it")
+        for other in BEGINNINGS:
+            if commands.get(other) == recipe:
+                source.add(("commands", word(stop)), f"is the same as {word(other)}: it would stop nothing")
 
 
 def _motions(source: Source, words: Words, recipes: Recipes) -> None:

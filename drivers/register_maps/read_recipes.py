@@ -30,6 +30,8 @@ STEPS = ("write", "wait", "pause", "recipe")
 STEP_KEYS = (*STEPS, "within", "span", "description")
 COMMANDS = {word(command): command for command in Command if command is not Command.NONE}
 LONGEST_SPAN = 123
+MOST_CALLS = 500
+"""Recipes run by recipes, in one file: a few lines can ask for more than there will ever be time for."""
 MEASURES = {
     "target": "length", "position": "length", "amplitude": "length", "peak_to_peak": "length", "centre": "length",
     "low": "length", "high": "length", "speed": "speed", "peak_speed": "speed", "velocity": "speed",
@@ -46,6 +48,7 @@ class Recipes:
         self._named = named
         self._quantities = quantities
         self._used: set[str] = set()
+        self._calls = 0
 
     def read(self, table: Table, key: str, names: Collection[str], under: tuple[str, ...] = ()) -> Recipe:
         """The steps of an entry.
@@ -95,6 +98,11 @@ class Recipes:
             step.add(None, f"a recipe that runs itself: {' -> '.join((*under, name))}; it would never end")
             return ()
         self._used.add(name)
+        self._calls += 1
+        if self._calls == MOST_CALLS:
+            step.add(None, f"recipes run recipes more than {MOST_CALLS} times in this file; write their steps out")
+        if self._calls >= MOST_CALLS:
+            return ()
         return self.read(self._named, name, names, (*under, name))
 
     def check_unused(self) -> None:

@@ -44,6 +44,8 @@ def hand_problems_of(config: HandEntries) -> Iterator[Problem]:
         if config.pressure_while_asked != "off":
             yield ("pressure_while_asked",), "belongs to by_hand = true; take it out"
         return
+    if config.rehearsal is not None and "//127.0.0.1:" not in config.rehearsal:
+        yield ("rehearsal",), "is the simulated rig's own, on this machine (127.0.0.1); take it out of a rig's file"
     for name in _NOT_BESIDE:
         if getattr(config, name) is not None:
             written = name.removesuffix("_V")

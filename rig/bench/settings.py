@@ -36,6 +36,7 @@ from rig.bench.supply_settings import supply_problems_of
 ECU_STATUS_Hz = 100.0
 HAND_SILENT_S = 0.5
 MOST_AUXILIARY = 7
+LAST_SERIAL_ID = 247
 LATE_SETPOINT_S = 0.010
 SPIKE_FORCE_SHARE = 0.6
 """A triangle's reversal turns the whole yield force round between two samples; a larger jump is no physics."""
@@ -119,7 +120,7 @@ class ActuatorConfig(Settings):
         default=115_200, metadata=key(ge=1200, le=12_000_000, description="of a serial line (modbus-rtu)")
     )
     parity: Literal["N", "E", "O"] = field(default="N", metadata=key(description="of a serial line (modbus-rtu)"))
-    device_id: int = field(default=1, metadata=key(ge=0, le=247))
+    device_id: int = field(default=1, metadata=key(ge=0, le=255, description="on a serial line 1 to 247"))
     register_map: Annotated[str, Check(address.known_actuator)] = "demo"
     poll_s: Annotated[float, Quantity("time", "2 ms", "100 ms")] = field(default=0.010, metadata=key("poll"))
     timeout_s: Timeout = field(default=0.040, metadata=key("timeout"))
@@ -168,7 +169,9 @@ class ActuatorConfig(Settings):
         return make_actuator(self.register_map, ActuatorConnection(self.url)).capabilities.triangle
 
     def problems(self) -> Iterator[Problem]:
-        """The controller's watchdog has tripped by the time at which the station counts on it."""
+        """A serial line has the device id, and the watchdog has tripped by the time the station counts on it."""
+        if self.url.startswith("modbus-rtu") and not 1 <= self.device_id <= LAST_SERIAL_ID:
+            yield ("device_id",), f"is no device on a serial line: 1 to {LAST_SERIAL_ID} there"
         own_s = watchdog_time_s(self.register_map)
         if own_s > self.watchdog_s:
             yield ("watchdog",), (

@@ -16,12 +16,14 @@ from rig.errors import EXIT_DONE
     examples=(
         "rig export logs/20260102T030405Z-MR-001-ab12cd --to csv --out tables",
         "rig export logs/20260102T030405Z-MR-001-ab12cd/fit.json --to json --out values",
+        "rig export logs/20260102T030405Z-MR-001-ab12cd/fit.json --to c --out my-simulation",
     ),
 )
 @click.argument("source", type=click.Path(path_type=Path))
 @click.option(
-    "--to", "name", required=True, metavar="NAME", help="Format: csv (of a run), json (of a fit), or a plug-in's."
-)
+    "--to", "name", required=True, metavar="NAME",
+    help="Format: csv, mat, netcdf (of a run); json, c, octave, python, table, inverse (of a fit); or a plug-in's.",
+)  # fmt: skip
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True,
     help="Folder for the files; made where it is not there.",
@@ -29,6 +31,8 @@ from rig.errors import EXIT_DONE
 @json_option
 def command(source: Path, name: str, out: Path, as_json: bool) -> int:
     """Write SOURCE in another format: a campaign directory, or the file of a fit.
+
+    c, octave and python are the fitted model as source code; table is its force over speed and current.
 
     An unknown NAME lists those there are; `rig plugins` lists the ones that other packages bring.
     """

@@ -56,10 +56,17 @@ DESCRIPTION = (
     show_default=True,
     help="Factor on your record.",
 )
+@click.option(
+    "--latency-steps",
+    type=click.IntRange(0, 20),
+    default=0,
+    show_default=True,
+    help="Steps from a measurement to the arrival of the command that follows from it.",
+)
 @json_option
 def command(
     benchmark: bool, cases: tuple[int, ...], rates: tuple[str, ...], compensators: tuple[str, ...], plants: int,
-    seed: int, earthquake: Path | None, intensity: float, as_json: bool,
+    seed: int, earthquake: Path | None, intensity: float, latency_steps: int, as_json: bool,
 ) -> int:  # fmt: skip
     """Run the published benchmark of real-time hybrid tests: criteria J1 to J9 beside the published ones.
 
@@ -70,9 +77,9 @@ def command(
     from rig.hybrid.earthquake import read, synthesised
 
     motion = synthesised() if earthquake is None else read(earthquake, intensity)
-    chosen = [int(rate) for rate in rates or RATES]
+    problems = [(case, int(rate)) for case in cases or (1, 2, 3, 4) for rate in rates or RATES]
     results: list[Result] = []
-    for result in run_benchmark(cases or (1, 2, 3, 4), chosen, compensators or NAMES, motion, plants, seed):
+    for result in run_benchmark(problems, compensators or NAMES, motion, plants, seed, latency_steps):
         results.append(result)
         if not as_json:
             say(f"case {result.case}, {result.rate_Hz} Hz, {result.compensator}: done", err=True)
@@ -80,6 +87,7 @@ def command(
     code = EXIT_REFUSED if refused else EXIT_DONE
     if as_json:
         answer = {"benchmark": "Silva et al. 2020", "earthquake": motion.name, "seed": seed, "plants": plants}
+        answer["latency_steps"] = latency_steps
         write_json({**answer, "results": [_plain(result) for result in results], "exit_code": code})
     else:
         _show(results, motion.name)
@@ -91,6 +99,7 @@ def _plain(result: Result) -> dict[str, Any]:
         "case": result.case, "rate_Hz": result.rate_Hz, "compensator": result.compensator, "plants": result.plants,
         "criteria": result.criteria, "worst": result.worst, "published": result.published, "asked": result.asked,
         "stopped": result.stopped, "first_stop_s": result.first_stop_s, "verdict": result.verdict,
+        "critical_delay_ms": result.critical_delay_ms,
     }  # fmt: skip
 
 
@@ -112,6 +121,8 @@ def _show(results: list[Result], earthquake: str) -> None:
             table.add_row("", "", "  published", *_cells(result.published), "", style="dim")
     shown = console()
     shown.print(table)
+    delays = {result.case: f"{result.critical_delay_ms:.1f} ms (case {result.case})" for result in results}
+    shown.print(f"unstable where the specimen's force is late by {', '.join(delays.values())}")
     for line in DESCRIPTION:
         shown.print(line)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,11 +10,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rig.errors import FileProblem, RigError
+from rig.export.fitted_model import FittedModel, fitted_model
+from rig.export.force_table import write_table
+from rig.export.inverse_table import write_inverse
+from rig.export.point_arrays import write_mat, write_netcdf
 from rig.export.point_tables import write_points
 from rig.export.values import write_values
 from rig.plugins import EXPORTS, Catalogue
 from rig.recording.run import Run
-from rig.text_file import read_json
+from rig.text_file import JSON_LIMIT_BYTES, read_bytes, read_json
 
 FIT = "fit.json"
 
@@ -46,13 +51,29 @@ class Source:
         Raises:
             FileProblem: there is none, or it is no fit.
         """
-        file = self.path / FIT if self.path.is_dir() else self.path
+        file = self.fit_file
         if not file.is_file():
             raise FileProblem(str(file), ["there is no fit; make one with `rig identify`"])
         fit = read_json(file)
         if not isinstance(fit.get("parameters"), dict) or "model" not in fit:
             raise FileProblem(str(file), ["not a fit: expected a JSON object with `model` and `parameters`"])
         return fit
+
+    @property
+    def fit_file(self) -> Path:
+        """The fit's file, there or not."""
+        return self.path / FIT if self.path.is_dir() else self.path
+
+    @cached_property
+    def fitted(self) -> FittedModel:
+        """The fit with its model.
+
+        Raises:
+            FileProblem: there is none, or it lacks values.
+            RigError: there is no such model.
+        """
+        digest = hashlib.sha256(read_bytes(self.fit_file, JSON_LIMIT_BYTES)).hexdigest()
+        return fitted_model(self.fit, str(self.fit_file), digest)
 
     @property
     def name(self) -> str:
@@ -90,11 +111,41 @@ def exporter_of_plug_in(name: str, brought: object) -> Exporter:
     return brought
 
 
+def _write_c(source: Source, out: Path) -> list[Path]:
+    from rig.export.model_files import write_c  # loads numba, as the next two do
+
+    return write_c(source.fitted, out)
+
+
+def _write_octave(source: Source, out: Path) -> list[Path]:
+    from rig.export.model_files import write_octave
+
+    return write_octave(source.fitted, out)
+
+
+def _write_python(source: Source, out: Path) -> list[Path]:
+    from rig.export.model_files import write_python
+
+    return write_python(source.fitted, out)
+
+
+def _write_table(source: Source, out: Path) -> list[Path]:
+    return write_table(source.fitted, out, str(source.fit_file))
+
+
 OWN = (
     Exporter("csv", "run", "one CSV file a point, and one of all points", lambda source, out: write_points(
         source.run, out)),
+    Exporter("mat", "run", "one MATLAB file a point", lambda source, out: write_mat(source.run, out)),
+    Exporter("netcdf", "run", "one NetCDF file a point", lambda source, out: write_netcdf(source.run, out)),
     Exporter("json", "fit", "the parameters with their units and intervals, without the rest of fit.json", lambda
              source, out: [write_values(source.fit, out / f"{source.name}-parameters.json")]),
+    Exporter("c", "fit", "the model as C99 source, verified against this program's", _write_c),
+    Exporter("octave", "fit", "the model as a function for Octave and MATLAB", _write_octave),
+    Exporter("python", "fit", "the model as a Python module that needs nothing else", _write_python),
+    Exporter("table", "fit", "force over speed and current as CSV, within what was tested", _write_table),
+    Exporter("inverse", "fit", "the current over speed and force, one CSV table", lambda
+             source, out: [write_inverse(source.path, out / f"{source.name}-inverse.csv")]),
 )  # fmt: skip
 """This program's formats. A new one is a line here."""
 

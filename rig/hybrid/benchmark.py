@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from rig.hybrid.building import Specimen, computed_part
 from rig.hybrid.compensators import OWN
 from rig.hybrid.criteria import criteria
+from rig.hybrid.delay_margin import critical_delay_s
 from rig.hybrid.earthquake import Earthquake
 from rig.hybrid.published import CRITERIA, asked_percent, sample_controller
 from rig.hybrid.transfer_system import perturbed
@@ -30,6 +33,7 @@ class Result:
         first_stop_s: the earliest of these ends, s; None without one.
         criteria: mean J1 to J9 over the tests that went through; empty where none did.
         worst: the largest of each.
+        critical_delay_ms: how late the nominal specimen's force may be before the loop is unstable.
     """
 
     case: int
@@ -40,6 +44,7 @@ class Result:
     first_stop_s: float | None
     criteria: dict[str, float]
     worst: dict[str, float]
+    critical_delay_ms: float = math.inf
 
     @property
     def published(self) -> dict[str, float]:
@@ -68,24 +73,23 @@ class Result:
 
 
 def run_benchmark(
-    cases: Sequence[int], rates_Hz: Sequence[int], compensators: Sequence[str], earthquake: Earthquake, plants: int,
-    seed: int,
+    problems: Sequence[tuple[int, int]], compensators: Sequence[str], earthquake: Earthquake, plants: int, seed: int,
+    latency_steps: int = 0,
 ) -> Iterator[Result]:  # fmt: skip
     """Run the benchmark, one result at a time.
 
     Args:
-        cases: of the building, 1 to 4.
-        rates_Hz: steps a second, any of `RATES_Hz`.
+        problems: case of the building (1 to 4) and steps a second (any of `RATES_Hz`) of each.
         compensators: names.
         earthquake: of all tests.
         plants: number of perturbed transfer systems.
         seed: they are drawn with; test number i has sensor noise of seed + i.
+        latency_steps: between measuring and the arrival of the command; compensators are told.
     """
-    for case in cases:
-        for rate_Hz in rates_Hz:
-            problem = Benchmark(case, rate_Hz, earthquake)
-            for compensator in compensators:
-                yield _one(problem, case, compensator, plants, seed)
+    for case, rate_Hz in problems:
+        problem = Benchmark(case, rate_Hz, earthquake, latency_steps)
+        for compensator in compensators:
+            yield _one(problem, case, compensator, plants, seed)
 
 
 def _one(problem: Benchmark, case: int, compensator: str, plants: int, seed: int) -> Result:
@@ -102,4 +106,5 @@ def _one(problem: Benchmark, case: int, compensator: str, plants: int, seed: int
     return Result(
         case, problem.rate_Hz, compensator, plants, len(stops), min(stops, default=None),
         dict(zip(CRITERIA, mean, strict=False)), dict(zip(CRITERIA, worst, strict=False)),
+        1e3 * critical_delay_s(computed_part(problem.whole, Specimen()), Specimen()),
     )  # fmt: skip

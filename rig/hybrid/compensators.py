@@ -61,6 +61,7 @@ class Settings(NamedTuple):
     held: FloatArray
     earlier: FloatArray
     later: FloatArray
+    latency_steps: int
 
 
 class Memory(NamedTuple):
@@ -90,16 +91,21 @@ class Memory(NamedTuple):
     sums: FloatArray
 
 
-def settings(name: str, model: Model, rate_Hz: float) -> Settings:
-    """A compensator for a transfer system at a rate."""
+def settings(name: str, model: Model, rate_Hz: float, latency_steps: int = 0) -> Settings:
+    """A compensator for a transfer system at a rate, told how many steps pass before a command arrives."""
     step_s = 1.0 / rate_Hz
     state, inputs = low_pass(TERMS, FILTER_Hz)
     transition, first, last = along_a_line(state, inputs, step_s)
     whole = held(state, inputs, step_s)[1]
-    delay_steps = max(1, round(model.delay_s / step_s))
+    latency_s = latency_steps * step_s
+    delay_steps = max(1, round((model.delay_s + latency_s) / step_s))
+    inverse = model.inverse
+    if NAMES.index(name) == INVERSE:
+        earlier = [latency_s**i / math.factorial(i) for i in range(4)]
+        inverse = np.convolve(inverse, earlier)[:TERMS].copy()
     return Settings(
-        NAMES.index(name), step_s, delay_steps, model.inverse, model.sensitivity, model.noise_m**2, transition,
-        whole[:, 0].copy(), first[:, 0].copy(), last[:, 0].copy(),
+        NAMES.index(name), step_s, delay_steps, inverse, model.sensitivity, model.noise_m**2, transition,
+        whole[:, 0].copy(), first[:, 0].copy(), last[:, 0].copy(), latency_steps,
     )  # fmt: skip
 
 
@@ -237,14 +243,18 @@ def command(target: FloatArray, measured: float, chosen: Settings, memory: Memor
 
 @njit()
 def said(commanded: float, memory: Memory) -> None:
-    """Tell a compensator what was really commanded (rounded, limited) and is held until the next step, m."""
+    """Tell a compensator what was really commanded (rounded, limited) and is held until the next step, m.
+
+    Where commands arrive late: `adaptive-model`, which knows the latency, is told the one that arrives now, the
+    others the one that leaves now: to them it is part of the delay.
+    """
     memory.last[5] = commanded
 
 
-def half_a_step_ahead(rows: FloatArray, step_s: float) -> FloatArray:
-    """Rows of derivatives (6, n) as they will be when half a step has passed: what is held is late by so much."""
+def ahead_by(rows: FloatArray, ahead_s: float) -> FloatArray:
+    """Rows of derivatives (6, n) as they will be after a time (s), by Taylor's series up to the third order."""
     ahead = np.zeros((TERMS, TERMS))
     for i in range(TERMS):
         for j in range(i, min(TERMS, i + 4)):
-            ahead[i, j] = (step_s / 2.0) ** (j - i) / math.factorial(j - i)
+            ahead[i, j] = ahead_s ** (j - i) / math.factorial(j - i)
     return np.ascontiguousarray(ahead @ rows)

@@ -21,9 +21,9 @@ from rig.hybrid.compensators import (
     Memory,
     Model,
     Settings,
+    ahead_by,
     command,
     fresh,
-    half_a_step_ahead,
     said,
     settings,
 )
@@ -97,6 +97,7 @@ def _run(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, out: Fl
     """Run the loop; returns the number of steps until the capacity was exceeded, or all."""
     plant, computed, known = np.zeros(ORDER), np.zeros(6), np.zeros(8)
     before, now, target = np.zeros(2), np.zeros(2), np.zeros(TERMS)
+    under_way = np.zeros(chosen.latency_steps + 1)
     for k in range(signals.ground.size):
         if not abs(plant[FORCE]) < ACTUATOR_CAPACITY_N:
             return k
@@ -119,11 +120,13 @@ def _run(loop: Loop, signals: Signals, chosen: Settings, memory: Memory, out: Fl
                     target[i] += loop.derivatives[i, j] * known[j]
         wanted = command(target, measured, chosen, memory)
         wanted = min(max(np.floor(wanted / QUANTUM + 0.5) * QUANTUM, -SATURATION), SATURATION)
-        said(wanted, memory)
+        under_way[k % under_way.size] = wanted
+        arrived = under_way[(k + 1) % under_way.size]
+        said(arrived if chosen.kind == ADAPTIVE_MODEL else wanted, memory)
         out[k, 0], out[k, 1], out[k, 2], out[k, 3] = computed[0], computed[1], computed[2], measured
         was = plant.copy()
         for i in range(ORDER):
-            total = loop.driven[i] * wanted
+            total = loop.driven[i] * arrived
             for j in range(ORDER):
                 total += loop.moved[i, j] * was[j]
             plant[i] = total
@@ -152,20 +155,23 @@ def known_before() -> Model:
 
 
 @cache
-def _compensator(name: str, rate_Hz: int) -> Settings:
-    return settings(name, known_before(), rate_Hz)
+def _compensator(name: str, rate_Hz: int, latency_steps: int) -> Settings:
+    return settings(name, known_before(), rate_Hz, latency_steps)
 
 
 class Benchmark:
-    """One case under one earthquake at one rate; `test` runs it with a compensator and a transfer system."""
+    """One case under one earthquake at one rate; `test` runs it with a compensator and a transfer system.
 
-    def __init__(self, case: int, rate_Hz: int, earthquake: Earthquake) -> None:
+    `latency_steps`: how many steps pass between measuring and the arrival of the command that follows from it.
+    """
+
+    def __init__(self, case: int, rate_Hz: int, earthquake: Earthquake, latency_steps: int = 0) -> None:
         self.whole = building.reference(building.CASES[case])
-        self.rate_Hz = rate_Hz
+        self.rate_Hz, self.latency_steps = rate_Hz, latency_steps
         self.ground = earthquake.at(rate_Hz)
         self.ground_rate = np.gradient(self.ground, 1.0 / rate_Hz)
         self.reference_m = self._reference(earthquake)
-        self._derivatives = half_a_step_ahead(self._target_derivatives(), 1.0 / rate_Hz)
+        self._derivatives = ahead_by(self._target_derivatives(), (0.5 + latency_steps) / rate_Hz)
 
     def _reference(self, earthquake: Earthquake) -> FloatArray:
         times = -(-FINE_Hz // self.rate_Hz)
@@ -198,7 +204,7 @@ class Benchmark:
             plant: the transfer system as it is.
             seed: of the sensors' noise.
         """
-        chosen = _compensator(compensator, self.rate_Hz)
+        chosen = _compensator(compensator, self.rate_Hz, self.latency_steps)
         n, step_s = len(self.ground), 1.0 / self.rate_Hz
         noise = np.random.default_rng(seed).standard_normal((2, n)) * np.sqrt(self.rate_Hz)
         noise *= np.sqrt([[POSITION_NOISE], [FORCE_NOISE]])

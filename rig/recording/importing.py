@@ -38,6 +38,11 @@ REVERSED = -0.1
 """Share of all work done that a force must put in, in sum, to be one of a wrong sign."""
 #: Largest value of each quantity, and of displacement the largest span, that a test can have; as in bench files.
 LARGEST = {"displacement": (2.0, "m"), "force": (200e3, "N"), "current": (20.0, "A"), "commanded_current": (20.0, "A")}
+#: The unit of such numbers, probably, as a column's name is given it.
+LIKELY = {
+    "displacement": "mm (NAME:mm)", "force": "N, not kN (NAME:N)", "current": "mA (NAME:mA)",
+    "commanded_current": "mA (NAME:mA)",
+}
 SOFTWARE = f"mr-damper-rig {rig.__version__}"
 NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
@@ -203,7 +208,8 @@ def _check_sizes(file: Path, table: Mapping[str, FloatArray], choices: Mapping[s
         if size > limit:
             problems.append(
                 f"column {choices[quantity].text!r}, as {quantity}, {verb} {size:.4g} {unit}; "
-                f"a test has at most {limit:g} {unit}: is its unit right, and is it the {quantity}?",
+                f"a test has at most {limit:g} {unit}: is its unit right, and is it the {quantity}? The numbers are "
+                f"probably in {LIKELY[quantity]}",
             )
     if problems:
         raise FileProblem(str(file), problems)

@@ -28,6 +28,8 @@ SAME_SHARE = 0.01
 COVERED = (2.5, 97.5)
 """Percentiles of a 95 % interval."""
 FEWEST_DRAWS = 8
+HIGHEST_M = 10.0
+"""Heave of a car that no longer drives."""
 
 
 class NotComparable(RigError):
@@ -134,7 +136,7 @@ def ride_study(
         threads: rides at a time; None: one a core.
 
     Raises:
-        NotComparable: no damper, or two variants of one name.
+        NotComparable: no damper, two variants of one name, or a damper with which the car swings up without end.
     """
     variants = _variants(fits, controls)
     own = structure(car)
@@ -152,7 +154,7 @@ def ride_study(
     def drive(job: tuple[str, Variant, CornerDamper]) -> tuple[Response, dict[str, float], Ride | None]:
         phase, variant, damper = job
         _, height_m, rate_m_s = under[phase]
-        ride = DrivenCar(own, damper, control=variant.control).drive(height_m, rate_m_s, step_s)
+        ride = _finite(DrivenCar(own, damper, control=variant.control).drive(height_m, rate_m_s, step_s), variant)
         kept = ride if damper is variant.fit.damper else None
         return response(ride, own.body, height_m[:, 0]), figures(ride, own), kept
 
@@ -162,6 +164,21 @@ def ride_study(
             if on_progress is not None:
                 on_progress(len(done), len(jobs))
     return RideStudy(car, road, own, step_s, variants, _sorted(jobs, done), close)
+
+
+def _finite(ride: Ride, variant: Variant) -> Ride:
+    """The ride, if the car came through it.
+
+    Raises:
+        NotComparable: it swings up without end.
+    """
+    highest_m = float(np.max(np.abs(ride.place[:, 0])))
+    if highest_m < HIGHEST_M:
+        return ride
+    raise NotComparable(
+        f"{variant.name}: the car swings up without end (heave beyond {HIGHEST_M:g} m): this damper puts energy in; "
+        "`rig identify` says of a fit whether it is passive"
+    )
 
 
 def _sorted(
@@ -195,7 +212,9 @@ def _step(own: Structure, road: Road, variants: Sequence[Variant]) -> tuple[floa
     def tried(step_s: float) -> list[tuple[Response, FloatArray]]:
         _, height_m, rate_m_s = road.under(own.car, step_s)
         rides = [
-            DrivenCar(own, variant.fit.damper, control=variant.control).drive(height_m, rate_m_s, step_s)
+            _finite(
+                DrivenCar(own, variant.fit.damper, control=variant.control).drive(height_m, rate_m_s, step_s), variant
+            )
             for variant in variants
         ]
         count = len(own.body)

@@ -250,6 +250,30 @@ def test_set_points_are_laid_where_the_rod_is_before_it_can_move_and_then_stream
         actuator.send(Command.RESET)
 
 
+def test_a_watchdog_that_set_points_feed_is_fed_from_the_first_poll_on_and_starved_by_reading(device: Device) -> None:
+    text = STREAMED.replace("[state]", "trip = {address = 31}\n[watchdog]\nkind = \"setpoints\"\n[faults]\n"
+                            "watchdog = {quantity = \"trip\"}\n[state]")  # fmt: skip
+    text = text.replace("[setpoint]", "reset = {write = {trip = 0}}\nhalt = {write = {enable = 3}}\n[setpoint]")
+    # 12.5 mm, 12.75 mm and 13 mm as f32: 0x41480000, 0x414C0000, 0x41500000
+    device.words["holding"][0] = 0x4148
+    actuator = as_actuator(driven(device, text), MotionTerms())
+    actuator.read_status()
+    actuator.exchange(1)
+    device.words["holding"][0] = 0x414C
+    actuator.read_status()
+    actuator.exchange(2)
+    assert device.writes() == ["100014000204" + "41480000", "100014000204" + "414c0000"], "off: where the rod is"
+    actuator.send(Command.HYDRAULICS_ON)
+    device.words["holding"][0] = 0x4150
+    for counter in (3, 4):
+        actuator.exchange(counter)
+    assert device.writes()[-2:] == ["100014000204" + "414c0000"] * 2, "under pressure: where it is held"
+    actuator.send(Command.HALT)
+    before = device.writes()
+    actuator.exchange(5)
+    assert device.writes() == before, "a set-point could have a halted device go on"
+
+
 def test_indirect_registers_are_laid_down_at_connect_and_read_in_one_piece(device: Device) -> None:
     text = STREAMED.replace("[setpoint]", "[indirect]\npointers = 700\ndata = 800\nquantities = [\"position\", "
                             "\"clock\", \"enable\"]\n[setpoint]")  # fmt: skip

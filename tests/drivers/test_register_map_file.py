@@ -176,6 +176,8 @@ WRONG = [
     (("{write = {command = 3}}", "{recipe = \"stop\"}"), "'stop' is not among .recipes."),
     (("{write = {command = 3}}", '{recipe = "a"}\n[recipes]\na = {recipe = "b"}\nb = {recipe = "a"}'), "a -> b -> a"),
     (("{write = {command = 3}}", "{write = {command = 70000}}"), "70000 does not fit"),
+    (("halt = {write = {command = 3}}", "halt = [{pause = \"9 s\"}, {write = {command = 3}}]"), "a stop begins with"),
+    (("hydraulics-off = {write = {pump = 0}}", "hydraulics-off = {write = {pump = 1}}"), "same as hydraulics-on"),
     (("[faults]", "[watchdog]\nkind = \"counter\"\n[faults]"), "needs write"),
     (("[faults]", "[watchdog]\nkind = \"dog\"\n[faults]"), "'dog' is not one of counter"),
     (("[faults]", "[setpoint]\nwrite = {target = \"$position\"}\n[faults]"), "a device with a generator"),
@@ -192,6 +194,14 @@ def test_what_cannot_be_is_refused_by_place(change: tuple[str, str], message: st
         read(edited(change))
         return
     assert any(re.search(message, problem) for problem in problems(edited(change))), problems(edited(change))
+
+
+def test_recipes_that_double_thirty_times_are_refused_at_once() -> None:
+    doubling = "".join(f'r{i} = [{{recipe = "r{i + 1}"}}, {{recipe = "r{i + 1}"}}]\n' for i in range(30))
+    text = edited(("halt = {write = {command = 3}}", 'halt = [{write = {command = 3}}, {recipe = "r0"}]'))
+    found = problems(f'{text}\n[recipes]\n{doubling}r30 = {{pause = "1 ms"}}\n')
+    assert len(found) == 1
+    assert "recipes run recipes more than 500 times in this file" in found[0]
 
 
 def test_all_problems_of_a_file_are_told_at_once_in_the_order_of_its_lines() -> None:

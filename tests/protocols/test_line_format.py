@@ -186,6 +186,18 @@ def test_a_contradictory_description_is_refused_with_its_reason(table: dict[str,
         from_description(table)
 
 
+@pytest.mark.parametrize(
+    "pattern", [r"(?P<value>(\d+)+(,\d+)?)", r"@(?P<value>(\d+\.?)+)N", r"(\w+ ?)*(?P<value>\d\.\d)"]
+)
+def test_a_pattern_whose_time_doubles_with_every_digit_is_refused(pattern: str) -> None:
+    with pytest.raises(FormatProblems, match="a repeat inside of a repeat"):
+        from_description({"pattern": pattern, "decimal_mark": "."})
+
+
+def test_a_repeated_group_that_is_read_in_one_way_is_no_slow_pattern() -> None:
+    from_description({"pattern": r"(?:[^;]*;)*(?P<value>\d+)"})
+
+
 def test_every_problem_of_a_description_is_told_at_once() -> None:
     table = {"pattern": r"(?P<value>\d+)", "terminator": "€", "decimals": 12, "scael": 2, "overload_tokens": "OL"}
     with pytest.raises(FormatProblems) as told:
@@ -201,6 +213,9 @@ DESCRIBED = [
       "status": {"ST": "ok", "US": "ok", "OL": "overload"}},
      [(b"ST,+00012,50 kg", 12.5, 0), (b"US,-    1,25 kg", -1.25, 0), (b"OL,+99999,99 kg", math.nan, STATUS_OVERLOAD)],
      [b"XX,+00012,50 kg", b"ST,+00012,50 lb", b"ST,+00012.50 kg", b"ST,+00012,50 k"]),
+    ({"columns": {"status": [1, 2], "value": [3, 8]}, "status": {" ": "ok", "! ": "overload"}},
+     [(b"  -12.50", -12.5, 0), (b" !+99.99", math.nan, STATUS_OVERLOAD)], [b"? +12.50"]),
+    ({"pattern": "(?P<value>.{5})", "overload_tokens": [" OL "]}, [(b"  OL ", math.nan, STATUS_OVERLOAD)], [b" OK  "]),
     ({"separator": ";", "columns": {"value": 2, "unit": 3}, "unit": "N", "units": {"kN": 1000.0}},
      [(b"17;-3.25;N", -3.25, 0), (b"18;4.5;kN;x", 4500.0, 0)], [b"19;4.5;lbf", b"20", b"21;;N"]),
     ({"pattern": r"(?P<value>\d{3}\.\d[+-])", "sign": "trailing"}, [(b"012.5-", -12.5, 0), (b"012.5+", 12.5, 0)],

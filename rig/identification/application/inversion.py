@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 GRID = 33  # currents between which a force is looked for
 RESOLVED = 0.1  # half width of the current's band, as a share of its range, up to which the force tells the current
 SPEEDS = 24  # of the control range, each way
+FORCES = 41  # of the table, at each speed
 SAME = 0.01  # A: a smaller range of currents is one current
 
 
@@ -140,12 +141,7 @@ def control_range(law: Law, tested: TestedRange | None) -> pd.DataFrame:
     """
     import pandas as pd
 
-    grid = currents_A(tested)
-    low, high = (0.0, 0.0) if tested is None else tested.velocity_m_s
-    shares = np.arange(1, SPEEDS + 1) / SPEEDS
-    speeds = np.concatenate((min(low, 0.0) * shares[::-1], max(high, 0.0) * shares))
-    speeds = speeds[speeds != 0.0]
-    forces = np.array([_sliding(law, speeds, float(current)) for current in grid]).T
+    grid, speeds, forces = _sliding_forces(law, tested)
     rest = np.array([float(_sliding(law, np.zeros(1), float(current))[0]) for current in grid])
     slopes = np.diff(forces, axis=1) / np.diff(grid)
     gain = np.min(np.abs(slopes), axis=1)
@@ -168,6 +164,54 @@ def control_range(law: Law, tested: TestedRange | None) -> pd.DataFrame:
     above = np.abs(speeds)[np.abs(speeds) > limit]
     frame.attrs["invertible_from_m_s"] = float(np.min(above)) if above.size else None
     return frame
+
+
+def inverse_table(law: Law, tested: TestedRange | None) -> pd.DataFrame:
+    """The current over speed and force, sliding at mid-stroke, for controllers that look it up.
+
+    Returns:
+        Columns `velocity_m_s`, `force_N`, `current_A`, `low_A`, `high_A` (95 % band), `resolvable`; `FORCES` rows a
+        speed, from the least to the greatest force that tested currents give there. A speed at which a force has
+        several currents is left out.
+
+    Raises:
+        IdentificationFailed: the tests ran at one current.
+    """
+    import pandas as pd
+
+    grid, speeds, forces = _sliding_forces(law, tested)
+    parts = []
+    for speed, row in zip(speeds.tolist(), forces, strict=True):
+        rising = row if row[-1] > row[0] else row[::-1]
+        currents = grid if row[-1] > row[0] else grid[::-1]
+        if not np.all(np.diff(rising) > 0.0):
+            continue
+        wanted = np.linspace(rising[0], rising[-1], FORCES)
+        current = np.interp(wanted, rising, currents)
+        gain = np.interp(wanted, rising, np.gradient(rising, currents))
+        band_N = np.full(FORCES, math.inf) if tested is None else tested.band.at(current)
+        half = np.minimum(band_N / np.maximum(np.abs(gain), 1e-300), grid[-1] - grid[0])
+        parts.append(pd.DataFrame({
+            "velocity_m_s": speed, "force_N": wanted, "current_A": current,
+            "low_A": np.clip(current - half, grid[0], grid[-1]), "high_A": np.clip(current + half, grid[0], grid[-1]),
+            "resolvable": half <= RESOLVED * (grid[-1] - grid[0]),
+        }))  # fmt: skip
+    names = ["velocity_m_s", "force_N", "current_A", "low_A", "high_A", "resolvable"]
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=names)
+
+
+def _sliding_forces(law: Law, tested: TestedRange | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Currents (A), (G,), tested speeds (m/s) both ways, (k,), and forces (N) there, (k, G).
+
+    Raises:
+        IdentificationFailed: the tests ran at one current.
+    """
+    grid = currents_A(tested)
+    low, high = (0.0, 0.0) if tested is None else tested.velocity_m_s
+    shares = np.arange(1, SPEEDS + 1) / SPEEDS
+    speeds = np.concatenate((min(low, 0.0) * shares[::-1], max(high, 0.0) * shares))
+    speeds = speeds[speeds != 0.0]
+    return grid, speeds, np.array([_sliding(law, speeds, float(current)) for current in grid]).T
 
 
 def _sliding(law: Law, speeds: FloatArray, current_A: float) -> FloatArray:

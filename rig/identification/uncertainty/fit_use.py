@@ -212,6 +212,18 @@ class FitUse:
 
         return control_range(self.law, self.tested)
 
+    def inverse_table(self: Found) -> pd.DataFrame:
+        """The current over speed and force, for controllers that look it up.
+
+        See `rig.identification.application.inversion.inverse_table`.
+
+        Raises:
+            IdentificationFailed: the tests ran at one current.
+        """
+        from rig.identification.application.inversion import inverse_table
+
+        return inverse_table(self.law, self.tested)
+
     def controller(
         self: Found, dt_s: float, *, limits_A: tuple[float, float] | None = None, mid_stroke_m: float = 0.0
     ) -> Controller:

@@ -57,6 +57,17 @@ def test_the_example_is_read_in_SI() -> None:
     assert bench.clock.device_rate == 1.0
 
 
+def test_a_device_id_that_a_serial_line_does_not_have_is_refused_there_alone(problems: Edit, tmp_path: Path) -> None:
+    serial = ("modbus-tcp://192.168.0.10:502", "modbus-rtu:/dev/ttyUSB0")
+    for number in (0, 255):
+        assert problems(serial, ("device_id = 1", f"device_id = {number}")) == [
+            f"line {line_of('device_id')}: actuator.device_id = {number}: is no device on a serial line: 1 to 247 there"
+        ]
+    path = tmp_path / "bench.toml"
+    path.write_text(TEXT.replace("device_id = 1", "device_id = 255"))
+    assert Bench.load(path).actuator.device_id == 255
+
+
 def test_the_unit_may_stand_in_the_key(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text(

@@ -56,7 +56,9 @@ def test_entries_of_other_current_sources_are_refused_all_at_once(tmp_path: Path
         assert any(f"ecu.{name}" in text and "does not belong beside by_hand" in text for text in caught.value.problems)
 
 
-@pytest.mark.parametrize("entry", ['pressure_while_asked = "half"', 'answer_within = "5 s"'])
+@pytest.mark.parametrize(
+    "entry", ['pressure_while_asked = "half"', 'answer_within = "5 s"', 'rehearsal = "tcp://192.168.0.7:5025"']
+)
 def test_what_is_not_allowed_is_refused(tmp_path: Path, entry: str) -> None:
     with pytest.raises(FileProblem, match=entry.split(" ", maxsplit=1)[0]):
         bench(tmp_path, entry)

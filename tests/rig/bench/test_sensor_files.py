@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 from drivers.sensor_formats import described_format
 from protocols.binary_format import BinaryFormat
+from protocols.format_keys import FormatProblems
 from rig.bench.model import Bench
 from rig.bench.settings_json import from_json
 from rig.campaign.kept_files import keep_bench
@@ -92,6 +94,12 @@ def test_every_problem_of_a_format_s_file_is_told_with_its_line(tmp_path: Path) 
 )
 def test_a_file_that_is_no_format_is_refused(tmp_path: Path, described: str, says: str) -> None:
     assert says in refused(bench(tmp_path, BY_FILE, described=described))[0]
+
+
+def test_a_pipe_in_place_of_a_format_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(FormatProblems, match="is no file"):
+        described_format(str(tmp_path / "pipe.toml"))
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rig.hybrid import building
+from rig.hybrid.delay_margin import critical_delay_s
 from rig.hybrid.discretisation import along_a_line, held, low_pass
 from rig.hybrid.transfer_system import POSITION, SPREAD, TransferSystem, perturbed, sensitivity
 
@@ -95,3 +96,26 @@ def test_the_low_passs_states_are_its_output_and_derivatives() -> None:
     # Butterworth of order 6: 1 / sqrt(1 + (f / fc)^12)
     np.testing.assert_allclose(np.abs(response[:, 0]), [1.0, np.sqrt(0.5), 1 / np.sqrt(4097.0)], rtol=1e-6)
     np.testing.assert_allclose(response[:, 3], (1j * omega) ** 3 * response[:, 0], rtol=1e-9)
+
+
+def test_the_critical_delay_of_a_mass_on_a_late_spring_is_that_of_the_closed_form() -> None:
+    # m s^2 + c s + k exp(-s tau) = 0 at s = i w: m w^2 = k cos(w tau), c w = k sin(w tau)
+    mass, damping, spring = 100.0, 200.0, 4.0e4
+    square = (-(damping**2) + np.sqrt(damping**4 + 4 * mass**2 * spring**2)) / (2 * mass**2)
+    omega = np.sqrt(square)
+    expected = np.arcsin(damping * omega / spring) / omega
+    one = building.Structure(np.eye(3) * mass, np.eye(3) * damping, np.zeros((3, 3)))
+    late = critical_delay_s(one, building.Specimen(stiffness_N_m=spring, mass_kg=0.0, damping_ratio=0.0))
+    assert late == pytest.approx(expected, rel=1e-6)
+    assert late == pytest.approx(damping / spring, rel=0.02)  # Horiuchi: the delay acts as a damper of -k tau
+
+
+def test_the_transfer_system_alone_is_later_than_any_case_bears() -> None:
+    delays = []
+    for case in building.CASES.values():
+        specimen = building.Specimen()
+        delays.append(critical_delay_s(building.computed_part(building.reference(case), specimen), specimen))
+    # the sample controller, stable in all cases, leaves 4.6 ms (Table 3)
+    assert min(delays) > 0.0046
+    assert max(delays) < TransferSystem().inverse()[1]
+    assert delays == sorted(delays, reverse=True)

@@ -15,7 +15,7 @@ from rig.errors import FileProblem
 from rig.hybrid import building
 from rig.hybrid.benchmark import Result, run_benchmark
 from rig.hybrid.compensators import ATS, NAMES, fresh, settings
-from rig.hybrid.criteria import criteria
+from rig.hybrid.criteria import criteria, delay_samples
 from rig.hybrid.earthquake import Earthquake, read, synthesised
 from rig.hybrid.transfer_system import TransferSystem, perturbed
 from rig.hybrid.virtual_test import Benchmark, known_before
@@ -24,7 +24,7 @@ ONE_SECOND = Earthquake("half a second's push", 0.25, np.array([0.0, 1.0, -1.0, 
 
 
 def means(case: int, rate_Hz: int, compensator: str, plants: int = 4) -> Result:
-    return next(run_benchmark([case], [rate_Hz], [compensator], synthesised(), plants, 2020))
+    return next(run_benchmark([(case, rate_Hz)], [compensator], synthesised(), plants, 2020))
 
 
 @pytest.mark.parametrize("case", [1, 4])
@@ -60,6 +60,20 @@ def test_the_model_learns_the_plant_that_it_is_on() -> None:
     learnt, fixed = (problem.test(name, plant, 3) for name in ("adaptive-model", "inverse"))
     found = [criteria(t.floors_m, t.measured_m, t.reference_m, t.step_s)["J4"] for t in (learnt, fixed)]
     assert found[0] < 0.25 * found[1]
+
+
+def test_a_command_two_steps_late_is_borne_where_it_is_known() -> None:
+    arrived = next(run_benchmark([(4, 250)], ["adaptive-model"], synthesised(), 3, 2020, 2))
+    assert (arrived.verdict, arrived.stopped) == ("good", 0)
+    assert arrived.criteria["J4"] < 2.0
+
+
+def test_a_command_five_steps_late_moves_the_specimen_five_steps_later() -> None:
+    delays = []
+    for latency_steps in (0, 5):
+        test = Benchmark(1, 250, ONE_SECOND, latency_steps).test("none", TransferSystem(), 1)
+        delays.append(delay_samples(test.floors_m[:200, 0], test.measured_m[:200], 20))
+    assert delays[1] - delays[0] in {4, 5, 6}
 
 
 def test_without_compensation_the_test_ends_at_the_actuators_capacity() -> None:
@@ -169,7 +183,8 @@ def test_the_command_prints_one_object_with_the_criteria(capsys: pytest.CaptureF
     assert set(own["criteria"]) == {f"J{i}" for i in range(1, 10)}
     assert own["asked"] == {"J2": 5.0, "J4": 20.0}
     assert (own["verdict"], none["verdict"], none["stopped"]) == ("good", "unstable", 2)
-    assert answer["exit_code"] == 0
+    assert (answer["exit_code"], answer["latency_steps"]) == (0, 0)
+    assert own["critical_delay_ms"] == pytest.approx(14.6, abs=0.1)
 
 
 def test_the_command_shows_a_table_with_the_published_row(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

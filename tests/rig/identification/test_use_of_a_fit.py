@@ -14,6 +14,7 @@ import pytest
 
 from rig.dampers import model, parameter_set
 from rig.errors import FileProblem, IdentificationFailed
+from rig.export import export
 from rig.identification import Fit, Measurement, identify
 from rig.identification.runs import write_fit
 from rig.identification.uncertainty.fit import Estimate, SeriesSpring
@@ -140,6 +141,25 @@ def test_the_control_range_says_where_force_tells_current(fit: Fit) -> None:
     gain = 238.0 + 46.0 * rows.index.to_numpy()  # dF/dI of the demo damper where tanh is 1
     assert np.allclose(rows["gain_N_A"], gain, rtol=0.02)
     assert 0.0 < speeds.attrs["invertible_from_m_s"] < 0.06
+
+
+def test_the_exported_table_gives_the_dampers_current_for_a_force_and_says_what_it_is_of(
+    fit: Fit, tmp_path: Path
+) -> None:
+    written, _ = write_fit(fit, tmp_path)
+    (file,) = export(written, "inverse", tmp_path / "out")
+    table = pd.read_csv(file, comment="#")
+    assert list(table) == ["velocity_m_s", "force_N", "current_A", "low_A", "high_A", "resolvable"]
+    fast = table[table["velocity_m_s"].abs() > 0.2]
+    speed = fast["velocity_m_s"].to_numpy()
+    truth = by_hand(np.zeros(speed.size), speed, np.zeros(speed.size), fast["current_A"].to_numpy())
+    assert np.allclose(fast["force_N"], truth, atol=3.0)
+    assert fast["resolvable"].all()
+    assert ((fast["low_A"] <= fast["current_A"]) & (fast["current_A"] <= fast["high_A"])).all()
+    head = file.read_text().splitlines()[:3]
+    assert all(line.startswith("# ") for line in head)
+    assert "Fyb = 238" in head[0]
+    assert "current_A 0 to 2" in head[1]
 
 
 def test_tests_at_one_current_have_no_inverse(make_synthetic: Make) -> None:

@@ -148,6 +148,16 @@ def test_what_is_not_known_is_refused_with_what_is(arguments: tuple[str, ...], w
     assert getattr(caught.value, "exit_code", None) == 2
 
 
+def test_a_fit_that_puts_energy_in_is_refused_by_name(tmp_path: Path, road: str) -> None:
+    fit = json.loads(a_fit(tmp_path / "fit.json", 0.0).read_text())
+    for name in ("Ca_plus", "Ca_minus"):
+        fit["parameters"][name]["value"] = -9000.0
+    (tmp_path / "fit.json").write_text(json.dumps(fit))
+    with pytest.raises(Exception, match="swings up without end") as caught:
+        ride(str(tmp_path), "--road", road)
+    assert getattr(caught.value, "slug", None) == "ride"
+
+
 def test_currents_beyond_any_coil_and_empty_fits_are_refused(tmp_path: Path) -> None:
     assert ride("cfoa-table5-fit1", "--current", "50 A").exit_code == 2
     (tmp_path / "fit.json").write_text('{"model": "asymmetric", "parameters": {"m": {"value": null}}}')

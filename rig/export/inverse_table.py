@@ -1,0 +1,34 @@
+"""The inverse of a fit as a CSV table: the current over speed and force, for controllers that look it up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rig.identification.uncertainty.fit import Fit
+from rig.recording.atomic_write import write_text_durably
+
+
+def write_inverse(fit: Path, path: Path) -> Path:
+    """Write `Fit.inverse_table` with the equation and the tested range as lines that begin with `#`.
+
+    Args:
+        fit: a fit's file, or its campaign's directory.
+        path: where to.
+
+    Raises:
+        FileProblem: there is no fit there.
+        IdentificationFailed: the tests ran at one current, or the fit does not say at which.
+    """
+    known = Fit.load(fit)
+    table = known.inverse_table()
+    tested = "" if known.tested is None else known.tested.told()
+    lines = (
+        f"# {known.model}: {known.equation}",
+        f"# tested: {tested}",
+        "# sliding at mid-stroke; SI units; low_A and high_A: 95 % band of current_A",
+    )
+    content = (
+        "\n".join(" ".join(line.split()) for line in lines) + "\n" + table.to_csv(index=False, float_format="%.9g")
+    )
+    write_text_durably(path, content)
+    return path

@@ -1,0 +1,174 @@
+"""The files of a model as source code: what people need to know, the functions, and how to call them."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+from rig.export.code.c_source import c_functions
+from rig.export.code.functions import Library
+from rig.export.code.octave_source import octave_functions
+from rig.export.code.program import Program, program_of
+from rig.export.code.python_source import python_functions
+from rig.export.fitted_model import FittedModel
+from rig.recording.atomic_write import write_text_durably
+
+ARGUMENTS = "double u, double v, double a, double current"
+
+
+def _program(fitted: FittedModel) -> tuple[Program, Library]:
+    program = program_of(fitted.model, fitted.vector)
+    return program, Library([program.start, program.step])
+
+
+def _name(fitted: FittedModel) -> str:
+    return f"damper_{fitted.name}"
+
+
+def _numbers(fitted: FittedModel) -> str:
+    return ", ".join(repr(float(value)) for value in fitted.vector)
+
+
+def write_c(fitted: FittedModel, folder: Path) -> list[Path]:
+    """Write the model as C99: a header and a source file that need `math.h` alone.
+
+    Raises:
+        NotTranslatable: the model's kernel cannot be translated.
+    """
+    program, library = _program(fitted)
+    name = _name(fitted)
+    told = "\n".join(f" * {line}".rstrip().replace("*/", "* /") for line in fitted.described())
+    header, source = folder / f"{name}.h", folder / f"{name}.c"
+    guard = f"{name.upper()}_H"
+    write_text_durably(header, f"""/*
+{told}
+ *
+ * {name}_start takes the first sample and returns its force; {name}_step takes each further one, dt > 0 (s) later.
+ * d is the damper's memory: one array for each damper, written by both.
+ */
+#ifndef {guard}
+#define {guard}
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+#define {name.upper()}_MEMORY {program.length}
+
+double {name}_start(double d[{name.upper()}_MEMORY], {ARGUMENTS});
+double {name}_step(double d[{name.upper()}_MEMORY], {ARGUMENTS}, double dt);
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+""")
+    write_text_durably(source, f"""/* Functions of {name}.h; link with -lm. */
+#include <math.h>
+#include "{header.name}"
+
+/* {", ".join(fitted.model.names)} */
+static const double parameters[] = {{{_numbers(fitted)}}};
+
+{c_functions(library)}
+double {name}_start(double d[{name.upper()}_MEMORY], {ARGUMENTS}) {{
+    return mr_start(parameters, d, u, v, a, current);
+}}
+
+double {name}_step(double d[{name.upper()}_MEMORY], {ARGUMENTS}, double dt) {{
+    return mr_step(parameters, d, u, v, a, current, dt);
+}}
+""")
+    return [header, source]
+
+
+def write_octave(fitted: FittedModel, folder: Path) -> list[Path]:
+    """Write the model as one function file for Octave and MATLAB.
+
+    Raises:
+        NotTranslatable: the model's kernel cannot be translated.
+    """
+    program, library = _program(fitted)
+    name = _name(fitted)
+    told = "\n".join(f"% {line}".rstrip() for line in fitted.described())
+    path = folder / f"{name}.m"
+    write_text_durably(path, f"""function [F, d] = {name}(u, v, a, current, dt, d)
+{told}
+%
+% [F, d] = {name}(u, v, a, current, dt): force (N) at each sample of a motion that is sampled every dt (s).
+% [F, d] = {name}(u, v, a, current, dt, d): the samples that follow those which gave back d.
+% u, v, a: vectors of one length; current: a vector, or one number.
+    p = [{_numbers(fitted)}]; % {", ".join(fitted.model.names)}
+    F = zeros(size(u));
+    if isscalar(current)
+        current = current * ones(size(u));
+    end
+    first = 1;
+    if nargin < 6
+        [d, F(1)] = mr_start(p, zeros(1, {program.length}), u(1), v(1), a(1), current(1));
+        first = 2;
+    end
+    for k = first:numel(u)
+        [d, F(k)] = mr_step(p, d, u(k), v(k), a(k), current(k), dt);
+    end
+end
+
+{octave_functions(library)}""")
+    return [path]
+
+
+def write_python(fitted: FittedModel, folder: Path) -> list[Path]:
+    """Write the model as one Python module that needs `math` alone, with the fit's numbers as data.
+
+    Raises:
+        NotTranslatable: the model's kernel cannot be translated.
+    """
+    program, library = _program(fitted)
+    names, matrix = fitted.covariance()
+    told = "\n".join(line.replace("\\", "/").replace('"""', "'''") for line in fitted.described())
+    covariance = {
+        a: {b: None if math.isnan(value) else value for b, value in zip(names, row, strict=True)}
+        for a, row in zip(names, matrix.tolist(), strict=True)
+    }
+    units = {parameter.name: parameter.unit for parameter in fitted.model.parameters}
+    path = folder / f"{_name(fitted)}.py"
+    write_text_durably(path, f'''"""{told}
+"""
+
+import math  # noqa: F401 - most models need it
+
+FIT_SHA256 = {fitted.sha256!r}
+MODEL = {fitted.model.name!r}
+PARAMETERS = {json.dumps(dict(fitted.values), indent=4)}
+UNITS = {json.dumps(units, indent=4)}
+COVARIANCE = {covariance!r}
+TESTED = {fitted.tested!r}
+_P = [{_numbers(fitted)}]
+
+
+{python_functions(library)}
+
+def memory():
+    """A damper's memory, for `start` and `step`."""
+    return [0.0] * {program.length}
+
+
+def start(d, u, v, a, current):
+    """Force (N) at the first sample."""
+    return mr_start(_P, d, u, v, a, current)
+
+
+def step(d, u, v, a, current, dt):
+    """Force (N) at the next sample, dt > 0 (s) later."""
+    return mr_step(_P, d, u, v, a, current, dt)
+
+
+def force(u, v, a, current, dt):
+    """Force (N) at each sample of a motion that is sampled every dt (s), a list; all but dt are sequences."""
+    d = memory()
+    samples = list(zip(u, v, a, current))
+    return [start(d, *samples[0])] + [step(d, *sample, dt) for sample in samples[1:]]
+''')
+    return [path]

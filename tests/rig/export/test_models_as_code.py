@@ -1,0 +1,221 @@
+"""Fits as source code: compiled by gcc, run by Octave and by Python, and compared with the model over every model."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.dampers.catalogue import CATALOGUE
+from rig.dampers.model import DamperModel
+from rig.errors import EXIT_USAGE, FileProblem
+from rig.export import export
+
+DT_S = 1e-3
+ENOUGH = {"low": None, "high": None, "standard_error": 2.0, "identifiable": True}
+NAMED = [f"{model.name}-{model.hysteresis}" for model in CATALOGUE]
+
+
+def values_of(model: DamperModel) -> dict[str, float]:
+    values = dict(model.demonstration)
+    if model.hysteresis == "printed":
+        values["lambda"] = values.pop("delta") / values["beta"]
+    return values
+
+
+def fit_of(model: DamperModel) -> dict[str, Any]:
+    values = values_of(model)
+    names = list(values)
+    return {
+        "model": model.name,
+        "hysteresis": model.hysteresis,
+        "equation": model.equation,
+        "parameters": {name: ENOUGH | {"value": values[name], "unit": model.parameter(name).unit} for name in names},
+        "correlation": {a: {b: 1.0 if a == b else 0.25 for b in names} for a in names},
+        "current": {"dependence": "affine"},
+        "tested": {"displacement_m": [-0.03, 0.03], "velocity_m_s": [-0.3, 0.3], "current_A": [0.0, 2.0]},
+    }
+
+
+def written(model: DamperModel, folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "fit.json"
+    file.write_text(json.dumps(fit_of(model)))
+    return file
+
+
+def motion() -> tuple[np.ndarray, ...]:
+    """Two tones, so that some reversals are small; the current changes on the way. Shape (600,) each."""
+    t = np.arange(600) * DT_S
+    first, second = 2.0 * np.pi * 2.3, 2.0 * np.pi * 11.0
+    u = 0.02 * np.sin(first * t) + 0.002 * np.sin(second * t + 1.0)
+    v = 0.02 * first * np.cos(first * t) + 0.002 * second * np.cos(second * t + 1.0)
+    a = -0.02 * first**2 * np.sin(first * t) - 0.002 * second**2 * np.sin(second * t + 1.0)
+    return u, v, a, 1.0 + 0.6 * np.sin(2.0 * np.pi * 1.7 * t)
+
+
+def expected(model: DamperModel) -> np.ndarray:
+    return np.asarray(model.force(values_of(model), *motion(), DT_S))
+
+
+def tool(name: str, what: str) -> str:
+    """Where it is; where it is not, the test is skipped, and fails in continuous integration."""
+    found = shutil.which(name)
+    if found is None:
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(f"{name} ({what}) is not installed")
+    return str(found)
+
+
+def as_close_as_asked(model: DamperModel, found: np.ndarray, wanted: np.ndarray) -> None:
+    bound = (1e-9 if model.states == 0 else 1e-6) * np.max(np.abs(wanted))
+    assert found.shape == wanted.shape
+    assert np.max(np.abs(found - wanted)) < bound
+    assert np.ptp(wanted) > 100.0  # the motion makes a force worth comparing
+
+
+MAIN = """#include <stdio.h>
+#include "damper_{name}.h"
+int main(void) {{
+    double d[DAMPER_{upper}_MEMORY], u, v, a, current;
+    int first = 1;
+    while (scanf("%lf %lf %lf %lf", &u, &v, &a, &current) == 4) {{
+        double force = first ? damper_{name}_start(d, u, v, a, current) : damper_{name}_step(d, u, v, a, current, 1e-3);
+        printf("%.17g\\n", force);
+        first = 0;
+    }}
+    return 0;
+}}
+"""
+
+
+@pytest.mark.parametrize("model", CATALOGUE, ids=NAMED)
+def test_gcc_compiles_the_model_without_a_warning_and_its_force_is_the_models(
+    model: DamperModel, tmp_path: Path
+) -> None:
+    compiler = tool("gcc", "C compiler")
+    files = export(written(model, tmp_path), "c", tmp_path / "c")
+    assert [file.name for file in files] == [f"damper_{model.name}.h", f"damper_{model.name}.c"]
+    (tmp_path / "c/main.c").write_text(MAIN.format(name=model.name, upper=model.name.upper()))
+    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1", "-ffp-contract=off"]
+    subprocess.run(
+        [compiler, *strict, "main.c", files[1].name, "-lm", "-o", "main"], cwd=tmp_path / "c", check=True, timeout=60
+    )
+    lines = "\n".join(" ".join(repr(float(x)) for x in row) for row in zip(*motion(), strict=True))
+    told = subprocess.run([tmp_path / "c/main"], input=lines, capture_output=True, text=True, check=True, timeout=60)
+    as_close_as_asked(model, np.array(told.stdout.split(), dtype=float), expected(model))
+
+
+def test_octave_runs_every_model_and_its_force_is_the_models(tmp_path: Path) -> None:
+    octave = tool("octave-cli", "Octave")
+    np.savetxt(tmp_path / "motion.txt", np.column_stack(motion()), fmt="%.17g")
+    script = ["x = load('motion.txt'); u = x(:,1); v = x(:,2); a = x(:,3); c = x(:,4); h = 300;"]
+    for name, model in zip(NAMED, CATALOGUE, strict=True):
+        (file,) = export(written(model, tmp_path / name), "octave", tmp_path / name)
+        assert file.name == f"damper_{model.name}.m"
+        script += [
+            f"addpath('{name}'); clear damper_{model.name}; F = damper_{model.name}(u, v, a, c, 1e-3);",
+            f"[A, d] = damper_{model.name}(u(1:h), v(1:h), a(1:h), c(1:h), 1e-3);",  # in two pieces: the same
+            f"B = damper_{model.name}(u(h+1:end), v(h+1:end), a(h+1:end), c(h+1:end), 1e-3, d);",
+            f"F(:,2) = [A; B]; fid = fopen('{name}.txt', 'w'); fprintf(fid, '%.17g %.17g\\n', F'); fclose(fid);",
+            f"rmpath('{name}');",
+        ]
+    (tmp_path / "compare.m").write_text("\n".join(script))
+    ran = subprocess.run([octave, "--norc", "compare.m"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert ran.returncode == 0, ran.stderr
+    for name, model in zip(NAMED, CATALOGUE, strict=True):
+        whole, pieces = np.loadtxt(tmp_path / f"{name}.txt").T
+        as_close_as_asked(model, whole, expected(model))
+        assert np.array_equal(whole, pieces)
+
+
+def test_the_python_module_needs_nothing_else_and_its_force_is_the_models(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "motion.txt", np.column_stack(motion()), fmt="%.17g")
+    program = (
+        "import importlib, json, sys\n"
+        "rows = [[float(x) for x in line.split()] for line in open('motion.txt')]\n"
+        "told = {}\n"
+        "for folder, name in json.loads(sys.argv[1]):\n"
+        "    sys.path.insert(0, folder)\n"
+        "    sys.modules.pop(name, None)\n"
+        "    module = importlib.import_module(name)\n"
+        "    told[folder] = [module.force(*zip(*rows), 1e-3), module.PARAMETERS, module.FIT_SHA256]\n"
+        "    sys.path.pop(0)\n"
+        "json.dump(told, open('told.json', 'w'))\n"
+    )
+    wanted = []
+    for name, model in zip(NAMED, CATALOGUE, strict=True):
+        export(written(model, tmp_path / name), "python", tmp_path / name)
+        wanted.append((name, f"damper_{model.name}"))
+    subprocess.run(
+        [sys.executable, "-I", "-S", "-W", "error", "-c", "import sys; sys.path.insert(0, '.')\n" + program,
+         json.dumps(wanted)], cwd=tmp_path, check=True, timeout=120,
+    )  # fmt: skip
+    told = json.loads((tmp_path / "told.json").read_text())
+    for name, model in zip(NAMED, CATALOGUE, strict=True):
+        force, parameters, digest = told[name]
+        as_close_as_asked(model, np.array(force), expected(model))
+        assert parameters == values_of(model)
+        assert digest == hashlib.sha256((tmp_path / name / "fit.json").read_bytes()).hexdigest()
+
+
+def test_the_files_say_equation_units_ranges_covariance_and_the_hash_of_the_fit(tmp_path: Path) -> None:
+    model = next(model for model in CATALOGUE if model.name == "bingham")
+    file = written(model, tmp_path)
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    for target in ("c", "octave", "python", "table"):
+        text = export(file, target, tmp_path / target)[0].read_text()
+        assert f"SHA-256 of the fit: {digest}" in text
+        assert "F = fc sgn(v) + c0 v + f0 (Stanway 1987, as in Spencer 1997)" in text
+        assert "fc_b = 238.0 N/A, +- 2" in text
+        assert "velocity_m_s -0.3 to 0.3, current_A 0 to 2. Beyond is extrapolation." in text
+        assert "fc_b: 1 4" in text  # standard errors 2 and 2, correlation 0.25: covariance 1, variance 4
+
+
+def test_the_table_is_the_force_at_each_speed_and_current(tmp_path: Path) -> None:
+    import pandas as pd
+
+    model = next(model for model in CATALOGUE if model.name == "bingham")
+    (file,) = export(written(model, tmp_path), "table", tmp_path / "table")
+    table = pd.read_csv(file, comment="#", index_col="velocity_m_s")
+    assert table.shape == (61, 11)
+    assert (table.index[0], table.index[-1], table.columns[-1]) == (-0.3, 0.3, "force_N at 2 A")
+    for speed, row in table.iterrows():
+        for current, force in zip(np.linspace(0.0, 2.0, 11), row, strict=True):
+            by_hand = (60.0 + 238.0 * current) * np.sign(float(speed)) + (700.0 + 110.0 * current) * speed - 270.0
+            assert force == pytest.approx(by_hand, rel=1e-9, abs=1e-9)
+
+
+def test_everything_that_a_fit_lacks_is_said_at_once(tmp_path: Path) -> None:
+    model = next(model for model in CATALOGUE if model.name == "asymmetric")
+    fit = fit_of(model)
+    fit["parameters"]["Ka"] |= {"value": None, "reason": "no stroke"}
+    fit["parameters"]["beta"]["value"] = "50"
+    fit["parameters"]["eta"]["value"] = None  # the coil's, not the force's
+    fit["parameters"]["m"]["low"] = "0"
+    fit["tested"]["current_A"] = [2.0, 0.0]
+    (tmp_path / "fit.json").write_text(json.dumps(fit))
+    with pytest.raises(FileProblem) as caught:
+        export(tmp_path / "fit.json", "c", tmp_path / "out")
+    assert caught.value.exit_code == EXIT_USAGE
+    assert list(caught.value.problems) == [
+        "tested.current_A: got [2.0, 0.0], expected the lowest and the highest value",
+        "parameters.m.low: got '0', expected a finite number or null",
+        "parameters.beta.value: got '50', expected a finite number: add tests that tell it",
+        "parameters.Ka.value: got None, expected a finite number: no stroke",
+    ]
+    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
+def test_a_fit_for_each_current_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    fit = fit_of(CATALOGUE[0]) | {"current": {"dependence": "per-current-affine"}}
+    (tmp_path / "fit.json").write_text(json.dumps(fit))
+    with pytest.raises(FileProblem, match="--current affine"):
+        export(tmp_path / "fit.json", "octave", tmp_path / "out")

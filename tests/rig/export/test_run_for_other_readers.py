@@ -1,0 +1,63 @@
+"""Runs in files that other programs open: Octave reads the MATLAB file, xarray the NetCDF one."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.export import export
+from rig.recording.recorded_point import RecordedPoint
+from rig.recording.run import Run
+
+T = np.arange(50) * 0.004 + 1e-9 / 3.0
+X = 0.01 * np.sin(7.0 * T)
+FORCE = np.where(np.arange(50) == 7, np.nan, 1e3 * np.cos(7.0 * T))
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    point = RecordedPoint.from_arrays(
+        time_s=T, displacement_m=X, force_N=FORCE, id="p001", waveform="sine", amplitude_m=0.01,
+        frequency_Hz=1.114, current_A=0.5,
+    )  # fmt: skip
+    monkeypatch.setattr(Run, "open", lambda path: Run(path, (point,)))
+    return tmp_path
+
+
+def test_octave_reads_the_matlab_file_bit_for_bit(folder: Path) -> None:
+    octave = shutil.which("octave-cli")
+    if octave is None:
+        (pytest.fail if os.environ.get("CI") else pytest.skip)("octave-cli is not installed")
+    (file,) = export(folder, "mat", folder / "out")
+    assert file.name == "p001.mat"
+    script = (
+        "x = load('out/p001.mat'); printf('%s %s %g %s\\n', x.point.id, x.point.waveform, x.point.amplitude_m, "
+        "mat2str(size(x.force_N))); printf('%s\\n', num2hex([x.time_s; x.displacement_m; x.force_N])');"
+    )
+    ran = subprocess.run(
+        [str(octave), "--norc", "--eval", script], cwd=folder, capture_output=True, text=True, timeout=60
+    )
+    assert ran.returncode == 0, ran.stderr
+    head, bits = ran.stdout.split("\n", 1)
+    assert head == "p001 sine 0.01 [50 1]"
+    wanted = [struct.pack(">d", value).hex() for values in (T, X, FORCE) for value in values]
+    told = "".join(bits.split())
+    assert told == "".join(wanted)
+
+
+def test_xarray_reads_the_netcdf_file_with_units_bit_for_bit(folder: Path) -> None:
+    import xarray
+
+    (file,) = export(folder, "netcdf", folder / "out")
+    with xarray.open_dataset(file, engine="scipy", decode_times=False) as data:
+        assert (data.attrs["id"], data.attrs["amplitude_m"]) == ("p001", 0.01)
+        for name, unit, wanted in (("time_s", "s", T), ("displacement_m", "m", X), ("force_N", "N", FORCE)):
+            assert data[name].attrs["units"] == unit
+            assert np.array_equal(data[name].values, wanted, equal_nan=True)
+        assert "coil_temperature_degC" not in data
