@@ -92,7 +92,8 @@ def slipping(rig: Faulty) -> None:
         nonlocal before_s
         elapsed_s, before_s = plant.time_s - before_s, plant.time_s
         zero_m = plant.position_input.zero
-        if int(plant.command["mode"][0]) == records.MODE_PROGRAM and abs(zero_m) < MOST_SLIP_M:
+        moving = int(plant.command["mode"][0]) in {records.MODE_PROGRAM, records.MODE_FOLLOW}
+        if moving and abs(zero_m) < MOST_SLIP_M:
             plant.position_input.zero = zero_m + SLIP_M_S * elapsed_s
             plant.constants["position_zero_m"] = plant.position_input.zero
 

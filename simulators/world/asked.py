@@ -20,8 +20,17 @@ from rig.text_file import read_text
 from simulators.bench import Addresses, bench_text
 from simulators.injection import NEEDS_AUXILIARY
 from simulators.options import RigOptions
-from simulators.schedule import BY_ID, ONLY_BY_SUPPLY, ONLY_ON
-from simulators.world.plan import STALLS, Given, Happening, WorldPlan, drawn, happens_by_hand, happens_to_supply
+from simulators.schedule import BY_ID, ONLY_BY_SUPPLY, ONLY_ON, STREAMED
+from simulators.world.plan import (
+    AT_THE_PANEL,
+    STALLS,
+    Given,
+    Happening,
+    WorldPlan,
+    drawn,
+    happens_by_hand,
+    happens_to_supply,
+)
 from simulators.world.user_bench import LARGEST_BENCH, UserBench, longest_s
 
 LARGEST_MATRIX = 1 << 20
@@ -164,7 +173,9 @@ def _check_happenings(wanted: tuple[Happening, ...], given: Given) -> None:
         problem = ""
         if needed == BY_ID:
             problem = "ports with names do not exist in a world; `rig simulate --ports by-id` has them"
-        elif needed is not None and needed != link:
+        elif given.streamed and happening.what in AT_THE_PANEL:
+            problem = "happens only to a program of the controller's own; this bench streams set-points"
+        elif needed is not None and needed != link and not (needed == STREAMED and given.streamed):
             has = "one controller cannot be reached by both" if len(links) > 1 else f"this bench reaches it by {link}"
             problem = f"happens only where the controller is reached by {needed}; {has}"
         elif given.supply and not happens_to_supply(happening.what):
@@ -227,7 +238,7 @@ def _on_bench(given: Given, text: str, user: UserBench) -> Given:
     auxiliary = bool(user.auxiliaries)
     return replace(
         given, bench=user.portable(text), actuator=user.actuator, auxiliary=auxiliary, tick_s=user.tick_s,
-        supply=bool(user.supply), by_hand=user.by_hand,
+        supply=bool(user.supply), by_hand=user.by_hand, streamed=user.streamed,
     )
 
 

@@ -151,6 +151,7 @@ class Given:
         auxiliary: the bench has an auxiliary channel.
         supply: a supply drives the coil.
         by_hand: a simulated hand turns that supply's knob.
+        streamed: the controller has no function generator and follows set-points.
         motion_s: forecast of the campaign (s), over which things happen.
         lasts_s: how long it lasts at most (s).
         tick_s: how often the devices hand over what they have sent, at most (s).
@@ -162,6 +163,7 @@ class Given:
     auxiliary: bool = False
     supply: bool = False
     by_hand: bool = False
+    streamed: bool = False
     motion_s: float = 0.0
     lasts_s: float = 0.0
     tick_s: float = math.inf
@@ -189,11 +191,17 @@ def drawn(seed: int, given: Given = Given()) -> WorldPlan:
         happenings = tuple(happening for happening in happenings if happens_to_supply(happening.what))
     if given.by_hand:
         happenings = tuple(happening for happening in happenings if happens_by_hand(happening.what))
+    if given.streamed:
+        happenings = tuple(happening for happening in happenings if happening.what not in AT_THE_PANEL)
     held_up = BUSY_HELD_UP if random.Random(f"busy {seed}").random() < BUSY_SHARE else HELD_UP_SHARE
     return WorldPlan(
         seed, text, happenings, actuator, tick_s=min(tick_s, given.tick_s), turn_s=turn_s, held_up=held_up,
         bench=given.bench, lasts_s=given.lasts_s,
     )  # fmt: skip
+
+
+AT_THE_PANEL = frozenset({"second-master:span", "second-master:offset", "second-master:jumps"})
+"""A hand at the panel that turns the knobs of a running program: a controller that follows set-points runs none."""
 
 
 def happens_to_supply(what: str) -> bool:

@@ -72,6 +72,7 @@ class UserBench:
         stood_in: what of the file a world has otherwise, in words.
         tick_s: how often the devices may hand over at most (s).
         supply: what drives the coil in place of an ECU; empty: an ECU does.
+        streamed: the controller has no function generator and follows set-points.
     """
 
     options: RigOptions
@@ -83,6 +84,7 @@ class UserBench:
     timeout_s: float
     values: Mapping[str, Any]
     supply: str | Mapping[str, Any] = ""
+    streamed: bool = False
 
     @property
     def by_hand(self) -> bool:
@@ -106,7 +108,7 @@ class UserBench:
         return cls(
             _options(bench, matrix), link, _worn_ecu(bench), tuple(map(_auxiliary, bench.auxiliary)),
             tuple(_stood_in(bench)), max(FINEST_S, HAND_OVER_SHARE * quickest_s), bench.actuator.timeout_s, values,
-            BY_HAND if bench.ecu.by_hand else bench.ecu.supply or "",
+            BY_HAND if bench.ecu.by_hand else bench.ecu.supply or "", bench.actuator.setpoints_s is not None,
         )
 
     def text(self, rig: SimulatedRig, addresses: Addresses) -> str:

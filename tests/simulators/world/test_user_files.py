@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from matrices import matrix_text
@@ -201,3 +202,14 @@ def test_a_campaign_runs_on_a_polled_load_cell_and_a_packed_stream_described_by_
     assert 1.0 / np.median(np.diff(point.force_samples.time_s)) == pytest.approx(200.0, rel=0.02)
     for end in (np.nanmin, np.nanmax):
         assert end(point.force_samples.force_N) == pytest.approx(end(truth[:, 4]), abs=45.0)
+
+
+def test_nobody_turns_the_knobs_of_a_program_where_set_points_are_streamed(tmp_path: Path) -> None:
+    slow = matrix_text("0.5 A", amplitude="6 mm", frequency="1 Hz")
+    given = files(tmp_path, DEMO.replace('register_map = "demo"', 'register_map = "demo-streamed"'), slow)
+    happened = {happening.what for seed in range(200) for happening in asked_for(given, (), None).plan(seed).happenings}
+    assert happened >= {"second-master", "actuator-frozen:slips"}
+    assert not happened & {"second-master:span", "second-master:offset", "second-master:jumps"}
+    with pytest.raises(click.BadParameter, match="this bench streams set-points"):
+        asked_for(given, ("second-master:span@1",), None)
+    assert asked_for(given, ("setpoints-lost@1",), None).plan(0).happenings
